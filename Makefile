@@ -1,0 +1,97 @@
+# The DAG of vt-pipeline. `make` lists the targets.
+#
+#   MANIFEST  which objects: toy, pybullet-objects, directory, warehouse, or a YAML file     (toy)
+#   PRESET    draft, standard or paper                                                       (draft)
+#   SHARDS    into how many shards the objects are split; `make -j` works on them side by side  (1)
+#   WORKERS   processes a shard; 0 for one a core                                            (0, with -j 1)
+#   DATA      where the data set goes                                                        (data/MANIFEST/PRESET)
+#   OBJECTS   folder of meshes, for manifests that name none
+#   SET       knobs: SET="simulate-grasps.attempts=20 simulate-touch.tracer=sphere"
+
+MANIFEST ?= toy
+PRESET   ?= draft
+SHARDS   ?= 1
+DATA     ?= data/$(basename $(notdir $(MANIFEST)))/$(PRESET)
+OBJECTS  ?=
+SET      ?=
+VENV     ?= .venv
+PYTHON   ?= python3.11
+
+# Under `make -j` the shards are what runs side by side.
+WORKERS  ?= $(if $(filter -j%,$(MAKEFLAGS)),1,0)
+
+BIN      := $(VENV)/bin
+APT      := libegl1 libgl1 libxrender1 libgl1-mesa-dri
+LAST     := $(shell expr $(SHARDS) - 1)
+NUMBERS  := $(shell seq 0 $(LAST))
+RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) --data $(DATA) \
+            $(if $(OBJECTS),--objects $(OBJECTS)) $(addprefix --set ,$(SET)) --workers $(WORKERS) --shards $(SHARDS)
+SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
+
+.DEFAULT_GOAL := help
+.PHONY: help setup system dataset summary test test-slow lint bench clean FORCE
+FORCE:
+
+help:  ## list the targets
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
+
+dataset: summary  ## make the data set, then print its statistics and draw its contact sheets
+
+# ---- the stages: a target a stage and shard; only the runner knows whether there is anything to do, so it is always asked
+
+sample-surfaces.%: $(VENV)/installed FORCE
+	@$(SHARD)
+simulate-grasps.%: sample-surfaces.%
+	@$(SHARD)
+render-vision.%: simulate-grasps.%
+	@$(SHARD)
+simulate-touch.%: simulate-grasps.%
+	@$(SHARD)
+
+.PRECIOUS: sample-surfaces.% simulate-grasps.% render-vision.% simulate-touch.%
+
+summary: $(addprefix render-vision.,$(NUMBERS)) $(addprefix simulate-touch.,$(NUMBERS))
+	@$(BIN)/vt-pipeline summary $(DATA)
+
+# ---- what has to be installed
+
+setup: $(VENV)/installed  ## install everything that is needed: system libraries, .venv, pinned packages
+
+system:
+	@command -v dpkg-query >/dev/null || exit 0; \
+	missing=$$(for name in $(APT); do dpkg-query -W -f '$${Status}' $$name 2>/dev/null | grep -q 'ok installed' || echo $$name; done; \
+	           $(PYTHON) -c 'import ensurepip' 2>/dev/null || echo python3.11-venv); \
+	if [ -z "$$missing" ]; then :; \
+	elif [ "$$(id -u)" = 0 ]; then \
+	    echo "installing" $$missing; \
+	    apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing >/dev/null; \
+	else \
+	    echo "system libraries are missing, and only root may install them. Please run:"; echo "    sudo apt-get install -y" $$missing; exit 1; \
+	fi
+
+$(VENV)/installed: pyproject.toml constraints.txt | system
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo "installing packages into $(VENV) (about two minutes)"
+	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/installed-dev: $(VENV)/installed
+	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+# ---- tests and measurements
+
+lint: $(VENV)/installed-dev  ## check style, types and the direction of imports
+	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports --no-cache
+
+test: lint  ## run the tests, a toy shard through every stage among them (under 10 minutes on 2 cores)
+	@$(BIN)/pytest -m 'not slow'
+
+test-slow: lint  ## run the same suites at full size
+	@$(BIN)/pytest
+
+bench: $(VENV)/installed-dev  ## measure every stage beside its raw limit, in one run
+	@for name in surfaces grasps vision touch; do $(BIN)/python -m benchmarks.$$name || exit 1; done
+
+clean:  ## remove the virtual environment; data is kept
+	rm -rf $(VENV)

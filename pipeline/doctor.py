@@ -1,0 +1,58 @@
+"""Is everything installed that the stages need? What is not, and how to get it."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+APT = "apt-get install -y libegl1 libgl1 libxrender1 libgl1-mesa-dri"
+"""What Debian and Ubuntu need for rendering without a screen."""
+
+MODULES = ("torch", "pybullet", "trimesh", "embreex", "igl", "zarr", "pydantic_zarr", "skimage", "scipy", "matplotlib", "xarray")
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing looked at."""
+
+    what: str
+    ok: bool
+    remedy: str = ""
+
+
+def examine() -> Iterator[Check]:
+    """Look at the interpreter, the packages, headless rendering and the graphics card, in that order."""
+    version = ".".join(map(str, sys.version_info[:3]))
+    yield Check(f"Python {version}", sys.version_info[:2] == (3, 11), "use Python 3.11: pybullet has no wheels beyond it")
+    for name in MODULES:
+        yield _attempt(f"import {name}", lambda name=name: str(_version(name)), "pip install -c constraints.txt -e .")
+    yield _attempt("headless rendering (render-vision only)", _render, f"as root: {APT}")
+    yield Check(f"torch device: {_device()}", True)
+
+
+def _attempt(what: str, action: Callable[[], str], remedy: str) -> Check:
+    try:
+        return Check(f"{what}: {action()}", True)
+    except Exception as error:  # whatever a broken installation raises
+        return Check(f"{what}: {type(error).__name__}: {error}", False, remedy)
+
+
+def _version(name: str) -> str:
+    module = importlib.import_module(name)
+    return str(getattr(module, "__version__", "installed"))
+
+
+def _render() -> str:
+    from pipeline.kernels.vision.renderer import Renderer  # only here: it needs what is being checked
+
+    return Renderer.probe()
+
+
+def _device() -> str:
+    try:
+        import torch
+    except ImportError:
+        return "none, torch is missing"
+    return torch.cuda.get_device_name() if torch.cuda.is_available() else "CPU (learning stages are slower; nothing else changes)"

@@ -1,0 +1,114 @@
+"""Which points of a surface can be seen from outside, and on which side outside is.
+
+CAD models carry geometry inside; a hand or a camera meets none of it. A surface point is *exterior* when at least
+two of 256 directions spread over its sphere leave the object unhindered. One is not enough: rounding lets a few per
+cent of interior points out. More directions keep finding the walls of ever narrower gaps, so their number is part of
+the definition.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from embreex import rtcore_scene
+from embreex.mesh_construction import TriangleMesh
+from numpy.typing import NDArray
+
+from pipeline.kernels.geometry.mesh import Mesh, face_vectors
+from pipeline.kernels.geometry.sampling import sample_triangles
+
+DIRECTIONS = 256
+ESCAPES = 2
+START = 4e-6
+"""Rays start this share of the object's diagonal off the surface: beyond float32 rounding, below any real gap."""
+
+MAX_DRAWS = 200
+"""Give up when fewer than one point in so many is exterior."""
+
+
+class Sky:
+    """Tells which points of a mesh's surface see the outside, with rays traced by Embree."""
+
+    def __init__(self, mesh: Mesh, directions: int = DIRECTIONS) -> None:
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        self._centre = (low + high) / 2
+        self._scale = 1 / float(np.linalg.norm(high - low))  # Embree computes in float32: unit size, at the origin
+        self._scene = rtcore_scene.EmbreeScene()
+        local = ((mesh.vertices - self._centre) * self._scale).astype(np.float32)
+        self._mesh = TriangleMesh(self._scene, local, mesh.faces)
+        self._directions = spread_directions(directions)
+
+    def escapes(
+        self, points: NDArray[np.float64], normals: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Count directions that leave unhindered from points (N, 3), in front of and behind their normals (N, 3).
+
+        Counting stops for a point as soon as it is known to be exterior and on which side: what is returned decides
+        `ESCAPES` and the side as the full count does, not how many escapes there are beyond that.
+        """
+        front, back = np.zeros(len(points), np.intp), np.zeros(len(points), np.intp)
+        open_points = np.arange(len(points))
+        first, size = 0, 8
+        while first < len(self._directions) and len(open_points):
+            directions = self._directions[first : first + size]
+            ahead, behind = self._round(points[open_points], normals[open_points], directions)
+            front[open_points] += ahead
+            back[open_points] += behind
+            known = (front + back >= ESCAPES) & (np.abs(front - back) >= ESCAPES)
+            open_points = open_points[~known[open_points]]
+            first, size = first + size, max(size, first + size)  # 8, 8, 16, 32, …
+        return front, back
+
+    def _round(
+        self, points: NDArray[np.float64], normals: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        local = (points - self._centre) * self._scale
+        origins = (local[:, None] + START * directions).astype(np.float32).reshape(-1, 3)
+        rays = np.tile(directions.astype(np.float32), (len(points), 1))
+        hit = np.asarray(self._scene.run(origins, rays, query="OCCLUDED")).reshape(len(points), -1)
+        free = hit != 0
+        ahead = normals @ directions.T > 0
+        return (free & ahead).sum(axis=1), (free & ~ahead).sum(axis=1)
+
+
+def spread_directions(count: int) -> NDArray[np.float64]:
+    """(count, 3) unit vectors spread evenly over the sphere (Fibonacci lattice), any first few spread widely too."""
+    index = np.arange(count) + 0.5
+    z = 1 - 2 * index / count
+    angle = index * np.pi * (3 - np.sqrt(5))
+    lattice = np.stack([np.sqrt(1 - z * z) * np.cos(angle), np.sqrt(1 - z * z) * np.sin(angle), z], axis=1)
+    golden = (np.arange(count) * ((np.sqrt(5) - 1) / 2)) % 1  # a low-discrepancy order
+    return np.ascontiguousarray(lattice[np.argsort(np.argsort(golden, kind="stable"), kind="stable")])
+
+
+def sample_exterior(
+    mesh: Mesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Draw `count` points area-uniformly from the exterior surface, with outward unit normals.
+
+    Returns points (count, 3) and normals (count, 3), float64, in the mesh's unit and frame. Open, inside-out and
+    self-intersecting meshes are welcome: outside is where the escaping directions point, not what the winding says.
+    Where a sheet is seen from both sides alike, the winding decides.
+
+    Raises
+    ------
+    ValueError
+        Fewer than one point in `MAX_DRAWS` is exterior.
+    """
+    triangles = mesh.triangles
+    vectors = face_vectors(triangles)
+    unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    sky = Sky(mesh, directions)
+    points, normals, drawn, found = [], [], 0, 0
+    while found < count:
+        if drawn >= MAX_DRAWS * count:
+            raise ValueError(f"{found} of {drawn} points on the surface are exterior, too few to draw {count}; is it all inside out?")
+        share = found / drawn if found else 1.0
+        batch = int(min(max((count - found) / share * 1.05, 256), 4 * count))
+        places, face = sample_triangles(triangles, batch, rng)
+        front, back = sky.escapes(places, unit[face])
+        exterior = front + back >= ESCAPES
+        outward = np.where(back > front, -1.0, 1.0)[:, None] * unit[face]
+        points.append(places[exterior])
+        normals.append(outward[exterior])
+        drawn, found = drawn + batch, found + int(exterior.sum())
+    return np.concatenate(points)[:count], np.concatenate(normals)[:count]

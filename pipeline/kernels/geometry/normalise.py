@@ -1,0 +1,32 @@
+"""Placing an object in the scene: upright, of one size, at one position (supplement 1.4)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.geometry.mesh import Mesh
+
+POSITION = np.array([0.0, 0.0, 0.6])
+"""Where the centre of an object's bounding box stands in the world, m."""
+
+_TO_Z_UP = {
+    "z": np.eye(3),
+    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),  # a quarter turn about x: y becomes z
+    "x": np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]),  # a quarter turn about y: x becomes z
+}
+
+
+def normalise(mesh: Mesh, up: str, diagonal: float, metres_per_unit: float | None = None) -> Mesh:
+    """The mesh upright at `POSITION`, its bounding box having the given diagonal, m.
+
+    `up` names the axis of the source that points up. With `metres_per_unit` the object keeps its real size instead.
+    The bounding box is centred before it is scaled, so an object far from the origin keeps its digits.
+    """
+    upright = mesh.vertices @ _TO_Z_UP[up].T
+    low, high = upright.min(axis=0), upright.max(axis=0)
+    scale = metres_per_unit if metres_per_unit is not None else diagonal / float(np.linalg.norm(high - low))
+    vertices: NDArray[np.float64] = (upright - (low + (high - low) / 2)) * scale + POSITION
+    return replace(mesh, vertices=vertices)

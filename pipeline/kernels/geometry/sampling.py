@@ -1,0 +1,35 @@
+"""Points drawn area-uniformly from triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.geometry.mesh import face_vectors
+
+
+def sample_triangles(
+    triangles: NDArray[np.float64], count: int, rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Draw `count` points from `triangles` (F, 3, 3), each place equally likely.
+
+    Returns the points (count, 3), in the triangles' unit and frame, and the face (count,) of each. A face is drawn with
+    its share of the area, then a point in it by folding the unit square over its diagonal (Osada et al., Shape
+    Distributions, 2002, is the same up to a square root).
+
+    Raises
+    ------
+    ValueError
+        No triangle has an area.
+    """
+    cumulative = np.cumsum(np.linalg.norm(face_vectors(triangles), axis=1))
+    if not (len(cumulative) and cumulative[-1] > 0):
+        raise ValueError(f"none of the {len(triangles)} triangles has an area to draw points from")
+    face = np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right")
+    face = np.minimum(face, len(triangles) - 1)  # rounding can reach the very end
+    u, v = rng.random((2, count))
+    fold = u + v > 1
+    u, v = np.where(fold, 1 - u, u)[:, None], np.where(fold, 1 - v, v)[:, None]
+    corner = triangles[face]
+    points = corner[:, 0] + u * (corner[:, 1] - corner[:, 0]) + v * (corner[:, 2] - corner[:, 0])
+    return points, face

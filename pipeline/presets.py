@@ -1,0 +1,55 @@
+"""Presets, and what a user sets on top of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from importlib import resources
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from pipeline.settings import Settings
+from pipeline.stage import Stage
+
+
+class SettingsError(Exception):
+    """A preset or a `--set` names a knob that is not there, or a value it does not take."""
+
+
+def load_presets() -> dict[str, dict[str, dict[str, Any]]]:
+    """Every preset: the knobs it sets, by stage; what it does not set keeps its default."""
+    text = resources.files("pipeline").joinpath("assets/presets.yaml").read_text()
+    presets: dict[str, dict[str, dict[str, Any]]] = yaml.safe_load(text)
+    return {name: preset or {} for name, preset in presets.items()}
+
+
+def resolve(stage: Stage, preset: str, assignments: Iterable[str], stages: Mapping[str, Stage]) -> Settings:
+    """A stage's settings: its defaults, then the preset, then `STAGE.KNOB=VALUE` or, for this stage, `KNOB=VALUE`.
+
+    Assignments to other stages are checked for a known stage and left alone, so that one list serves all of them.
+
+    Raises
+    ------
+    SettingsError
+        Unknown preset, stage or knob, or a value that is not allowed: with what there is.
+    """
+    presets = load_presets()
+    if preset not in presets:
+        raise SettingsError(f"there is no preset {preset}; there are {', '.join(presets)}")
+    values = dict(presets[preset].get(stage.name, {}))
+    for assignment in assignments:
+        name, separator, value = assignment.partition("=")
+        owner, _, field = name.rpartition(".")
+        if not separator or not field:
+            raise SettingsError(f"--set {assignment}: write STAGE.KNOB=VALUE")
+        if owner and owner not in stages:
+            raise SettingsError(f"--set {assignment}: there is no stage {owner}; there are {', '.join(stages)}")
+        if owner in ("", stage.name):
+            values[field] = yaml.safe_load(value)
+    try:
+        return stage.settings_type.model_validate(values)
+    except ValidationError as error:
+        known = ", ".join(stage.settings_type.model_fields)
+        complaints = "; ".join(f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors())
+        raise SettingsError(f"settings of {stage.name}: {complaints}. Its knobs are {known}") from error

@@ -1,0 +1,228 @@
+"""Where meshes come from: each kind of source lists its objects, and says how each is to be loaded."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from abc import abstractmethod
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import util
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
+
+Category = Literal["bottle", "cellphone", "knife", "rifle"]
+
+
+@dataclass(frozen=True)
+class Found:
+    """An object in a source: its id, its category, and how to load it (JSON values; `file` is a path)."""
+
+    object_id: str
+    category: str
+    source: dict[str, Any]
+
+
+class Source(BaseModel):
+    """What every source states: the licence of its meshes, and a checksum where its files are known beforehand."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    licence: str = Field(min_length=1)
+    sha256: str | None = Field(None, pattern="[0-9a-f]{64}")
+
+    @abstractmethod
+    def list(self, root: Path | None) -> Iterator[Found]:
+        """Every object of the source; an OSError or ValueError says what is not there."""
+
+    def find(self, root: Path | None) -> list[Found]:
+        """Every object of the source, after its checksum, if it states one, was found right."""
+        found = [*self.list(root)]
+        if self.sha256 is not None and (actual := checksum(found)) != self.sha256:
+            raise ValueError(
+                f"the {len(found)} files of this source have checksum {actual}, the manifest says {self.sha256}: "
+                "other files than it was written for; install the pinned packages, or state the new checksum in a manifest of your own"
+            )
+        return found
+
+
+class Placed(Source):
+    """A source of mesh files: which axis of theirs points up, and how large they are."""
+
+    up: Literal["x", "y", "z"]
+    metres_per_unit: float | None = Field(None, gt=0)
+    """Keep real sizes, a unit of the file being so many metres; left out, objects are scaled to one size."""
+
+    def placed(self, file: Path, up: str | None = None) -> dict[str, Any]:
+        """How to load a file of this source."""
+        return {"file": str(file), "up": up or self.up, "metres_per_unit": self.metres_per_unit}
+
+
+class Procedural(Source):
+    """Objects the project models itself, drawn by seed."""
+
+    kind: Literal["procedural"]
+    count: dict[Category, int] = Field(min_length=1)
+    seed: int = Field(ge=0)
+
+    def list(self, root: Path | None) -> Iterator[Found]:
+        """Every variant of every category."""
+        for category, count in self.count.items():
+            for number in range(count):
+                source = {"procedural": category, "variant": number, "seed": self.seed}
+                yield Found(f"{category}-{number:04d}", category, source)
+
+
+class PybulletFile(BaseModel):
+    """One mesh of the pybullet wheel."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    file: str
+    up: Literal["x", "y", "z"] = "z"
+
+
+class Pybullet(Placed):
+    """Meshes that come inside the pybullet wheel."""
+
+    kind: Literal["pybullet"]
+    files: dict[str, PybulletFile] = {}
+    random_urdfs: int = Field(0, ge=0, le=1000)
+    category: str = "object"
+
+    def list(self, root: Path | None) -> Iterator[Found]:
+        """The named files, then the first of `random_urdfs`."""
+        data = _package_folder("pybullet_data")
+        for name, entry in self.files.items():
+            yield Found(name, self.category, self.placed(_existing(data / entry.file), entry.up))
+        for number in range(self.random_urdfs):
+            file = data / "random_urdfs" / f"{number:03d}" / f"{number:03d}.obj"
+            yield Found(f"random-{number:03d}", self.category, self.placed(_existing(file)))
+
+
+class Directory(Placed):
+    """Any folder of mesh files; a file's sub-folder is its category."""
+
+    kind: Literal["directory"]
+    path: Path | None = None
+
+    def list(self, root: Path | None) -> Iterator[Found]:
+        """Every mesh file below the folder, hidden ones apart."""
+        folder = _folder(self.path or root, "a folder of meshes")
+        files = [
+            file
+            for file in sorted(folder.rglob("*"))
+            if file.suffix.lower() in MESH_SUFFIXES and not any(part.startswith(".") for part in file.relative_to(folder).parts)
+        ]
+        if not files:
+            raise ValueError(f"no mesh files below {folder.resolve()}; looked for {', '.join(MESH_SUFFIXES)} in all its sub-folders")
+        names = {file: _name(file.relative_to(folder).with_suffix("")) for file in files}
+        repeated = Counter(names.values())
+        for file, name in names.items():
+            inner = file.relative_to(folder).parts
+            category = _name(Path(inner[0])) if len(inner) > 1 else "object"
+            unique = name if repeated[name] == 1 else f"{name}-{file.suffix[1:].lower()}"
+            yield Found(unique, category, self.placed(file))
+
+
+class ShapeNet(Placed):
+    """A folder laid out as ShapeNetCore is: SYNSET/MODEL/models/model_normalized.obj, or SYNSET/MODEL/model.obj."""
+
+    kind: Literal["shapenet"]
+    path: Path | None = None
+    synsets: dict[str, str] = Field(min_length=1)
+    counts: dict[str, int] | None = None
+
+    def list(self, root: Path | None) -> Iterator[Found]:
+        """Every model of the named synsets, whose numbers must be those of `counts`."""
+        folder = _folder(self.path or root, "a folder laid out as ShapeNetCore")
+        for category, synset in self.synsets.items():
+            models = [model for model in sorted((folder / synset).glob("*")) if model.is_dir()]
+            files = [(model.name, file) for model in models if (file := _model_file(model))]
+            if not files:
+                raise ValueError(f"no models of {category} in {(folder / synset).resolve()}; looked for MODEL/models/model_normalized.obj and MODEL/model.obj")
+            if self.counts is not None and len(files) != self.counts[category]:
+                raise ValueError(
+                    f"{(folder / synset).resolve()} holds {len(files)} models of {category}, the manifest counts {self.counts[category]}; "
+                    "complete or prune the folder, or state other counts in a manifest of your own"
+                )
+            for name, file in files:
+                yield Found(f"{category}-{_name(Path(name))}", category, self.placed(file))
+
+
+def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
+    """What an object's source amounts to, wherever its files lie: a file is replaced by the hash of what it holds.
+
+    The materials and textures that it names count too.
+    """
+    if "file" not in source:
+        return dict(source)
+    file = Path(source["file"])
+    companions = {other.name: _sha256(other) for other in _companions(file) if other.is_file()}
+    return {**source, "file": {"sha256": _sha256(file), "companions": companions}}
+
+
+def _companions(file: Path) -> list[Path]:
+    """The files that a mesh file needs beside it: an OBJ's materials and their textures, a glTF's buffers and images."""
+    if file.suffix.lower() == ".gltf":
+        return sorted(other for other in file.parent.iterdir() if other.suffix.lower() in (".bin", ".png", ".jpg", ".jpeg"))
+    if file.suffix.lower() != ".obj":
+        return []
+    with file.open(errors="replace") as lines:
+        libraries = [file.parent / line[len("mtllib ") :].strip() for line in lines if line.startswith("mtllib ")]
+    maps = [
+        file.parent / line.split()[-1]
+        for library in libraries
+        if library.is_file()
+        for line in library.read_text(errors="replace").splitlines()
+        if line.strip().lower().startswith("map_") and len(line.split()) > 1
+    ]
+    return [*libraries, *maps]
+
+
+def checksum(found: list[Found]) -> str:
+    """One SHA-256 for all files of a source: of the lines `ID SHA256`, by id."""
+    files = sorted((item.object_id, Path(item.source["file"])) for item in found if "file" in item.source)
+    return hashlib.sha256("".join(f"{name} {_sha256(file)}\n" for name, file in files).encode()).hexdigest()
+
+
+def _sha256(file: Path) -> str:
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
+
+
+def _name(path: Path) -> str:
+    """A path as an object id: its parts joined by dashes, other characters replaced."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", "-".join(path.parts))
+
+
+def _folder(path: Path | None, what: str) -> Path:
+    if path is None:
+        raise ValueError(f"the manifest names no folder; give {what} with --objects DIR (make: OBJECTS=DIR)")
+    if not path.is_dir():
+        raise ValueError(f"{path.resolve()} is no folder; give {what} with --objects DIR (make: OBJECTS=DIR)")
+    return path
+
+
+def _existing(file: Path) -> Path:
+    if not file.is_file():
+        raise ValueError(f"{file} is missing; reinstall the pinned packages")
+    return file
+
+
+def _model_file(model: Path) -> Path | None:
+    candidates = (model / "models" / "model_normalized.obj", model / "model.obj")
+    return next((file for file in candidates if file.is_file()), None)
+
+
+def _package_folder(package: str) -> Path:
+    """The folder of an installed package, without importing it."""
+    spec = util.find_spec(package)
+    if spec is None or not spec.submodule_search_locations:
+        raise ValueError(f"the package {package} is not installed; install vt-pipeline with its pinned packages")
+    return Path(spec.submodule_search_locations[0])

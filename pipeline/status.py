@@ -1,0 +1,89 @@
+"""What is in a data directory: an account for people, and for scripts."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from pipeline.store.collection import Collection
+from pipeline.store.layout import Layout
+from pipeline.store.shard import StoreError
+from schemas.catalogue import ARTIFACTS
+
+
+@dataclass(frozen=True)
+class Account:
+    """One artifact of a data directory."""
+
+    artifact: str
+    shards: int
+    objects: int
+    failures: dict[str, dict[str, str]]
+    """By object: the stage that failed, and its reason."""
+    megabytes: float
+    seconds: float
+    digest: str
+    unfinished: int
+    """Objects whose row lies in the work area, waiting for the rest of their shard."""
+
+
+def read(data: Path) -> list[Account]:
+    """An account of every artifact in a data directory, in the pipeline's order.
+
+    Raises
+    ------
+    StoreError
+        There is no data directory, or a shard in it cannot be opened.
+    """
+    layout = Layout(data)
+    if not data.is_dir():
+        raise StoreError(f"{data.resolve()} is no data directory; `vt-pipeline run` makes one, --data names it")
+    accounts = []
+    for artifact in ARTIFACTS.values():
+        collection = Collection(layout, artifact)
+        unfinished = sum(1 for _ in layout.work(artifact.name).glob("pieces/*/*.npz"))
+        if not collection.shards and not unfinished:
+            continue
+        accounts.append(
+            Account(
+                artifact=artifact.name,
+                shards=len(collection.shards),
+                objects=len(collection),
+                failures={name: failure for name in collection if (failure := collection.shard(name).failure(name))},
+                megabytes=sum(_megabytes(shard.path) for shard in collection.shards),
+                seconds=sum(sum(shard.attributes["seconds"]) for shard in collection.shards),
+                digest=collection.digest(),
+                unfinished=unfinished,
+            )
+        )
+    return accounts
+
+
+def _megabytes(folder: Path) -> float:
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) / 1e6
+
+
+def to_json(accounts: list[Account]) -> str:
+    """The accounts as JSON, by artifact."""
+    return json.dumps({account.artifact: asdict(account) for account in accounts}, indent=2)
+
+
+def show(accounts: list[Account], console: Console) -> None:
+    """Print the accounts as a table, and below it every failure with its reason."""
+    table = Table("artifact", "shards", "objects", "failed", "unfinished", "MB", "core s", "digest", box=None, padding=(0, 2))
+    for account in accounts:
+        numbers = (account.shards, account.objects, len(account.failures), account.unfinished)
+        sizes = (f"{account.megabytes:.1f}", f"{account.seconds:.0f}", account.digest[:16])
+        table.add_row(account.artifact, *map(str, numbers), *sizes)
+    console.print(table)
+    shown: set[tuple[str, str]] = set()
+    for account in accounts:
+        for object_id, failure in account.failures.items():
+            if (object_id, failure["stage"]) not in shown:  # a failure passes down to every later artifact
+                shown.add((object_id, failure["stage"]))
+                console.print(f"[yellow]failed[/] {escape(object_id)} in {failure['stage']}: {escape(failure['reason'])}")

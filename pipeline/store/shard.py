@@ -1,0 +1,133 @@
+"""Reading a finished shard, object by object."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+
+from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.store import digest
+from pipeline.store.spec import numpy_dtype
+from schemas.base import Artifact
+
+
+class StoreError(Exception):
+    """A stored artifact is missing, incomplete or not what its schema says; the message says which and what to do."""
+
+
+class Shard:
+    """A finished shard, open for reading."""
+
+    def __init__(self, path: Path, artifact: Artifact) -> None:
+        self.path = path
+        self.artifact = artifact
+        try:
+            self.group = zarr.open_group(str(path), mode="r")
+        except (FileNotFoundError, ValueError, KeyError) as error:
+            raise StoreError(f"{path}: no Zarr group can be read there ({error}); run its stage again") from error
+        self.attributes: Mapping[str, Any] = self.group.attrs.asdict()
+        if self.attributes.get("complete") is not True:
+            raise StoreError(f"{path}: the shard is not marked complete; run its stage again")
+        if self.attributes.get("schema_version") != artifact.version:
+            raise StoreError(
+                f"{path}: schema {artifact.name} is version {artifact.version} here, the shard has "
+                f"{self.attributes.get('schema_version')}; run its stage again"
+            )
+
+    @cached_property
+    def object_ids(self) -> list[str]:
+        """The objects of this shard, in order."""
+        return [str(name) for name in self.array("object_id")[:]]
+
+    @cached_property
+    def rows(self) -> dict[str, int]:
+        """The row of every object."""
+        return {name: row for row, name in enumerate(self.object_ids)}
+
+    def array(self, name: str) -> Any:
+        """A stored array, by its path below the root."""
+        return self.group[name]
+
+    def row_digest(self, object_id: str) -> str:
+        """The digest of an object's row, as it was when it was made."""
+        return str(self.attributes["digests"][self.rows[object_id]])
+
+    def object_key(self, object_id: str) -> str:
+        """The key under which an object's row was made."""
+        return str(self.attributes["object_keys"][self.rows[object_id]])
+
+    def failure(self, object_id: str) -> dict[str, str] | None:
+        """The stage and reason of an object's failure, None where it was processed."""
+        failure: dict[str, str] | None = self.attributes["failures"].get(object_id)
+        return failure
+
+    def view(self, object_id: str) -> RowView:
+        """An object's row, read array by array when asked for."""
+        return RowView(self, object_id)
+
+
+class RowView(Mapping[str, np.ndarray]):
+    """One object's row as a mapping from array names to arrays; ragged ones as `meshes/vertices`."""
+
+    def __init__(self, shard: Shard, object_id: str) -> None:
+        self.shard = shard
+        self.object_id = object_id
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        declared = self.shard.artifact.of(name)
+        if declared is None:
+            raise KeyError(f"{self.shard.artifact.name} has no array {name}")
+        if "/" in name:
+            group, leaf = name.split("/")
+            return np.asarray(self.shard.array(f"{group}/{self.object_id}/{leaf}")[...])
+        if not declared.per_object:
+            return np.asarray(self.shard.array(name)[...])
+        value = self.shard.array(name)[self.shard.rows[self.object_id]]
+        return np.array(str(value)) if declared.dtype == "string" else np.asarray(value, numpy_dtype(declared))
+
+    def __iter__(self) -> Iterator[str]:
+        stored = (name for name, array in self.shard.artifact.arrays.items() if array.per_object)
+        yield from (name for name in stored if name in self.shard.group)
+        for name in {pattern.split("/")[0] for pattern in self.shard.artifact.ragged}:
+            parent = self.shard.group.get(f"{name}/{self.object_id}")
+            if isinstance(parent, zarr.Group):
+                yield from sorted(f"{name}/{leaf}" for leaf in parent.array_keys())
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+def row_digest(row: Mapping[str, np.ndarray], failure: Mapping[str, str] | None) -> str:
+    """The digest of one object's row, or of the reason why there is none."""
+    return digest.of_arrays({} if failure else row, failure=dict(failure) if failure else None)
+
+
+def read_mesh(view: Mapping[str, np.ndarray]) -> Mesh:
+    """The normalised mesh in a row of `surfaces`."""
+    textures = sum(name.startswith("meshes/texture_") for name in view)
+    look = Look(
+        uv=view["meshes/uv"],
+        face_material=view["meshes/face_material"],
+        base_color=view["meshes/base_color"],
+        material_texture=view["meshes/material_texture"],
+        textures=tuple(view[f"meshes/texture_{number}"] for number in range(textures)),
+    )
+    return Mesh(view["meshes/vertices"], view["meshes/faces"], look)
+
+
+def mesh_row(mesh: Mesh) -> dict[str, np.ndarray]:
+    """The part of a row of `surfaces` that holds a mesh: `read_mesh` reads it back."""
+    return {
+        "meshes/vertices": mesh.vertices,
+        "meshes/faces": mesh.faces,
+        "meshes/uv": mesh.look.uv,
+        "meshes/face_material": mesh.look.face_material,
+        "meshes/base_color": mesh.look.base_color,
+        "meshes/material_texture": mesh.look.material_texture,
+        **{f"meshes/texture_{number}": texture for number, texture in enumerate(mesh.look.textures)},
+    }

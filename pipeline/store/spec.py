@@ -1,0 +1,142 @@
+"""From a schema to Zarr: the `pydantic_zarr` specification of a shard, with chunks and codecs, and how a group departs from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from pydantic_zarr.v3 import ArraySpec, GroupSpec
+
+from schemas.base import FIXED, Array, Artifact
+
+OBJECTS_A_FILE = 64
+"""Objects whose chunks share one file: few files, yet no more than these in memory while a shard is written."""
+
+SMALL_CHUNK = 16 * 1024
+"""Bytes below which splitting further costs more in headers than it saves in reading."""
+
+_DTYPES = {"bool": "bool", "string": "string"}
+_ITEM = {"float64": 8, "float32": 4, "int32": 4, "uint8": 1, "bool": 1, "string": 16}
+_FILL = {"bool": False, "string": ""}
+
+
+def numpy_dtype(array: Array) -> np.dtype[Any]:
+    """The little-endian numpy dtype of a declared array; object for strings."""
+    return np.dtype(object) if array.dtype == "string" else np.dtype(array.dtype).newbyteorder("<")
+
+
+def array_spec(array: Array, shape: tuple[int, ...]) -> ArraySpec:
+    """How an array of this declaration and shape is laid out on disk.
+
+    zstd over shuffled bytes with a checksum, an object (or one grasp of it) a chunk, up to `OBJECTS_A_FILE` objects a
+    file, so that one grasp is read without the others and a data set is few files.
+    """
+    file_shape, chunk = _chunking(array, shape)
+    bytes_codec = {"name": "vlen-utf8"} if array.dtype == "string" else {"name": "bytes", **_endian(array)}
+    inner: tuple[dict[str, Any], ...] = (bytes_codec, _blosc(array), {"name": "crc32c"})
+    if array.per_object and array.dtype != "string":
+        index = ({"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"})
+        sharding = {"chunk_shape": chunk, "codecs": inner, "index_codecs": index, "index_location": "end"}
+        codecs: tuple[dict[str, Any], ...] = ({"name": "sharding_indexed", "configuration": sharding},)
+    else:
+        codecs = inner
+    attributes = {"units": array.units, "description": array.description}
+    if array.equation:
+        attributes["equation"] = array.equation
+    return ArraySpec(
+        attributes=attributes,
+        shape=shape,
+        data_type=_DTYPES.get(array.dtype, array.dtype),
+        chunk_grid={"name": "regular", "configuration": {"chunk_shape": file_shape}},
+        chunk_key_encoding={"name": "default", "configuration": {"separator": "/"}},
+        fill_value=_FILL.get(array.dtype, 0),
+        codecs=codecs,
+        dimension_names=array.dims,
+    )
+
+
+def _chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The shapes of a file and of a chunk in it."""
+    whole = tuple(max(1, size) for size in shape)
+    if not array.per_object:
+        return whole, whole
+    objects = min(OBJECTS_A_FILE, whole[0])
+    file_shape = (objects, *whole[1:])
+    if _ITEM[array.dtype] * math.prod(whole[1:]) <= SMALL_CHUNK:
+        return file_shape, file_shape
+    if array.dims[1:2] == ("grasp",) and _ITEM[array.dtype] * math.prod(whole[2:]) > SMALL_CHUNK:
+        return file_shape, (1, 1, *whole[2:])
+    return file_shape, (1, *whole[1:])
+
+
+def _endian(array: Array) -> dict[str, Any]:
+    return {"configuration": {"endian": "little"}} if _ITEM[array.dtype] > 1 else {}
+
+
+def _blosc(array: Array) -> dict[str, Any]:
+    size = 1 if array.dtype == "string" else _ITEM[array.dtype]
+    shuffle = "shuffle" if size > 1 else "noshuffle"
+    configuration = {"typesize": size, "cname": "zstd", "clevel": 5, "shuffle": shuffle, "blocksize": 0}
+    return {"name": "blosc", "configuration": configuration}
+
+
+def group_spec(artifact: Artifact, shapes: Mapping[str, tuple[int, ...]], attributes: Mapping[str, Any]) -> GroupSpec:
+    """The specification of a whole shard: `shapes` gives every array's shape by its path below the root."""
+    tree: dict[str, Any] = {}
+    for path, shape in shapes.items():
+        *parents, leaf = path.split("/")
+        node = tree
+        for parent in parents:
+            node = node.setdefault(parent, {})
+        array = artifact.of(declared(path))
+        if array is None:
+            raise ValueError(f"{artifact.name} has no array {path}; its schema names {sorted(artifact.arrays)}")
+        node[leaf] = array_spec(array, shape)
+    return GroupSpec(attributes=dict(attributes), members=_members(tree))
+
+
+def _members(tree: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: node if isinstance(node, ArraySpec) else GroupSpec(attributes={}, members=_members(node))
+        for name, node in tree.items()
+    }
+
+
+def declared(path: str) -> str:
+    """The name a schema knows a path by: `meshes/OBJECT_ID/faces` is `meshes/faces`."""
+    parts = path.split("/")
+    return "/".join((parts[0], parts[-1])) if len(parts) == 3 else path
+
+
+def departures(artifact: Artifact, group: GroupSpec) -> Iterator[str]:
+    """How a stored group departs from its schema, a line each that names array and reason."""
+    found = dict(_arrays(group))
+    for name, array in artifact.arrays.items():
+        if name not in found and not array.optional:
+            yield f"{name}: the array is missing"
+    sizes: dict[str, tuple[int, str]] = {}
+    for path, stored in found.items():
+        known = artifact.of(declared(path))
+        if known is None:
+            yield f"{path}: the schema knows no such array"
+            continue
+        if stored.data_type != _DTYPES.get(known.dtype, known.dtype):
+            yield f"{path}: dtype is {stored.data_type}, the schema says {known.dtype}"
+        if tuple(stored.dimension_names or ()) != known.dims:
+            yield f"{path}: dimensions are {stored.dimension_names}, the schema says {known.dims}"
+            continue
+        for dim, size in zip(known.dims, stored.shape, strict=True):
+            if size != FIXED.get(dim, size):
+                yield f"{path}: dimension {dim} has size {size}, the schema says {FIXED[dim]}"
+            elif "/" not in path and sizes.setdefault(dim, (size, path))[0] != size:
+                yield f"{path}: dimension {dim} has size {size}, but {sizes[dim][0]} in {sizes[dim][1]}"
+
+
+def _arrays(group: GroupSpec, prefix: str = "") -> Iterator[tuple[str, ArraySpec]]:
+    for name, member in (group.members or {}).items():
+        if isinstance(member, GroupSpec):
+            yield from _arrays(member, f"{prefix}{name}/")
+        else:
+            yield f"{prefix}{name}", member

@@ -1,0 +1,180 @@
+"""Worker processes: each keeps a stage's session open and takes one object after the other.
+
+Each worker is a pool of its own, so that a native library that takes its process down takes no other object along, and
+it is known which object it was.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+import time
+import traceback
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.manifest import Object
+from pipeline.settings import Settings
+from pipeline.stage import ObjectError, Stage, Task
+from pipeline.store.collection import Collection
+from pipeline.store.layout import Layout
+from pipeline.store.pieces import Piece, Pieces
+from pipeline.store.shard import read_mesh
+from pipeline.store.write import conform
+
+CRASHES = 2
+"""A process that dies may have been killed from outside; the object is to blame when it dies again."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """What every worker of a run is told."""
+
+    stage: Stage
+    settings: Settings
+    seed: int
+    data: Path
+
+
+@dataclass(frozen=True)
+class Job:
+    """An object to process, and the key its row is made under."""
+
+    item: Object
+    key: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job; its row lies among the pieces."""
+
+    object_id: str
+    seconds: float
+    reason: str | None
+
+
+def run_jobs(work: Work, jobs: Sequence[Job], workers: int) -> Iterator[Outcome]:
+    """Process jobs side by side, in whatever order they finish."""
+    waiting = list(reversed(jobs))
+    crashes: dict[str, int] = {}
+    with ExitStack() as stack:
+        pools = [stack.enter_context(_Pool(work)) for _ in range(max(1, min(workers, len(jobs))))]
+        running: dict[Future[Outcome], tuple[_Pool, Job]] = {}
+        idle = list(pools)
+        while waiting or running:
+            while waiting and idle:
+                pool, job = idle.pop(), waiting.pop()
+                running[pool.submit(job)] = (pool, job)
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                pool, job = running.pop(future)
+                idle.append(pool)
+                try:
+                    yield future.result()
+                except BrokenProcessPool:
+                    pool.restart()
+                    crashes[job.key] = crashes.get(job.key, 0) + 1
+                    if crashes[job.key] < CRASHES:
+                        waiting.append(job)
+                    else:
+                        yield _crashed(work, job)
+
+
+class _Pool:
+    """One worker process that can be started anew."""
+
+    def __init__(self, work: Work) -> None:
+        self._work = work
+        self._executor = self._start()
+
+    def _start(self) -> ProcessPoolExecutor:
+        spawn = multiprocessing.get_context("spawn")  # a fork would share GL contexts and locks
+        return ProcessPoolExecutor(1, mp_context=spawn, initializer=_open, initargs=(self._work,))
+
+    def submit(self, job: Job) -> Future[Outcome]:
+        return self._executor.submit(_process, job)
+
+    def restart(self) -> None:
+        self._executor.shutdown(wait=False)
+        self._executor = self._start()
+
+    def __enter__(self) -> _Pool:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.submit(_close).result() if not self._broken() else None
+        self._executor.shutdown(wait=True, cancel_futures=True)
+
+    def _broken(self) -> bool:
+        return bool(getattr(self._executor, "_broken", False))
+
+
+def _crashed(work: Work, job: Job) -> Outcome:
+    reason = (
+        f"its process died {CRASHES} times (a crash in a native library, or memory ran out); "
+        "run it alone with --object to see, with more memory or a smaller mesh"
+    )
+    piece = Piece({}, 0.0, {"stage": work.stage.name, "reason": reason})
+    Pieces(Layout(work.data).work(work.stage.output.name)).save(job.item.object_id, job.key, piece)
+    return Outcome(job.item.object_id, 0.0, reason)
+
+
+# ---- in the worker's process ------------------------------------------------------------------------------------------
+
+_state: dict[str, Any] = {}
+
+
+def _open(work: Work) -> None:
+    """Open the stage's session, and end with the parent, however that ends."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+    layout = Layout(work.data)
+    stack = ExitStack()
+    _state.update(
+        work=work,
+        stack=stack,
+        process=stack.enter_context(work.stage.session(work.settings)),
+        inputs={artifact.name: Collection(layout, artifact) for artifact in work.stage.inputs},
+        pieces=Pieces(layout.work(work.stage.output.name)),
+    )
+
+
+def _close() -> None:
+    _state["stack"].close()
+
+
+def _process(job: Job) -> Outcome:
+    """Process one object and save its piece: its row, or why it has none."""
+    work: Work = _state["work"]
+    began = time.perf_counter()
+    failure, row = None, {}
+    try:
+        row = conform(work.stage.output, _state["process"](_task(job.item)))
+    except ObjectError as error:
+        failure = {"stage": work.stage.name, "reason": str(error)}
+    except Exception as error:  # a fault of ours; it must not cost the other objects, nor go unseen
+        traceback.print_exc()
+        failure = {"stage": work.stage.name, "reason": f"unexpected {type(error).__name__}: {error}; please report it"}
+    seconds = time.perf_counter() - began
+    _state["pieces"].save(job.item.object_id, job.key, Piece(row, seconds, failure))
+    return Outcome(job.item.object_id, seconds, failure["reason"] if failure else None)
+
+
+def _task(item: Object) -> Task:
+    collections: dict[str, Collection] = _state["inputs"]
+    inputs = {name: collection.view(item.object_id) for name, collection in collections.items()}
+    return Task(
+        object_id=item.object_id,
+        category=item.category,
+        split=item.split,
+        seed=_state["work"].seed,
+        source=item.source,
+        inputs=inputs,
+        load_mesh=(lambda: read_mesh(inputs["surfaces"])) if "surfaces" in inputs else None,
+    )

@@ -1,0 +1,1 @@
+"""What every stage writes: one module an artifact, declarations only."""

@@ -1,0 +1,73 @@
+"""The vocabulary of schemas: arrays with dimensions, units and meaning, gathered into versioned artifacts."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, model_validator
+
+Dtype = Literal["float64", "float32", "int32", "uint8", "bool", "string"]
+
+FIXED = {"xyz": 3, "rgb": 3, "rgba": 4, "uv": 2, "corner": 3, "pose_row": 4, "pose_column": 4, "image_axis": 3, "homogeneous": 4}
+"""Dimensions whose size is the same everywhere; every other size belongs to a data set, and is the same in all its shards."""
+
+
+class Array(BaseModel):
+    """One array: its dimensions by name, and what stands in it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    dims: tuple[str, ...]
+    dtype: Dtype
+    units: str
+    description: str
+    equation: str | None = None
+    infinite: bool = False
+    """Whether +inf is a value here. NaN never is."""
+    optional: bool = False
+    """Whether some settings leave the array out."""
+
+    @property
+    def per_object(self) -> bool:
+        """Whether there is one entry an object."""
+        return self.dims[:1] == ("object",)
+
+
+class Artifact(BaseModel):
+    """What one stage writes: the arrays of a shard's root group, and those of a group an object where sizes differ.
+
+    `ragged` maps an array's path below the root with the object's id left out, such as `meshes/vertices` for
+    `meshes/OBJECT_ID/vertices`; a `*` in it stands for a number.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    version: int
+    summary: str
+    arrays: dict[str, Array]
+    ragged: dict[str, Array] = {}
+
+    @model_validator(mode="after")
+    def _common_arrays_are_added(self) -> Artifact:
+        object.__setattr__(self, "arrays", {**COMMON, **self.arrays})
+        return self
+
+    def of(self, name: str) -> Array | None:
+        """The declaration of an array of this name or path, ragged ones included; None where there is none."""
+        if name in self.arrays:
+            return self.arrays[name]
+        return next((array for pattern, array in self.ragged.items() if fnmatchcase(name, pattern)), None)
+
+
+COMMON = {
+    "object_id": Array(dims=("object",), dtype="string", units="1", description="The object's name, the same in every artifact."),
+    "category": Array(dims=("object",), dtype="string", units="1", description="The object's class."),
+    "ok": Array(
+        dims=("object",),
+        dtype="bool",
+        units="1",
+        description="False where the object could not be processed: its rows are zeros, and `failures` in the attributes says why.",
+    ),
+}

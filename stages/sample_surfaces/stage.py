@@ -1,0 +1,80 @@
+"""`sample-surfaces`: every object's mesh, gated and normalised, and points on the surface one can touch (supplement 1.1, 1.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from pipeline.kernels.geometry.exterior import sample_exterior
+from pipeline.kernels.geometry.gate import gate
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.normalise import normalise
+from pipeline.stage import Cost, ObjectError, Row, Task, rng_of
+from pipeline.store.shard import mesh_row
+from schemas.base import Artifact
+from schemas.surfaces import SURFACES
+from stages.sample_surfaces.load import load_mesh
+from stages.sample_surfaces.procedural import generate
+from stages.sample_surfaces.settings import SurfaceSettings
+
+
+class SampleSurfaces:
+    """Takes a manifest's objects; the only stage that opens source files."""
+
+    name: ClassVar[str] = "sample-surfaces"
+    summary: ClassVar[str] = "gate and normalise every mesh, draw points from its exterior surface"
+    output: ClassVar[Artifact] = SURFACES
+    inputs: ClassVar[tuple[Artifact, ...]] = ()
+    settings_type: ClassVar[type[SurfaceSettings]] = SurfaceSettings
+
+    def assets(self, settings: SurfaceSettings) -> list[Path]:
+        """None."""
+        return []
+
+    def constants(self, settings: SurfaceSettings) -> Row:
+        """None."""
+        return {}
+
+    def attributes(self, settings: SurfaceSettings) -> dict[str, Any]:
+        """None beyond the settings."""
+        return {}
+
+    def cost(self, settings: SurfaceSettings) -> Cost:
+        """Seconds and bytes an object, typically."""
+        return Cost(seconds=0.15, kilobytes=400 * settings.points / 10_000)
+
+    @contextmanager
+    def session(self, settings: SurfaceSettings) -> Iterator[Callable[[Task], Row]]:
+        """Nothing is kept between objects."""
+        yield lambda task: _process(task, settings)
+
+
+def _process(task: Task, settings: SurfaceSettings) -> Row:
+    source = task.source
+    try:
+        mesh, report = gate(_source_mesh(task), settings.max_faces)
+        mesh = normalise(mesh, source.get("up", "z"), settings.diagonal, source.get("metres_per_unit"))
+        rng = task.rng("sample-surfaces")
+        points, normals = sample_exterior(mesh, settings.points, rng, settings.directions)
+    except (ValueError, OSError) as error:
+        raise ObjectError(str(error)) from error
+    return {
+        "points": points,
+        "normals": normals,
+        "split": np.array(task.split),
+        "watertight": np.array(report.watertight),
+        "degenerate_faces": np.array(report.degenerate_faces, np.int32),
+        "duplicate_faces": np.array(report.duplicate_faces, np.int32),
+        **mesh_row(mesh),
+    }
+
+
+def _source_mesh(task: Task) -> Mesh:
+    if "procedural" in task.source:
+        category, variant = task.source["procedural"], task.source["variant"]
+        return generate(category, rng_of(task.source["seed"], "procedural", category, variant))
+    return load_mesh(Path(task.source["file"]))

@@ -1,0 +1,142 @@
+"""The runner: skipping, resuming, failures, shards and workers."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.runner import execute, make_plan
+from pipeline.stage import ObjectError, rng_of
+from pipeline.store.collection import Collection
+from pipeline.store.layout import Layout
+from pipeline.store.shard import StoreError
+from tests.runner.tiny import MEAN, NOISE, MakeNoise, TakeMean, digest, objects, request, run
+
+
+def stamps(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in sorted(folder.rglob("*"))}
+
+
+def test_a_second_run_does_nothing_and_touches_no_file(tmp_path):
+    assert run(request(tmp_path)) == 5
+    before = stamps(tmp_path)
+    assert run(request(tmp_path)) == 0
+    assert stamps(tmp_path) == before
+
+
+def test_what_changes_results_rebuilds_and_what_changes_speed_does_not(tmp_path):
+    run(request(tmp_path))
+    assert run(request(tmp_path, settings={"batch": 3})) == 0
+    assert run(request(tmp_path, settings={"samples": 51})) == 5
+    assert run(request(tmp_path, stage=TakeMean())) == 5
+    assert run(request(tmp_path, stage=TakeMean(), settings={"samples": 3})) == 5
+
+
+@pytest.mark.parametrize(("shards", "workers"), [(1, 2), (4, 1), (7, 2)])
+def test_shards_and_workers_change_no_digest(tmp_path, shards, workers):
+    for data, how in ((tmp_path / "one", {}), (tmp_path / "other", {"shards": shards, "workers": workers})):
+        run(request(data, **how))
+        run(request(data, stage=TakeMean(), **how))
+    assert digest(tmp_path / "one") == digest(tmp_path / "other")
+    assert digest(tmp_path / "one", MEAN) == digest(tmp_path / "other", MEAN)
+
+
+def test_a_run_that_ends_in_the_middle_goes_on_where_it_was(tmp_path):
+    run(request(tmp_path / "whole"))
+    plan = make_plan(request(tmp_path / "cut"), 0)
+    outcomes = execute(plan)
+    next(outcomes)
+    next(outcomes)
+    outcomes.close()
+    assert not plan.path.exists()
+    assert len(plan.missing()) <= 3
+    assert run(request(tmp_path / "cut")) <= 3
+    assert digest(tmp_path / "cut") == digest(tmp_path / "whole")
+
+
+def test_a_piece_that_was_cut_short_is_made_again(tmp_path):
+    plan = make_plan(request(tmp_path, only="c"), 0)
+    assert [outcome.object_id for outcome in execute(plan)] == ["c"]
+    assert not plan.path.exists()  # the others are missing
+    piece = plan.pieces.path("c", plan.jobs[2].key)
+    piece.write_bytes(piece.read_bytes()[:100])
+    assert run(request(tmp_path)) == 5
+
+
+def test_another_split_takes_finished_rows_over(tmp_path):
+    run(request(tmp_path))
+    whole = digest(tmp_path)
+    for shards in (3, 1):
+        assert run(request(tmp_path, shards=shards)) == 0
+        assert digest(tmp_path) == whole
+        assert len(Layout(tmp_path).shards("noise")) == shards
+    assert run(request(tmp_path, count=6)) == 1  # one object more
+
+
+def test_each_failure_is_kept_with_its_reason_and_the_others_go_on(tmp_path, capfd):
+    items = objects(6, b="bad", c="crash", d="bug", e="nan")
+    run(request(tmp_path, items=items, workers=2))
+    noise = Collection(Layout(tmp_path), NOISE)
+    reasons = {name: failure["reason"] for name in noise if (failure := noise.shard(name).failure(name))}
+    assert set(reasons) == set("bcde")
+    assert reasons["b"] == "it is bad; make it good"
+    assert "its process died 2 times" in reasons["c"]
+    assert "unexpected ZeroDivisionError: a fault of ours" in reasons["d"]
+    assert "values holds a value that is not finite" in reasons["e"]
+    assert "ZeroDivisionError" in capfd.readouterr().err
+    alone = tmp_path / "alone"
+    run(request(alone, items=[item for item in items if item.object_id in "af"]))
+    for name in "af":
+        assert noise.shard(name).row_digest(name) == Collection(Layout(alone), NOISE).shard(name).row_digest(name)
+    assert not noise.shard("a").array("ok")[1]
+    assert (noise.shard("a").array("values")[1:5] == 0).all()
+
+
+def test_a_failure_passes_down_under_the_stage_that_failed(tmp_path):
+    items = objects(3, b="bad")
+    run(request(tmp_path, items=items))
+    assert run(request(tmp_path, stage=TakeMean(), items=items)) == 2
+    mean = Collection(Layout(tmp_path), MEAN)
+    assert mean.shard("b").failure("b") == {"stage": "make-noise", "reason": "it is bad; make it good"}
+
+
+def test_a_shard_in_which_all_fail_is_a_valid_shard(tmp_path):
+    items = objects(2, a="bad", b="bad")
+    run(request(tmp_path, items=items))
+    assert run(request(tmp_path, stage=TakeMean(), items=items)) == 0
+    assert list(Collection(Layout(tmp_path), MEAN).shard("a").array("ok")[:]) == [False, False]
+
+
+def test_strict_stops_at_the_first_failure(tmp_path):
+    with pytest.raises(ObjectError, match="b: it is bad"):
+        run(request(tmp_path, items=objects(3, b="bad"), strict=True))
+    assert not (tmp_path / "noise").exists()
+
+
+def test_an_input_that_was_not_made_is_named(tmp_path):
+    with pytest.raises(StoreError, match="has no object a; run the stage that makes noise first"):
+        make_plan(request(tmp_path, stage=TakeMean()), 0)
+
+
+def test_two_runs_of_one_shard_do_not_meet(tmp_path):
+    outcomes = execute(make_plan(request(tmp_path), 0))
+    next(outcomes)
+    with pytest.raises(StoreError, match="is being made by another run"):
+        list(execute(make_plan(request(tmp_path), 0)))
+    list(outcomes)
+
+
+def test_seeds_are_keyed_by_identity():
+    draws = {rng_of(*identity).random() for identity in [(0, "a", "b"), (0, "ab"), (0, "a", "b", 1), (1, "a", "b"), (0, "b", "a")]}
+    assert len(draws) == 5
+    assert rng_of(0, "a", 1).random() == rng_of(0, "a", 1).random()
+
+
+def test_rows_can_be_read_back(tmp_path):
+    run(request(tmp_path))
+    view = Collection(Layout(tmp_path), NOISE).view("c")
+    assert str(view["label"]) == "letter"
+    assert view["values"].dtype == np.float32
+    np.testing.assert_array_equal(view["lists/numbers"], [1])
+    np.testing.assert_array_equal(view["reach"], np.ones(3))
+    assert MakeNoise.output.of("lists/numbers") is not None

@@ -1,0 +1,121 @@
+"""Two small stages over a small artifact each, real but for their physics: what the runner's tests run."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.manifest import Object
+from pipeline.runner import Request, execute, make_plan
+from pipeline.settings import Settings, knob
+from pipeline.stage import Cost, ObjectError, Row, Task
+from pipeline.store.collection import Collection
+from pipeline.store.layout import Layout
+from schemas.base import Array, Artifact
+
+NOISE = Artifact(
+    name="noise",
+    version=1,
+    summary="Random numbers.",
+    arrays={
+        "values": Array(dims=("object", "sample", "xyz"), dtype="float32", units="m", description="Noise."),
+        "label": Array(dims=("object",), dtype="string", units="1", description="A word."),
+        "reach": Array(dims=("xyz",), dtype="float64", units="m", description="The scale of the noise."),
+    },
+    ragged={"lists/numbers": Array(dims=("number",), dtype="int32", units="1", description="As many as the id is long.")},
+)
+MEAN = Artifact(
+    name="mean",
+    version=1,
+    summary="Their means.",
+    arrays={"mean": Array(dims=("object", "xyz"), dtype="float64", units="m", description="The mean of `values`.")},
+)
+
+
+class NoiseSettings(Settings):
+    samples: int = knob(50, "enough for a mean", gt=0)
+    batch: int = knob(8, "fits the cache", changes="speed")
+
+
+class _Stage:
+    settings_type = NoiseSettings
+
+    def assets(self, settings: NoiseSettings) -> list[Path]:
+        return []
+
+    def constants(self, settings: NoiseSettings) -> Row:
+        return {}
+
+    def attributes(self, settings: NoiseSettings) -> dict[str, Any]:
+        return {}
+
+    def cost(self, settings: NoiseSettings) -> Cost:
+        return Cost(0.01, 1)
+
+
+class MakeNoise(_Stage):
+    name = "make-noise"
+    summary = "draw numbers"
+    output = NOISE
+    inputs = ()
+
+    def constants(self, settings: NoiseSettings) -> Row:
+        return {"reach": np.ones(3)}
+
+    @contextmanager
+    def session(self, settings: NoiseSettings) -> Iterator[Callable[[Task], Row]]:
+        def process(task: Task) -> Row:
+            match task.source.get("trouble"):
+                case "bad":
+                    raise ObjectError("it is bad; make it good")
+                case "bug":
+                    raise ZeroDivisionError("a fault of ours")
+                case "crash":
+                    os.kill(os.getpid(), signal.SIGSEGV)
+                case "nan":
+                    return {"values": np.full((settings.samples, 3), np.nan), "label": np.array("x"), "lists/numbers": np.arange(1)}
+            values = task.rng("make-noise").standard_normal((settings.samples, 3))
+            return {"values": values, "label": np.array(task.category), "lists/numbers": np.arange(len(task.object_id)) + 1}
+
+        yield process
+
+
+class TakeMean(_Stage):
+    name = "take-mean"
+    summary = "average them"
+    output = MEAN
+    inputs = (NOISE,)
+
+    @contextmanager
+    def session(self, settings: NoiseSettings) -> Iterator[Callable[[Task], Row]]:
+        yield lambda task: {"mean": task.inputs["noise"]["values"].astype(np.float64).mean(axis=0)}
+
+
+def objects(count: int, **troubles: str) -> list[Object]:
+    """Objects a, b, c …, some with a trouble."""
+    names = [chr(ord("a") + number) for number in range(count)]
+    return [Object(name, "letter", "train", {"trouble": troubles.get(name), "name": name}) for name in names]
+
+
+def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] | None = None, **changes: Any) -> Request:
+    """A request for a tiny stage, by default to make noise for five objects."""
+    values = changes.pop("settings", {})
+    items = objects(count) if items is None else items
+    return Request(stage or MakeNoise(), NoiseSettings(**values), "tiny", items, "draft", 0, data, **changes)
+
+
+def run(asked: Request) -> int:
+    """Run every shard that is not up to date; the number of objects that were processed."""
+    plans = [make_plan(asked, number) for number in range(asked.shards)]
+    return sum(len(list(execute(plan))) for plan in plans if not plan.up_to_date())
+
+
+def digest(data: Path, artifact: Artifact = NOISE) -> str:
+    """The digest of what stands there."""
+    return Collection(Layout(data), artifact).digest()
