@@ -1,0 +1,1 @@
+"""What the stages stand on: the runner, the store, and kernels."""

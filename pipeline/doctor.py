@@ -6,6 +6,7 @@ import importlib
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 APT = "apt-get install -y libegl1 libgl1 libxrender1 libgl1-mesa-dri"
 """What Debian and Ubuntu need for rendering without a screen."""
@@ -27,7 +28,7 @@ def examine() -> Iterator[Check]:
     version = ".".join(map(str, sys.version_info[:3]))
     yield Check(f"Python {version}", sys.version_info[:2] == (3, 11), "use Python 3.11: pybullet has no wheels beyond it")
     for name in MODULES:
-        yield _attempt(f"import {name}", lambda name=name: str(_version(name)), "pip install -c constraints.txt -e .")
+        yield _attempt(f"import {name}", partial(_version, name), "pip install -c constraints.txt -e .")
     yield _attempt("headless rendering (render-vision only)", _render, f"as root: {APT}")
     yield Check(f"torch device: {_device()}", True)
 
@@ -45,9 +46,14 @@ def _version(name: str) -> str:
 
 
 def _render() -> str:
-    from pipeline.kernels.vision.renderer import Renderer  # only here: it needs what is being checked
+    from pipeline.kernels.vision.camera import projection_matrix  # only here: they need what is being checked
+    from pipeline.kernels.vision.raster import RasterRenderer
+    from pipeline.kernels.vision.scene import load_scene
 
-    return Renderer.probe()
+    scene = load_scene("supplement")
+    with RasterRenderer(scene, 16) as renderer:
+        image = renderer.render([]).rgb
+    return f"{image.shape[0]} × {image.shape[1]} pixels, camera {projection_matrix(scene.camera).shape}"
 
 
 def _device() -> str:

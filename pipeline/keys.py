@@ -12,7 +12,6 @@ from typing import Any
 
 from pipeline.stage import Stage
 from pipeline.store import digest
-from pipeline.store import digest
 
 PART_OF_A_STAGE = ("stages", "schemas", "pipeline.kernels", "pipeline.stage")
 """Packages whose sources decide results; processes, files and progress around them do not."""

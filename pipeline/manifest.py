@@ -73,7 +73,7 @@ class Manifest(BaseModel):
         found: dict[str, Found] = {}
         for source in self.sources:
             try:
-                listed = list(source.find(root))
+                listed = source.find(root)
             except (OSError, ValueError) as error:
                 raise ManifestError(f"manifest {self.name}: {error}") from error
             for item in listed:

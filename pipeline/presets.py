@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable
 from importlib import resources
 from typing import Any
 
@@ -24,7 +24,7 @@ def load_presets() -> dict[str, dict[str, dict[str, Any]]]:
     return {name: preset or {} for name, preset in presets.items()}
 
 
-def resolve(stage: Stage, preset: str, assignments: Iterable[str], stages: Mapping[str, Stage]) -> Settings:
+def resolve(stage: Stage, preset: str, assignments: Iterable[str], stages: Collection[str]) -> Settings:
     """A stage's settings: its defaults, then the preset, then `STAGE.KNOB=VALUE` or, for this stage, `KNOB=VALUE`.
 
     Assignments to other stages are checked for a known stage and left alone, so that one list serves all of them.

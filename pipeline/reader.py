@@ -51,7 +51,7 @@ class GraspDataset(Dataset[Item]):
         self.data = Path(data)
         self.arrays = tuple(arrays)
         self._owner = {name: _artifact_of(name) for name in self.arrays}
-        needed = {artifact.name: artifact for artifact in self._owner.values()} | {"surfaces": ARTIFACTS["surfaces"], "grasps": ARTIFACTS["grasps"]}
+        needed = {artifact.name: artifact for artifact in (*self._owner.values(), ARTIFACTS["surfaces"], ARTIFACTS["grasps"])}
         self._collections = {name: Collection(Layout(self.data), artifact) for name, artifact in needed.items()}
         self.left_out: dict[str, str] = {}
         self.items: list[tuple[str, int]] = []
@@ -60,7 +60,8 @@ class GraspDataset(Dataset[Item]):
                 grasps = self._collections["grasps"].shard(object_id).array("hand_pose").shape[1]
                 self.items += [(object_id, grasp) for grasp in range(grasps)]
         if not self.items:
-            raise StoreError(f"{self.data.resolve()} has no usable objects in split {split}; {len(self.left_out)} have failed, see `vt-pipeline status`")
+            failed = f"{len(self.left_out)} have failed, see `vt-pipeline status`"
+            raise StoreError(f"{self.data.resolve()} has no usable objects in split {split}; {failed}")
 
     def _usable(self, object_id: str) -> bool:
         for collection in self._collections.values():

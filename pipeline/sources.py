@@ -37,12 +37,12 @@ class Source(BaseModel):
     sha256: str | None = Field(None, pattern="[0-9a-f]{64}")
 
     @abstractmethod
-    def list(self, root: Path | None) -> Iterator[Found]:
+    def each(self, root: Path | None) -> Iterator[Found]:
         """Every object of the source; an OSError or ValueError says what is not there."""
 
     def find(self, root: Path | None) -> list[Found]:
         """Every object of the source, after its checksum, if it states one, was found right."""
-        found = [*self.list(root)]
+        found = list(self.each(root))
         if self.sha256 is not None and (actual := checksum(found)) != self.sha256:
             raise ValueError(
                 f"the {len(found)} files of this source have checksum {actual}, the manifest says {self.sha256}: "
@@ -70,7 +70,7 @@ class Procedural(Source):
     count: dict[Category, int] = Field(min_length=1)
     seed: int = Field(ge=0)
 
-    def list(self, root: Path | None) -> Iterator[Found]:
+    def each(self, root: Path | None) -> Iterator[Found]:
         """Every variant of every category."""
         for category, count in self.count.items():
             for number in range(count):
@@ -95,7 +95,7 @@ class Pybullet(Placed):
     random_urdfs: int = Field(0, ge=0, le=1000)
     category: str = "object"
 
-    def list(self, root: Path | None) -> Iterator[Found]:
+    def each(self, root: Path | None) -> Iterator[Found]:
         """The named files, then the first of `random_urdfs`."""
         data = _package_folder("pybullet_data")
         for name, entry in self.files.items():
@@ -111,7 +111,7 @@ class Directory(Placed):
     kind: Literal["directory"]
     path: Path | None = None
 
-    def list(self, root: Path | None) -> Iterator[Found]:
+    def each(self, root: Path | None) -> Iterator[Found]:
         """Every mesh file below the folder, hidden ones apart."""
         folder = _folder(self.path or root, "a folder of meshes")
         files = [
@@ -138,14 +138,15 @@ class ShapeNet(Placed):
     synsets: dict[str, str] = Field(min_length=1)
     counts: dict[str, int] | None = None
 
-    def list(self, root: Path | None) -> Iterator[Found]:
+    def each(self, root: Path | None) -> Iterator[Found]:
         """Every model of the named synsets, whose numbers must be those of `counts`."""
         folder = _folder(self.path or root, "a folder laid out as ShapeNetCore")
         for category, synset in self.synsets.items():
             models = [model for model in sorted((folder / synset).glob("*")) if model.is_dir()]
             files = [(model.name, file) for model in models if (file := _model_file(model))]
             if not files:
-                raise ValueError(f"no models of {category} in {(folder / synset).resolve()}; looked for MODEL/models/model_normalized.obj and MODEL/model.obj")
+                where = (folder / synset).resolve()
+                raise ValueError(f"no models of {category} in {where}; looked for MODEL/models/model_normalized.obj and MODEL/model.obj")
             if self.counts is not None and len(files) != self.counts[category]:
                 raise ValueError(
                     f"{(folder / synset).resolve()} holds {len(files)} models of {category}, the manifest counts {self.counts[category]}; "

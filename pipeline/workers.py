@@ -16,6 +16,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -133,7 +134,7 @@ def _open(work: Work) -> None:
     """Open the stage's session, and end with the parent, however that ends."""
     parent = multiprocessing.parent_process()
     if parent is not None:
-        threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     layout = Layout(work.data)
     stack = ExitStack()
     _state.update(
@@ -143,6 +144,11 @@ def _open(work: Work) -> None:
         inputs={artifact.name: Collection(layout, artifact) for artifact in work.stage.inputs},
         pieces=Pieces(layout.work(work.stage.output.name)),
     )
+
+
+def _end_with(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
 
 
 def _close() -> None:

@@ -1,0 +1,1 @@
+"""One room a stage: opens its inputs, calls kernels, returns a row an object."""

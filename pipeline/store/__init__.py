@@ -1,0 +1,1 @@
+"""Zarr shards: how they are laid out, written, checked and read."""

@@ -47,7 +47,10 @@ class Collection:
         return digest.of_rows(rows, {"shared": sorted(shards)})
 
 
-_APART = ("stage", "key", "object_keys", "digests", "failures", "seconds", "versions", "speed_settings", "preset", "shard", "shards", "complete")
+_APART = {
+    *("stage", "key", "object_keys", "digests", "failures", "shard", "shards", "complete"),
+    *("seconds", "versions", "speed_settings", "preset"),
+}
 """Attributes that belong to one shard, or say when, with what and how fast it was made."""
 
 

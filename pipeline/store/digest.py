@@ -24,7 +24,7 @@ def of_arrays(arrays: Mapping[str, np.ndarray], **attributes: Any) -> str:
             digest.update(f"{name}\0string\0{of_json(array.tolist())}".encode())
             continue
         digest.update(f"{name}\0{array.dtype.str}\0{array.shape}\0".encode())
-        digest.update(memoryview(array).cast("B") if array.size else b"")
+        digest.update(array.tobytes())
     return digest.hexdigest()
 
 

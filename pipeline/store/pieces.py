@@ -9,11 +9,11 @@ import zipfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pipeline.stage import Row
-
 
 _UNREADABLE = (OSError, zipfile.BadZipFile, KeyError, ValueError)
 """A piece that is not there, or that a full disk or a crash of the machine cut short: it is made again."""
@@ -50,7 +50,8 @@ class Pieces:
         facts = json.dumps({"seconds": piece.seconds, "failure": piece.failure})
         beside = path.with_suffix(f".{os.getpid()}.tmp")
         with beside.open("wb") as file:
-            np.savez(file, **{f"row/{name}": array for name, array in piece.row.items()}, facts=np.array(facts))
+            named: dict[str, Any] = {f"row/{name}": array for name, array in piece.row.items()}
+            np.savez(file, facts=np.array(facts), **named)
         beside.replace(path)
 
     def load(self, object_id: str, key: str) -> Piece | None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from zarr.storage import LocalStore
 
 from pipeline.stage import Row
 from pipeline.store.pieces import Piece
@@ -69,7 +70,7 @@ def write_shard(
     shutil.rmtree(beside, ignore_errors=True)
     beside.parent.mkdir(parents=True, exist_ok=True)
     shapes = _shapes(artifact, header, load, constants)
-    group = group_spec(artifact, shapes, {**header.attributes, "complete": False}).to_zarr(str(beside), path="")
+    group: Any = group_spec(artifact, shapes, {**header.attributes, "complete": False}).to_zarr(LocalStore(beside), path="")
     group["object_id"][:] = np.array(header.object_ids, object)
     group["category"][:] = np.array(header.categories, object)
     for name, constant in constants.items():

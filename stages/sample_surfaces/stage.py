@@ -18,7 +18,7 @@ from pipeline.store.shard import mesh_row
 from schemas.base import Artifact
 from schemas.surfaces import SURFACES
 from stages.sample_surfaces.load import load_mesh
-from stages.sample_surfaces.procedural import generate
+from stages.sample_surfaces.procedural import KINDS, generate
 from stages.sample_surfaces.settings import SurfaceSettings
 
 
@@ -74,7 +74,8 @@ def _process(task: Task, settings: SurfaceSettings) -> Row:
 
 
 def _source_mesh(task: Task) -> Mesh:
-    if "procedural" in task.source:
-        category, variant = task.source["procedural"], task.source["variant"]
-        return generate(category, rng_of(task.source["seed"], "procedural", category, variant))
-    return load_mesh(Path(task.source["file"]))
+    if "procedural" not in task.source:
+        return load_mesh(Path(task.source["file"]))
+    category, variant, seed = (task.source[name] for name in ("procedural", "variant", "seed"))
+    order = rng_of(seed, "procedural", category).permutation(len(KINDS[category]))  # no kind again before each was there
+    return generate(category, rng_of(seed, "procedural", category, variant), order[variant % len(order)])

@@ -1,0 +1,5 @@
+"""`python -m pipeline` is `vt-pipeline`."""
+
+from pipeline.cli import app
+
+app()

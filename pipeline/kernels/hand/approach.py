@@ -1,0 +1,31 @@
+"""Where a grasp comes from: every sensor drawn back along its normal."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.hand.kinematics import sensor_poses
+from pipeline.kernels.hand.model import Hand
+
+DIFFERENCE = 1e-5
+"""rad, step of the finite differences."""
+DAMPING = 1e-3
+"""m, of the damped least squares (Wampler 1986): below it a direction counts as one that the finger cannot move in."""
+
+
+def draw_back(hand: Hand, joint_angles: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
+    """Joint angles (J,) from which closing moves every sensor about `distance` along its outward normal, to `joint_angles` (J,).
+
+    A single damped step with the Jacobian of the sensors' positions, clipped to the limits: sideways it is right to first order only.
+    """
+    home = np.eye(4)
+    rest = sensor_poses(hand, home, joint_angles)  # (S, 4, 4)
+    moved = sensor_poses(hand, home, joint_angles + DIFFERENCE * np.eye(len(joint_angles)))  # (J, S, 4, 4)
+    jacobian = np.moveaxis(moved[..., :3, 3] - rest[:, :3, 3], 0, -1) / DIFFERENCE  # (S, 3, J)
+    opened = joint_angles.copy()
+    for s, finger in enumerate(hand.fingers):
+        joints = list(finger.joints)
+        own = jacobian[s][:, joints]
+        opened[joints] -= own.T @ np.linalg.solve(own @ own.T + DAMPING**2 * np.eye(3), distance * rest[s, :3, 2])
+    return np.clip(opened, hand.lower, hand.upper)

@@ -1,0 +1,111 @@
+"""A hand's rigid parts as filled balls, for distances to an object, and as boxes, for distances to each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, cKDTree
+
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.visuals import shape_mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Balls:
+    """Balls inside the rigid links that together reach their surfaces, grouped by link.
+
+    An object keeps clear of a link by the least, over its balls, of the object's distance from the centre less the radius. That
+    finds parts of the object that stand inside a link as well as points of the link inside the object.
+
+    Attributes
+    ----------
+    centres, radii
+        (B, 3) in the frame of the link, (B,), m. Points on the surface are balls of radius 0.
+    link
+        (B,) number of the link, ascending.
+    """
+
+    centres: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    link: NDArray[np.intp]
+
+    def of(self, links: tuple[int, ...] | list[int]) -> Balls:
+        """Those of the given links alone."""
+        mine = np.isin(self.link, links)
+        return Balls(self.centres[mine], self.radii[mine], self.link[mine])
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Oriented boxes around the collision shapes: `frames` (C, 4, 4) in the link's frame, `half` (C, 3) extents, m, `link` (C,)."""
+
+    frames: NDArray[np.float64]
+    half: NDArray[np.float64]
+    link: NDArray[np.intp]
+
+
+def collision_balls(hand: Hand, spacing: float, tolerance: float = 0.0) -> Balls:
+    """Fill every collision shape (the convex hull of a mesh, as physics takes it) with balls on a lattice.
+
+    Parameters
+    ----------
+    spacing
+        Of the lattice of centres and of the points on the surface, m.
+    tolerance
+        A ball is left out where a larger one reaches as far but for this, m.
+    """
+    centres, radii, links = [np.empty((0, 3))], [np.empty(0)], [np.empty(0, np.intp)]
+    for number, link in enumerate(hand.links):
+        for shape in link.collisions:
+            mesh = shape_mesh(shape)
+            points, depth = _fill(mesh.vertices, spacing)
+            kept = _prune(points, depth, tolerance) if tolerance > 0 else np.arange(len(points))
+            centres.append(points[kept])
+            radii.append(depth[kept])
+            links.append(np.full(len(kept), number, np.intp))
+    return Balls(np.concatenate(centres), np.concatenate(radii), np.concatenate(links))
+
+
+def collision_boxes(hand: Hand) -> Boxes:
+    """The box around every collision shape, along the axes of the shape's own frame."""
+    frames, halves, links = [], [], []
+    for number, link in enumerate(hand.links):
+        for shape in link.collisions:
+            local = trimesh.transform_points(shape_mesh(shape).vertices, np.linalg.inv(shape.origin))
+            low, high = local.min(axis=0), local.max(axis=0)
+            shift = np.eye(4)
+            shift[:3, 3] = (low + high) / 2
+            frames.append(shape.origin @ shift)
+            halves.append((high - low) / 2)
+            links.append(number)
+    return Boxes(np.array(frames).reshape(-1, 4, 4), np.array(halves).reshape(-1, 3), np.array(links, np.intp))
+
+
+def _fill(vertices: NDArray[np.float64], spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points on and in a convex hull, and their depth below its surface."""
+    hull = ConvexHull(vertices)
+    normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    counts = np.ceil((high - low) / spacing).astype(int)
+    axes = [a + (np.arange(n) + 0.5) / n * (b - a) for a, b, n in zip(low, high, counts, strict=True)]
+    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    depth = -(lattice @ normals.T + offsets).max(axis=1)
+    surface, _ = trimesh.remesh.subdivide_to_size(hull.points, hull.simplices, max_edge=spacing)
+    surface = np.unique(np.round(surface, 9), axis=0)  # faces are split one by one: their common edges come twice
+    return np.concatenate([lattice[depth > 0], surface]), np.concatenate([depth[depth > 0], np.zeros(len(surface))])
+
+
+def _prune(points: NDArray[np.float64], depth: NDArray[np.float64], tolerance: float) -> NDArray[np.intp]:
+    """Largest first, keep a ball unless a kept one holds all of it but `tolerance`."""
+    order = np.argsort(-depth, kind="stable")
+    reach = float(depth.max()) + tolerance
+    neighbours = cKDTree(points).query_ball_point(points, reach)
+    kept = np.zeros(len(points), bool)
+    for i in order:
+        others = np.array([j for j in neighbours[i] if kept[j]], np.intp)
+        gap = np.linalg.norm(points[others] - points[i], axis=1) + depth[i] - depth[others]
+        kept[i] = not (gap <= tolerance).any()
+    return np.flatnonzero(kept)

@@ -1,0 +1,108 @@
+"""One posture a finger, so that fingers do not stand in each other."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.hand.bodies import Boxes
+from pipeline.kernels.hand.boxes import box_gap
+from pipeline.kernels.hand.model import Hand
+
+BEAM = 256
+"""Partial choices that are carried from finger to finger."""
+
+
+def choose_together(
+    hand: Hand, boxes: Boxes, frames: NDArray[np.float64], worth: NDArray[np.float64], gap: float
+) -> NDArray[np.intp] | None:
+    """The choice of greatest total worth in which all fingers stay `gap` apart from each other.
+
+    Parameters
+    ----------
+    frames
+        (O, L, 4, 4) link frames of O options, in each of which every finger has one posture; options of different fingers mix freely.
+    worth
+        (O, S) of every finger's posture in every option; -inf for one that may not be taken.
+    gap
+        Least gap between boxes of different fingers, m.
+
+    Returns
+    -------
+    (S,) option taken for each finger, or None when no choice keeps them apart.
+    """
+    options = len(frames)
+    blocked = _blocked(hand, boxes, frames, gap)
+    picks = np.empty((1, 0), np.intp)
+    total = np.zeros(1)
+    for finger in range(len(hand.fingers)):
+        allowed = np.ones((len(picks), options), bool)
+        for earlier in range(finger):
+            allowed &= ~blocked[earlier, finger][picks[:, earlier]]
+        scores = np.where(allowed, total[:, None] + worth[:, finger], -np.inf).ravel()
+        best = np.argsort(-scores, kind="stable")[:BEAM]
+        best = best[np.isfinite(scores[best])]
+        picks = np.concatenate([picks[best // options], (best % options)[:, None]], axis=1)
+        total = scores[best]
+    return picks[0] if len(picks) else None
+
+
+def _blocked(hand: Hand, boxes: Boxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
+    """(S, S, O, O): finger a in option i is too near finger b in option j; filled for a < b."""
+    fingers, options = len(hand.fingers), len(frames)
+    blocked = np.zeros((fingers, fingers, options, options), bool)
+    own = [np.flatnonzero(np.isin(boxes.link, finger.links)) for finger in hand.fingers]
+    world = frames[:, boxes.link] @ boxes.frames  # (O, C, 4, 4)
+    radius = np.linalg.norm(boxes.half, axis=1)
+    for a in range(fingers):
+        for b in range(a + 1, fingers):
+            centres_a, centres_b = world[:, own[a]][..., :3, 3], world[:, own[b]][..., :3, 3]
+            apart = np.linalg.norm(centres_a[:, None, :, None] - centres_b[None, :, None, :], axis=-1)
+            i, j, k, m = np.nonzero(apart < radius[own[a]][:, None] + radius[own[b]] + gap)
+            left, right = own[a][k], own[b][m]
+            near = box_gap(world[i, left], boxes.half[left], world[j, right], boxes.half[right]) < gap
+            blocked[a, b][i[near], j[near]] = True
+    return blocked
+
+
+def fingers_free_of_palm(hand: Hand, boxes: Boxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
+    """(N, S): a finger keeps `gap` from the links that no finger moves and from its own, for link frames (N, L, 4, 4)."""
+    owner = _owners(hand)
+    pairs = [(i, j) for i, j in _pairs(hand, boxes) if owner[boxes.link[i]] == owner[boxes.link[j]] or owner[boxes.link[i]] < 0]
+    near = _pair_gaps(boxes, frames, pairs) < gap  # (N, pairs)
+    of = np.array([owner[boxes.link[j]] for _, j in pairs])
+    return np.stack([~near[:, of == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
+
+
+def hand_gap(hand: Hand, boxes: Boxes, frames: NDArray[np.float64]) -> float:
+    """Least gap between links of a hand whose link frames are (L, 4, 4), m, negative where they stand in each other."""
+    return float(_pair_gaps(boxes, frames[None], _pairs(hand, boxes)).min(initial=np.inf))
+
+
+def _pairs(hand: Hand, boxes: Boxes) -> list[tuple[int, int]]:
+    """Boxes that could meet, the one nearer the root first. Links joined by a joint touch by construction, and physics does not collide
+    them either; nor do links that no finger moves ever meet."""
+    joined = {(joint.parent, joint.child) for joint in hand.joints}
+    owner = _owners(hand)
+    return [
+        (i, j)
+        for i, a in enumerate(boxes.link)
+        for j, b in enumerate(boxes.link)
+        if a < b and (a, b) not in joined and max(owner[a], owner[b]) >= 0
+    ]
+
+
+def _owners(hand: Hand) -> list[int]:
+    """The finger that moves each link, -1 for none."""
+    owner = [-1] * len(hand.links)
+    for number, finger in enumerate(hand.fingers):
+        for link in finger.links:
+            owner[link] = number
+    return owner
+
+
+def _pair_gaps(boxes: Boxes, frames: NDArray[np.float64], pairs: list[tuple[int, int]]) -> NDArray[np.float64]:
+    """(N, pairs) gaps for link frames (N, L, 4, 4)."""
+    world = frames[:, boxes.link] @ boxes.frames
+    first, second = (list(part) for part in zip(*pairs, strict=True)) if pairs else ([], [])
+    return box_gap(world[:, first], boxes.half[first], world[:, second], boxes.half[second])

@@ -1,0 +1,151 @@
+"""Signed distance to a triangle mesh, closed, open or inside out: a grid for millions of look-ups, and exact values for the few that matter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import igl
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+BLOCK = 4
+"""Cells along the side of a block that is judged near or far by one exact distance."""
+MAX_CELLS = 6_000_000
+"""Cells of the largest grid (16 bytes each); a larger object gets larger cells."""
+PROBE = 1.5
+"""Cells from the surface at which a point's side is looked up: just beyond the cells that the surface itself may cross."""
+WALK = 4
+"""Steps away from the nearest surface until a side is known: one beside a face, two or three in the corner of a solid."""
+
+
+@dataclass(frozen=True, eq=False)
+class DistanceField:
+    """Distance to a mesh, m: positive outside, negative inside.
+
+    A point is *outside* when a path leads from it out of the bounding box through gaps wider than a cell. So winding does not matter,
+    and both sides of an open sheet are outside. Solid parts thinner than two cells count as sheets.
+
+    Attributes
+    ----------
+    vertices, faces
+        (V, 3) float64 m, (F, 3) int64.
+    origin, cell, shape
+        Centre of the first cell (3,), side of a cell, both m, and number of cells along each axis.
+    records
+        (cells, 4) float32: signed distance of every cell's centre, m, and its gradient.
+    inside
+        (cells,) int8: 1 where a cell's centre is inside, 0 outside, -1 where the surface may cross the cell.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    tree: igl.AABB
+    origin: NDArray[np.float64]
+    cell: float
+    shape: tuple[int, int, int]
+    records: NDArray[np.float32]
+    inside: NDArray[np.int8]
+
+    def lookup(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Approximate signed distance, m, of points (3, ...) float32 in world coordinates: first order in the nearest cell.
+
+        Right to about a quarter of a cell within the grid's band, a lower bound beyond it; points off the grid get its rim's value.
+        """
+        scaled = np.empty((points[0].size, 3), np.float32)
+        for axis, count in enumerate(self.shape):
+            along = points[axis].ravel() - np.float32(self.origin[axis])
+            along *= np.float32(1 / self.cell)
+            np.maximum(along, np.float32(0), out=along)
+            np.minimum(along, np.float32(count - 1), out=scaled[:, axis])
+        nearest = (scaled + np.float32(0.5)).astype(np.int32)
+        records = np.take(self.records, (nearest[:, 0] * self.shape[1] + nearest[:, 1]) * self.shape[2] + nearest[:, 2], axis=0)
+        scaled -= nearest
+        scaled *= np.float32(self.cell)
+        return (records[:, 0] + np.einsum("ij,ij->i", records[:, 1:], scaled)).reshape(points.shape[1:])
+
+    def exact(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signed distance (N,) of points (N, 3), m, exact in float64; its sign as the class defines it."""
+        squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
+        distance = np.sqrt(squared)
+        return np.where(_is_inside(self, points, distance, closest), -distance, distance)
+
+
+def distance_field(vertices: NDArray[np.float64], faces: np.ndarray, cell: float, band: float) -> DistanceField:
+    """Build the field of a mesh, once an object.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3) float64, m; (F, 3) integers.
+    cell
+        Side of a cell, m; enlarged where the grid would pass `MAX_CELLS`.
+    band
+        Distance from the surface up to which the grid's values are more than bounds, m; also the grid's rim around the object.
+    """
+    vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
+    tree = igl.AABB()
+    tree.init(vertices, faces)
+    low, high = vertices[faces].min(axis=(0, 1)) - band, vertices[faces].max(axis=(0, 1)) + band
+    cell = max(cell, float(np.prod(high - low) / MAX_CELLS) ** (1 / 3))
+    blocks = np.ceil((high - low) / (cell * BLOCK)).astype(int)
+    shape = tuple(int(n) for n in blocks * BLOCK)
+
+    block_centres = low + (_lattice(blocks) + 0.5) * cell * BLOCK
+    reach = BLOCK * cell * np.sqrt(3) / 2  # from a block's centre to its corner
+    block_distance = np.sqrt(tree.squared_distance(vertices, faces, block_centres)[0])
+    near_block = block_distance <= band + reach
+    distance = np.maximum(block_distance - reach, band).reshape(blocks)
+    for axis in range(3):
+        distance = np.repeat(distance, BLOCK, axis=axis)
+    distance = distance.ravel()
+    gradient = np.zeros((distance.size, 3))
+    near = (_lattice(blocks)[near_block, None] * BLOCK + _lattice(np.full(3, BLOCK))).reshape(-1, 3)
+    flat = (near[:, 0] * shape[1] + near[:, 1]) * shape[2] + near[:, 2]
+    centres = low + (near + 0.5) * cell
+    squared, face, closest = tree.squared_distance(vertices, faces, centres)
+    distance[flat] = np.sqrt(squared)
+
+    # Between neighbouring centres with a surface between them, one is at most half a cell from it: no path leaks through.
+    free = distance > cell / 2 * (1 + 1e-6)
+    parts, _ = ndimage.label(free.reshape(shape))
+    outside = parts.ravel() == parts[0, 0, 0]
+    inside = np.where(free, (~outside).astype(np.int8), np.int8(-1))
+    field = DistanceField(vertices, faces, tree, low + cell / 2, cell, shape, np.empty((0, 4), np.float32), inside)  # type: ignore[arg-type]
+
+    near_inside = _is_inside(field, centres, distance[flat], closest)
+    away = centres - closest
+    corners = vertices[faces[face]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    away = np.where(distance[flat, None] > 1e-9, away, normal)  # a centre on the surface itself has no direction away from it
+    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), np.finfo(float).tiny)
+    sign = np.where(inside == 1, -1.0, 1.0)
+    sign[flat] = np.where(near_inside, -1.0, 1.0)
+    gradient[flat] = away * sign[flat, None]
+    records = np.concatenate([(distance * sign)[:, None], gradient], axis=1).astype(np.float32)
+    return DistanceField(vertices, faces, tree, field.origin, cell, field.shape, records, inside)
+
+
+def _is_inside(
+    field: DistanceField, points: NDArray[np.float64], distance: NDArray[np.float64], closest: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Whether points are inside: walk away from the surface until the grid knows the side."""
+    found = np.full(len(points), -1, np.int8)
+    open_ = np.arange(len(points))
+    for _ in range(WALK):
+        direction = (points - closest) / np.maximum(distance, np.finfo(float).tiny)[:, None]
+        points = closest + direction * np.maximum(distance, PROBE * field.cell)[:, None]
+        index = np.clip(np.rint((points - field.origin) / field.cell).astype(np.int64), 0, np.array(field.shape) - 1)
+        side = field.inside[(index[:, 0] * field.shape[1] + index[:, 1]) * field.shape[2] + index[:, 2]]
+        found[open_] = side
+        points, open_ = points[side < 0], open_[side < 0]
+        if not len(open_):
+            break
+        squared, _, closest = field.tree.squared_distance(field.vertices, field.faces, points)
+        distance = np.sqrt(squared)
+    return found == 1  # what stays undecided lies in a narrow gap or a thin part: outside
+
+
+def _lattice(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N, 3) indices of a grid of so many cells along each axis, the last one fastest."""
+    return np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 3)

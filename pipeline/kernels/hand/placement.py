@@ -1,0 +1,39 @@
+"""Where a hand stands: its palm tangent to the object at a random point (supplement 1.3)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.hand.model import Hand
+
+
+def tangent_pose(
+    hand: Hand, point: NDArray[np.float64], normal: NDArray[np.float64], distance: float, angle: float
+) -> NDArray[np.float64]:
+    """(4, 4) root frame of a hand whose palm faces a surface point.
+
+    Parameters
+    ----------
+    point, normal
+        (3,) of the surface, the normal outward and of any length.
+    distance
+        From the point to the palm's centre along the normal, m.
+    angle
+        Of the hand about the normal, rad; 0 is an arbitrary direction that depends on the normal alone.
+    """
+    return _frame(normal, angle, point + distance * normal / np.linalg.norm(normal)) @ np.linalg.inv(
+        _frame(-hand.palm_facing, 0.0, hand.palm_centre)
+    )
+
+
+def _frame(z: NDArray[np.float64], angle: float, origin: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A right-handed frame with the given third axis, turned about it by `angle`."""
+    z = z / np.linalg.norm(z)
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    frame = np.eye(4)
+    frame[:3, :3] = np.column_stack([np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x, z])
+    frame[:3, 3] = origin
+    return frame

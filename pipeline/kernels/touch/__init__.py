@@ -1,0 +1,1 @@
+"""Simulated touch: sensors, depth by ray and sphere tracing, readings, contact."""

@@ -1,0 +1,48 @@
+"""When a sensor touches, and the surface points it then has in its gel."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, place
+
+CONTACT = 1e-4
+"""m: how far the surface must stand in the gel to count as a touch; less is within what physics leaves open."""
+
+
+def touch_success(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
+    """Whether 0 < min D < w - 0.1 mm, for depths (..., rows, cols) in m: (...) bool.
+
+    Depth is judged as it is stored, in float32, so that the mask can be had again from the stored arrays.
+    """
+    nearest = depth.min(axis=(-2, -1)).astype(np.float32).astype(np.float64)
+    return np.asarray((nearest > 0) & (nearest < sensor.w - CONTACT))
+
+
+def local_points(depth: np.ndarray, pose: np.ndarray, sensor: Sensor) -> tuple[NDArray[np.float32], np.int32]:
+    """The points of a depth map that lie in the gel, S^loc: those with D < w (supplement 1.5).
+
+    A function of the stored arrays alone, to the last bit: whoever has depth and pose has the points.
+
+    Parameters
+    ----------
+    depth
+        (rows, cols) float32 D as stored, m.
+    pose
+        (4, 4) float64, sensor frame to world frame.
+    sensor
+        Gives the pixels' places and w.
+
+    Returns
+    -------
+    (rows · cols, 3) float32 world points, m, in row-major order of the pixels, zeros beyond the count; and the count,
+    int32.
+    """
+    if depth.dtype != np.float32 or depth.shape != sensor.shape:
+        raise ValueError(f"depth is {depth.dtype} {depth.shape}; local points come from the stored one, float32 {sensor.shape}")
+    row, col = np.nonzero(depth.astype(np.float64) < sensor.w)
+    x, y = pixel_centres(sensor)
+    points = np.zeros((sensor.rows * sensor.cols, 3), np.float32)
+    points[: len(row)] = place(check_pose(pose), x[col], y[row], depth[row, col].astype(np.float64))
+    return points, np.int32(len(row))

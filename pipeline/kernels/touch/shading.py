@@ -1,0 +1,80 @@
+"""What the camera under the gel sees: three lamps on the impression, equations 1 to 5."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.touch.sensor import Sensor
+
+WHITE = 255
+"""The uint8 value of intensity 1."""
+
+
+def impression(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
+    """D' = ReLU(w - D), how deep the surface presses into the gel: (rows, cols) float64, m (equation 1)."""
+    if depth.shape != sensor.shape:
+        raise ValueError(f"depth has shape {depth.shape}; sensor {sensor.name!r} has {sensor.shape} (rows, cols)")
+    if np.isnan(depth).any():
+        raise ValueError("depth holds NaN; where nothing is met it must be +inf")
+    return np.maximum(sensor.w - depth.astype(np.float64), 0.0)
+
+
+def reading(depth: np.ndarray, sensor: Sensor) -> NDArray[np.uint8]:
+    """The tactile image R of a depth map (equations 1 to 5).
+
+    Parameters
+    ----------
+    depth
+        (rows, cols) D in m from the sensor plane, float32 or float64, +inf where nothing is met.
+    sensor
+        Gives width, w, lamps and lambda.
+
+    Returns
+    -------
+    (rows, cols, 3) uint8, red, green, blue: intensity 0..1, clipped, times 255, rounded to the nearest.
+
+    Notes
+    -----
+    All lengths are sensor widths: x = (col + ½)/cols, y = (row + ½)/rows, z = D'/width. Derivatives are central
+    differences, one-sided at the rim.
+    """
+    pressed = impression(depth, sensor)
+    if not pressed.any():
+        return untouched(sensor).copy()
+    return _shade(pressed / sensor.width, sensor)
+
+
+@lru_cache(maxsize=8)
+def untouched(sensor: Sensor) -> NDArray[np.uint8]:
+    """(rows, cols, 3) uint8: the reading of a sensor that nothing touches; read-only."""
+    image = _shade(np.zeros(sensor.shape), sensor)
+    image.setflags(write=False)
+    return image
+
+
+def _shade(z: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:
+    """Equations 2 to 5 on a height map z (rows, cols) in sensor widths."""
+    slope_x = _slope(z.T, sensor.cols).T
+    slope_y = _slope(z, sensor.rows)
+    steepness = slope_x * slope_x + slope_y * slope_y + 1.0  # |n|²
+    x = (np.arange(sensor.cols) + 0.5) / sensor.cols
+    y = ((np.arange(sensor.rows) + 0.5) / sensor.rows)[:, None]
+    image = np.empty((*sensor.shape, 3), np.uint8)
+    for channel, (lamp_x, lamp_y, lamp_z) in enumerate((sensor.lights.red, sensor.lights.green, sensor.lights.blue)):
+        to_x, to_y, to_z = lamp_x - x, lamp_y - y, lamp_z - z
+        dot = to_z - slope_x * to_x - slope_y * to_y  # n · (P - S)
+        dot *= sensor.diffuse / np.sqrt(steepness * (to_x * to_x + to_y * to_y + to_z * to_z))
+        image[..., channel] = np.rint(np.clip(dot, 0.0, 1.0) * WHITE)
+    return image
+
+
+def _slope(z: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Dz along the first axis, whose `count` samples span length 1."""
+    slope = np.empty_like(z)
+    slope[1:-1] = (z[2:] - z[:-2]) * (count / 2)
+    slope[0] = (z[1] - z[0]) * count
+    slope[-1] = (z[-1] - z[-2]) * count
+    return slope

@@ -1,0 +1,121 @@
+"""Orthographic depth by sphere tracing on the unsigned distance, the supplement's way (1.5)."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.touch.prism import FaceBlocks, faces_seen
+from pipeline.kernels.touch.rays import START, grid_depth
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+
+TOLERANCE = 1e-7
+"""m: how short of the surface a ray may stop. A tenth of the micrometre that is promised, for a fifth more time."""
+MAX_STEPS = 100
+"""What is still under way then (0.4 % of the rays on twenty real meshes, 7 % of the worst sensor) runs along walls."""
+
+
+def sphere_depth(
+    blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor, tolerance: float = TOLERANCE, max_steps: int = MAX_STEPS
+) -> NDArray[np.float64]:
+    """Depth D of the first surface along +z of every pixel by sphere tracing; the contract is that of `ray_depth`.
+
+    Parameters
+    ----------
+    blocks
+        The object, from `face_blocks`, world frame, m.
+    pose
+        (4, 4) float64, sensor frame to world frame.
+    sensor
+        Gives the grid of rays and their range.
+    tolerance
+        m, > 0: a ray ends at most this far before the surface, measured along the ray.
+    max_steps
+        Steps after which a ray counts as unsettled.
+
+    Returns
+    -------
+    (rows, cols) float64, m from the sensor plane, +inf where nothing is met within the sensor's range.
+
+    Notes
+    -----
+    The distance is that to the faces the sensor can see: never less than that to the mesh, and never more than what a
+    ray has before it. No ray is given up on its step count: those that `march` leaves unsettled (along walls, past
+    silhouettes) are intersected exactly.
+    """
+    local = faces_seen(blocks, pose, sensor)
+    depth, settled = march(local, sensor, tolerance, max_steps)
+    return depth if settled.all() else np.where(settled, depth, grid_depth(local, sensor))
+
+
+def march(local: NDArray[np.float64], sensor: Sensor, tolerance: float, max_steps: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Sphere tracing alone, without the exact end.
+
+    Parameters
+    ----------
+    local
+        (3 axes, 3 corners, N) faces in the sensor's frame, m, from `faces_seen`.
+    sensor, tolerance, max_steps
+        As in `sphere_depth`.
+
+    Returns
+    -------
+    (rows, cols) float64 depth, m, +inf for a miss, and (rows, cols) bool, True where it is certain. A hit is certain
+    when the face that a ray stops at lies across the ray, at most `tolerance` ahead; a miss when the ray has passed
+    every face or the range.
+    """
+    if not tolerance > 0 or max_steps < 1:
+        raise ValueError(f"sphere tracing needs tolerance > 0 and max_steps >= 1, not {tolerance} and {max_steps}")
+    depth = np.full(sensor.rows * sensor.cols, np.inf)
+    settled = np.ones(len(depth), bool)
+    if local.shape[2] == 0:
+        return depth.reshape(sensor.shape), settled.reshape(sensor.shape)
+    x, y = pixel_centres(sensor)
+    points = np.stack([np.tile(x, sensor.rows), np.repeat(y, sensor.cols), np.zeros(len(depth))], axis=1)
+    points[:, 2] = max(local[2].min() - tolerance, 0.0)  # no face is nearer to the plane
+    end = min(local[2].max() + START, sensor.range)
+    corners = np.ascontiguousarray(local.transpose(2, 1, 0))  # (N, corner, xyz)
+    soup, faces = corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3)
+    tree = igl.AABB()
+    tree.init(soup, faces)
+    cosine = _cosines(corners)
+    active = np.arange(len(depth))
+    for _ in range(max_steps):
+        squared, nearest, _ = tree.squared_distance(soup, faces, points[active])
+        distance = np.sqrt(squared)
+        arrived = distance <= tolerance * cosine[nearest]
+        stop = active[arrived]
+        gap = _gap(corners[nearest[arrived]], points[stop])
+        height = points[stop, 2]
+        across = (gap >= -START) & (gap <= 2 * tolerance)  # twice: rounding may not undo `arrived`
+        across &= height + gap <= sensor.range
+        depth[stop[across]] = height[across]
+        settled[stop[~across]] = False
+        active, distance = active[~arrived], distance[~arrived]
+        points[active, 2] += distance
+        active = active[points[active, 2] <= end]
+        if not len(active):
+            break
+    settled[active] = False
+    return depth.reshape(sensor.shape), settled.reshape(sensor.shape)
+
+
+def _cosines(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) |cos| of the angle between each face's normal and the rays; 0 for a face without area."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    cosine: NDArray[np.float64] = np.divide(normal[:, 2], length, out=np.zeros_like(length), where=length > 0)
+    return np.abs(cosine)
+
+
+def _gap(corners: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) m along +z from each point to its face (n, 3, 3); NaN where the ray does not pass through the face."""
+    edge = corners - points[:, None]  # the point as the origin
+    x, y = edge[:, :, 0], edge[:, :, 1]
+    weight = np.roll(x, -1, 1) * np.roll(y, -2, 1) - np.roll(x, -2, 1) * np.roll(y, -1, 1)  # (n, 3)
+    area = weight.sum(axis=1)
+    through = ((weight >= 0).all(axis=1) | (weight <= 0).all(axis=1)) & (area != 0)
+    height = (weight * edge[:, :, 2]).sum(axis=1)
+    gap: NDArray[np.float64] = np.divide(height, area, out=np.full_like(area, np.nan), where=through)
+    return gap

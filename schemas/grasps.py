@@ -1,0 +1,48 @@
+"""What `simulate-grasps` writes: where the hand and its sensors stand in the best grasps of every object, and how the others fared."""
+
+from schemas.base import Array, Artifact
+
+GRASPS = Artifact(
+    name="grasps",
+    version=1,
+    summary="The best grasps of every object: poses of hand and sensors as simulated, and which sensors touch.",
+    arrays={
+        "hand_pose": Array(
+            dims=("object", "grasp", "pose_row", "pose_column"),
+            dtype="float64",
+            units="m",
+            description="The hand's root link (its URDF frame) in the world, best grasp first.",
+        ),
+        "joint_angles": Array(
+            dims=("object", "grasp", "joint"), dtype="float64", units="rad", description="Joint angles as simulated, finger by finger."
+        ),
+        "sensor_pose": Array(
+            dims=("object", "grasp", "sensor", "pose_row", "pose_column"),
+            dtype="float64",
+            units="m",
+            description="P: the sensor's frame in the world; origin at the centre of the gel's base, +z its outward normal, "
+            "+x along image columns, +y along image rows.",
+        ),
+        "touch_success": Array(
+            dims=("object", "grasp", "sensor"),
+            dtype="bool",
+            units="1",
+            description="M: whether the sensor touches, 0 < min D < w - 0.1 mm.",
+        ),
+        "penetration": Array(
+            dims=("object", "grasp"),
+            dtype="float32",
+            units="m",
+            description="Depth of the deepest rigid point inside the object, or of the object inside a rigid link; the gel is soft.",
+        ),
+        "attempts": Array(
+            dims=("object",), dtype="int32", units="1", description="Placements of the hand tried, before the best were chosen."
+        ),
+        "attempt_success": Array(
+            dims=("object", "sensor"),
+            dtype="float32",
+            units="1",
+            description="Share of all attempts in which the sensor touched, before the best were chosen.",
+        ),
+    },
+)

@@ -1,0 +1,89 @@
+"""Supplement 1.3: the hand is set on the object at random, its fingers close, contact settles; the best grasps are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.kernels.hand.model import load_hand
+from pipeline.kernels.touch.sensor import sensor_path
+from pipeline.stage import Cost, ObjectError, Row, Task
+from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+from stages.simulate_grasps.attempt import Grasp, attempt, keep_best
+from stages.simulate_grasps.physics import Simulation, simulation
+from stages.simulate_grasps.rig import Rig, make_rig, make_scene
+from stages.simulate_grasps.settings import GraspSettings
+
+SECOND_CHANCES = 4
+"""Times `attempts` after which an object that has not yielded enough sound grasps is given up."""
+
+
+class SimulateGrasps:
+    """From an object's surface to where the hand and its sensors stand on it."""
+
+    name = "simulate-grasps"
+    summary = "The best grasps of many, settled in physics, and where each touches."
+    output = GRASPS
+    inputs = (SURFACES,)
+    settings_type = GraspSettings
+
+    def assets(self, settings: GraspSettings) -> list[Path]:
+        """The hand file with all it names, and the sensor's description."""
+        hand = load_hand(settings.hand)
+        return [*hand.files, sensor_path(hand.sensor)]
+
+    def constants(self, settings: GraspSettings) -> Row:
+        """Every array here belongs to an object."""
+        return {}
+
+    def attributes(self, settings: GraspSettings) -> dict[str, Any]:
+        """Names for the `joint` and `sensor` dimensions."""
+        hand = load_hand(settings.hand)
+        return {"hand": {"name": hand.name, "joints": list(hand.joint_names), "sensors": [finger.name for finger in hand.fingers]}}
+
+    def cost(self, settings: GraspSettings) -> Cost:
+        """Mostly attempts, of about 0.1 s each."""
+        return Cost(seconds=0.5 + 0.1 * settings.attempts, kilobytes=settings.grasps)
+
+    @contextmanager
+    def session(self, settings: GraspSettings) -> Iterator[Callable[[Task], Row]]:
+        """Prepare the hand and open a physics client, for all objects of a worker."""
+        rig = make_rig(settings)
+        with simulation(rig.hand) as physics:
+            yield lambda task: _grasp(rig, physics, settings, task)
+
+
+def _grasp(rig: Rig, physics: Simulation, settings: GraspSettings, task: Task) -> Row:
+    surface, mesh = task.inputs["surfaces"], task.mesh()
+    scene = make_scene(mesh, surface["points"], surface["normals"], settings.grid_cell)
+    physics.load(mesh)
+    kept: list[Grasp] = []
+    touched = []
+    for number in range(SECOND_CHANCES * settings.attempts):
+        if number >= settings.attempts and len(kept) == settings.grasps:
+            break
+        if not settings.exhaustive and len(kept) == settings.grasps and all(grasp.touched.all() for grasp in kept):
+            break
+        grasp = attempt(rig, scene, physics, settings, task.rng("simulate-grasps", number))
+        touched.append(grasp.touched if grasp else np.zeros(len(rig.hand.fingers), bool))
+        kept = keep_best(kept, grasp, settings.grasps)
+    if len(kept) < settings.grasps:
+        raise ObjectError(
+            f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: the hand has no room around the object "
+            f"({', '.join(f'{extent:.3g}' for extent in np.ptp(mesh.vertices, axis=0))} m); scale it to between one and five hands, "
+            f"or raise simulate-grasps.attempts"
+        )
+    return {
+        "hand_pose": np.stack([grasp.hand_pose for grasp in kept]),
+        "joint_angles": np.stack([grasp.joint_angles for grasp in kept]),
+        "sensor_pose": np.stack([grasp.sensor_pose for grasp in kept]),
+        "touch_success": np.stack([grasp.touched for grasp in kept]),
+        "penetration": np.array([grasp.penetration for grasp in kept], np.float32),
+        "attempts": np.array(len(touched), np.int32),
+        "attempt_success": np.mean(touched, axis=0).astype(np.float32),
+    }

@@ -1,0 +1,28 @@
+"""The knobs of `simulate-touch`."""
+
+from typing import Literal
+
+from pipeline.kernels.touch.spheres import MAX_STEPS, TOLERANCE
+from pipeline.settings import Settings, knob
+
+
+class TouchSettings(Settings):
+    """How touches become depth maps and readings (supplement 1.5)."""
+
+    sensor: str = knob("gel_16mm", "the supplement's sensor; another is another file, by name or by path ending in .yaml")
+    tracer: Literal["ray", "sphere"] = knob(
+        "ray",
+        "exact, and tens of times faster than the supplement's `sphere`, which stops `sphere_tolerance` too soon",
+    )
+    sphere_tolerance: float = knob(
+        TOLERANCE,
+        "m before the surface at which a sphere-traced ray stops: its error; 1 µm would save a fifth of the time",
+        gt=0,
+        le=1e-3,
+    )
+    sphere_steps: int = knob(
+        MAX_STEPS,
+        "steps after which a sphere-traced ray is intersected exactly; more steps cost time and gain nothing",
+        ge=1,
+    )
+    store_points: bool = knob(False, "depth and pose give the points again, bit for bit, and they are two thirds of the bytes")

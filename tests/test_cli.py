@@ -1,0 +1,66 @@
+"""The command line: what it lists, and how it fails."""
+
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from stages.registry import STAGES, load_stage
+
+RUN = ["run", "sample-surfaces"]
+
+
+def invoke(*arguments: str) -> tuple[int, str]:
+    result = CliRunner().invoke(app, [*arguments])
+    return result.exit_code, " ".join(result.output.split())
+
+
+def test_stages_lists_every_knob_with_its_reason():
+    code, output = invoke("stages")
+    assert code == 0
+    for name in STAGES:
+        assert name in output
+        for knob, info in load_stage(name).settings_type.model_fields.items():
+            assert knob in output
+            assert info.description
+
+
+def test_doctor_finds_everything_here():
+    code, output = invoke("doctor")
+    assert code == 0, output
+    assert "headless rendering" in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "fly"], "there is no stage fly; there are sample-surfaces"),
+        ([*RUN, "--manifest", "moon"], "there is no manifest moon; built in are"),
+        ([*RUN, "--preset", "best"], "there is no preset best; there are draft, standard, paper"),
+        ([*RUN, "--set", "points=many"], "points: Input should be a valid integer"),
+        ([*RUN, "--set", "pionts=5"], "Extra inputs are not permitted. Its knobs are points"),
+        ([*RUN, "--set", "points"], "write STAGE.KNOB=VALUE"),
+        ([*RUN, "--set", "fly.points=5"], "there is no stage fly"),
+        ([*RUN, "--shards", "2", "--shard", "2"], "shards are numbered 0 to 1"),
+        ([*RUN, "--object", "nobody"], "has no object nobody"),
+        (["run", "simulate-touch", "--data", "/nonexistent"], "run the stage that makes"),
+        (["status", "/nonexistent"], "is no data directory"),
+        (["validate", "/nonexistent"], "holds no shards; looked for NAME/NNNN.zarr"),
+    ],
+)
+def test_an_error_names_the_thing_and_the_way_out(arguments, message):
+    code, output = invoke(*arguments)
+    assert code == 1
+    assert message in output
+
+
+def test_a_dry_run_says_what_and_does_nothing(tmp_path):
+    code, output = invoke(*RUN, "--data", str(tmp_path / "data"), "--dry-run")
+    assert code == 0
+    assert "would make 25 of 25 objects, about" in output
+    assert not (tmp_path / "data").exists()
+
+
+def test_one_object_alone(tmp_path):
+    assert invoke(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100")[0] == 0
+    assert "would make 24 of 25" in invoke(*RUN, "--data", str(tmp_path), "--dry-run", "--set", "points=100")[1]
+    assert not (tmp_path / "surfaces").exists()

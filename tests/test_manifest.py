@@ -1,0 +1,163 @@
+"""Manifests: what is listed, how it is split, and what is refused with which words."""
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pipeline.manifest import Manifest, ManifestError, built_in, load_manifest, shard_of
+from pipeline.sources import checksum, fingerprint
+
+CUBE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+
+
+def manifest(*sources: dict, splits: dict | None = None) -> Manifest:
+    splits = splits or {"train": 0.5, "valid": 0.25, "test": 0.25}
+    return Manifest.model_validate({"name": "m", "description": "d", "seed": 0, "splits": splits, "sources": sources})
+
+
+def folder(kind: str, path: Path | None = None, **more: object) -> dict:
+    return {"kind": kind, "licence": "x", "up": "y", "path": path, **more}
+
+
+def warehouse(root: Path, **counts: int) -> Path:
+    synsets = load_manifest("warehouse").sources[0].synsets
+    for category, count in counts.items():
+        for number in range(count):
+            model = root / synsets[category] / f"{number:032x}"
+            nested = number % 2 == 0  # both layouts of the two versions of ShapeNetCore
+            file = model / "models" / "model_normalized.obj" if nested else model / "model.obj"
+            file.parent.mkdir(parents=True)
+            file.write_text(CUBE)
+    return root
+
+
+def test_every_built_in_manifest_loads():
+    assert built_in() == ["directory", "procedural", "pybullet-objects", "toy", "warehouse"]
+    for name in built_in():
+        assert load_manifest(name).name == name
+
+
+def test_toy_needs_nothing_and_has_every_split():
+    objects = load_manifest("toy").objects()
+    assert [item.object_id for item in objects] == sorted(item.object_id for item in objects)
+    assert Counter(item.category for item in objects) == dict.fromkeys(["bottle", "cellphone", "knife", "rifle", "object"], 5)
+    assert Counter(item.split for item in objects) == {"train": 15, "valid": 5, "test": 5}
+    for category in ("bottle", "cellphone", "knife", "rifle"):
+        assert {item.split for item in objects if item.category == category} == {"train", "valid", "test"}
+
+
+def test_pybullet_objects_are_the_thousand_and_four():
+    objects = load_manifest("pybullet-objects").objects()
+    assert len(objects) == 1004
+    assert {"duck", "mug", "teddy", "bunny", "random-000", "random-999"} <= {item.object_id for item in objects}
+
+
+def test_the_warehouse_layout_is_read_and_counted(tmp_path):
+    root = warehouse(tmp_path, bottle=4, knife=2, cellphone=2, rifle=2)
+    loaded = load_manifest("warehouse").model_dump()
+    loaded["sources"][0]["counts"] = {"bottle": 4, "knife": 2, "cellphone": 2, "rifle": 2}
+    loaded["splits"] = {"train": 6, "valid": 2, "test": 2}
+    objects = Manifest.model_validate(loaded).objects(root)
+    assert Counter(item.category for item in objects) == {"bottle": 4, "knife": 2, "cellphone": 2, "rifle": 2}
+    assert Counter(item.split for item in objects) == {"train": 6, "valid": 2, "test": 2}
+    assert objects[0].object_id == f"bottle-{0:032x}"
+    assert objects[0].source["up"] == "y"
+
+
+def test_the_supplements_counts_are_kept(tmp_path):
+    root = warehouse(tmp_path, bottle=1, knife=1, cellphone=1, rifle=1)
+    with pytest.raises(ManifestError, match="holds 1 models of bottle, the manifest counts 487; complete or prune"):
+        load_manifest("warehouse").objects(root)
+
+
+def test_a_missing_class_names_where_it_was_looked_for(tmp_path):
+    with pytest.raises(ManifestError, match=r"no models of bottle in .*02876657; looked for MODEL/models/model_normalized.obj"):
+        load_manifest("warehouse").objects(tmp_path)
+
+
+def test_splits_that_count_must_count_right(tmp_path):
+    (tmp_path / "a.obj").write_text(CUBE)
+    with pytest.raises(ManifestError, match=r"1298 \+ 258 \+ 175 = 1731 objects, 1 were found"):
+        manifest(folder("directory", tmp_path), splits={"train": 1298, "valid": 258, "test": 175}).objects()
+
+
+def test_a_folder_gives_ids_and_categories(tmp_path):
+    for name in ("cups/a b.obj", "cups/c.obj", "cups/c.stl", "bare.PLY", ".hidden/x.obj", "cups/notes.txt"):
+        file = tmp_path / name
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(CUBE)
+    objects = manifest(folder("directory")).objects(tmp_path)
+    assert {item.object_id: item.category for item in objects} == {
+        "bare": "object",
+        "cups-a_b": "cups",
+        "cups-c-obj": "cups",
+        "cups-c-stl": "cups",
+    }
+
+
+def test_no_folder_and_an_empty_one_are_errors_with_a_way_out(tmp_path):
+    with pytest.raises(ManifestError, match="give a folder of meshes with --objects DIR"):
+        load_manifest("directory").objects()
+    with pytest.raises(ManifestError, match="no mesh files below"):
+        load_manifest("directory").objects(tmp_path)
+
+
+def test_a_checksum_that_differs_is_an_error(tmp_path):
+    (tmp_path / "a.obj").write_text(CUBE)
+    right = checksum(manifest(folder("directory", tmp_path)).sources[0].find(None))
+    assert len(manifest(folder("directory", tmp_path, sha256=right)).objects()) == 1
+    (tmp_path / "a.obj").write_text(CUBE + "# changed\n")
+    with pytest.raises(ManifestError, match=r"have checksum .* the manifest says"):
+        manifest(folder("directory", tmp_path, sha256=right)).objects()
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"colour": "red"}, "colour"),
+        ({"splits": {"train": 0.5, "valid": 0.1, "test": 0.1}}, "sum to 0.7"),
+        ({"seed": -1}, "seed"),
+        ({"sources": []}, "sources"),
+        ({"sources": [{"kind": "cloud", "licence": "x"}]}, "cloud"),
+        ({"sources": [{"kind": "directory", "up": "z"}]}, "licence"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_named(tmp_path, change, reason):
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(load_manifest("directory").model_dump(mode="json") | change))
+    with pytest.raises(ManifestError, match=reason):
+        load_manifest(str(path))
+
+
+def test_an_unknown_manifest_lists_the_known():
+    with pytest.raises(ManifestError, match="built in are directory, procedural, pybullet-objects, toy, warehouse"):
+        load_manifest("moon")
+
+
+def test_two_objects_of_one_name_are_an_error(tmp_path):
+    (tmp_path / "a.obj").write_text(CUBE)
+    with pytest.raises(ManifestError, match="two objects are called a"):
+        manifest(folder("directory", tmp_path), folder("directory", tmp_path)).objects()
+
+
+@pytest.mark.parametrize("shards", [1, 2, 7, 25, 40])
+def test_shards_are_consecutive_and_even(shards):
+    objects = load_manifest("toy").objects()
+    parts = [shard_of(objects, number, shards) for number in range(shards)]
+    assert [item for part in parts for item in part] == objects
+    assert max(map(len, parts)) - min(map(len, parts)) <= 1
+
+
+def test_an_object_is_what_its_files_hold_wherever_they_lie(tmp_path):
+    prints = []
+    for name in ("here", "there"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "a.obj").write_text(f"mtllib a.mtl\n{CUBE}")
+        (tmp_path / name / "a.mtl").write_text("newmtl x\nmap_Kd a.png\n")
+        (tmp_path / name / "a.png").write_bytes(b"picture")
+        prints.append(fingerprint(manifest(folder("directory", tmp_path / name)).objects()[0].source))
+    assert prints[0] == prints[1]
+    (tmp_path / "there" / "a.png").write_bytes(b"another")
+    assert fingerprint(manifest(folder("directory", tmp_path / "there")).objects()[0].source) != prints[0]

@@ -1,0 +1,184 @@
+"""A toy shard through every stage there is, by the command line: made, skipped, killed, split, changed."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+import yaml
+
+from pipeline.reader import GraspDataset
+from pipeline.store.shard import StoreError
+from stages.registry import STAGES
+
+ROOT = Path(__file__).parents[1]
+KNOBS = ["sample-surfaces.points=2000", "simulate-grasps.attempts=6", "simulate-grasps.ik_samples=512"]
+
+
+@pytest.fixture(scope="module")
+def manifest(tmp_path_factory) -> Path:
+    """Four objects: two modelled, two from files."""
+    path = tmp_path_factory.mktemp("manifest") / "four.yaml"
+    sources = [
+        {"kind": "procedural", "licence": "MIT", "seed": 0, "count": {"bottle": 1, "knife": 1}},
+        {"kind": "pybullet", "licence": "zlib", "up": "z", "files": {"duck": {"file": "duck.obj", "up": "y"}}, "random_urdfs": 1},
+    ]
+    splits = {"train": 0.5, "valid": 0.25, "test": 0.25}
+    path.write_text(yaml.safe_dump({"name": "four", "description": "d", "seed": 0, "splits": splits, "sources": sources}))
+    return path
+
+
+def command(stage: str, manifest: Path, data: Path, *more: str) -> list[str]:
+    sets = [part for knob in KNOBS for part in ("--set", knob)]
+    return [sys.executable, "-m", "pipeline", "run", stage, "--manifest", str(manifest), "--data", str(data), *sets, *more]
+
+
+def vt(*arguments: str, code: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(arguments, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(code)}, cwd=code, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
+
+
+def digests(data: Path) -> dict[str, str]:
+    report = json.loads(vt(sys.executable, "-m", "pipeline", "status", str(data), "--json").stdout)
+    assert all(account["failures"] == {} for account in report.values()), report
+    return {name: account["digest"] for name, account in report.items()}
+
+
+@pytest.fixture(scope="module")
+def made(manifest, tmp_path_factory) -> Path:
+    data = tmp_path_factory.mktemp("data")
+    for stage in STAGES:
+        vt(*command(stage, manifest, data, "--workers", "2"))
+    return data
+
+
+def test_every_artifact_is_there_and_valid(made):
+    assert set(digests(made)) == {"surfaces", "grasps", "vision", "touch"}
+    assert vt(sys.executable, "-m", "pipeline", "validate", str(made)).stdout.count("valid") == 4
+
+
+def test_again_nothing_is_done_and_no_file_changes(manifest, made):
+    before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
+    for stage in STAGES:
+        assert "up to date, 4 objects" in vt(*command(stage, manifest, made)).stdout
+    assert {path: path.stat().st_mtime_ns for path in made.rglob("*")} == before
+
+
+def test_killed_in_every_stage_and_run_again_the_digests_are_equal(manifest, made, tmp_path):
+    for stage in STAGES:
+        kill_midway(command(stage, manifest, tmp_path, "--workers", "1"), tmp_path)
+        again = vt(*command(stage, manifest, tmp_path, "--workers", "1")).stdout
+        assert "made 4 objects" not in again  # at least one piece was kept
+    assert digests(tmp_path) == digests(made)
+
+
+def kill_midway(run: list[str], data: Path) -> None:
+    """Kill a run, and nothing else, as soon as it has finished an object; its workers must end by themselves."""
+    process = subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    try:
+        while not [*data.glob(".work/*/pieces/*/*.npz")]:
+            assert process.poll() is None, "the run ended before it could be killed"
+            time.sleep(0.002)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    deadline = time.monotonic() + 20
+    while group_lives(process.pid):
+        assert time.monotonic() < deadline, "a worker outlives the run that was killed"
+        time.sleep(0.05)
+
+
+def group_lives(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_shards_change_no_digest(manifest, made, tmp_path):
+    for stage in STAGES:
+        for number in (1, 0):
+            vt(*command(stage, manifest, tmp_path, "--shards", "2", "--shard", str(number), "--workers", "1"))
+    assert digests(tmp_path) == digests(made)
+
+
+@pytest.mark.parametrize(
+    ("kernel", "rebuilt"),
+    [
+        ("touch/shading.py", {"simulate-touch"}),
+        ("vision/camera.py", {"render-vision"}),
+        ("geometry/exterior.py", {"sample-surfaces"}),
+    ],
+)
+def test_a_changed_line_in_a_kernel_rebuilds_what_stands_on_it_and_nothing_else(manifest, made, tmp_path, kernel, rebuilt):
+    for package in ("pipeline", "stages", "schemas", "data_manifests"):
+        shutil.copytree(ROOT / package, tmp_path / package)
+    source = tmp_path / "pipeline" / "kernels" / kernel
+    source.write_text(source.read_text() + "\n# a comment changes nothing\n")
+    assert stages_to_do(manifest, made, tmp_path) == set()
+    source.write_text(source.read_text() + "\nCHANGED = True\n")
+    assert stages_to_do(manifest, made, tmp_path) == rebuilt
+
+
+def stages_to_do(manifest: Path, data: Path, code: Path) -> set[str]:
+    return {stage for stage in STAGES if "would make" in vt(*command(stage, manifest, data, "--dry-run"), code=code).stdout}
+
+
+def test_grasps_are_read_as_tensors(made):
+    arrays = ("points", "occluded", "reading", "depth", "sensor_pose", "touch_success", "local_points", "local_count", "untouched")
+    train = GraspDataset(made, arrays)
+    assert len(train) == 2 * 5
+    item = train[3]
+    assert (item["object_id"], item["grasp"]) == (train.items[3][0], 3)
+    assert item["points"].shape == (2000, 3)
+    assert item["occluded"].shape == (256, 256, 3)
+    assert item["reading"].shape == (4, 100, 100, 3)
+    depth, count = item["depth"].numpy(), item["local_count"].numpy()
+    np.testing.assert_array_equal(count, (depth < np.float32(6.8e-3)).sum(axis=(1, 2)))
+    everyone = {split: GraspDataset(made, ["points"], split).items for split in ("train", "valid", "test")}
+    assert len({name for items in everyone.values() for name, _ in items}) == 4
+
+
+def test_recomputed_points_are_the_stored_ones_to_the_bit(manifest, made, tmp_path):
+    shutil.copytree(made, tmp_path / "stored")
+    vt(*command("simulate-touch", manifest, tmp_path / "stored", "--set", "store_points=true"))
+    names = ("local_points", "local_count")
+    stored, recomputed = (GraspDataset(data, names, None) for data in (tmp_path / "stored", made))
+    for index in range(0, len(stored), 3):
+        for name in names:
+            np.testing.assert_array_equal(stored[index][name].numpy(), recomputed[index][name].numpy())
+
+
+def test_a_split_or_array_that_is_not_there_is_named(made, tmp_path):
+    with pytest.raises(StoreError, match="no artifact has an array taste"):
+        GraspDataset(made, ["taste"])
+    with pytest.raises(StoreError, match="has no usable objects in split train"):
+        GraspDataset(tmp_path, ["points"])
+
+
+def test_xarray_opens_the_same_store_with_labels(made):
+    grasps = xarray.open_zarr(made / "grasps" / "0000.zarr", consolidated=False)
+    assert grasps["sensor_pose"].dims == ("object", "grasp", "sensor", "pose_row", "pose_column")
+    assert grasps["sensor_pose"].attrs["units"] == "m"
+    assert grasps.attrs["complete"]
+
+
+def test_a_summary_draws_contact_sheets_once(made):
+    first = vt(sys.executable, "-m", "pipeline", "summary", str(made)).stdout
+    assert "% successful" in first
+    sheets = sorted(made.glob("contact-sheet*.png"))
+    assert sheets
+    before = [path.stat().st_mtime_ns for path in sheets]
+    vt(sys.executable, "-m", "pipeline", "summary", str(made))
+    assert [path.stat().st_mtime_ns for path in sheets] == before
