@@ -69,15 +69,18 @@ def main() -> None:
                 physics.load(mesh)
                 prepared.append(time.perf_counter() - start)
                 seconds += _grasp(rig, scene, physics, settings, mesh, tally, (options.seed, category, variant))
-    print(f"object prepared in {np.mean(prepared):.2f} s; an attempt {1e3 * np.mean(seconds):.0f} ms, 95 % within "
-          f"{1e3 * np.percentile(seconds, 95):.0f} ms")
+    print(
+        f"object prepared in {np.mean(prepared):.2f} s; an attempt {1e3 * np.mean(seconds):.0f} ms, 95 % within "
+        f"{1e3 * np.percentile(seconds, 95):.0f} ms"
+    )
     _print(rig, tallies)
 
 
 def _grasp(
     rig: Rig, scene: Scene, physics: Simulation, settings: GraspSettings, mesh: Mesh, tally: Tally, identity: tuple[int, str, int]
 ) -> list[float]:
-    seconds, kept = [], []
+    seconds: list[float] = []
+    kept: list[Grasp] = []
     changed: dict[int, NDArray[np.bool_]] = {}
     for number in range(settings.attempts):
         start = time.perf_counter()
@@ -138,8 +141,10 @@ def _print(rig: Rig, tallies: dict[str, Tally]) -> None:
         print(f"{label + ' with 0 … touches, %':36}" + "".join(f"{100 * part:8.1f}" for part in histogram))
     depths = 1e3 * np.array([depth for tally in tallies.values() for depth in tally.depths])
     flips = np.array([flip for tally in tallies.values() for flip in tally.flips])
-    print(f"penetration, measured independently: ≤ 1 mm {100 * np.mean(depths <= 1):.1f} %, median {np.median(depths):.3f}, "
-          f"99 % {np.percentile(depths, 99):.3f}, worst {depths.max():.3f} mm")
+    print(
+        f"penetration, measured independently: ≤ 1 mm {100 * np.mean(depths <= 1):.1f} %, median {np.median(depths):.3f}, "
+        f"99 % {np.percentile(depths, 99):.3f}, worst {depths.max():.3f} mm"
+    )
     print(f"{MORE_STEPS} more steps change {100 * flips.mean():.2f} % of touches, {100 * flips.any(axis=1).mean():.2f} % of grasps")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -20,8 +21,13 @@ from pipeline.store.shard import Shard, StoreError
 from stages.registry import STAGES, load_stage
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_show_locals=False, help=__doc__)
-console = Console(highlight=False, soft_wrap=True)
-errors = Console(stderr=True, highlight=False, soft_wrap=True)
+WIDE = 160
+"""Columns where no terminal says how many it has: a table in a log is not squeezed."""
+
+console, errors = (
+    Console(stderr=stderr, highlight=False, soft_wrap=True, width=None if stream.isatty() else WIDE)
+    for stderr, stream in ((False, sys.stdout), (True, sys.stderr))
+)
 
 
 def fail(message: object) -> NoReturn:
@@ -172,13 +178,18 @@ def doctor() -> None:
 
 
 @app.command()
-def summary(data: Annotated[Path, typer.Argument(help="Data directory.")]) -> None:
+def summary(
+    data: Annotated[Path, typer.Argument(help="Data directory.")],
+    most: Annotated[int, typer.Option(min=1, help="Draw at most so many objects, spread evenly.")] = 40,
+) -> None:
     """Print a data set's statistics beside the supplement's, and draw its contact sheets."""
-    from pipeline.summary import contact_sheets, print_statistics
+    from pipeline import statistics
+    from pipeline.summary import contact_sheets
 
     try:
-        print_statistics(data, console)
-        for path in contact_sheets(data):
-            console.print(f"contact sheet  {path}")
+        console.print(f"[bold]{data.resolve()}[/]")
+        statistics.show(statistics.tally(data), console)
+        for path in contact_sheets(data, most):
+            console.print(f"contact sheet: {path}")
     except StoreError as error:
         fail(error)

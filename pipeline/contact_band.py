@@ -14,18 +14,18 @@ from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.hand.model import Hand, load_hand
 from pipeline.kernels.hand.visuals import visual_meshes
 from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.scene import load_scene
+from pipeline.kernels.vision.scene import Scene, load_scene
 from pipeline.kernels.vision.second_side import patch, second_side, squares_of
-from pipeline.kernels.vision.view import Label, Part
+from pipeline.kernels.vision.view import Label
 
 
 class BandMaker:
     """Makes bands for one hand in one scene; `band_maker` opens one."""
 
-    def __init__(self, renderer: RasterRenderer, hand: Hand, width: float, gel: float) -> None:
+    def __init__(self, renderer: RasterRenderer, scene: Scene, hand: Hand, width: float, gel: float) -> None:
         """Take the hand's shapes into the renderer; the sensors' square is `width` m wide and their gel `gel` m thick."""
-        self.renderer, self.hand, self.width, self.gel = renderer, hand, width, gel
-        self.shapes: list[tuple[int, Part]] = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in visual_meshes(hand)]
+        self.renderer, self.scene, self.hand, self.width, self.gel = renderer, scene, hand, width, gel
+        self.shapes = [(link, renderer.add(mesh, Label.HAND), mesh) for link, mesh in visual_meshes(hand)]
 
     def band(
         self,
@@ -49,17 +49,17 @@ class BandMaker:
             for depth, pose, color, good in zip(depths, sensor_pose, colors, touched, strict=True)
             if good
         ]
-        squares = squares_of(sensor_pose, self.width, self.gel)
         part = self.renderer.add(mesh, Label.OBJECT)
         try:
             held, felt = second_side(
                 self.renderer,
-                self.renderer.camera,
-                (part, np.eye(4)),
-                [(shape, frames[link]) for link, shape in self.shapes],
-                np.vstack([mesh.vertices, frames[:, :3, 3], squares.reshape(-1, 3)]),
+                self.scene,
+                len(unoccluded),
+                (part, mesh),
+                [(shape, surface, frames[link]) for link, shape, surface in self.shapes],
                 [surface for surface in made if surface is not None],
-                squares,
+                hand_pose[:3, :3] @ self.hand.palm_facing,
+                squares_of(sensor_pose, self.width, self.gel),
                 colors,
             )
         finally:
@@ -69,7 +69,8 @@ class BandMaker:
 
 
 @contextmanager
-def band_maker(scene: str, hand: str, width: float, gel: float, resolution: int = 256) -> Iterator[BandMaker]:
+def band_maker(scene: str, hand: str, width: float, gel: float) -> Iterator[BandMaker]:
     """A `BandMaker` for the scene and the hand of these names, for as long as the context lasts."""
-    with RasterRenderer(load_scene(scene), resolution) as renderer:
-        yield BandMaker(renderer, load_hand(hand), width, gel)
+    surroundings = load_scene(scene)
+    with RasterRenderer(surroundings) as renderer:
+        yield BandMaker(renderer, surroundings, load_hand(hand), width, gel)

@@ -139,18 +139,16 @@ def _band(page: Image.Image, pencil: ImageDraw.ImageDraw, top: int, band: Band, 
         page.paste(_scaled(band.readings[finger], TILE), (left, body))
         page.paste(_scaled(depth_colors(depth, gel, reach), TILE), (left, body + TILE + 3))
         pencil.rectangle([left - 1, body + TILE + 2, left + TILE, body + 2 * TILE + 3], outline=RULE)
-        pencil.text((left, body + 2 * TILE + 6), _verdict(touched, depth, gel), INK if touched else FAINT, _font(11))
+        pencil.text((left, body + 2 * TILE + 6), _verdict(touched, depth), INK if touched else FAINT, _font(11))
         left += TILE + GAP
 
 
-def _verdict(touched: bool, depth: NDArray[np.floating], gel: float) -> str:
+def _verdict(touched: bool, depth: NDArray[np.floating]) -> str:
     """How near the surface comes: the least depth, mm, and what that means."""
     least = float(depth.min())
     if not np.isfinite(least):
         return "nothing in range"
-    if touched:
-        return f"{(gel - least) * 1e3:.1f} mm in, D {least * 1e3:.1f}"
-    return f"no touch, D {least * 1e3:.1f} mm"
+    return f"min D {least * 1e3:.1f} mm" if touched else f"no touch · {least * 1e3:.1f} mm"
 
 
 def _legend(page: Image.Image, pencil: ImageDraw.ImageDraw, right: int, top: int, gel: float, reach: float) -> None:

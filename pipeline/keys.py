@@ -13,17 +13,18 @@ from typing import Any
 from pipeline.stage import Stage
 from pipeline.store import digest
 
-PART_OF_A_STAGE = ("stages", "schemas", "pipeline.kernels", "pipeline.stage")
-"""Packages whose sources decide results; processes, files and progress around them do not."""
+DECIDES_RESULTS = ("stages", "schemas", "pipeline.kernels", "pipeline.stage", "pipeline.contact_band", "pipeline.contact_sheet")
+"""What decides results, and pictures of them; processes, files and progress around it do not."""
 
 
 def code_hash(stage: Stage) -> str:
     """The hash of a stage's sources: its own module and, wherever it leads, what that imports of ours that decides results."""
-    return _hash_sources(type(stage).__module__)
+    return sources_hash(type(stage).__module__)
 
 
 @cache
-def _hash_sources(module: str) -> str:
+def sources_hash(module: str) -> str:
+    """The hash of a module and of what it stands on."""
     sources = sorted((name, _normal_form(path)) for name, path in sources_of(module).items())
     return digest.of_json(sources)
 
@@ -60,7 +61,7 @@ def _imports(path: Path) -> Iterable[str]:
 @cache
 def _file_of(module: str) -> Path | None:
     """The source of a module that counts; None for every other, and for names that are no modules."""
-    if not any(module == package or module.startswith(f"{package}.") for package in PART_OF_A_STAGE):
+    if not any(module == package or module.startswith(f"{package}.") for package in DECIDES_RESULTS):
         return None
     try:
         spec = util.find_spec(module)

@@ -55,9 +55,7 @@ class Manifest(BaseModel):
     description: str
     seed: int = Field(ge=0)
     splits: Splits
-    sources: tuple[Annotated[Procedural | Pybullet | Directory | ShapeNet, Field(discriminator="kind")], ...] = Field(
-        min_length=1
-    )
+    sources: tuple[Annotated[Procedural | Pybullet | Directory | ShapeNet, Field(discriminator="kind")], ...] = Field(min_length=1)
 
     def objects(self, root: Path | None = None) -> list[Object]:
         """Every object in id order, with its category, source and split.
@@ -108,9 +106,7 @@ class Manifest(BaseModel):
         )
         scale = 1 if self.splits.are_counts else len(items)
         ends = [round(wanted[0] * scale), round((wanted[0] + wanted[1]) * scale)]
-        return {
-            object_id: SPLITS[sum(place >= end for end in ends)] for place, (_, _, object_id) in enumerate(order)
-        }
+        return {object_id: SPLITS[sum(place >= end for end in ends)] for place, (_, _, object_id) in enumerate(order)}
 
 
 class Object:

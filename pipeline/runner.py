@@ -81,11 +81,7 @@ class Plan:
     def missing(self) -> list[Job]:
         """The jobs whose piece is not there yet."""
         asked = (job for job in self.jobs if self.request.only in (None, job.item.object_id))
-        return [
-            job
-            for job in asked
-            if job.item.object_id not in self.failed_before and not self.pieces.has(job.item.object_id, job.key)
-        ]
+        return [job for job in asked if job.item.object_id not in self.failed_before and not self.pieces.has(job.item.object_id, job.key)]
 
     def cost(self) -> Cost:
         """What an object takes: as it was in this data directory, else as the stage says."""

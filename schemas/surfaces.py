@@ -13,29 +13,17 @@ SURFACES = Artifact(
             units="m",
             description="S^obj: points drawn area-uniformly from the exterior surface, world frame.",
         ),
-        "normals": Array(
-            dims=("object", "point", "xyz"), dtype="float32", units="1", description="Outward unit normals at `points`."
-        ),
+        "normals": Array(dims=("object", "point", "xyz"), dtype="float32", units="1", description="Outward unit normals at `points`."),
         "split": Array(dims=("object",), dtype="string", units="1", description="train, valid or test."),
         "watertight": Array(dims=("object",), dtype="bool", units="1", description="Every edge of the mesh has two faces."),
-        "degenerate_faces": Array(
-            dims=("object",), dtype="int32", units="1", description="Faces without area that the gate removed."
-        ),
-        "duplicate_faces": Array(
-            dims=("object",), dtype="int32", units="1", description="Repeated faces that the gate removed."
-        ),
+        "degenerate_faces": Array(dims=("object",), dtype="int32", units="1", description="Faces without area that the gate removed."),
+        "duplicate_faces": Array(dims=("object",), dtype="int32", units="1", description="Repeated faces that the gate removed."),
     },
     ragged={
-        "meshes/vertices": Array(
-            dims=("vertex", "xyz"), dtype="float64", units="m", description="The normalised mesh, world frame."
-        ),
+        "meshes/vertices": Array(dims=("vertex", "xyz"), dtype="float64", units="m", description="The normalised mesh, world frame."),
         "meshes/faces": Array(dims=("face", "corner"), dtype="int32", units="1", description="Rows of `vertices`."),
-        "meshes/uv": Array(
-            dims=("vertex", "uv"), dtype="float32", units="1", description="Texture coordinates, v upwards."
-        ),
-        "meshes/face_material": Array(
-            dims=("face",), dtype="int32", units="1", description="Row of `base_color` that paints the face."
-        ),
+        "meshes/uv": Array(dims=("vertex", "uv"), dtype="float32", units="1", description="Texture coordinates, v upwards."),
+        "meshes/face_material": Array(dims=("face",), dtype="int32", units="1", description="Row of `base_color` that paints the face."),
         "meshes/base_color": Array(
             dims=("material", "rgba"), dtype="uint8", units="1/255", description="sRGB colour and opacity of a material."
         ),

@@ -7,9 +7,7 @@ VISION = Artifact(
     version=1,
     summary="Images of every object alone and in every grasp, with what each pixel shows.",
     arrays={
-        "unoccluded": Array(
-            dims=("object", "row", "col", "rgb"), dtype="uint8", units="1/255", description="V_u: the object alone, sRGB."
-        ),
+        "unoccluded": Array(dims=("object", "row", "col", "rgb"), dtype="uint8", units="1/255", description="V_u: the object alone, sRGB."),
         "occluded": Array(
             dims=("object", "grasp", "row", "col", "rgb"),
             dtype="uint8",

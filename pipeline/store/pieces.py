@@ -76,5 +76,3 @@ class Pieces:
         """Forget every piece of these objects, whatever its key."""
         for object_id in object_ids:
             shutil.rmtree(self.work / "pieces" / object_id, ignore_errors=True)
-
-

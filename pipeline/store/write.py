@@ -37,9 +37,7 @@ def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: boo
     StoreError
         An array is missing, unknown, has the wrong number of dimensions or kind, or holds NaN.
     """
-    wanted = {
-        name: array for name, array in artifact.arrays.items() if name not in COMMON and array.per_object != constants
-    }
+    wanted = {name: array for name, array in artifact.arrays.items() if name not in COMMON and array.per_object != constants}
     optional = {name for name, array in wanted.items() if array.optional}
     if missing := sorted(wanted.keys() - row.keys() - optional):
         raise StoreError(f"{artifact.name}: the stage returned no {', '.join(missing)}")
@@ -60,9 +58,7 @@ def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: boo
     return conformed
 
 
-def write_shard(
-    path: Path, artifact: Artifact, header: Header, load: Callable[[str], Piece], constants: Row, beside: Path
-) -> None:
+def write_shard(path: Path, artifact: Artifact, header: Header, load: Callable[[str], Piece], constants: Row, beside: Path) -> None:
     """Pack pieces into a shard at `beside`, validate it there, mark it complete, and move it to `path`.
 
     `load` gives the piece of an object; at most `OBJECTS_A_FILE` are held at a time.
@@ -98,9 +94,7 @@ def write_shard(
     _move(beside, path)
 
 
-def _shapes(
-    artifact: Artifact, header: Header, load: Callable[[str], Piece], constants: Row
-) -> dict[str, tuple[int, ...]]:
+def _shapes(artifact: Artifact, header: Header, load: Callable[[str], Piece], constants: Row) -> dict[str, tuple[int, ...]]:
     """The shape of every array of the shard, by path, from its pieces; an error where two objects disagree."""
     count = len(header.object_ids)
     shapes: dict[str, tuple[int, ...]] = {name: (count,) for name in COMMON}

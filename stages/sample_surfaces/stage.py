@@ -56,7 +56,7 @@ class SampleSurfaces:
 def _process(task: Task, settings: SurfaceSettings) -> Row:
     source = task.source
     try:
-        mesh, report = gate(_source_mesh(task), settings.max_faces)
+        mesh, report = gate(source_mesh(task), settings.max_faces)
         mesh = normalise(mesh, source.get("up", "z"), settings.diagonal, source.get("metres_per_unit"))
         rng = task.rng("sample-surfaces")
         points, normals = sample_exterior(mesh, settings.points, rng, settings.directions)
@@ -73,7 +73,8 @@ def _process(task: Task, settings: SurfaceSettings) -> Row:
     }
 
 
-def _source_mesh(task: Task) -> Mesh:
+def source_mesh(task: Task) -> Mesh:
+    """The object's mesh as its source has it: modelled, or read from its file."""
     if "procedural" not in task.source:
         return load_mesh(Path(task.source["file"]))
     category, variant, seed = (task.source[name] for name in ("procedural", "variant", "seed"))

@@ -43,9 +43,7 @@ def attempt(rig: Rig, scene: Scene, physics: Simulation, settings: GraspSettings
     for _ in range(PLACEMENTS):
         pose = _draw_pose(rig, scene, settings, rng)
         if _palm_is_free(rig, scene, pose) and has_room(rig.hand, rig.parts, rig.samples, scene.field, pose, settings.clearance):
-            angles = solve(
-                rig.hand, rig.parts, rig.boxes, rig.samples, scene.field, pose, rig.wanted, settings.ik_refinements, rng
-            )
+            angles = solve(rig.hand, rig.parts, rig.boxes, rig.samples, scene.field, pose, rig.wanted, settings.ik_refinements, rng)
             if angles is not None:
                 return _close(rig, scene, physics, settings, pose, angles)
     return None
@@ -71,9 +69,7 @@ def _palm_is_free(rig: Rig, scene: Scene, pose: NDArray[np.float64]) -> bool:
     return bool((gap >= rig.wanted.clearance).all())
 
 
-def _opened(
-    rig: Rig, scene: Scene, pose: NDArray[np.float64], target: NDArray[np.float64], opening: float
-) -> NDArray[np.float64]:
+def _opened(rig: Rig, scene: Scene, pose: NDArray[np.float64], target: NDArray[np.float64], opening: float) -> NDArray[np.float64]:
     """Where the fingers close from: drawn back as far as there is room behind each of them."""
     ways = np.stack([draw_back(rig.hand, target, share * opening) for share in (1.0, 0.5, 0.0)])
     clear = finger_clearance(scene.field, rig.parts, forward(rig.hand, pose, ways)) >= 0  # (3, S)

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
-from pybullet_utils.bullet_client import BulletClient
 from scipy.spatial.transform import Rotation
 
 from pipeline.kernels.geometry.mesh import Mesh
@@ -31,9 +30,9 @@ CHECK_EVERY = 10
 class Simulation:
     """One PyBullet client with the hand, and at most one object, both of which stay where they are; only the fingers move."""
 
-    def __init__(self, hand: Hand, client: BulletClient) -> None:
+    def __init__(self, hand: Hand, client: int) -> None:
         self.hand = hand
-        self._client = client
+        self.client = client
         self._body = -1
         self._motors: list[int] = []
 
@@ -42,22 +41,23 @@ class Simulation:
 
         Everything is reset first: bodies that are removed one by one leave memory behind.
         """
-        client = self._client
-        client.resetSimulation()
-        client.setGravity(0, 0, GRAVITY)
+        client = {"physicsClientId": self.client}
+        pybullet.resetSimulation(**client)
+        pybullet.setGravity(0, 0, GRAVITY, **client)
         for first in range(0, len(mesh.faces), FACES_A_BODY):
             used, indices = np.unique(mesh.faces[first : first + FACES_A_BODY], return_inverse=True)
-            shape = client.createCollisionShape(
+            shape = pybullet.createCollisionShape(
                 pybullet.GEOM_MESH,
                 vertices=mesh.vertices[used].tolist(),
                 indices=indices.ravel().tolist(),
                 flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
+                **client,
             )
-            body = client.createMultiBody(0, shape)
-            client.changeDynamics(body, -1, collisionMargin=COLLISION_MARGIN)
+            body = pybullet.createMultiBody(0, shape, **client)
+            pybullet.changeDynamics(body, -1, collisionMargin=COLLISION_MARGIN, **client)
         flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_IGNORE_VISUAL_SHAPES
-        self._body = client.loadURDF(str(self.hand.urdf), useFixedBase=True, flags=flags)
-        infos = [client.getJointInfo(self._body, joint) for joint in range(client.getNumJoints(self._body))]
+        self._body = pybullet.loadURDF(str(self.hand.urdf), useFixedBase=True, flags=flags, **client)
+        infos = [pybullet.getJointInfo(self._body, joint, **client) for joint in range(pybullet.getNumJoints(self._body, **client))]
         numbers = {info[1].decode(): info[0] for info in infos}
         self._motors = [numbers[name] for name in self.hand.joint_names]
 
@@ -86,42 +86,43 @@ class Simulation:
         -------
         (J,) joint angles as simulated, rad, and whether they rested in time.
         """
-        client = self._client
+        client = {"physicsClientId": self.client}
         # PyBullet places a body by its root's inertial frame; the pose is that of the URDF frame.
-        offset, turn = client.getDynamicsInfo(self._body, -1)[3:5]
+        offset, turn = pybullet.getDynamicsInfo(self._body, -1, **client)[3:5]
         quaternion = Rotation.from_matrix(hand_pose[:3, :3]).as_quat().tolist()
-        client.resetBasePositionAndOrientation(
-            self._body, *client.multiplyTransforms(hand_pose[:3, 3].tolist(), quaternion, offset, turn)
-        )
+        base = pybullet.multiplyTransforms(hand_pose[:3, 3].tolist(), quaternion, offset, turn)
+        pybullet.resetBasePositionAndOrientation(self._body, *base, **client)
         for motor, angle in zip(self._motors, start.tolist(), strict=True):
-            client.resetJointState(self._body, motor, angle)
-        client.setJointMotorControlArray(
+            pybullet.resetJointState(self._body, motor, angle, **client)
+        pybullet.setJointMotorControlArray(
             self._body,
             self._motors,
             pybullet.POSITION_CONTROL,
             targetPositions=target.tolist(),
             forces=[MOTOR_FORCE] * len(self._motors),
             positionGains=[MOTOR_GAIN] * len(self._motors),
+            **client,
         )
         return self.advance(steps, speed)
 
     def advance(self, steps: tuple[int, int], speed: float) -> tuple[NDArray[np.float64], bool]:
         """Let time pass; arguments and result as for `settle`."""
+        client = {"physicsClientId": self.client}
         least, most = steps
         for step in range(1, most + 1):
-            self._client.stepSimulation()
+            pybullet.stepSimulation(**client)
             if step >= least and (step % CHECK_EVERY == 0 or step == most):
-                states = self._client.getJointStates(self._body, self._motors)
+                states = pybullet.getJointStates(self._body, self._motors, **client)
                 if max(abs(state[1]) for state in states) < speed:
                     return np.array([state[0] for state in states]), True
-        return np.array([state[0] for state in self._client.getJointStates(self._body, self._motors)]), False
+        return np.array([state[0] for state in pybullet.getJointStates(self._body, self._motors, **client)]), False
 
 
 @contextmanager
 def simulation(hand: Hand) -> Iterator[Simulation]:
     """A simulation with a client of its own, without a window, that is disconnected at the end."""
-    client = BulletClient(connection_mode=pybullet.DIRECT)
+    client = pybullet.connect(pybullet.DIRECT)
     try:
         yield Simulation(hand, client)
     finally:
-        client.disconnect()
+        pybullet.disconnect(client)

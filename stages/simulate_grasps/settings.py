@@ -17,7 +17,7 @@ class GraspSettings(Settings):
     )
     least_distance: float = knob(0.005, "m from object to palm at least: nearer, the thumb's base stands in most objects", ge=0)
     greatest_distance: float = knob(0.06, "m from object to palm at most: further, curled fingers reach past it", gt=0)
-    ik_samples: int = knob(2048, "joint vectors a finger that the inverse kinematics chooses among; a power of 2 spreads best", ge=64)
+    ik_samples: int = knob(1024, "joint vectors a finger that the inverse kinematics chooses among; a power of 2 spreads best", ge=64)
     ik_refinements: int = knob(3, "rounds of local search around the best of them; a fourth gains nothing", ge=0)
     clearance: float = knob(0.001, "m that rigid links are asked to keep from the object: what physics keeps, too", ge=0)
     opening: float = knob(0.006, "m that every sensor is drawn back before it closes: about a gel's thickness", ge=0)

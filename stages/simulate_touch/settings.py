@@ -25,4 +25,16 @@ class TouchSettings(Settings):
         "steps after which a sphere-traced ray is intersected exactly; more steps cost time and gain nothing",
         ge=1,
     )
+    gel_bits: int | None = knob(
+        26,
+        "depth in the gel is stored in steps of 2^-26 m: at most 8 nm off, and a fifth fewer bytes; null keeps float32's digits",
+        ge=10,
+        le=40,
+    )
+    far_bits: int | None = knob(
+        20,
+        "depth beyond the gel, which no reading shows: at most 0.5 µm off, and a fifth fewer bytes",
+        ge=10,
+        le=40,
+    )
     store_points: bool = knob(False, "depth and pose give the points again, bit for bit, and they are two thirds of the bytes")

@@ -15,6 +15,7 @@ from pipeline.kernels.touch.rays import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, load_sensor, sensor_path
 from pipeline.kernels.touch.shading import reading, untouched
 from pipeline.kernels.touch.spheres import sphere_depth
+from pipeline.kernels.touch.storage import stored_depth
 from pipeline.stage import Cost, ObjectError, Row, Task
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -68,12 +69,12 @@ class SimulateTouch:
 
 
 def _feel(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor, settings: TouchSettings) -> Row:
-    """One sensor's arrays; reading and points are made from the depth as it is stored, in float32."""
+    """One sensor's arrays; reading and points are made from the depth as it is stored."""
     if settings.tracer == "ray":
         exact = ray_depth(blocks, pose, sensor)
     else:
         exact = sphere_depth(blocks, pose, sensor, settings.sphere_tolerance, settings.sphere_steps)
-    depth = exact.astype(np.float32)
+    depth = stored_depth(exact, sensor, settings.gel_bits, settings.far_bits)
     row: Row = {"depth": depth, "reading": reading(depth, sensor)}
     if settings.store_points:
         points, count = local_points(depth, pose, sensor)

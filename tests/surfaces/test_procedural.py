@@ -22,9 +22,7 @@ def draw(category: str, seed: int) -> Mesh:
 def parts(mesh: Mesh) -> np.ndarray:
     """(F,) the connected part of every face."""
     f = mesh.faces
-    links = coo_array(
-        (np.ones(2 * len(f)), (f[:, [0, 1]].ravel(), f[:, [1, 2]].ravel())), shape=(len(mesh.vertices),) * 2
-    )
+    links = coo_array((np.ones(2 * len(f)), (f[:, [0, 1]].ravel(), f[:, [1, 2]].ravel())), shape=(len(mesh.vertices),) * 2)
     label: np.ndarray = connected_components(links, directed=False)[1]
     return label[f[:, 0]]
 

@@ -15,9 +15,7 @@ HERE = np.eye(4)
 
 
 def from_trimesh(body: trimesh.Trimesh, color: tuple[int, int, int] = (178, 178, 178)) -> Mesh:
-    return Mesh(
-        np.array(body.vertices, np.float64), np.array(body.faces, np.int32), Look.plain(len(body.vertices), len(body.faces), color)
-    )
+    return Mesh(np.array(body.vertices, np.float64), np.array(body.faces, np.int32), Look.plain(len(body.vertices), len(body.faces), color))
 
 
 def ball(radius: float = 0.2, subdivisions: int = 4, color: tuple[int, int, int] = (178, 178, 178)) -> Mesh:

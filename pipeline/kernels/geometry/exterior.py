@@ -37,9 +37,7 @@ class Sky:
         self._mesh = TriangleMesh(self._scene, local, mesh.faces)
         self._directions = spread_directions(directions)
 
-    def escapes(
-        self, points: NDArray[np.float64], normals: NDArray[np.float64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def escapes(self, points: NDArray[np.float64], normals: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Count directions that leave unhindered from points (N, 3), in front of and behind their normals (N, 3).
 
         Counting stops for a point as soon as it is known to be exterior and on which side: what is returned decides

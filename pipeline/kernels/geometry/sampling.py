@@ -8,9 +8,7 @@ from numpy.typing import NDArray
 from pipeline.kernels.geometry.mesh import face_vectors
 
 
-def sample_triangles(
-    triangles: NDArray[np.float64], count: int, rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+def sample_triangles(triangles: NDArray[np.float64], count: int, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Draw `count` points from `triangles` (F, 3, 3), each place equally likely.
 
     Returns the points (count, 3), in the triangles' unit and frame, and the face (count,) of each. A face is drawn with

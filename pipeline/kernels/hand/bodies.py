@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -52,6 +53,8 @@ def collision_balls(hand: Hand, spacing: float, tolerance: float = 0.0) -> Balls
 
     Parameters
     ----------
+    hand
+        Its links' collision shapes are filled.
     spacing
         Of the lattice of centres and of the points on the surface, m.
     tolerance
@@ -93,7 +96,8 @@ def _fill(vertices: NDArray[np.float64], spacing: float) -> tuple[NDArray[np.flo
     axes = [a + (np.arange(n) + 0.5) / n * (b - a) for a, b, n in zip(low, high, counts, strict=True)]
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     depth = -(lattice @ normals.T + offsets).max(axis=1)
-    surface, _ = trimesh.remesh.subdivide_to_size(hull.points, hull.simplices, max_edge=spacing)
+    subdivide: Any = trimesh.remesh.subdivide_to_size
+    surface, _ = subdivide(hull.points, hull.simplices, max_edge=spacing)
     surface = np.unique(np.round(surface, 9), axis=0)  # faces are split one by one: their common edges come twice
     return np.concatenate([lattice[depth > 0], surface]), np.concatenate([depth[depth > 0], np.zeros(len(surface))])
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-PARALLEL = 1e-9
-"""Added to the size of every component of the rotation, so that nearly parallel edges, whose cross product vanishes, never separate."""
+PARALLEL = 1e-6
+"""Squared sine below which two edges count as parallel: their cross product is no axis, and the faces' axes do without it."""
 
 
 def box_gap(
@@ -28,12 +28,12 @@ def box_gap(
     turn_a, turn_b = frames_a[..., :3, :3], frames_b[..., :3, :3]
     offset = frames_b[..., :3, 3] - frames_a[..., :3, 3]
     rotation = np.einsum("...ji,...jk->...ik", turn_a, turn_b)
-    size = np.abs(rotation) + PARALLEL
+    size = np.abs(rotation)
     shift = np.einsum("...ji,...j->...i", turn_a, offset)  # in a's axes
     gap_a = np.abs(shift) - half_a - np.einsum("...ij,...j->...i", size, half_b)
     shift_b = np.einsum("...ji,...j->...i", rotation, shift)
     gap_b = np.abs(shift_b) - half_b - np.einsum("...ij,...i->...j", size, half_a)
-    gap = np.maximum(gap_a.max(axis=-1), gap_b.max(axis=-1))
+    gap: NDArray[np.float64] = np.maximum(gap_a.max(axis=-1), gap_b.max(axis=-1))
     for i in range(3):
         k, m = (i + 1) % 3, (i + 2) % 3
         for j in range(3):
@@ -41,6 +41,7 @@ def box_gap(
             distance = np.abs(shift[..., m] * rotation[..., k, j] - shift[..., k] * rotation[..., m, j])
             reach = half_a[..., k] * size[..., m, j] + half_a[..., m] * size[..., k, j]
             reach = reach + half_b[..., n] * size[..., i, o] + half_b[..., o] * size[..., i, n]
-            length = np.sqrt(np.maximum(1 - rotation[..., i, j] ** 2, PARALLEL))
-            gap = np.maximum(gap, (distance - reach) / length)
+            sine2 = 1 - rotation[..., i, j] ** 2
+            along = (distance - reach) / np.sqrt(np.maximum(sine2, PARALLEL))
+            gap = np.where(sine2 > PARALLEL, np.maximum(gap, along), gap)
     return gap

@@ -20,6 +20,8 @@ def choose_together(
 
     Parameters
     ----------
+    hand, boxes
+        The hand and its boxes, from `collision_boxes`.
     frames
         (O, L, 4, 4) link frames of O options, in each of which every finger has one posture; options of different fingers mix freely.
     worth

@@ -18,6 +18,8 @@ def deepest(field: DistanceField, balls: Balls, frames: NDArray[np.float64]) -> 
 
     Parameters
     ----------
+    field
+        The object.
     balls
         Of all rigid links, as dense as the answer is to be exact.
     frames

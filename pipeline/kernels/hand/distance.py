@@ -1,4 +1,4 @@
-"""Signed distance to a triangle mesh, closed, open or inside out: a grid for millions of look-ups, and exact values for the few that matter."""
+"""Signed distance to a mesh, closed, open or inside out: a grid for millions of look-ups, and exact values for the few that matter."""
 
 from __future__ import annotations
 
@@ -62,13 +62,15 @@ class DistanceField:
         records = np.take(self.records, (nearest[:, 0] * self.shape[1] + nearest[:, 1]) * self.shape[2] + nearest[:, 2], axis=0)
         scaled -= nearest
         scaled *= np.float32(self.cell)
-        return (records[:, 0] + np.einsum("ij,ij->i", records[:, 1:], scaled)).reshape(points.shape[1:])
+        distance: NDArray[np.float32] = records[:, 0] + np.einsum("ij,ij->i", records[:, 1:], scaled)
+        return distance.reshape(points.shape[1:])
 
     def exact(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Signed distance (N,) of points (N, 3), m, exact in float64; its sign as the class defines it."""
         squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
-        distance = np.sqrt(squared)
-        return np.where(_is_inside(self, points, distance, closest), -distance, distance)
+        distance: NDArray[np.float64] = np.sqrt(squared)
+        distance[_is_inside(self, points, distance, closest)] *= -1
+        return distance
 
 
 def distance_field(vertices: NDArray[np.float64], faces: np.ndarray, cell: float, band: float) -> DistanceField:
@@ -143,7 +145,8 @@ def _is_inside(
             break
         squared, _, closest = field.tree.squared_distance(field.vertices, field.faces, points)
         distance = np.sqrt(squared)
-    return found == 1  # what stays undecided lies in a narrow gap or a thin part: outside
+    inside: NDArray[np.bool_] = found == 1
+    return inside  # what stays undecided lies in a narrow gap or a thin part: outside
 
 
 def _lattice(counts: NDArray[np.int64]) -> NDArray[np.int64]:

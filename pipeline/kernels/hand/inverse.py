@@ -20,7 +20,7 @@ LIMIT_MARGIN = 0.01
 """rad (m) kept from the joint limits, so that a motor's residue does not cross them."""
 NEAR_CONTACT = 0.0025
 """m outside or inside the wanted contact up to which a sampled posture is looked at: what refinement can make good."""
-LOOKED_AT = 160
+LOOKED_AT = 320
 """Sampled postures a finger whose clearance is computed, those with most contact first."""
 SPREAD = 48
 """Sampled postures looked at whatever they touch: among them are those for a finger that cannot touch."""
@@ -106,9 +106,7 @@ def solve(
     return chosen
 
 
-def _worth(
-    hand: Hand, parts: FingerParts, field: DistanceField, frames: NDArray[np.float64], wanted: Wanted
-) -> NDArray[np.float64]:
+def _worth(hand: Hand, parts: FingerParts, field: DistanceField, frames: NDArray[np.float64], wanted: Wanted) -> NDArray[np.float64]:
     """(N, S) worth of postures: more than 1 for a touch, less the further from one, -inf for what stands in the object."""
     value, clearance = _value(hand, parts, field, frames, wanted)
     return np.where(clearance >= wanted.clearance, value, -np.inf)

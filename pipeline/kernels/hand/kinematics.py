@@ -15,6 +15,8 @@ def forward(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np
 
     Parameters
     ----------
+    hand
+        L links, J joints.
     hand_pose
         (..., 4, 4) frame of the root link in the world.
     joint_angles
@@ -25,7 +27,8 @@ def forward(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np
     (..., L, 4, 4) float64, the URDF frame of every link in the world, in the order of `hand.links`.
     """
     if np.shape(joint_angles)[-1:] != (len(hand.joint_names),):
-        raise ValueError(f"joint_angles have shape {np.shape(joint_angles)}; {hand.name} has {len(hand.joint_names)} joints in the last dimension")
+        have, wanted = np.shape(joint_angles), len(hand.joint_names)
+        raise ValueError(f"joint_angles have shape {have}; the last dimension must be {wanted}, the joints of {hand.name}")
     if np.shape(hand_pose)[-2:] != (4, 4):
         raise ValueError(f"hand_pose has shape {np.shape(hand_pose)}; its last dimensions must be 4 × 4")
     batch = np.broadcast_shapes(np.shape(hand_pose)[:-2], np.shape(joint_angles)[:-1])

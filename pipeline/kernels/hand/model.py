@@ -189,7 +189,7 @@ def _sensor_pose(entry: _FingerEntry, path: Path) -> NDArray[np.float64]:
     z = _unit(entry.sensor.normal, path, f"{entry.name}: normal")
     x = _unit(entry.sensor.columns, path, f"{entry.name}: columns")
     if abs(x @ z) > 1e-6:  # a typing slip, not a rounding: the two are written by hand
-        raise ValueError(f"{path}: {entry.name}: sensor normal {entry.sensor.normal} and columns {entry.sensor.columns} are not perpendicular")
+        raise ValueError(f"{path}: {entry.name}: normal {entry.sensor.normal} and columns {entry.sensor.columns} are not perpendicular")
     pose = np.eye(4)
     pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
     pose[:3, 3] = entry.sensor.origin

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from pipeline.kernels.hand.model import Hand
 
 
-def tangent_pose(
-    hand: Hand, point: NDArray[np.float64], normal: NDArray[np.float64], distance: float, angle: float
-) -> NDArray[np.float64]:
+def tangent_pose(hand: Hand, point: NDArray[np.float64], normal: NDArray[np.float64], distance: float, angle: float) -> NDArray[np.float64]:
     """(4, 4) root frame of a hand whose palm faces a surface point.
 
     Parameters
     ----------
+    hand
+        Says where its palm is.
     point, normal
         (3,) of the surface, the normal outward and of any length.
     distance

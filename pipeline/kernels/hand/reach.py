@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -62,8 +63,9 @@ def finger_parts(hand: Hand, balls: Balls, width: float, thickness: float) -> Fi
 def gel_probes(hand: Hand, parts: FingerParts, frames: NDArray[np.float64]) -> NDArray[np.float32]:
     """(3, N, S, PROBES²) probe points of postures whose link frames are (N, L, 4, 4)."""
     tips = frames[:, [finger.tip for finger in hand.fingers]]  # (N, S, 4, 4)
-    points = np.einsum("nsij,spj->insp", tips[..., :3, :3], parts.probes) + np.moveaxis(tips[..., :3, 3], -1, 0)[..., None]
-    return points.astype(np.float32)
+    turned = np.einsum("nsij,spj->insp", tips[..., :3, :3], parts.probes)
+    points: NDArray[np.float32] = (turned + np.moveaxis(tips[..., :3, 3], -1, 0)[..., None]).astype(np.float32)
+    return points
 
 
 def gel_contact(field: DistanceField, probes: NDArray[np.float32], reach: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -83,7 +85,7 @@ def ball_points(balls: Balls, frames: NDArray[Any]) -> NDArray[Any]:
     points = np.empty((3, len(frames), len(balls.link)), frames.dtype)
     centres = np.concatenate([balls.centres.T, np.ones((1, len(balls.link)))]).astype(frames.dtype)
     edges = np.flatnonzero(np.diff(balls.link, prepend=-1, append=-1))
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         points[:, :, first:last] = np.moveaxis(frames[:, balls.link[first], :3] @ centres[:, first:last], 1, 0)
     return points
 

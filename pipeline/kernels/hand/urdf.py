@@ -1,8 +1,10 @@
-"""A URDF as plain data: links with their shapes, joints in tree order.  https://wiki.ros.org/urdf/XML"""
+"""A URDF as plain data: links with their shapes, joints in tree order.
+
+The format: https://wiki.ros.org/urdf/XML.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -99,7 +101,8 @@ def _sorted_tree(links: tuple[Link, ...], joints: list[Joint], path: Path) -> tu
     parents = {j.child: j for j in joints}
     roots = [i for i in range(len(links)) if i not in parents]
     if len(roots) != 1 or len(parents) != len(joints):
-        raise ValueError(f"{path}: {len(links)} links with {len(joints)} joints are no tree with one root (roots: {[links[i].name for i in roots]})")
+        names = ", ".join(links[i].name for i in roots)
+        raise ValueError(f"{path}: {len(links)} links with {len(joints)} joints are no tree with one root (roots: {names})")
     order, sequence = [roots[0]], []
     for link in order:  # grows as we go: breadth first, in the file's order
         for joint in joints:
@@ -107,9 +110,7 @@ def _sorted_tree(links: tuple[Link, ...], joints: list[Joint], path: Path) -> tu
                 sequence.append(joint)
                 order.append(joint.child)
     new = {old: i for i, old in enumerate(order)}
-    renumbered = tuple(
-        Joint(j.name, j.kind, new[j.parent], new[j.child], j.origin, j.axis, j.lower, j.upper) for j in sequence
-    )
+    renumbered = tuple(Joint(j.name, j.kind, new[j.parent], new[j.child], j.origin, j.axis, j.lower, j.upper) for j in sequence)
     return tuple(links[i] for i in order), renumbered
 
 
@@ -121,19 +122,25 @@ def _shape(element: ElementTree.Element, path: Path, materials: dict[str, Color 
     geometry = element.find("geometry")
     origin, color = _origin(element), _color(element.find("material"), materials)
     for part in geometry if geometry is not None else ():
-        number: Callable[[str], float] = lambda key, part=part: float(part.get(key, "nan"))  # type: ignore[misc]
         if part.tag == "box":
-            return Shape("box", origin, tuple(_numbers(part, "size", ())), None, color)
+            return Shape("box", origin, _sizes(part, "size", path), None, color)
         if part.tag == "sphere":
-            return Shape("sphere", origin, (number("radius"),), None, color)
+            return Shape("sphere", origin, _sizes(part, "radius", path), None, color)
         if part.tag == "cylinder":
-            return Shape("cylinder", origin, (number("radius"), number("length")), None, color)
+            return Shape("cylinder", origin, _sizes(part, "radius", path) + _sizes(part, "length", path), None, color)
         if part.tag == "mesh":
             file = path.parent / part.get("filename", "").removeprefix("file://")
             if not file.is_file():
                 raise ValueError(f"{path}: mesh {part.get('filename')!r} is not there ({file}); paths are relative to the URDF")
-            return Shape("mesh", origin, tuple(_numbers(part, "scale", (1.0, 1.0, 1.0))), file, color)
+            return Shape("mesh", origin, tuple(_numbers(part, "scale", (1.0, 1.0, 1.0)).tolist()), file, color)
     raise ValueError(f"{path}: a {element.tag} has no box, sphere, cylinder or mesh")
+
+
+def _sizes(element: ElementTree.Element, key: str, path: Path) -> tuple[float, ...]:
+    sizes = _numbers(element, key, ())
+    if len(sizes) != (3 if key == "size" else 1) or not (sizes > 0).all():
+        raise ValueError(f"{path}: a {element.tag} has {key}={element.get(key)!r}; give positive metres")
+    return tuple(sizes.tolist())
 
 
 def _name(element: ElementTree.Element, path: Path) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.vision.camera import Camera, pose
+from pipeline.kernels.vision.camera import Camera, Vector, pose
 from pipeline.kernels.vision.context import Context
 from pipeline.kernels.vision.primitives import primitives
 from pipeline.kernels.vision.scene import Scene
@@ -48,10 +48,8 @@ class RasterRenderer:
         self._labels: dict[Any, int] = {}
         self._count = 0
         self._eye = self._scene.add(_lens(self._gl, self.camera), pose=pose(self.camera))
-        lamp = self._gl.PointLight(color=np.array(scene.lamp.color), intensity=scene.lamp.intensity)
-        at = np.eye(4)
-        at[:3, 3] = scene.lamp.position
-        self._scene.add(lamp, pose=at)
+        self.lamp = scene.lamp.position
+        self._lamp = self._scene.add(self._gl.PointLight(color=np.array(scene.lamp.color), intensity=scene.lamp.intensity))
 
     def __enter__(self) -> RasterRenderer:
         """The renderer itself."""
@@ -80,7 +78,7 @@ class RasterRenderer:
         del self._labels[node]
         self._scene.remove_node(node)
 
-    def render(self, parts: Sequence[Placed], camera: Camera | None = None) -> View:
+    def render(self, parts: Sequence[Placed], camera: Camera | None = None, lamp: Vector | None = None) -> View:
         """An image of these parts and nothing else, by the scene's camera or another one.
 
         Parameters
@@ -89,10 +87,13 @@ class RasterRenderer:
             Which parts, and the frame (4, 4) of each in the world.
         camera
             Looks instead of the scene's; its resolution is the image's.
+        lamp
+            Where the lamp stands instead of the scene's place, world, m.
         """
         camera = camera or self.camera
         self._eye.camera = _lens(self._gl, camera)
         self._scene.set_pose(self._eye, pose(camera))
+        self._scene.set_pose(self._lamp, _moved(lamp or self.lamp))
         self._context.resize(camera.resolution)
         for node in self._nodes.values():
             node.mesh.is_visible = False
@@ -105,6 +106,12 @@ class RasterRenderer:
         rgb = self._context.render(self._scene, flags.NONE)
         segmentation = self._context.render(self._scene, flags.SEG, self._labels)[..., 0]
         return View(_own(rgb), _own(segmentation))
+
+
+def _moved(position: Vector) -> NDArray[np.float64]:
+    frame = np.eye(4)
+    frame[:3, 3] = position
+    return frame
 
 
 def _own(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

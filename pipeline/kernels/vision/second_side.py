@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
-from pipeline.kernels.vision.camera import Camera, look_at, project, projection_matrix
-from pipeline.kernels.vision.view import Label, Placed, Renderer
+from pipeline.kernels.vision.camera import Camera, Vector, look_at, pose, project, projection_matrix
+from pipeline.kernels.vision.scene import Scene
+from pipeline.kernels.vision.view import Label, Part, Placed, Renderer
 
 Color = tuple[int, int, int]
 
@@ -30,52 +31,64 @@ FILL = 0.92
 STRIDE = 3
 """Every so many of a sensor's pixels become a vertex of its patch."""
 
+LINE, RIM = 1.5, 2.5
+"""Width of a square's outline, and of the white rim under it, pixels."""
+
 LIFT = 4e-4
 """How far a patch lies before the surface it marks, m: enough to win over a coarse mesh between its vertices."""
 
 
 def second_side(
     renderer: Renderer,
-    camera: Camera,
-    thing: Placed,
-    hand: Sequence[Placed],
-    points: NDArray[np.float64],
+    scene: Scene,
+    resolution: int,
+    thing: tuple[Part, Mesh],
+    hand: Sequence[tuple[Part, Mesh, NDArray[np.float64]]],
     patches: Sequence[Mesh],
+    palm: NDArray[np.float64],
     squares: NDArray[np.float64],
     colors: Sequence[Color],
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Two images, (R, R, 3) uint8: the hand on the object, and the object alone with its touch sites.
+    """Two images, (R, R, 3) uint8, from one side: the hand close by, and the whole object alone with its touch sites.
 
     Parameters
     ----------
-    renderer, thing, hand
-        The object and the hand's shapes, as `renderer` knows them, where they stand.
-    camera
-        The first view; the second has its resolution and looks from another side.
-    points
-        (N, 3) what shall be in the picture, world, m: the object's vertices, the links' origins and the sensors' corners.
+    renderer, scene, resolution
+        The first view's; the second is taken from another side, the lamp moved along with the camera.
+    thing
+        The object, as `renderer` knows it, and its mesh, in the world.
+    hand
+        The hand's shapes, as `renderer` knows them, their meshes, and the frame (4, 4) of each in the world.
     patches
         What each sensor felt (see `patch`), in its colour.
+    palm
+        (3,) the direction, world, to which the palm faces: seen across it, fingers show what they do.
     squares
         (S, 4, 3) corners of the sensors' squares, world, m: they are drawn over both images, for what hides a patch.
     colors
         (S,) sRGB of each sensor.
     """
-    best = max(_candidates(camera, points), key=lambda view: _shown(renderer, view.at(TRIAL), thing, hand))
-    held = renderer.render([thing, *hand], best).rgb
-    marks = [(renderer.add(mesh, Label.HAND), np.eye(4)) for mesh in patches]
+    camera = scene.camera.at(resolution)
+    whole: Placed = (thing[0], np.eye(4))
+    held: list[Placed] = [(part, frame) for part, _, frame in hand]
+    grip = np.vstack([*(mesh.vertices @ frame[:3, :3].T + frame[:3, 3] for _, mesh, frame in hand), squares.reshape(-1, 3)])
+    views = [_zoomed(view, grip) for view in _around(camera, (grip.min(axis=0) + grip.max(axis=0)) / 2)]
+    near = max(views, key=lambda view: _shown(renderer, view.at(TRIAL), [whole, *held]) * _across(view, palm))
+    lowest, highest = thing[1].vertices.min(axis=0), thing[1].vertices.max(axis=0)
+    far = _zoomed(_towards(camera, (lowest + highest) / 2, pose(near)[:3, 2]), np.vstack([thing[1].vertices, squares.reshape(-1, 3)]))
+    marks: list[Placed] = [(renderer.add(mesh, Label.HAND), np.eye(4)) for mesh in patches]
     try:
-        felt = renderer.render([thing, *marks], best).rgb
+        images = [renderer.render(parts, view, _lamp(scene, view)).rgb for parts, view in (([whole, *held], near), ([whole, *marks], far))]
     finally:
         for part, _ in marks:
             renderer.remove(part)
-    return _outlined(held, best, squares, colors), _outlined(felt, best, squares, colors)
+    return _outlined(images[0], near, squares, colors), _outlined(images[1], far, squares, colors)
 
 
-def patch(depth: NDArray[np.float32], pose: NDArray[np.float64], width: float, gel: float, color: Color) -> Mesh | None:
+def patch(depth: NDArray[np.float32], frame: NDArray[np.float64], width: float, gel: float, color: Color) -> Mesh | None:
     """The surface in a sensor's gel as a mesh of the world, a hair before the surface; None where the gel is empty.
 
-    `depth` (H, W) m, the sensor's frame `pose` (4, 4), its square's `width` and its `gel`'s thickness, m.
+    `depth` (H, W) m, the sensor's `frame` (4, 4), its square's `width` and its `gel`'s thickness, m.
     """
     rows, cols = (np.arange(0, size, STRIDE) for size in depth.shape)
     sampled = depth[np.ix_(rows, cols)].astype(np.float64)
@@ -88,7 +101,7 @@ def patch(depth: NDArray[np.float32], pose: NDArray[np.float64], width: float, g
     if not len(quads):
         return None
     faces = np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.int32)
-    return Mesh(local @ pose[:3, :3].T + pose[:3, 3], faces, Look.plain(len(local), len(faces), color))
+    return Mesh(local @ frame[:3, :3].T + frame[:3, 3], faces, Look.plain(len(local), len(faces), color))
 
 
 def squares_of(poses: NDArray[np.float64], width: float, gel: float) -> NDArray[np.float64]:
@@ -98,22 +111,30 @@ def squares_of(poses: NDArray[np.float64], width: float, gel: float) -> NDArray[
     return np.asarray(np.einsum("sij,cj->sci", poses[:, :3, :3], local) + poses[:, None, :3, 3])
 
 
-def _candidates(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
-    """Cameras around the middle of `points` that see all of them as large as they can, none near the first."""
-    lowest, highest = points.min(axis=0), points.max(axis=0)
-    middle = (lowest + highest) / 2
+def _around(camera: Camera, middle: NDArray[np.float64]) -> list[Camera]:
+    """Cameras on all sides of `middle`, as far from it as the first, none near the first."""
     first = np.array(camera.position) - middle
-    distance = float(np.linalg.norm(first))
     found = []
     for elevation in ELEVATIONS:
         for azimuth in AZIMUTHS:
             flat = np.cos(elevation)
             away = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
-            if away @ first < np.cos(AWAY) * distance:
-                x, y, z = (middle + distance * away).tolist()
-                view = look_at(camera, (x, y, z), (float(middle[0]), float(middle[1]), float(middle[2])))
-                found.append(_zoomed(view, points))
+            if away @ first < np.cos(AWAY) * np.linalg.norm(first):
+                found.append(_towards(camera, middle, away))
     return found
+
+
+def _towards(camera: Camera, target: NDArray[np.float64], away: NDArray[np.float64]) -> Camera:
+    """The camera as far from `target` as it is, in the direction `away` (unit) from it."""
+    distance = np.linalg.norm(np.array(camera.position) - target)
+    x, y, z = (target + distance * away).tolist()
+    return look_at(camera, (x, y, z), (float(target[0]), float(target[1]), float(target[2])))
+
+
+def _lamp(scene: Scene, camera: Camera) -> Vector:
+    """Where the lamp stands if it goes with the camera: a picture from behind is lit as one from the front."""
+    carried = pose(camera) @ np.linalg.inv(pose(scene.camera)) @ np.array([*scene.lamp.position, 1.0])
+    return float(carried[0]), float(carried[1]), float(carried[2])
 
 
 def _zoomed(camera: Camera, points: NDArray[np.float64]) -> Camera:
@@ -123,15 +144,18 @@ def _zoomed(camera: Camera, points: NDArray[np.float64]) -> Camera:
     return camera.model_copy(update={"focal": (camera.focal[0] * zoom, camera.focal[1] * zoom)})
 
 
-def _shown(renderer: Renderer, camera: Camera, thing: Placed, hand: Sequence[Placed]) -> float:
+def _shown(renderer: Renderer, camera: Camera, parts: Sequence[Placed]) -> float:
     """How much an image shows of both object and hand: the product of their areas, square pixels."""
-    segmentation = renderer.render([thing, *hand], camera).segmentation
+    segmentation = renderer.render(parts, camera).segmentation
     return float((segmentation == Label.OBJECT).sum()) * float((segmentation == Label.HAND).sum())
 
 
-def _outlined(
-    image: NDArray[np.uint8], camera: Camera, squares: NDArray[np.float64], colors: Sequence[Color]
-) -> NDArray[np.uint8]:
+def _across(camera: Camera, palm: NDArray[np.float64]) -> float:
+    """sin² of the angle between viewing direction and palm: 1 where the hand is seen from its side, 0 from its back."""
+    return 1 - float(pose(camera)[:3, 2] @ palm) ** 2
+
+
+def _outlined(image: NDArray[np.uint8], camera: Camera, squares: NDArray[np.float64], colors: Sequence[Color]) -> NDArray[np.uint8]:
     """The image with the sensors' squares drawn over it, smooth lines in their colours on a white rim."""
     fine = 4  # Pillow draws no smooth lines: drawn four times as large and averaged
     side = image.shape[0] * fine
@@ -140,6 +164,6 @@ def _outlined(
     matrix = projection_matrix(camera)
     for square, color in zip(squares, colors, strict=True):
         corners = [(float(u), float(v)) for u, v in project(matrix, square) * fine]
-        for ink, wide in (((255, 255, 255), 3 * fine), (color, round(1.5 * fine))):
-            pencil.line([*corners, corners[0], corners[1]], fill=ink, width=wide, joint="curve")
+        for ink, wide in (((255, 255, 255), RIM), (color, LINE)):
+            pencil.line([*corners, corners[0], corners[1]], fill=ink, width=round(wide * fine), joint="curve")
     return np.asarray(canvas.resize((image.shape[1], image.shape[0]), Image.Resampling.BOX))

@@ -13,8 +13,8 @@ CREASE = np.deg2rad(40.0)
 MOST_NEIGHBOURS = 64
 """A vertex where more faces meet is the hub of a fan (a cap, a cone's tip): its faces keep their own normals."""
 
-PAIRS_AT_ONCE = 4_000_000
-"""Pairs of neighbouring corners handled at a time, which bounds the memory taken to some 300 MB."""
+PAIRS_AT_ONCE = 1_000_000
+"""Pairs of neighbouring corners handled at a time, which bounds the memory taken to some 100 MB."""
 
 
 def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32], crease: float = CREASE) -> NDArray[np.float64]:

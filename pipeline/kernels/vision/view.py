@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.vision.camera import Camera
+from pipeline.kernels.vision.camera import Camera, Vector
 
 
 class Label(IntEnum):
@@ -53,5 +53,5 @@ class Renderer(Protocol):
     def remove(self, part: Part) -> None:
         """Forget a mesh and free what it took."""
 
-    def render(self, parts: Sequence[Placed], camera: Camera | None = None) -> View:
-        """An image of these parts and nothing else; another `camera` than the scene's may look."""
+    def render(self, parts: Sequence[Placed], camera: Camera | None = None, lamp: Vector | None = None) -> View:
+        """An image of these parts and nothing else; another `camera` than the scene's may look, the `lamp` may stand elsewhere."""

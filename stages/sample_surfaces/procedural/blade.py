@@ -42,9 +42,7 @@ class Blade:
         # the point keeps a twelfth of the height's room, and the blade thins towards it
         half = self.thick / 2.0 * np.interp(share, [0.0, 0.6, 1.0], [1.0, 0.9, 0.4])
         half = np.minimum(half, 0.35 * (top - bottom) + 0.1)
-        return loft(
-            self._sections(share * self.length, top, bottom, half), first=[-0.03 * self.length, 0.0, 0.85 * top[0]]
-        )
+        return loft(self._sections(share * self.length, top, bottom, half), first=[-0.03 * self.length, 0.0, 0.85 * top[0]])
 
     def _sections(self, x: NDArray[np.float64], *shape: NDArray[np.float64]) -> NDArray[np.float64]:
         top, bottom, half = shape

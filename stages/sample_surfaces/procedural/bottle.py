@@ -93,9 +93,7 @@ def water(model: Model, rng: Rng) -> None:
     grip = np.linspace(0.08 * h, 0.4 * h, 2 * rings + 1)
     ribs = [(z, r * (waist if i % 2 else 1.0 - 0.4 * (1 - waist))) for i, z in enumerate(grip)]
     band = (0.44 * h, shoulder - 6)
-    rows = round_rows(
-        (0, 0.85 * r), (4, 0.97 * r), *ribs, (band[0], r), (shoulder, r), (h - 26, 14), (h - 16, 12.5), (h - 2, 12.5)
-    )
+    rows = round_rows((0, 0.85 * r), (4, 0.97 * r), *ribs, (band[0], r), (shoulder, r), (h - 26, 14), (h - 16, 12.5), (h - 2, 12.5))
     model.add(pick(rng, (168, 204, 226), (150, 206, 190), (206, 222, 230), (120, 170, 214)), body(rows, dent=9.0))
     cap = pick(rng, (40, 96, 190), WHITE, (206, 40, 44), (64, 160, 84))
     model.add(cap, screw_cap(h - 13, 15.5, rng.uniform(14, 19)), rod(h - 17, h - 14, 15.2, "z"))
@@ -112,9 +110,7 @@ def soda(model: Model, rng: Rng) -> None:
         (bulge + 16, r), (0.78 * h, 0.56 * r), (h - 20, 13.5), (h - 18, 15), (h - 12, 15), (h, 13),
     )  # fmt: skip
     lobes = int(rng.integers(8, 13))
-    model.add(
-        pick(rng, (150, 196, 170), (60, 28, 20), (196, 214, 212)), body(rows, 5.0, 0.0, 6 * lobes, (lobes, 0.045))
-    )
+    model.add(pick(rng, (150, 196, 170), (60, 28, 20), (196, 214, 212)), body(rows, 5.0, 0.0, 6 * lobes, (lobes, 0.045)))
     stick(model, rng, rows, bulge - 17, bulge + 17, rng.uniform(3.4, 6.0), proud=1.0)
     cap = pick(rng, (204, 36, 40), (220, 220, 220), (244, 190, 40))
     model.add(cap, crown_cap(h, 13.0) if chance(rng, 0.5) else screw_cap(h - 12, 16, rng.uniform(14, 20)))
@@ -175,9 +171,7 @@ def swing_top(model: Model, rng: Rng) -> None:
     wire, a = pick(rng, (180, 184, 188)), neck + 5
     path = curve([(0, -a, h - 26), (0, -a - 3, h - 8), (0, -0.8 * a, h + 8), (0, -0.35 * a, h + 13)], 14)
     side = (1.0, 0.0, 0.0)
-    model.add(
-        wire, tube(path, 1.8, side), tube(path * [1, -1, 1], 1.8, side), rod(h - 29, h - 25, neck + 3.2, "z", bevel=0.1)
-    )
+    model.add(wire, tube(path, 1.8, side), tube(path * [1, -1, 1], 1.8, side), rod(h - 29, h - 25, neck + 3.2, "z", bevel=0.1))
     model.add(wire, rod(-0.55 * a, 0.55 * a, 1.8, "y", count=10).moved(z=h + 13))
     if chance(rng, 0.8):
         stick(model, rng, rows, 0.12 * h, 0.42 * h, rng.uniform(2.0, 5.5))

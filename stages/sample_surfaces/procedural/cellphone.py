@@ -53,11 +53,7 @@ def smartphone(model: Model, rng: Rng) -> None:
     dark, metal = pick(rng, (24, 24, 26), spread=6), pick(rng, *CHROME)
     if old:
         z = -h / 2 + 2 + 0.5 * chin
-        key = (
-            plate(0, z, (18, 6), front, 1.0, 3)
-            if chance(rng, 0.4)
-            else button(0, z, (0.3 * chin + 1, 0.3 * chin + 1), front, 0.9)
-        )
+        key = plate(0, z, (18, 6), front, 1.0, 3) if chance(rng, 0.4) else button(0, z, (0.3 * chin + 1, 0.3 * chin + 1), front, 0.9)
         model.add(metal, key)
         earpiece(model, rng, h / 2 - 0.5 * brow - 1, front)
     elif chance(rng, 0.5):
@@ -128,12 +124,8 @@ def flip(model: Model, rng: Rng) -> None:
     model.add(inner, plate(0, 0.47 * h, (0.86 * w, 0.84 * h), front, 0.6, 0.6 * corner, 6))
     navigation(model, rng, 0.74 * h, 0.92 * w, front + 0.6)
     keypad(model, rng, (0.78 * w, 0.09 * h, 0.57 * h), front + 0.6)
-    model.add(
-        pick(rng, *CHROME, *SHELLS), rod(-0.28 * w, 0.28 * w, 0.5 * t + 0.6, "x", 0.12, 28).moved(y=-0.1 * t, z=hinge)
-    )
-    model.add(
-        shade, *(rod(a * w, (a + 0.17) * w, 0.48 * t, "x", 0.2, 24).moved(y=-0.1 * t, z=hinge) for a in (-0.47, 0.3))
-    )
+    model.add(pick(rng, *CHROME, *SHELLS), rod(-0.28 * w, 0.28 * w, 0.5 * t + 0.6, "x", 0.12, 28).moved(y=-0.1 * t, z=hinge))
+    model.add(shade, *(rod(a * w, (a + 0.17) * w, 0.48 * t, "x", 0.2, 24).moved(y=-0.1 * t, z=hinge) for a in (-0.47, 0.3)))
     leaf = Model()
     thin, tall = rng.uniform(0.68, 0.9) * t, h * rng.uniform(0.92, 1.04)
     leaf.add(shade, rounded_box((w, thin, tall), corner, min(bevel, 0.4 * thin), steps=7).moved(z=hinge + 2 + tall / 2))
@@ -141,9 +133,7 @@ def flip(model: Model, rng: Rng) -> None:
     leaf.add(inner, plate(0, middle, (0.86 * w, 0.88 * tall), thin / 2, 0.6, 0.6 * corner, 6))
     screen(leaf, rng, middle, pane, thin / 2 + 0.6)
     earpiece(leaf, rng, hinge + 2 + 0.9 * tall, thin / 2 + 0.6)
-    back = rod(thin / 2 - 3, thin / 2 + 1.8, rng.uniform(4, 6), "y", 0.15, 20).moved(
-        0, 0, hinge + rng.uniform(0.6, 0.85) * tall
-    )
+    back = rod(thin / 2 - 3, thin / 2 + 1.8, rng.uniform(4, 6), "y", 0.15, 20).moved(0, 0, hinge + rng.uniform(0.6, 0.85) * tall)
     leaf.add(pick(rng, *CHROME), back)
     leaf.add(
         Material(WHITE, liquid_crystal(rng, (120, 150, 190), (20, 24, 40))),
@@ -190,9 +180,7 @@ def slider(model: Model, rng: Rng) -> None:
     shade = pick(rng, *SHELLS, *BRIGHT)
     model.add(pick(rng, *SHELLS), rounded_box((w, t + 1, h), corner, 2.5, steps=7).moved(y=t / 2, z=h / 2))
     model.add(shade, rounded_box((w, t, h), corner, 2.5, steps=7).moved(y=-t / 2 + 0.4, z=h / 2 + travel))
-    model.add(
-        pick(rng, *CHROME), rounded_box((w + 0.8, 2.6, h - 6), corner, 0.6).moved(y=-t / 2 + 0.4, z=h / 2 + travel)
-    )
+    model.add(pick(rng, *CHROME), rounded_box((w + 0.8, 2.6, h - 6), corner, 0.6).moved(y=-t / 2 + 0.4, z=h / 2 + travel))
     front = t - 0.4
     tall = rng.uniform(0.48, 0.58) * h
     screen(model, rng, travel + 0.9 * h - tall / 2, (0.74 * w, tall), front)

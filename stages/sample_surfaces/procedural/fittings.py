@@ -18,9 +18,7 @@ WOODS: tuple[Color, ...] = ((120, 70, 38), (146, 88, 46), (92, 54, 32), (168, 11
 SYNTHETICS: tuple[Color, ...] = ((40, 42, 44), (84, 90, 66), (170, 148, 108), (98, 104, 108), (60, 68, 56))
 
 
-def block(
-    x0: float, x1: float, low: float, high: float, width: float, bevel: float = 2.0, exponent: float = 7.0
-) -> Solid:
+def block(x0: float, x1: float, low: float, high: float, width: float, bevel: float = 2.0, exponent: float = 7.0) -> Solid:
     """Upright block from x0 to x1 with broken edges."""
     b = min(bevel, 0.3 * (x1 - x0), 0.3 * (high - low), 0.3 * width)
     rows = [(x, low + c, high - c, width - 2 * c) for x, c in ((x0, b), (x0 + b, 0), (x1 - b, 0), (x1, b))]
@@ -237,9 +235,7 @@ def handguard(model: Model, rng: Rng, color: Material, x0: float, x1: float, rad
         for x in np.linspace(x0 + 15, x1 - 15, int(rng.integers(5, 11))):
             model.add(color, rod(x - 4, x + 4, 1.12 * radius, bevel=0.06))
     elif kind == 1:
-        model.add(
-            color, revolve([(x0, 0.95 * radius), (x0 + 3, radius), (x1 - 3, radius), (x1, 0.95 * radius)], "x", 8)
-        )
+        model.add(color, revolve([(x0, 0.95 * radius), (x0 + 3, radius), (x1 - 3, radius), (x1, 0.95 * radius)], "x", 8))
         hole = pick(rng, (24, 24, 26))
         for x in np.linspace(x0 + 25, x1 - 25, int(rng.integers(4, 8))):
             slot = rounded_box((16, 1.93 * radius, 8), 3.5, 0.4, steps=1)

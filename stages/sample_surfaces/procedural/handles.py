@@ -93,9 +93,7 @@ def octagonal(model: Model, rng: Rng, length: float, height: float, width: float
     swell, z = rng.uniform(1.05, 1.25), 0.5 * height
     r = 0.5 * max(width, 0.8 * height)
     collar = rng.uniform(0.16, 0.28) * length
-    handle = revolve(
-        [(-length, 0.93 * swell * r), (-length + 2, swell * r), (-collar, 1.02 * r), (-1, r), (0, 0.93 * r)], "x", 8
-    )
+    handle = revolve([(-length, 0.93 * swell * r), (-length + 2, swell * r), (-collar, 1.02 * r), (-1, r), (0, 0.93 * r)], "x", 8)
     ferrule = revolve([(-collar, 1.02 * r + 0.8), (-1.5, r + 0.8), (0.5, 0.9 * r)], "x", 8)
     turn = np.pi / 8
     model.add(pick(rng, *WOODS), handle.turned("x", turn).moved(z=z))
@@ -120,10 +118,7 @@ def hollow_steel(model: Model, rng: Rng, length: float, height: float, width: fl
         if dots:
             model.add(
                 dark,
-                *(
-                    ball((2.4, 0.53 * wide, 2.4), 12).moved(-share * length, 0, z)
-                    for z in np.interp([0.32, 0.68], [0, 1], [low, high])
-                ),
+                *(ball((2.4, 0.53 * wide, 2.4), 12).moved(-share * length, 0, z) for z in np.interp([0.32, 0.68], [0, 1], [low, high])),
             )
         else:
             ring = [(-share * length + x, low - 0.4, high + 0.4, 1.05 * wide) for x in (-1.6, 1.6)]

@@ -29,9 +29,7 @@ PLATE = 5.0  # depth of screens and keys, most of it sunk in the shell
 DIAL = ("123", "456", "789", "*0#")
 
 
-def plate(
-    x: float, z: float, size: Sequence[float], front: float, proud: float, corner: float = 2.0, steps: int = 4
-) -> Solid:
+def plate(x: float, z: float, size: Sequence[float], front: float, proud: float, corner: float = 2.0, steps: int = 4) -> Solid:
     """Small slab of `size` (width, height) let into a front at y = -front, `proud` of it; a picture fills it."""
     solid = rounded_box((size[0], PLATE, size[1]), corner, min(0.6, 0.4 * proud + 0.15), "y", steps)
     return solid.moved(x, -front + PLATE / 2.0 - proud, z).projected("x", "z")
@@ -94,9 +92,7 @@ def display(rng: Rng) -> Material:
     return Material(WHITE, liquid_crystal(rng, grounds[rng.integers(len(grounds))], (24, 34, 30)))
 
 
-def screen(
-    model: Model, rng: Rng, z: float, size: Sequence[float], front: float, image: Material | None = None
-) -> None:
+def screen(model: Model, rng: Rng, z: float, size: Sequence[float], front: float, image: Material | None = None) -> None:
     """A dark pane with a picture a little smaller in it, an earpiece slot not included."""
     rim = rng.uniform(1.5, 3.5)
     model.add(
@@ -145,9 +141,7 @@ def back_camera(model: Model, rng: Rng, x: float, z: float, back: float) -> None
     for i in range(count):
         at = z + (i - (count - 1) / 2) * pitch
         model.add(pick(rng, *CHROME), rod(back - 2, back + 3.4, 0.42 * pitch, "y", 0.12, 20).moved(x, 0, at))
-        model.add(
-            pick(rng, (16, 20, 34), spread=4), rod(back - 2, back + 4.0, 0.3 * pitch, "y", 0.3, 16).moved(x, 0, at)
-        )
+        model.add(pick(rng, (16, 20, 34), spread=4), rod(back - 2, back + 4.0, 0.3 * pitch, "y", 0.3, 16).moved(x, 0, at))
     model.add(pick(rng, (250, 240, 200)), rod(back - 2, back + 0.9, 2.2, "y", 0.3, 12).moved(-x, 0, z))
 
 

@@ -60,9 +60,7 @@ def spray(model: Model, rng: Rng) -> None:
     model.add(head, sweep([(-2, 0, h + 8), (-3, 0, h + 24), (-4, 0, top - 8)], [20, 18, 20], [26, 22, 26], 3))
     model.add(trim, rod(reach - 1, reach + rng.uniform(8, 13), 8.5, bevel=0.2).moved(z=top - 9))
     lift = 0.5 * (top - 30 + h + 6)
-    lever = curve(
-        [(0.55 * reach, 0, top - 12), (0.62 * reach, 0, top - 30), (0.5 * reach, 0, lift), (0.62 * reach, 0, h + 6)], 14
-    )
+    lever = curve([(0.55 * reach, 0, top - 12), (0.62 * reach, 0, top - 30), (0.5 * reach, 0, lift), (0.62 * reach, 0, h + 6)], 14)
     model.add(trim, sweep(lever, np.linspace(12, 9, 14), np.linspace(8, 5.5, 14), 3))
 
 

@@ -109,9 +109,7 @@ def bread(model: Model, rng: Rng) -> None:
     kitchen(
         model,
         rng,
-        Blade(
-            rng.uniform(190, 260), rng.uniform(26, 34), rng.uniform(4.5, 6), rows, 0.5, teeth, rng.uniform(0.12, 0.2)
-        ),
+        Blade(rng.uniform(190, 260), rng.uniform(26, 34), rng.uniform(4.5, 6), rows, 0.5, teeth, rng.uniform(0.12, 0.2)),
     )
 
 
@@ -169,9 +167,7 @@ def hunting(model: Model, rng: Rng) -> None:
     (scales if chance(rng, 0.4) else stacked)(part, rng, length, height, width)
     model.parts.extend((solid.moved(z=0.1 * blade.height), material) for solid, material in part.parts)
     over, under = rng.uniform(2, 14), rng.uniform(6, 20)
-    guard = rounded_box((9, width + 3, blade.height + over + under), 4, 2.5, "x").moved(
-        z=(blade.height + over - under) / 2
-    )
+    guard = rounded_box((9, width + 3, blade.height + over + under), 4, 2.5, "x").moved(z=(blade.height + over - under) / 2)
     model.add(pick(rng, *STEELS, (190, 150, 70)), guard)
 
 
@@ -211,11 +207,7 @@ def folding(model: Model, rng: Rng) -> None:
     sheep = [(0, 0.9, 0.1), (0.5, 1, 0), (0.8, 0.94, 0), (0.95, 0.5, 0.02), (1, 0.2, 0.06)]
     outline = (spear, tanto, sheep)[rng.integers(3)]
     size = rng.uniform(0.7, 0.9) * length
-    blade = (
-        Blade(size, 0.85 * height, rng.uniform(4.5, 5.5), outline, rng.uniform(0.4, 0.7))
-        .solid()
-        .moved(x=-4, z=-0.42 * height)
-    )
+    blade = Blade(size, 0.85 * height, rng.uniform(4.5, 5.5), outline, rng.uniform(0.4, 0.7)).solid().moved(x=-4, z=-0.42 * height)
     angle = 0.0 if chance(rng, 0.6) else rng.uniform(-1.3, -0.5)
     pivot = -0.3 * height
     model.add(steel(rng), blade.turned("y", angle, (pivot, 0, 0)))

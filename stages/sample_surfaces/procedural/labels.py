@@ -23,9 +23,7 @@ PAPERS: tuple[Color, ...] = ((242, 234, 212), (250, 250, 250), (30, 30, 36), (21
 ACCENTS: tuple[Color, ...] = ((176, 32, 44), (24, 92, 160), (196, 152, 48), (36, 128, 72), (232, 112, 32))
 
 
-def stick(
-    model: Model, rng: Rng, rows: Rows, low: float, high: float, angle: float, proud: float = 0.5, base: float = 0.0
-) -> None:
+def stick(model: Model, rng: Rng, rows: Rows, low: float, high: float, angle: float, proud: float = 0.5, base: float = 0.0) -> None:
     """Put a printed label, `angle` wide from z `low` to `high`, on the front of a body of `rows` standing on `base`."""
     paper = PAPERS[rng.integers(len(PAPERS))]
     ink = (24, 24, 28) if sum(paper) > 380 else (240, 228, 190)  # dark on light paper, else light on dark

@@ -78,19 +78,13 @@ def lever_action(model: Model, rng: Rng) -> None:
         metal,
         revolve([(0, r + 1), (muzzle - 2, 0.88 * r), (muzzle, 0.8 * r), (muzzle, 5), (muzzle - 30, 5)], "x", sides),
     )
-    model.add(
-        flank, bar(smooth([(-150, -44, 2, 26), (-120, -52, 14, 30), (-20, -54, 17, 32), (10, -50, 16, 32)]), 6, 28)
-    )
+    model.add(flank, bar(smooth([(-150, -44, 2, 26), (-120, -52, 14, 30), (-20, -54, 17, 32), (10, -50, 16, 32)]), 6, 28))
     reach = muzzle * rng.uniform(0.62, 0.97)
-    model.add(
-        metal, rod(0, reach, 9.5).moved(z=-23), *(block(x, x + 12, -34, 13, 24) for x in (0.9 * reach, 0.52 * muzzle))
-    )
+    model.add(metal, rod(0, reach, 9.5).moved(z=-23), *(block(x, x + 12, -34, 13, 24) for x in (0.9 * reach, 0.52 * muzzle)))
     fore = rng.uniform(200, 270)
     model.add(
         wood,
-        bar(
-            smooth([(6, -46, -2, 40), (0.5 * fore, -46, 0, 42), (fore - 8, -40, -2, 36), (fore, -34, -8, 28)]), 2.8, 28
-        ),
+        bar(smooth([(6, -46, -2, 40), (0.5 * fore, -46, 0, 42), (fore - 8, -40, -2, 36), (fore, -34, -8, 28)]), 2.8, 28),
     )
     trigger_guard(model, rng, metal, -140, -50, lever=True)
     model.add(metal, sweep(curve([(-135, 0, -4), (-148, 0, 14), (-164, 0, 22)], 10), 9, np.linspace(14, 7, 10), 3))
@@ -134,9 +128,7 @@ def pump(model: Model, rng: Rng) -> None:
         revolve(smooth([(grab, 20), (grab + 10, 23), (grab + long - 10, 22), (grab + long, 18)]), "x", 28).moved(z=-30),
     )
     ribs = int(rng.integers(6, 13))
-    model.add(
-        color, *(rod(x - 3, x + 3, 25, bevel=0.08).moved(z=-30) for x in np.linspace(grab + 14, grab + long - 14, ribs))
-    )
+    model.add(color, *(rod(x - 3, x + 3, 25, bevel=0.08).moved(z=-30) for x in np.linspace(grab + 14, grab + long - 14, ribs)))
     trigger_guard(model, rng, metal, -150, -48)
     if chance(rng, 0.25):
         grip(model, rng, color, -175, -24)
@@ -198,9 +190,7 @@ def double_barrel(model: Model, rng: Rng) -> None:
     muzzle, r = rng.uniform(520, 740), rng.uniform(11.5, 14)
     over = chance(rng, 0.5)
     for side in (-1, 1):
-        pipe = revolve(
-            [(0, r + 2.5), (120, r + 0.5), (muzzle, r - 1), (muzzle, 0.72 * r), (muzzle - 60, 0.7 * r)], "x", 26
-        )
+        pipe = revolve([(0, r + 2.5), (120, r + 0.5), (muzzle, r - 1), (muzzle, 0.72 * r), (muzzle - 60, 0.7 * r)], "x", 26)
         model.add(metal, pipe.moved(z=side * r - r) if over else pipe.moved(y=side * (r - 0.5)))
     top, low = r - 2, (-3 * r if over else -r)
     model.add(

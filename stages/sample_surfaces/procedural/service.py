@@ -198,9 +198,7 @@ def sniper(model: Model, rng: Rng) -> None:
         model.add(metal, rod(rear + 10, -180, 9).moved(z=-22), rod(rear + 20, -260, 7).moved(z=low + 30))
         model.add(metal, block(-280, -255, low + 18, -12, 26))
         butt_plate(model, rng, rear + 14, low, -4, 44)
-        model.add(
-            color, bar(smooth([(-400, -20, 6, 34), (-380, -24, 12, 42), (-280, -24, 12, 42), (-260, -20, 6, 34)]), 2.6)
-        )
+        model.add(color, bar(smooth([(-400, -20, 6, 34), (-380, -24, 12, 42), (-280, -24, 12, 42), (-260, -20, 6, 34)]), 2.6))
     if chance(rng, 0.85):
         bipod(model, rng, fore - 30, -40)
 

@@ -12,9 +12,7 @@ from stages.sample_surfaces.procedural.shapes import Solid, loft, revolve, rod, 
 Rows = Sequence[Sequence[float]]
 
 
-def body(
-    rows: Rows, dent: float = 0.0, bore: float = 0.0, count: int = 48, ripple: tuple[int, float] = (0, 0.0)
-) -> Solid:
+def body(rows: Rows, dent: float = 0.0, bore: float = 0.0, count: int = 48, ripple: tuple[int, float] = (0, 0.0)) -> Solid:
     """Bottle body from rows (z, half width, half depth, exponent), smoothed.
 
     `dent` lifts the centre of the bottom; `bore` > 0 opens the mouth: a hole so deep, its wall a quarter of the mouth's
@@ -53,9 +51,7 @@ def wrap(rows: Rows, low: float, high: float, width: float, proud: float = 0.5) 
     a, b, exponent = (np.interp(z, table[:, 0], table[:, i])[:, None] for i in (1, 2, 3))
     angle = np.linspace(-width / 2.0, width / 2.0, 33)
     c, s = np.sin(angle), -np.cos(angle)
-    reach = (np.abs(c / (a + proud)) ** exponent + np.abs(s / (b + proud)) ** exponent) ** (
-        -1.0 / exponent
-    )  # (z, angle)
+    reach = (np.abs(c / (a + proud)) ** exponent + np.abs(s / (b + proud)) ** exponent) ** (-1.0 / exponent)  # (z, angle)
     inside = np.broadcast_to(0.45 * reach.min(axis=0), reach.shape)  # straight, so that the ends are star-shaped
     outline = np.concatenate([reach, inside[::-1]]).T  # (angle, 2 z): one closed strip an angle
     height = np.broadcast_to(np.concatenate([z, z[::-1]]), outline.shape)

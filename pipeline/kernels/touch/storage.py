@@ -1,0 +1,20 @@
+"""What of a depth map is worth its bytes: digits beyond any use are noise that no codec can shrink."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.touch.sensor import Sensor
+
+
+def stored_depth(depth: NDArray[np.float64], sensor: Sensor, gel_bits: int | None, far_bits: int | None) -> NDArray[np.float32]:
+    """Depths (..., rows, cols) in m as they are stored, float32: multiples of 2^-gel_bits m in the gel, of 2^-far_bits m beyond it.
+
+    The error is at most half a step and half a float32 unit in the last place. None keeps what float32 holds; +inf stays.
+    """
+    steps = [0.0 if bits is None else 2.0**-bits for bits in (gel_bits, far_bits)]
+    step = np.where(depth < sensor.w, *steps)
+    with np.errstate(invalid="ignore", divide="ignore"):  # where the step is 0, or the depth +inf
+        rounded = np.rint(depth / step) * step
+    return np.where((step > 0) & np.isfinite(depth), rounded, depth).astype(np.float32)

@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+
+from pipeline.kernels.hand.model import load_hand
+from pipeline.kernels.vision.camera import project
+from pipeline.stage import Row, Task
+from stages.render_vision.settings import VisionSettings
+from stages.render_vision.stage import RenderVision
+from tests.vision.shapes import ball
+
+STAGE = RenderVision()
+GRASPS = 3
+
+
+def task(name: str, radius: float) -> Task:
+    """A ball with the hand at three distances on the camera's side of it."""
+    hand = load_hand("allegro_right")
+    poses = np.tile(np.eye(4), (GRASPS, 1, 1))
+    poses[:, :3, 3] = [[0.2, 0.1, 0.7], [0.3, 0.1, 0.7], [3.0, 3.0, 3.0]]  # the last out of sight, behind the camera
+    angles = np.tile(np.clip(0.4, hand.lower, hand.upper), (GRASPS, 1))
+    return Task(name, "ball", 0, inputs={"grasps": {"hand_pose": poses, "joint_angles": angles}}, load_mesh=lambda: ball(radius))
+
+
+def rows(settings: VisionSettings, *tasks: Task) -> list[Row]:
+    with STAGE.session(settings) as process:
+        return [process(one) for one in tasks]
+
+
+def test_rows_are_as_the_schema_says() -> None:
+    (row,) = rows(VisionSettings(), task("a", 0.15))
+    assert {name: (array.shape, array.dtype.name) for name, array in row.items()} == {
+        "unoccluded": ((256, 256, 3), "uint8"),
+        "occluded": ((GRASPS, 256, 256, 3), "uint8"),
+        "segmentation": ((1 + GRASPS, 256, 256), "uint8"),
+    }
+    declared = {name for name, array in STAGE.output.arrays.items() if array.per_object} - {"object_id", "category", "ok"}
+    assert set(row) == declared
+
+
+def test_views_show_what_they_should() -> None:
+    (row,) = rows(VisionSettings(), task("a", 0.15))
+    assert set(np.unique(row["segmentation"][0])) == {0, 1}
+    for view in (1, 2):
+        assert set(np.unique(row["segmentation"][view])) == {0, 1, 2}
+    assert (row["segmentation"][3] == row["segmentation"][0]).all()
+    assert (row["occluded"][2] == row["unoccluded"]).all()
+    assert (row["segmentation"][2] == 2).sum() > (row["segmentation"][1] == 2).sum()  # nearer the camera, larger
+
+
+def test_an_object_is_as_if_alone() -> None:
+    settings = VisionSettings(resolution=64)
+    (alone,) = rows(settings, task("b", 0.1))
+    _, after = rows(settings, task("a", 0.2), task("b", 0.1))
+    assert all((alone[name] == after[name]).all() for name in alone)
+
+
+def test_without_occluded_only_the_object_is_rendered() -> None:
+    (row,) = rows(VisionSettings(occluded=False, resolution=64), task("a", 0.15))
+    assert set(row) == {"unoccluded", "segmentation"}
+    assert row["segmentation"].shape == (1, 64, 64)
+
+
+@pytest.mark.parametrize("resolution", [256, 64])
+def test_the_camera_matrix_fits_the_image(resolution) -> None:
+    settings = VisionSettings(resolution=resolution)
+    camera = STAGE.constants(settings)["camera"]
+    (row,) = rows(settings, task("a", 0.1))
+    at = np.argwhere(row["segmentation"][0] == 1).mean(axis=0)[::-1] + 0.5
+    assert camera.shape == (3, 4)
+    assert project(camera, np.array([0, 0, 0.6])) == pytest.approx(at, abs=0.01 * resolution)
+
+
+def test_assets_are_files_and_the_attributes_name_the_lamp() -> None:
+    assets = STAGE.assets(VisionSettings())
+    assert all(path.is_file() for path in assets)
+    assert {"supplement.yaml", "allegro_right.yaml", "mesh.frag"} <= {path.name for path in assets}
+    assert "position" in STAGE.attributes(VisionSettings())["scene"]["lamp"]
