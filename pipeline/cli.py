@@ -41,6 +41,11 @@ PresetOption = Annotated[str, typer.Option(help=f"One of {', '.join(load_presets
 DataOption = Annotated[Path | None, typer.Option(help="Data directory; by default data/MANIFEST/PRESET.")]
 
 
+def a_stage_has(knob: str) -> bool:
+    """Whether any stage has a knob of this name."""
+    return any(knob in load_stage(name).settings_type.model_fields for name in STAGES)
+
+
 def data_directory(data: Path | None, manifest: str, preset: str) -> Path:
     """The data directory asked for, or the one that belongs to manifest and preset."""
     return data or Path("data") / Path(manifest).stem / preset
@@ -57,7 +62,7 @@ def run(
     shards: Annotated[int, typer.Option(min=1, help="How many shards the objects are split into.")] = 1,
     workers: Annotated[int, typer.Option(min=0, help="Processes side by side; 0 for one a core.")] = 0,
     object_id: Annotated[str | None, typer.Option("--object", help="Process only this object.")] = None,
-    assignments: Annotated[list[str] | None, typer.Option("--set", help="STAGE.KNOB=VALUE or KNOB=VALUE; repeatable.")] = None,
+    assignments: Annotated[list[str] | None, typer.Option("--set", help="STAGE.KNOB=VALUE, or KNOB=VALUE wherever there is one.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.")] = None,
     strict: Annotated[bool, typer.Option(help="Stop at the first object that fails.")] = False,
     dry_run: Annotated[bool, typer.Option(help="Say what would be done, and do nothing.")] = False,
@@ -71,7 +76,7 @@ def run(
         loaded, described = load_stage(stage), load_manifest(manifest)
         request = Request(
             stage=loaded,
-            settings=resolve(loaded, preset, assignments or [], STAGES),
+            settings=resolve(loaded, preset, assignments or [], STAGES, a_stage_has),
             manifest=described.name,
             objects=described.objects(objects),
             preset=preset,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from importlib import resources
 from typing import Any
 
@@ -24,10 +24,13 @@ def load_presets() -> dict[str, dict[str, dict[str, Any]]]:
     return {name: preset or {} for name, preset in presets.items()}
 
 
-def resolve(stage: Stage, preset: str, assignments: Iterable[str], stages: Collection[str]) -> Settings:
-    """A stage's settings: its defaults, then the preset, then `STAGE.KNOB=VALUE` or, for this stage, `KNOB=VALUE`.
+def resolve(
+    stage: Stage, preset: str, assignments: Iterable[str], stages: Collection[str], known_elsewhere: Callable[[str], bool] = lambda _: False
+) -> Settings:
+    """A stage's settings: its defaults, then the preset, then `STAGE.KNOB=VALUE`, or `KNOB=VALUE` for every stage that has it.
 
-    Assignments to other stages are checked for a known stage and left alone, so that one list serves all of them.
+    Assignments to other stages are left alone, so that one list serves all of them; `known_elsewhere` tells whether
+    another stage has a knob of that name.
 
     Raises
     ------
@@ -45,7 +48,7 @@ def resolve(stage: Stage, preset: str, assignments: Iterable[str], stages: Colle
             raise SettingsError(f"--set {assignment}: write STAGE.KNOB=VALUE")
         if owner and owner not in stages:
             raise SettingsError(f"--set {assignment}: there is no stage {owner}; there are {', '.join(stages)}")
-        if owner in ("", stage.name):
+        if owner == stage.name or (not owner and (field in stage.settings_type.model_fields or not known_elsewhere(field))):
             values[field] = yaml.safe_load(value)
     try:
         return stage.settings_type.model_validate(values)

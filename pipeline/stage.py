@@ -42,7 +42,10 @@ class Cost:
 
 @dataclass(frozen=True)
 class Task:
-    """One object to process: who it is, the root seed, and what earlier stages know of it."""
+    """One object to process: who it is, the root seed, and what earlier stages know of it.
+
+    `inputs` gives an artifact's arrays for this object, `attributes` what its root says.
+    """
 
     object_id: str
     category: str
@@ -50,6 +53,7 @@ class Task:
     split: str = ""
     source: Mapping[str, Any] = field(default_factory=dict)
     inputs: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
+    attributes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     load_mesh: Callable[[], Mesh] | None = None
 
     def rng(self, *identity: str | int) -> np.random.Generator:

@@ -182,5 +182,6 @@ def _task(item: Object) -> Task:
         seed=_state["work"].seed,
         source=item.source,
         inputs=inputs,
+        attributes={name: view.shard.attributes for name, view in inputs.items()},
         load_mesh=(lambda: read_mesh(inputs["surfaces"])) if "surfaces" in inputs else None,
     )

@@ -106,9 +106,13 @@ def _shapes(artifact: Artifact, header: Header, load: Callable[[str], Piece], co
                 shapes[f"{parent}/{object_id}/{leaf}"] = value.shape
             elif shapes.setdefault(name, (count, *value.shape)) != (count, *value.shape):
                 raise StoreError(f"{artifact.name}: {name} of {object_id} has shape {value.shape}, others {shapes[name][1:]}")
+    sizes = dict(FIXED)
+    for name, shape in shapes.items():
+        if name in artifact.arrays:
+            sizes.update(zip(artifact.arrays[name].dims, shape, strict=True))
     for name, array in artifact.arrays.items():  # a shard in which every object failed still has every array
         if name not in shapes and not array.optional:
-            shapes[name] = (count, *(FIXED.get(dim, 0) for dim in array.dims[1:]))
+            shapes[name] = (count, *(sizes.get(dim, 0) for dim in array.dims[1:]))
     return shapes
 
 

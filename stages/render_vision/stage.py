@@ -17,7 +17,7 @@ from pipeline.kernels.vision.context import shader_paths
 from pipeline.kernels.vision.raster import RasterRenderer
 from pipeline.kernels.vision.scene import load_scene, scene_path
 from pipeline.kernels.vision.view import Label, Part, Placed, Renderer
-from pipeline.stage import Cost, Row, Task
+from pipeline.stage import Cost, ObjectError, Row, Task
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
@@ -61,6 +61,7 @@ class RenderVision:
             shapes = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in visual_meshes(hand)]
 
             def process(task: Task) -> Row:
+                _check_hand(task, settings)
                 grasps = task.inputs["grasps"]
                 frames = forward(hand, grasps["hand_pose"], grasps["joint_angles"])  # (grasp, link, 4, 4)
                 part = renderer.add(task.mesh(), Label.OBJECT)
@@ -70,6 +71,12 @@ class RenderVision:
                     renderer.remove(part)
 
             yield process
+
+
+def _check_hand(task: Task, settings: VisionSettings) -> None:
+    held = task.attributes["grasps"]["settings"]["hand"]
+    if held != settings.hand:
+        raise ObjectError(f"the grasps were made with hand {held}, render-vision.hand is {settings.hand}; set both with --set hand={held}")
 
 
 def _images(renderer: Renderer, thing: Placed, shapes: HandParts, frames: np.ndarray) -> Row:

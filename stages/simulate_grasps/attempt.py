@@ -22,6 +22,8 @@ from stages.simulate_grasps.settings import GraspSettings
 
 PLACEMENTS = 40
 """Draws of palm point, distance and rotation in an attempt; one at which the hand would stand in the object is drawn again."""
+SEARCHES = 3
+"""Placements of an attempt that are searched in vain for postures in which no finger is in another's way, before it is given up."""
 LEAST_STEPS = 20
 """Steps before a hand can count as resting: it starts at rest."""
 
@@ -40,12 +42,17 @@ class Grasp:
 
 def attempt(rig: Rig, scene: Scene, physics: Simulation, settings: GraspSettings, rng: np.random.Generator) -> Grasp | None:
     """A grasp that depends on its arguments alone, or None where the hand found no room around the object."""
+    searches = 0
     for _ in range(PLACEMENTS):
         pose = _draw_pose(rig, scene, settings, rng)
-        if _palm_is_free(rig, scene, pose) and has_room(rig.hand, rig.parts, rig.samples, scene.field, pose, settings.clearance):
-            angles = solve(rig.hand, rig.parts, rig.boxes, rig.samples, scene.field, pose, rig.wanted, settings.ik_refinements, rng)
-            if angles is not None:
-                return _close(rig, scene, physics, settings, pose, angles)
+        if not _has_room(rig, scene, pose, settings.clearance):
+            continue
+        target = solve(rig.hand, rig.parts, rig.boxes, rig.samples, scene.field, pose, rig.wanted, settings.ik_refinements, rng)
+        if target is not None:
+            return _close(rig, scene, physics, settings, pose, target)
+        searches += 1
+        if searches == SEARCHES:
+            break
     return None
 
 
@@ -63,10 +70,11 @@ def _draw_pose(rig: Rig, scene: Scene, settings: GraspSettings, rng: np.random.G
     return tangent_pose(rig.hand, scene.points[index], scene.normals[index], distance, rng.uniform(0, 2 * np.pi))
 
 
-def _palm_is_free(rig: Rig, scene: Scene, pose: NDArray[np.float64]) -> bool:
+def _has_room(rig: Rig, scene: Scene, pose: NDArray[np.float64], clearance: float) -> bool:
+    """Whether the palm keeps clear of the object, and every finger can."""
     frames = forward(rig.hand, pose, rig.hand.lower)[None]
     gap = scene.field.exact(ball_points(rig.palm, frames)[:, 0].T) - rig.palm.radii
-    return bool((gap >= rig.wanted.clearance).all())
+    return bool((gap >= clearance).all()) and has_room(rig.hand, rig.parts, rig.samples, scene.field, pose, clearance)
 
 
 def _opened(rig: Rig, scene: Scene, pose: NDArray[np.float64], target: NDArray[np.float64], opening: float) -> NDArray[np.float64]:

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
+from stages.simulate_grasps.bullet import pybullet
 
 FACES_A_BODY = 50_000
 """PyBullet refuses meshes somewhere between 82,000 and 328,000 faces; a larger one becomes several static bodies."""

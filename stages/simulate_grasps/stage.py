@@ -20,7 +20,7 @@ from stages.simulate_grasps.rig import Rig, make_rig, make_scene
 from stages.simulate_grasps.settings import GraspSettings
 
 SECOND_CHANCES = 4
-"""Times `attempts` after which an object that has not yielded enough sound grasps is given up."""
+"""Times `attempts` after which an object that has yielded some sound grasps, but not enough, is given up."""
 
 
 class SimulateGrasps:
@@ -44,11 +44,12 @@ class SimulateGrasps:
     def attributes(self, settings: GraspSettings) -> dict[str, Any]:
         """Names for the `joint` and `sensor` dimensions."""
         hand = load_hand(settings.hand)
-        return {"hand": {"name": hand.name, "joints": list(hand.joint_names), "sensors": [finger.name for finger in hand.fingers]}}
+        fingers = [finger.name for finger in hand.fingers]
+        return {"hand": {"name": hand.name, "joints": list(hand.joint_names), "sensors": fingers, "sensor": hand.sensor}}
 
     def cost(self, settings: GraspSettings) -> Cost:
-        """Mostly attempts, of about 0.1 s each."""
-        return Cost(seconds=0.5 + 0.1 * settings.attempts, kilobytes=settings.grasps)
+        """Mostly attempts, of about 0.12 s each."""
+        return Cost(seconds=0.5 + 0.12 * settings.attempts, kilobytes=settings.grasps)
 
     @contextmanager
     def session(self, settings: GraspSettings) -> Iterator[Callable[[Task], Row]]:
@@ -65,7 +66,7 @@ def _grasp(rig: Rig, physics: Simulation, settings: GraspSettings, task: Task) -
     kept: list[Grasp] = []
     touched = []
     for number in range(SECOND_CHANCES * settings.attempts):
-        if number >= settings.attempts and len(kept) == settings.grasps:
+        if number >= settings.attempts and (not kept or len(kept) == settings.grasps):
             break
         if not settings.exhaustive and len(kept) == settings.grasps and all(grasp.touched.all() for grasp in kept):
             break

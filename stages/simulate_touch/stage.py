@@ -54,6 +54,7 @@ class SimulateTouch:
         sensor = load_sensor(settings.sensor)
 
         def process(task: Task) -> Row:
+            _check_sensor(task, settings)
             blocks = face_blocks(task.mesh().triangles)
             poses = task.inputs["grasps"]["sensor_pose"]  # (grasp, sensor, 4, 4)
             rows = []
@@ -66,6 +67,12 @@ class SimulateTouch:
             return {name: array.reshape(*poses.shape[:2], *array.shape[1:]) for name, array in arrays.items()}
 
         yield process
+
+
+def _check_sensor(task: Task, settings: TouchSettings) -> None:
+    worn = task.attributes["grasps"]["hand"]["sensor"]
+    if worn != settings.sensor:
+        raise ObjectError(f"the hand wears sensor {worn}, simulate-touch.sensor is {settings.sensor}; --set simulate-touch.sensor={worn}")
 
 
 def _feel(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor, settings: TouchSettings) -> Row:

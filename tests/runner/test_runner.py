@@ -138,5 +138,5 @@ def test_rows_can_be_read_back(tmp_path):
     assert str(view["label"]) == "letter"
     assert view["values"].dtype == np.float32
     np.testing.assert_array_equal(view["lists/numbers"], [1])
-    np.testing.assert_array_equal(view["reach"], np.ones(3))
+    np.testing.assert_array_equal(view["reach"], np.ones((50, 3)))
     assert MakeNoise.output.of("lists/numbers") is not None

@@ -26,7 +26,7 @@ NOISE = Artifact(
     arrays={
         "values": Array(dims=("object", "sample", "xyz"), dtype="float32", units="m", description="Noise."),
         "label": Array(dims=("object",), dtype="string", units="1", description="A word."),
-        "reach": Array(dims=("xyz",), dtype="float64", units="m", description="The scale of the noise."),
+        "reach": Array(dims=("sample", "xyz"), dtype="float64", units="m", description="The scale of the noise."),
     },
     ragged={"lists/numbers": Array(dims=("number",), dtype="int32", units="1", description="As many as the id is long.")},
 )
@@ -66,7 +66,7 @@ class MakeNoise(_Stage):
     inputs = ()
 
     def constants(self, settings: NoiseSettings) -> Row:
-        return {"reach": np.ones(3)}
+        return {"reach": np.ones((settings.samples, 3))}
 
     @contextmanager
     def session(self, settings: NoiseSettings) -> Iterator[Callable[[Task], Row]]:

@@ -62,7 +62,7 @@ def test_a_wrong_dimension_name(shard):
 
 def test_a_dimension_that_differs_between_arrays(shard):
     shutil.rmtree(shard / "reach")
-    zarr.open_group(str(shard)).create_array("reach", shape=(4,), dtype="float64", dimension_names=("xyz",))
+    zarr.open_group(str(shard)).create_array("reach", shape=(50, 4), dtype="float64", dimension_names=("sample", "xyz"))
     assert only_problem(shard) == "reach: dimension xyz has size 4, the schema says 3"
 
 

@@ -19,10 +19,11 @@ SIZES = {"row": 100, "col": 100, "rgb": 3, "point": 10_000, "xyz": 3, "grasp": 2
 CENTRE = np.array([0.0, 0.0, 0.6])
 
 
-def task(poses: np.ndarray) -> Task:
+def task(poses: np.ndarray, sensor: str = "gel_16mm") -> Task:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
     mesh = Mesh.bare(np.asarray(ball.vertices) + CENTRE, np.asarray(ball.faces))
-    return Task("ball", "balls", 0, inputs={"grasps": {"sensor_pose": poses}}, load_mesh=lambda: mesh)
+    attributes = {"grasps": {"hand": {"sensor": sensor}}}
+    return Task("ball", "balls", 0, inputs={"grasps": {"sensor_pose": poses}}, attributes=attributes, load_mesh=lambda: mesh)
 
 
 def six_poses() -> np.ndarray:
@@ -80,3 +81,11 @@ def test_a_bad_pose_names_sensor_and_grasp() -> None:
     poses[1, 2, 0, 0] = np.nan
     with pytest.raises(ObjectError, match=r"sensor 2 of grasp 1.*NaN"):
         run(TouchSettings(), poses)
+
+
+def test_another_sensor_than_the_hand_wears_is_an_error() -> None:
+    with (
+        pytest.raises(ObjectError, match=r"the hand wears sensor other, .* is gel_16mm; --set simulate-touch.sensor=other"),
+        STAGE.session(TouchSettings()) as process,
+    ):
+        process(task(six_poses(), sensor="other"))

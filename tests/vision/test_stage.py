@@ -3,7 +3,7 @@ import pytest
 
 from pipeline.kernels.hand.model import load_hand
 from pipeline.kernels.vision.camera import project
-from pipeline.stage import Row, Task
+from pipeline.stage import ObjectError, Row, Task
 from stages.render_vision.settings import VisionSettings
 from stages.render_vision.stage import RenderVision
 from tests.vision.shapes import ball
@@ -12,13 +12,20 @@ STAGE = RenderVision()
 GRASPS = 3
 
 
-def task(name: str, radius: float) -> Task:
+def task(name: str, radius: float, held: str = "allegro_right") -> Task:
     """A ball with the hand at three distances on the camera's side of it."""
     hand = load_hand("allegro_right")
     poses = np.tile(np.eye(4), (GRASPS, 1, 1))
     poses[:, :3, 3] = [[0.2, 0.1, 0.7], [0.3, 0.1, 0.7], [3.0, 3.0, 3.0]]  # the last out of sight, behind the camera
     angles = np.tile(np.clip(0.4, hand.lower, hand.upper), (GRASPS, 1))
-    return Task(name, "ball", 0, inputs={"grasps": {"hand_pose": poses, "joint_angles": angles}}, load_mesh=lambda: ball(radius))
+    return Task(
+        name,
+        "ball",
+        0,
+        inputs={"grasps": {"hand_pose": poses, "joint_angles": angles}},
+        attributes={"grasps": {"settings": {"hand": held}}},
+        load_mesh=lambda: ball(radius),
+    )
 
 
 def rows(settings: VisionSettings, *tasks: Task) -> list[Row]:
@@ -45,6 +52,11 @@ def test_views_show_what_they_should() -> None:
     assert (row["segmentation"][3] == row["segmentation"][0]).all()
     assert (row["occluded"][2] == row["unoccluded"]).all()
     assert (row["segmentation"][2] == 2).sum() > (row["segmentation"][1] == 2).sum()  # nearer the camera, larger
+
+
+def test_another_hand_than_the_grasps_were_made_with_is_an_error() -> None:
+    with pytest.raises(ObjectError, match=r"made with hand other, render-vision.hand is allegro_right; set both with --set hand=other"):
+        rows(VisionSettings(resolution=64), task("a", 0.15, held="other"))
 
 
 def test_an_object_is_as_if_alone() -> None:

@@ -40,8 +40,8 @@ class Sky:
     def escapes(self, points: NDArray[np.float64], normals: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Count directions that leave unhindered from points (N, 3), in front of and behind their normals (N, 3).
 
-        Counting stops for a point as soon as it is known to be exterior and on which side: what is returned decides
-        `ESCAPES` and the side as the full count does, not how many escapes there are beyond that.
+        Counting stops for a point as soon as it is exterior with a lead of `ESCAPES` on one side: whether there are
+        `ESCAPES` is what the full count says, how many there are beyond that is not.
         """
         front, back = np.zeros(len(points), np.intp), np.zeros(len(points), np.intp)
         open_points = np.arange(len(points))

@@ -67,6 +67,8 @@ class DistanceField:
 
     def exact(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Signed distance (N,) of points (N, 3), m, exact in float64; its sign as the class defines it."""
+        if not len(points):
+            return np.empty(0)
         squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
         distance: NDArray[np.float64] = np.sqrt(squared)
         distance[_is_inside(self, points, distance, closest)] *= -1
@@ -86,6 +88,8 @@ def distance_field(vertices: NDArray[np.float64], faces: np.ndarray, cell: float
         Distance from the surface up to which the grid's values are more than bounds, m; also the grid's rim around the object.
     """
     vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
+    if not len(faces) or not np.isfinite(vertices[faces]).all():
+        raise ValueError(f"no distance to a mesh of {len(faces)} faces with NaN or infinite corners, or none; gate it first")
     tree = igl.AABB()
     tree.init(vertices, faces)
     low, high = vertices[faces].min(axis=(0, 1)) - band, vertices[faces].max(axis=(0, 1)) + band

@@ -1,4 +1,10 @@
-"""Inverse kinematics on a distance field: joint angles that bring every gel to the object and keep every rigid part out of it."""
+"""Inverse kinematics on a distance field: joint angles that bring every gel to the object and keep every rigid part out of it.
+
+Supplement 1.3 has the sensors "meet the surface of the object, so long as physical integration of the hand and object allow it". Where
+they meet it is not given, so there is no point to aim at. Instead each finger's joint space is sampled once a hand; on an object's
+distance grid the samples are told apart; the best are refined by random steps that shrink; and one posture a finger is chosen so that no
+two are in each other's way.
+"""
 
 from __future__ import annotations
 

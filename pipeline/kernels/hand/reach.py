@@ -51,6 +51,11 @@ class Judgement:
 def finger_parts(hand: Hand, balls: Balls, width: float, thickness: float) -> FingerParts:
     """Sort `balls` by finger and lay probes into gels of the given width and thickness, m."""
     own = [balls.of(finger.links) for finger in hand.fingers]
+    bodiless = [finger.name for finger, part in zip(hand.fingers, own, strict=True) if not len(part.radii)]
+    if bodiless:
+        raise ValueError(
+            f"{hand.urdf}: no link of {', '.join(bodiless)} has a collision shape; a finger needs one not to reach through things"
+        )
     joined = Balls(*(np.concatenate([getattr(part, name) for part in own]) for name in ("centres", "radii", "link")))
     starts = np.cumsum([0, *(len(part.radii) for part in own)])[:-1]
     steps = ((np.arange(PROBES) + 0.5) / PROBES - 0.5) * width
