@@ -32,8 +32,8 @@ class TouchSettings(Settings):
         le=40,
     )
     far_bits: int | None = knob(
-        20,
-        "depth beyond the gel, which no reading shows: at most 0.5 µm off, and a fifth fewer bytes",
+        18,
+        "depth beyond the gel, which no reading shows: at most 2 µm off, and a fifth fewer bytes",
         ge=10,
         le=40,
     )
