@@ -17,8 +17,8 @@ SET      ?=
 VENV     ?= .venv
 PYTHON   ?= python3.11
 
-# Under `make -j` the shards are what runs side by side.
-WORKERS  ?= $(if $(filter -j%,$(MAKEFLAGS)),1,0)
+# Under `make -j` shards run side by side, if there are several; else a shard's objects do, on all cores.
+WORKERS  ?= $(if $(and $(filter -j%,$(MAKEFLAGS)),$(filter-out 1,$(SHARDS))),1,0)
 
 BIN      := $(VENV)/bin
 APT      := libegl1 libgl1 libxrender1 libgl1-mesa-dri
@@ -85,10 +85,10 @@ lint: $(VENV)/installed-dev  ## check style, types and the direction of imports
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports --no-cache
 
 test: lint  ## run the tests, a toy shard through every stage among them (under 10 minutes on 2 cores)
-	@$(BIN)/pytest -m 'not slow'
+	@$(BIN)/pytest -n auto --dist loadfile -m 'not slow'
 
 test-slow: lint  ## run the same suites at full size
-	@$(BIN)/pytest
+	@$(BIN)/pytest -n auto --dist loadfile
 
 bench: $(VENV)/installed-dev  ## measure every stage beside its raw limit, in one run
 	@for name in surfaces grasps vision touch; do $(BIN)/python -m benchmarks.$$name || exit 1; done

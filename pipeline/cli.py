@@ -12,12 +12,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.manifest import ManifestError, load_manifest
+from pipeline.manifest import ManifestError, load_manifest, shard_of
+from pipeline.plan import Plan, Request, make_plan
 from pipeline.presets import SettingsError, load_presets, resolve
 from pipeline.progress import watch
-from pipeline.runner import Plan, Request, execute, make_plan
-from pipeline.stage import ObjectError
+from pipeline.runner import execute
+from pipeline.stage import ObjectError, StageError
 from pipeline.store.shard import Shard, StoreError
+from pipeline.takeover import takeable
 from stages.registry import STAGES, load_stage
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_show_locals=False, help=__doc__)
@@ -28,6 +30,11 @@ console, errors = (
     Console(stderr=stderr, highlight=False, soft_wrap=True, width=None if stream.isatty() else WIDE)
     for stderr, stream in ((False, sys.stdout), (True, sys.stderr))
 )
+
+
+def say(line: str) -> None:
+    """Print a line as it is."""
+    console.print(escape(line))
 
 
 def fail(message: object) -> NoReturn:
@@ -42,8 +49,9 @@ DataOption = Annotated[Path | None, typer.Option(help="Data directory; by defaul
 
 
 def a_stage_has(knob: str) -> bool:
-    """Whether any stage has a knob of this name."""
-    return any(knob in load_stage(name).settings_type.model_fields for name in STAGES)
+    """Whether any stage has a knob of this name, or the one before its dot."""
+    owner, _, field = knob.rpartition(".")
+    return any(field in load_stage(name).settings_type.model_fields for name in ([owner] if owner else STAGES))
 
 
 def data_directory(data: Path | None, manifest: str, preset: str) -> Path:
@@ -65,6 +73,7 @@ def run(
     assignments: Annotated[list[str] | None, typer.Option("--set", help="STAGE.KNOB=VALUE, or KNOB=VALUE wherever there is one.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.")] = None,
     strict: Annotated[bool, typer.Option(help="Stop at the first object that fails.")] = False,
+    retry: Annotated[bool, typer.Option(help="Try objects again that failed in this stage.")] = False,
     dry_run: Annotated[bool, typer.Option(help="Say what would be done, and do nothing.")] = False,
 ) -> None:
     """Run one stage: make what is not there yet."""
@@ -72,6 +81,8 @@ def run(
         fail(f"there is no stage {stage}; there are {', '.join(STAGES)}")
     if shard is not None and shard >= shards:
         fail(f"--shard {shard} of --shards {shards}: shards are numbered 0 to {shards - 1}")
+    if (where := data_directory(data, manifest, preset)).is_file():
+        fail(f"--data {where} is a file; name a folder")
     try:
         loaded, described = load_stage(stage), load_manifest(manifest)
         request = Request(
@@ -81,36 +92,55 @@ def run(
             objects=described.objects(objects),
             preset=preset,
             seed=described.seed if seed is None else seed,
-            data=data_directory(data, manifest, preset),
+            data=where,
             shards=shards,
             workers=workers or len(os.sched_getaffinity(0)),
             strict=strict,
+            retry=retry,
             only=object_id,
         )
         if object_id is not None and object_id not in {item.object_id for item in request.objects}:
             fail(f"manifest {described.name} has no object {object_id}")
         for number in range(shards) if shard is None else [shard]:
-            _run_shard(make_plan(request, number), dry_run)
-    except (ManifestError, SettingsError, StoreError, ObjectError, OSError) as error:
+            if dry_run:
+                _foretell(request, number)
+            else:
+                _run_shard(make_plan(request, number))
+    except (ManifestError, SettingsError, StageError, StoreError, ObjectError, OSError) as error:
         fail(error)
     except KeyboardInterrupt:
         fail("interrupted; what is finished is kept, run the same command to go on")
 
 
-def _run_shard(plan: Plan, dry_run: bool) -> None:
-    name = f"{plan.request.stage.name} {plan.path}"
+def _foretell(request: Request, number: int) -> None:
+    """Say what a run would do, about how long it would take and how large its output would be."""
+    name = f"{request.stage.name} {request.data / request.stage.output.name / f'{number:04d}.zarr'}"
+    total = len(shard_of(request.objects, number, request.shards))
+    try:
+        plan = make_plan(request, number)
+    except StoreError:  # an input is not there yet: then nothing is here either
+        cost, missing, taken = request.stage.cost(request.settings), total, 0
+    else:
+        if plan.up_to_date():
+            say(f"{name}: up to date, {total} objects")
+            return
+        wanted = {job.key for job in plan.missing()}
+        taken = sum(key in wanted for _, _, key in takeable(plan))
+        cost, missing = plan.cost(), len(wanted) - taken
+    minutes, megabytes = missing * cost.seconds / request.workers / 60, total * cost.kilobytes / 1e3
+    over = f", take {taken} over from shards that stand" if taken else ""
+    say(f"{name}: would make {missing} of {total} objects{over}, about {minutes:.1f} min and {megabytes:.0f} MB")
+
+
+def _run_shard(plan: Plan) -> None:
     if plan.request.only is not None and plan.request.only not in {job.item.object_id for job in plan.jobs}:
         return
     if plan.up_to_date():
-        console.print(f"{name}: up to date, {len(plan.jobs)} objects")
-    elif dry_run:
-        cost, missing = plan.cost(), len(plan.missing())
-        minutes = missing * cost.seconds / plan.request.workers / 60
-        megabytes = len(plan.jobs) * cost.kilobytes / 1e3
-        console.print(f"{name}: would make {missing} of {len(plan.jobs)} objects, about {minutes:.1f} min and {megabytes:.0f} MB")
+        say(f"{plan.request.stage.name} {plan.path}: up to date, {len(plan.jobs)} objects")
+        plan.pieces.discard(job.item.object_id for job in plan.jobs)  # a run that was killed while it packed may have left some
     else:
         watch(console, plan.request.stage.name, len(plan.missing()), execute(plan))
-    if dry_run or not plan.path.exists():
+    if not plan.path.exists():
         return
     failures = Shard(plan.path, plan.request.stage.output).attributes["failures"]
     for object_id, failure in failures.items():
@@ -192,9 +222,9 @@ def summary(
     from pipeline.summary import contact_sheets
 
     try:
-        console.print(f"[bold]{data.resolve()}[/]")
+        say(str(data.resolve()))
         statistics.show(statistics.tally(data), console)
         for path in contact_sheets(data, most):
-            console.print(f"contact sheet: {path}")
+            say(f"contact sheet: {path}")
     except StoreError as error:
         fail(error)

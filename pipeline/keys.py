@@ -70,9 +70,9 @@ def _file_of(module: str) -> Path | None:
     return Path(spec.origin) if spec and spec.origin else None
 
 
-def asset_hashes(paths: Iterable[Path]) -> dict[str, str]:
-    """The hash of every data file a stage reads, by its name."""
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+def asset_hashes(paths: Iterable[Path]) -> list[str]:
+    """The hash of every data file a stage reads, in the order in which it names them: where they lie decides nothing."""
+    return [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths]
 
 
 def object_key(stage_part: str, object_id: str, category: str, inputs: Any) -> str:

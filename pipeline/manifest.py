@@ -15,7 +15,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pipeline.sources import Directory, Found, Procedural, Pybullet, ShapeNet
 
 SPLITS = ("train", "valid", "test")
-OBJECT_ID = re.compile(r"[A-Za-z0-9._-]+")
+OBJECT_ID = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,120}")
+"""What names an object: it also names files and Zarr groups."""
 
 
 class ManifestError(Exception):
@@ -75,13 +76,15 @@ class Manifest(BaseModel):
             except (OSError, ValueError) as error:
                 raise ManifestError(f"manifest {self.name}: {error}") from error
             for item in listed:
-                if not OBJECT_ID.fullmatch(item.object_id):
-                    raise ManifestError(
-                        f"manifest {self.name}: {item.object_id!r} cannot name an object; letters, digits, '.', '_', '-' can"
-                    )
+                if not OBJECT_ID.fullmatch(item.object_id) or item.object_id == "zarr.json":
+                    rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.'"
+                    raise ManifestError(f"manifest {self.name}: {item.object_id!r} cannot name an object; {rule}")
                 if item.object_id in found:
-                    raise ManifestError(f"manifest {self.name}: two objects are called {item.object_id}; rename one file")
+                    both = f"{found[item.object_id].source.get('file', 'one')} and {item.source.get('file', 'another')}"
+                    raise ManifestError(f"manifest {self.name}: two objects are called {item.object_id}: {both}; rename one")
                 found[item.object_id] = item
+        if not found:
+            raise ManifestError(f"manifest {self.name} names no objects; give its sources some")
         items = [found[name] for name in sorted(found)]
         splits = self._split(items)
         return [Object(item.object_id, item.category, splits[item.object_id], item.source) for item in items]
@@ -135,16 +138,14 @@ def load_manifest(name_or_path: str) -> Manifest:
     ManifestError
         No such manifest; not YAML; a key unknown or missing; a value out of its limits.
     """
-    if name_or_path in built_in():
-        text = resources.files("data_manifests").joinpath(f"{name_or_path}.yaml").read_text()
-    else:
-        path = Path(name_or_path)
-        if not path.is_file():
-            raise ManifestError(f"there is no manifest {name_or_path}; built in are {', '.join(built_in())}, or give a YAML file")
-        text = path.read_text()
+    path = Path(name_or_path)
+    if name_or_path not in built_in() and not path.is_file():
+        raise ManifestError(f"there is no manifest {name_or_path}; built in are {', '.join(built_in())}, or give a YAML file")
+    file = resources.files("data_manifests").joinpath(f"{name_or_path}.yaml") if name_or_path in built_in() else path
     try:
+        text = file.read_text(encoding="utf-8")
         return Manifest.model_validate(yaml.safe_load(text))
-    except (ValidationError, yaml.YAMLError) as error:
+    except (ValidationError, yaml.YAMLError, OSError, UnicodeDecodeError) as error:
         raise ManifestError(f"manifest {name_or_path}: {error}") from error
 
 

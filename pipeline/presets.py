@@ -24,13 +24,20 @@ def load_presets() -> dict[str, dict[str, dict[str, Any]]]:
     return {name: preset or {} for name, preset in presets.items()}
 
 
+def _value(assignment: str, text: str) -> Any:
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise SettingsError(f"--set {assignment}: {text!r} is no value: {error}") from error
+
+
 def resolve(
-    stage: Stage, preset: str, assignments: Iterable[str], stages: Collection[str], known_elsewhere: Callable[[str], bool] = lambda _: False
+    stage: Stage, preset: str, assignments: Iterable[str], stages: Collection[str], known_elsewhere: Callable[[str], bool] = lambda _: True
 ) -> Settings:
     """A stage's settings: its defaults, then the preset, then `STAGE.KNOB=VALUE`, or `KNOB=VALUE` for every stage that has it.
 
     Assignments to other stages are left alone, so that one list serves all of them; `known_elsewhere` tells whether
-    another stage has a knob of that name.
+    another stage has a knob of that name, `STAGE.KNOB` or `KNOB`.
 
     Raises
     ------
@@ -48,8 +55,10 @@ def resolve(
             raise SettingsError(f"--set {assignment}: write STAGE.KNOB=VALUE")
         if owner and owner not in stages:
             raise SettingsError(f"--set {assignment}: there is no stage {owner}; there are {', '.join(stages)}")
+        if owner and owner != stage.name and not known_elsewhere(name):
+            raise SettingsError(f"--set {assignment}: {owner} has no knob {field}; `vt-pipeline stages` lists them")
         if owner == stage.name or (not owner and (field in stage.settings_type.model_fields or not known_elsewhere(field))):
-            values[field] = yaml.safe_load(value)
+            values[field] = _value(assignment, value)
     try:
         return stage.settings_type.model_validate(values)
     except ValidationError as error:

@@ -53,6 +53,9 @@ class GraspDataset(Dataset[Item]):
         self._owner = {name: _artifact_of(name) for name in self.arrays}
         needed = {artifact.name: artifact for artifact in (*self._owner.values(), ARTIFACTS["surfaces"], ARTIFACTS["grasps"])}
         self._collections = {name: Collection(Layout(self.data), artifact) for name, artifact in needed.items()}
+        for collection in self._collections.values():
+            if stale := collection.stale(list(self._collections.values())):
+                raise StoreError(f"{self.data.resolve()}: {stale}")
         self.left_out: dict[str, str] = {}
         self.items: list[tuple[str, int]] = []
         for object_id in self._collections["surfaces"]:
@@ -76,7 +79,7 @@ class GraspDataset(Dataset[Item]):
 
     def __getitem__(self, index: int) -> Item:
         object_id, grasp = self.items[index]
-        item: Item = {name: torch.from_numpy(self._read(name, object_id, grasp)) for name in self.arrays}
+        item: Item = {name: _tensor(self._read(name, object_id, grasp)) for name in self.arrays}
         return {"object_id": object_id, "grasp": grasp, **item}
 
     def _read(self, name: str, object_id: str, grasp: int) -> np.ndarray:
@@ -84,6 +87,8 @@ class GraspDataset(Dataset[Item]):
         shard = self._collections[artifact.name].shard(object_id)
         if name in DERIVED and name not in shard.group:
             return self._local(shard, object_id, grasp)[name]
+        if name not in shard.group:
+            raise StoreError(f"{shard.path} has no {name}: it was made without; set the stage's knob for it and run again")
         declared: Array = artifact.arrays[name]
         array = shard.array(name)
         if not declared.per_object:
@@ -100,6 +105,11 @@ class GraspDataset(Dataset[Item]):
         poses = np.asarray(grasps.array("sensor_pose")[grasps.rows[object_id], grasp])
         found = [local_points(depth, pose, sensor) for depth, pose in zip(depths, poses, strict=True)]
         return {"local_points": np.stack([points for points, _ in found]), "local_count": np.stack([count for _, count in found])}
+
+
+def _tensor(value: np.ndarray) -> torch.Tensor | str:
+    """A tensor, or the string itself where the array holds strings."""
+    return str(value) if value.dtype.kind in "OUT" else torch.from_numpy(value)
 
 
 def _artifact_of(name: str) -> Artifact:

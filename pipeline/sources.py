@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import os
 import re
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import util
+from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+from urllib.parse import unquote
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
 
@@ -67,7 +71,7 @@ class Procedural(Source):
     """Objects the project models itself, drawn by seed."""
 
     kind: Literal["procedural"]
-    count: dict[Category, int] = Field(min_length=1)
+    count: dict[Category, Annotated[int, Field(gt=0)]] = Field(min_length=1)
     seed: int = Field(ge=0)
 
     def each(self, root: Path | None) -> Iterator[Found]:
@@ -114,11 +118,9 @@ class Directory(Placed):
     def each(self, root: Path | None) -> Iterator[Found]:
         """Every mesh file below the folder, hidden ones apart."""
         folder = _folder(self.path or root, "a folder of meshes")
-        files = [
-            file
-            for file in sorted(folder.rglob("*"))
-            if file.suffix.lower() in MESH_SUFFIXES and not any(part.startswith(".") for part in file.relative_to(folder).parts)
-        ]
+        hidden = {file for file in folder.rglob("*") if any(part.startswith(".") for part in file.relative_to(folder).parts)}
+        named = (file for file in sorted(folder.rglob("*")) if file.suffix.lower() in MESH_SUFFIXES)
+        files = [file for file in named if file not in hidden and not file.is_dir()]
         if not files:
             raise ValueError(f"no mesh files below {folder.resolve()}; looked for {', '.join(MESH_SUFFIXES)} in all its sub-folders")
         names = {file: _name(file.relative_to(folder).with_suffix("")) for file in files}
@@ -137,6 +139,12 @@ class ShapeNet(Placed):
     path: Path | None = None
     synsets: dict[str, str] = Field(min_length=1)
     counts: dict[str, int] | None = None
+
+    @model_validator(mode="after")
+    def _counts_are_of_the_synsets(self) -> ShapeNet:
+        if self.counts is not None and self.counts.keys() != self.synsets.keys():
+            raise ValueError(f"counts are of {sorted(self.counts)}, synsets of {sorted(self.synsets)}; they must be the same")
+        return self
 
     def each(self, root: Path | None) -> Iterator[Found]:
         """Every model of the named synsets, whose numbers must be those of `counts`."""
@@ -164,26 +172,40 @@ def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     if "file" not in source:
         return dict(source)
     file = Path(source["file"])
-    companions = {other.name: _sha256(other) for other in _companions(file) if other.is_file()}
+    companions = {os.path.relpath(other, file.parent): _sha256(other) for other in _companions(file) if other.is_file()}
     return {**source, "file": {"sha256": _sha256(file), "companions": companions}}
 
 
 def _companions(file: Path) -> list[Path]:
-    """The files that a mesh file needs beside it: an OBJ's materials and their textures, a glTF's buffers and images."""
-    if file.suffix.lower() == ".gltf":
-        return sorted(other for other in file.parent.iterdir() if other.suffix.lower() in (".bin", ".png", ".jpg", ".jpeg"))
-    if file.suffix.lower() != ".obj":
-        return []
-    with file.open(errors="replace") as lines:
-        libraries = [file.parent / line[len("mtllib ") :].strip() for line in lines if line.startswith("mtllib ")]
-    maps = [
-        file.parent / line.split()[-1]
-        for library in libraries
-        if library.is_file()
-        for line in library.read_text(errors="replace").splitlines()
-        if line.strip().lower().startswith("map_") and len(line.split()) > 1
-    ]
-    return [*libraries, *maps]
+    """The files that a mesh file names: an OBJ's materials and their textures, a glTF's buffers and images, a PLY's texture."""
+    match file.suffix.lower():
+        case ".gltf":
+            try:
+                content = json.loads(file.read_text(encoding="utf-8"))
+                parts = [*content.get("buffers", []), *content.get("images", [])]
+                return [file.parent / unquote(part["uri"]) for part in parts if not part.get("uri", "data:").startswith("data:")]
+            except (ValueError, AttributeError, TypeError):
+                return []  # not what its suffix says: loading it says so
+        case ".obj":
+            libraries = [file.parent / name for line in _after("mtllib", file) for name in {line, *line.split()}]
+            textures = [(library, line) for library in libraries if library.is_file() for line in _after("map_", library)]
+            return [*libraries, *(library.parent / name for library, line in textures for name in _texture_names(line))]
+        case ".ply":
+            return [file.parent / line for line in _after("comment TextureFile", file, most=100)]
+    return []
+
+
+def _after(start: str, file: Path, most: int | None = None) -> list[str]:
+    """What follows the first word (for PLY two) on the lines that begin with `start`."""
+    words = len(start.split())
+    with file.open(errors="replace") as opened:
+        lines = [line.split(maxsplit=words) for line in islice(opened, most) if line.lower().lstrip().startswith(start.lower())]
+    return [line[words].strip() for line in lines if len(line) > words]
+
+
+def _texture_names(line: str) -> set[str]:
+    """What a material's map may be called: options may stand before the name, and blanks in it."""
+    return {line, line.split()[-1]}
 
 
 def checksum(found: list[Found]) -> str:

@@ -23,6 +23,10 @@ class ObjectError(Exception):
     """An object cannot be processed; the message says why, and what a person can do about it."""
 
 
+class StageError(Exception):
+    """A stage cannot work here at all (a library or device is missing); the message says what is, and what to do."""
+
+
 def rng_of(seed: int, *identity: str | int) -> np.random.Generator:
     """A generator keyed by identity, so that order, shard and worker change nothing.
 

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
+from pipeline.store.shard import StoreError
 from schemas.catalogue import ARTIFACTS
 
 SUPPLEMENT_SUCCESS = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6}
@@ -51,6 +52,8 @@ def tally(data: Path) -> dict[str, Tally]:
             entry.touched.append(view["touch_success"])
             entry.tried.append(view["attempt_success"])
             entry.attempts += int(view["attempts"])
+    if not found:
+        raise StoreError(f"{data.resolve()} has no grasps; run `make dataset`, or see `vt-pipeline status {data}`")
     return dict(sorted(found.items()))
 
 

@@ -9,11 +9,12 @@ import numpy as np
 
 from pipeline.contact_band import BandMaker, band_maker
 from pipeline.contact_sheet import Band, draw
+from pipeline.kernels.geometry.rows import read_mesh
 from pipeline.keys import sources_hash
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
-from pipeline.store.shard import RowView, StoreError, read_mesh
+from pipeline.store.shard import RowView, StoreError
 from schemas.catalogue import ARTIFACTS
 
 
@@ -26,16 +27,22 @@ def contact_sheets(data: Path, most: int) -> list[Path]:
         An artifact has not been made, or no object came through all stages.
     """
     collections = {name: Collection(Layout(data), artifact) for name, artifact in ARTIFACTS.items()}
+    for name in ("vision", "touch"):
+        if not collections[name].shards:
+            raise StoreError(f"{data.resolve()} has no {name}, which a contact sheet shows; run its stage")
+        if stale := collections[name].stale([collections["surfaces"], collections["grasps"]]):
+            raise StoreError(f"{data.resolve()}: {stale}")
     sound = [name for name in collections["surfaces"] if all(c.shard(name).failure(name) is None for c in collections.values())]
     if not sound:
         raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status` says why")
     shown = [sound[place] for place in np.linspace(0, len(sound) - 1, min(most, len(sound))).astype(int)]
     key = digest.of_json([sources_hash("pipeline.contact_band"), shown, [collection.digest() for collection in collections.values()]])
     path, stamp = data / "contact-sheet.png", data / "contact-sheet.key"
-    if not (stamp.exists() and stamp.read_text().splitlines()[0] == key):
-        pages = _draw(collections, shown, path)
-        stamp.write_text("\n".join([key, *(page.name for page in pages)]) + "\n")
-    return [data / name for name in stamp.read_text().splitlines()[1:]]
+    drawn = stamp.read_text().splitlines() if stamp.exists() else []
+    if drawn[:1] != [key] or not all((data / name).exists() for name in drawn[1:]):
+        drawn = [key, *(page.name for page in _draw(collections, shown, path))]
+        stamp.write_text("\n".join(drawn) + "\n")
+    return [data / name for name in drawn[1:]]
 
 
 def _draw(collections: Mapping[str, Collection], shown: list[str], path: Path) -> list[Path]:
@@ -66,5 +73,5 @@ def _band(maker: BandMaker, rows: Mapping[str, RowView]) -> Band:
         readings=touch["reading"][0],
         depths=touch["depth"][0],
         unoccluded=vision["unoccluded"],
-        occluded=vision["occluded"][0],
+        occluded=vision["occluded"][0] if "occluded" in list(vision) else np.full_like(vision["unoccluded"], 255),
     )

@@ -14,19 +14,20 @@ import traceback
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-from pipeline.manifest import Object
+from pipeline.kernels.geometry.rows import read_mesh
+from pipeline.plan import Job
 from pipeline.settings import Settings
-from pipeline.stage import ObjectError, Stage, Task
+from pipeline.stage import ObjectError, Stage, StageError, Task
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from pipeline.store.pieces import Piece, Pieces
-from pipeline.store.shard import read_mesh
+from pipeline.store.shard import StoreError
 from pipeline.store.write import conform
 
 CRASHES = 2
@@ -40,15 +41,8 @@ class Work:
     stage: Stage
     settings: Settings
     seed: int
+    shards: int
     data: Path
-
-
-@dataclass(frozen=True)
-class Job:
-    """An object to process, and the key its row is made under."""
-
-    item: Object
-    key: str
 
 
 @dataclass(frozen=True)
@@ -61,13 +55,22 @@ class Outcome:
 
 
 def run_jobs(work: Work, jobs: Sequence[Job], workers: int) -> Iterator[Outcome]:
-    """Process jobs side by side, in whatever order they finish."""
+    """Process jobs side by side, in whatever order they finish.
+
+    Raises
+    ------
+    StageError
+        The stage's session cannot be opened: nothing is wrong with any object.
+    StoreError
+        An input is damaged.
+    """
     waiting = list(reversed(jobs))
     crashes: dict[str, int] = {}
     with ExitStack() as stack:
-        pools = [stack.enter_context(_Pool(work)) for _ in range(max(1, min(workers, len(jobs))))]
+        idle = [stack.enter_context(_Pool(work)) for _ in range(max(1, min(workers, len(jobs))))]
+        for pool in idle:
+            pool.wait_until_open()
         running: dict[Future[Outcome], tuple[_Pool, Job]] = {}
-        idle = list(pools)
         while waiting or running:
             while waiting and idle:
                 pool, job = idle.pop(), waiting.pop()
@@ -91,34 +94,44 @@ class _Pool:
 
     def __init__(self, work: Work) -> None:
         self._work = work
-        self._executor = self._start()
+        self._start()
 
-    def _start(self) -> ProcessPoolExecutor:
+    def _start(self) -> None:
         spawn = multiprocessing.get_context("spawn")  # a fork would share GL contexts and locks
-        return ProcessPoolExecutor(1, mp_context=spawn, initializer=_open, initargs=(self._work,))
+        self._executor = ProcessPoolExecutor(1, mp_context=spawn)
+        self._opened = self._executor.submit(_open, self._work)
+
+    def wait_until_open(self) -> None:
+        """Return when the session is open; all workers open theirs side by side."""
+        try:
+            self._opened.result()
+        except Exception as error:  # whatever a stage's libraries raise where they are not installed as they should be
+            name = self._work.stage.name
+            raise StageError(
+                f"{name} cannot start: {type(error).__name__}: {error}; `vt-pipeline doctor` looks for what is missing"
+            ) from error
 
     def submit(self, job: Job) -> Future[Outcome]:
         return self._executor.submit(_process, job)
 
     def restart(self) -> None:
         self._executor.shutdown(wait=False)
-        self._executor = self._start()
+        self._start()
+        self.wait_until_open()
 
     def __enter__(self) -> _Pool:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._executor.submit(_close).result() if not self._broken() else None
+        with suppress(Exception):  # it is broken, or was never open: then there is nothing to close
+            self._executor.submit(_close).result()
         self._executor.shutdown(wait=True, cancel_futures=True)
-
-    def _broken(self) -> bool:
-        return bool(getattr(self._executor, "_broken", False))
 
 
 def _crashed(work: Work, job: Job) -> Outcome:
     reason = (
         f"its process died {CRASHES} times (a crash in a native library, or memory ran out); "
-        "run it alone with --object to see, with more memory or a smaller mesh"
+        "with more memory, or the mesh made smaller, run again with --retry"
     )
     piece = Piece({}, 0.0, {"stage": work.stage.name, "reason": reason})
     Pieces(Layout(work.data).work(work.stage.output.name)).save(job.item.object_id, job.key, piece)
@@ -141,7 +154,7 @@ def _open(work: Work) -> None:
         work=work,
         stack=stack,
         process=stack.enter_context(work.stage.session(work.settings)),
-        inputs={artifact.name: Collection(layout, artifact) for artifact in work.stage.inputs},
+        inputs={artifact.name: Collection(layout, artifact, work.shards) for artifact in work.stage.inputs},
         pieces=Pieces(layout.work(work.stage.output.name)),
     )
 
@@ -158,23 +171,31 @@ def _close() -> None:
 def _process(job: Job) -> Outcome:
     """Process one object and save its piece: its row, or why it has none."""
     work: Work = _state["work"]
+    task = _task(job)
     began = time.perf_counter()
     failure, row = None, {}
     try:
-        row = conform(work.stage.output, _state["process"](_task(job.item)))
+        row = conform(work.stage.output, _state["process"](task))
     except ObjectError as error:
         failure = {"stage": work.stage.name, "reason": str(error)}
     except Exception as error:  # a fault of ours; it must not cost the other objects, nor go unseen
         traceback.print_exc()
-        failure = {"stage": work.stage.name, "reason": f"unexpected {type(error).__name__}: {error}; please report it"}
+        failure = {"stage": work.stage.name, "reason": f"unexpected {type(error).__name__}: {error}; please report it; --retry tries again"}
     seconds = time.perf_counter() - began
     _state["pieces"].save(job.item.object_id, job.key, Piece(row, seconds, failure))
     return Outcome(job.item.object_id, seconds, failure["reason"] if failure else None)
 
 
-def _task(item: Object) -> Task:
+def _task(job: Job) -> Task:
+    """The task of a job, whose inputs are what the plan was made with: a chunk that is gone would be read as zeros."""
+    item = job.item
     collections: dict[str, Collection] = _state["inputs"]
     inputs = {name: collection.view(item.object_id) for name, collection in collections.items()}
+    for name, view in inputs.items():
+        if view.digest() != job.inputs[name]:
+            raise StoreError(
+                f"{view.shard.path}: {name} of {item.object_id} is damaged, or was replaced meanwhile; delete it and run its stage again"
+            )
     return Task(
         object_id=item.object_id,
         category=item.category,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from pipeline.store import digest
 from pipeline.store.layout import Layout
@@ -11,12 +11,26 @@ from schemas.base import Artifact
 
 
 class Collection:
-    """The finished objects of an artifact in a data directory."""
+    """The finished objects of an artifact in a data directory.
 
-    def __init__(self, layout: Layout, artifact: Artifact) -> None:
+    While a data set is split anew, shards of two splits stand side by side. With `shards`, those of the split into so
+    many go before others, and shards that cannot be opened are passed over: the run that needs one says so. Without, a
+    split that stands whole goes before others, and a shard that cannot be opened is an error.
+    """
+
+    def __init__(self, layout: Layout, artifact: Artifact, shards: int | None = None) -> None:
         self.layout = layout
         self.artifact = artifact
-        self.shards = [Shard(path, artifact) for _, path in layout.shards(artifact.name)]
+        self.unusable: list[str] = []
+        found = []
+        for _, path in layout.shards(artifact.name):
+            try:
+                found.append(Shard(path, artifact))
+            except StoreError as error:
+                if shards is None:
+                    raise
+                self.unusable.append(str(error))
+        self.shards = _first_choice_last(found, shards)
         self._shard_of = {object_id: shard for shard in self.shards for object_id in shard.object_ids}
 
     def __contains__(self, object_id: object) -> bool:
@@ -33,8 +47,8 @@ class Collection:
         try:
             return self._shard_of[object_id]
         except KeyError:
-            where = self.layout.root / self.artifact.name
-            raise StoreError(f"{where} has no object {object_id}; run the stage that makes {self.artifact.name} first") from None
+            where, why = self.layout.root / self.artifact.name, "".join(f" ({line})" for line in self.unusable)
+            raise StoreError(f"{where} has no object {object_id}{why}; run the stage that makes {self.artifact.name} first") from None
 
     def view(self, object_id: str) -> RowView:
         """An object's row."""
@@ -46,9 +60,29 @@ class Collection:
         rows = [(object_id, shard.row_digest(object_id)) for object_id, shard in self._shard_of.items()]
         return digest.of_rows(rows, {"shared": sorted(shards)})
 
+    def stale(self, others: Sequence[Collection]) -> str | None:
+        """An object whose row here was made from another row than stands in one of the other collections, with words for it."""
+        for other in others:
+            name = other.artifact.name
+            for object_id, shard in self._shard_of.items():
+                used = shard.input_digests(object_id).get(name)
+                if used is not None and (object_id not in other or other.shard(object_id).row_digest(object_id) != used):
+                    return f"{self.artifact.name} of {object_id} was made from other {name} than stand there now; run its stage again"
+        return None
+
+
+def _first_choice_last(found: list[Shard], shards: int | None) -> list[Shard]:
+    """The shards in an order in which later ones go before earlier ones; a whole split stands alone."""
+    counts = {int(shard.attributes["shards"]) for shard in found}
+    for count in counts if shards is None else ():
+        split = [shard for shard in found if shard.attributes["shards"] == count]
+        if len(split) == count:
+            return split
+    return sorted(found, key=lambda shard: shard.attributes["shards"] == shards)
+
 
 _APART = {
-    *("stage", "key", "object_keys", "digests", "failures", "shard", "shards", "complete"),
+    *("stage", "key", "object_keys", "input_digests", "digests", "failures", "shard", "shards", "complete"),
     *("seconds", "versions", "speed_settings", "preset"),
 }
 """Attributes that belong to one shard, or say when, with what and how fast it was made."""

@@ -6,7 +6,8 @@ import json
 import os
 import shutil
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,16 @@ class Piece:
         return self.failure is None
 
 
+@contextmanager
+def unlink_on_error(path: Path) -> Iterator[None]:
+    """Leave nothing half written behind, on a full disk least of all."""
+    try:
+        yield
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+
+
 class Pieces:
     """The pieces of one artifact: a file an object and key, each there only when it is whole."""
 
@@ -49,7 +60,7 @@ class Pieces:
         path.parent.mkdir(parents=True, exist_ok=True)
         facts = json.dumps({"seconds": piece.seconds, "failure": piece.failure})
         beside = path.with_suffix(f".{os.getpid()}.tmp")
-        with beside.open("wb") as file:
+        with unlink_on_error(beside), beside.open("wb") as file:
             named: dict[str, Any] = {f"row/{name}": array for name, array in piece.row.items()}
             np.savez(file, facts=np.array(facts), **named)
         beside.replace(path)

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import zarr
 
-from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.store import digest
 from pipeline.store.spec import numpy_dtype
-from schemas.base import Artifact
+from schemas.base import COMMON, Artifact
 
 
 class StoreError(Exception):
@@ -28,7 +27,7 @@ class Shard:
         self.artifact = artifact
         try:
             self.group = zarr.open_group(str(path), mode="r")
-        except (FileNotFoundError, ValueError, KeyError) as error:
+        except (OSError, ValueError, KeyError) as error:
             raise StoreError(f"{path}: no Zarr group can be read there ({error}); run its stage again") from error
         self.attributes: Mapping[str, Any] = self.group.attrs.asdict()
         if self.attributes.get("complete") is not True:
@@ -42,7 +41,12 @@ class Shard:
     @cached_property
     def object_ids(self) -> list[str]:
         """The objects of this shard, in order."""
-        return [str(name) for name in self.array("object_id")[:]]
+        try:
+            return [str(name) for name in self.array("object_id")[:]]
+        except (KeyError, OSError) as error:
+            raise StoreError(
+                f"{self.path}: object_id cannot be read ({error}); is a run replacing the shard? Else delete it and run again"
+            ) from error
 
     @cached_property
     def rows(self) -> dict[str, int]:
@@ -56,6 +60,11 @@ class Shard:
     def row_digest(self, object_id: str) -> str:
         """The digest of an object's row, as it was when it was made."""
         return str(self.attributes["digests"][self.rows[object_id]])
+
+    def input_digests(self, object_id: str) -> Mapping[str, str]:
+        """The digests of the rows that an object's row was made from, by artifact."""
+        digests: dict[str, str] = self.attributes["input_digests"][self.rows[object_id]]
+        return digests
 
     def object_key(self, object_id: str) -> str:
         """The key under which an object's row was made."""
@@ -90,6 +99,16 @@ class RowView(Mapping[str, np.ndarray]):
         value = self.shard.array(name)[self.shard.rows[self.object_id]]
         return np.array(str(value)) if declared.dtype == "string" else np.asarray(value, numpy_dtype(declared))
 
+    def digest(self) -> str:
+        """The digest of the row as it is stored; a StoreError where it cannot be read."""
+        try:
+            row = {name: value for name, value in self.items() if name not in COMMON}
+        except Exception as error:  # whatever a codec raises on bytes that changed
+            raise StoreError(
+                f"{self.shard.path}: {self.object_id} cannot be read ({error}); delete the shard and run its stage again"
+            ) from error
+        return row_digest(row, self.shard.failure(self.object_id), str(self["category"]))
+
     def __iter__(self) -> Iterator[str]:
         stored = (name for name, array in self.shard.artifact.arrays.items() if array.per_object)
         yield from (name for name in stored if name in self.shard.group)
@@ -102,32 +121,6 @@ class RowView(Mapping[str, np.ndarray]):
         return sum(1 for _ in self)
 
 
-def row_digest(row: Mapping[str, np.ndarray], failure: Mapping[str, str] | None) -> str:
-    """The digest of one object's row, or of the reason why there is none."""
-    return digest.of_arrays({} if failure else row, failure=dict(failure) if failure else None)
-
-
-def read_mesh(view: Mapping[str, np.ndarray]) -> Mesh:
-    """The normalised mesh in a row of `surfaces`."""
-    textures = sum(name.startswith("meshes/texture_") for name in view)
-    look = Look(
-        uv=view["meshes/uv"],
-        face_material=view["meshes/face_material"],
-        base_color=view["meshes/base_color"],
-        material_texture=view["meshes/material_texture"],
-        textures=tuple(view[f"meshes/texture_{number}"] for number in range(textures)),
-    )
-    return Mesh(view["meshes/vertices"], view["meshes/faces"], look)
-
-
-def mesh_row(mesh: Mesh) -> dict[str, np.ndarray]:
-    """The part of a row of `surfaces` that holds a mesh: `read_mesh` reads it back."""
-    return {
-        "meshes/vertices": mesh.vertices,
-        "meshes/faces": mesh.faces,
-        "meshes/uv": mesh.look.uv,
-        "meshes/face_material": mesh.look.face_material,
-        "meshes/base_color": mesh.look.base_color,
-        "meshes/material_texture": mesh.look.material_texture,
-        **{f"meshes/texture_{number}": texture for number, texture in enumerate(mesh.look.textures)},
-    }
+def row_digest(row: Mapping[str, np.ndarray], failure: Mapping[str, str] | None, category: str) -> str:
+    """The digest of one object's category and row, or of the reason why there is none."""
+    return digest.of_arrays({} if failure else row, failure=dict(failure) if failure else None, category=category)

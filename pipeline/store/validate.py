@@ -8,13 +8,27 @@ import numpy as np
 from pydantic_zarr.v3 import GroupSpec
 
 from pipeline.store import digest
+from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from pipeline.store.shard import Shard, StoreError, row_digest
 from pipeline.store.spec import departures
 from schemas.base import COMMON, Artifact
 from schemas.catalogue import ARTIFACTS
 
-_ATTRIBUTES = ("digests", "object_keys", "failures", "constants_digest", "key", "settings", "seed", "manifest", "versions")
+_ATTRIBUTES = (
+    "digests",
+    "object_keys",
+    "input_digests",
+    "failures",
+    "shard",
+    "shards",
+    "constants_digest",
+    "key",
+    "settings",
+    "seed",
+    "manifest",
+    "versions",
+)
 
 
 def problems(path: Path, artifact: Artifact) -> list[str]:
@@ -45,18 +59,32 @@ def _wrong_values(shard: Shard) -> list[str]:
     constants = {name: np.asarray(shard.array(name)[...]) for name in names if not arrays[name].per_object}
     if digest.of_arrays(constants) != shard.attributes["constants_digest"]:
         found.append(f"{', '.join(constants)}: differs from what was written (digest)")
+    if len(shard.attributes["digests"]) != len(shard.object_ids):
+        return [*found, f"attribute digests has {len(shard.attributes['digests'])} entries for {len(shard.object_ids)} objects"]
     for row, object_id in enumerate(shard.object_ids):
         failure = shard.failure(object_id)
         if bool(shard.array("ok")[row]) == (failure is not None):
             found.append(f"ok: {object_id} is {not failure} by its recorded failures, the array says otherwise")
+        found += _wrong_row(shard, object_id)
+    return found
+
+
+def _wrong_row(shard: Shard, object_id: str) -> list[str]:
+    view, failure = shard.view(object_id), shard.failure(object_id)
+    names = [name for name in view if name not in COMMON]
+    needed = [name for name in shard.artifact.ragged if "*" not in name] if failure is None else []
+    if missing := [f"{name}: the array of {object_id} is missing" for name in needed if name not in names]:
+        return missing
+    values, found = {}, []
+    for name in names:
         try:
-            values = {name: value for name, value in shard.view(object_id).items() if name not in COMMON}
+            values[name] = view[name]
         except Exception as error:  # whatever a codec raises on bytes that changed
-            found.append(f"{object_id}: cannot be read: {error}")
-            continue
-        found += [f"{name}: {object_id} holds NaN" for name, value in values.items() if _nan(value)]
-        if row_digest(values, failure) != shard.row_digest(object_id):
-            found.append(f"{object_id}: its arrays differ from what was written (digest); delete {shard.path} and run again")
+            return [f"{name}: a chunk of {object_id} is damaged: {error}"]
+        if _nan(values[name]):
+            found.append(f"{name}: {object_id} holds NaN")
+    if row_digest(values, failure, str(view["category"])) != shard.row_digest(object_id):
+        found.append(f"{object_id}: its category or arrays differ from what was written (digest); delete {shard.path} and run again")
     return found
 
 
@@ -82,11 +110,26 @@ def _unreadable(shard: Shard, name: str) -> str | None:
 def problems_below(path: Path) -> dict[Path, list[str]]:
     """The problems of the shard at `path`, or of every shard of the data directory there, by path."""
     if path.suffix == ".zarr":
-        shards = [path]
-    else:
-        layout = Layout(path)
-        shards = [shard for name in layout.artifacts() for _, shard in layout.shards(name)]
-    return {shard: _problems_by_folder(shard) for shard in shards}
+        return {path: _problems_by_folder(path)}
+    layout = Layout(path)
+    found = {shard: _problems_by_folder(shard) for name in layout.artifacts() for _, shard in layout.shards(name)}
+    if not any(found.values()):
+        found |= {path / name: lines for name in layout.artifacts() if (lines := _problems_together(layout, name))}
+    return found
+
+
+def _problems_together(layout: Layout, name: str) -> list[str]:
+    """What is wrong with an artifact whose shards are each valid: some are not there, or its inputs have changed since."""
+    whole = Collection(layout, ARTIFACTS[name])
+    counts = {int(shard.attributes["shards"]) for shard in whole.shards}
+    lines = [
+        f"{len(whole.shards)} shards stand, of a split into {count}; run its stage for the others"
+        for count in counts
+        if len(whole.shards) != count
+    ]
+    others = [Collection(layout, ARTIFACTS[other]) for other in layout.artifacts() if other in ARTIFACTS and other != name]
+    stale = whole.stale(others)
+    return [*lines, stale] if stale else lines
 
 
 def _problems_by_folder(path: Path) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -52,9 +51,11 @@ def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: boo
         dtype = np.dtype(np.str_) if array.dtype == "string" else numpy_dtype(array)
         if not np.can_cast(value.dtype, dtype, "same_kind"):
             raise StoreError(f"{artifact.name}: {name} is {value.dtype}, the schema says {array.dtype}")
-        if value.dtype.kind == "f" and not (np.isfinite(value).all() or (array.infinite and not np.isnan(value).any())):
-            raise StoreError(f"{artifact.name}: {name} holds a value that is not finite; a kernel let it through")
-        conformed[name] = value if array.dtype == "string" else value.astype(dtype)
+        with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is refused below
+            stored = value if array.dtype == "string" else value.astype(dtype)
+        if stored.dtype.kind == "f" and not (np.isfinite(stored).all() or (array.infinite and not np.isnan(stored).any())):
+            raise StoreError(f"{artifact.name}: {name} holds a value that is not finite as {array.dtype}; a kernel let it through")
+        conformed[name] = stored
     return conformed
 
 
@@ -119,7 +120,8 @@ def _shapes(artifact: Artifact, header: Header, load: Callable[[str], Piece], co
 def _move(beside: Path, path: Path) -> None:
     """Put a directory under its name in place of what stood there."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    old = beside.with_name(f"{path.name}.{os.getpid()}.old")
+    old = beside.with_name(f"{path.name}.old")
+    shutil.rmtree(old, ignore_errors=True)
     if path.exists():
         path.replace(old)
     beside.replace(path)

@@ -12,6 +12,9 @@ from PIL import Image
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
+STAND_IN = trimesh.visual.material.empty_material().image
+"""What trimesh puts where a file has texture coordinates and no material."""
+
 GREY = (178, 178, 178, 255)
 """The colour of what states none, as 3D Warehouse's default material."""
 
@@ -27,13 +30,21 @@ def load_mesh(file: Path) -> Mesh:
     if file.stat().st_size == 0:
         raise ValueError(f"{file.name} is an empty file")
     try:
-        scene = trimesh.load_scene(file, process=False, skip_materials=False)
-        parts = [part for part in scene.dump(concatenate=False) if isinstance(part, trimesh.Trimesh)]
+        meshes = _read(file)
     except Exception as error:  # trimesh's readers raise whatever their parsing trips over
-        raise ValueError(f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}") from error
-    if not parts:
+        try:
+            meshes = _read(file, skip_materials=True)  # a picture that is cut short is no reason to do without the shape
+        except Exception:
+            raise ValueError(f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}") from error
+    if not meshes:
         raise ValueError(f"{file.name} holds no triangle mesh; is it text, a point cloud or an empty export?")
-    return join([_mesh(part) for part in parts])
+    return join(meshes)
+
+
+def _read(file: Path, skip_materials: bool = False) -> list[Mesh]:
+    options: Any = {"process": False, "skip_materials": skip_materials}
+    scene = trimesh.load_scene(file, **options)
+    return [_mesh(part) for part in scene.dump(concatenate=False) if isinstance(part, trimesh.Trimesh)]
 
 
 def join(meshes: list[Mesh]) -> Mesh:
@@ -91,16 +102,26 @@ def _look(visual: Any, vertices: int, faces: int) -> Look:
 
 
 def _material(material: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """Base colour (4,) and texture (h, w, 4) of one of trimesh's materials, whichever of its kinds it is."""
-    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    colour = getattr(material, "baseColorFactor", None)
-    if colour is None:
-        colour = getattr(material, "diffuse", None)
-    if image is not None:
-        texture = np.asarray(image.convert("RGBA") if isinstance(image, Image.Image) else image, np.uint8)
-        return np.full(4, 255, np.uint8), texture
-    colour = np.asarray(GREY if colour is None else colour)
-    if colour.dtype.kind == "f":
-        colour = np.clip(np.rint(colour * 255), 0, 255)
-    colour = colour.astype(np.uint8)
+    """Base colour (4,) and texture (h, w, 4), sRGB, of one of trimesh's materials, whichever of its kinds it is."""
+    if isinstance(material, trimesh.visual.material.PBRMaterial):  # glTF: a linear factor, white by default, times the texture
+        factor = np.asarray([1, 1, 1, 1] if material.baseColorFactor is None else material.baseColorFactor)
+        linear = factor / 255 if factor.dtype.kind in "iu" else factor.astype(float)
+        return _srgb(np.concatenate([linear, [1.0]])[:4]), _image(material.baseColorTexture)
+    picture, diffuse = getattr(material, "image", None), getattr(material, "diffuse", None)
+    if picture is not None and picture.size == STAND_IN.size and picture.tobytes() == STAND_IN.tobytes():
+        return np.array(GREY, np.uint8), None  # the file states no material, or one that is not there
+    if picture is not None:
+        return np.full(4, 255, np.uint8), _image(picture)
+    colour = np.asarray(GREY if diffuse is None else diffuse, np.uint8)
     return np.concatenate([colour, [255]]).astype(np.uint8)[:4], None
+
+
+def _srgb(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """8-bit sRGB of linear light (IEC 61966-2-1); opacity, the fourth value, stays linear."""
+    light = np.clip(linear, 0, 1)
+    encoded = np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
+    return np.asarray(np.rint(255 * np.concatenate([encoded[:3], light[3:]])), np.uint8)
+
+
+def _image(image: Any) -> NDArray[np.uint8] | None:
+    return None if image is None else np.array(image.convert("RGBA") if isinstance(image, Image.Image) else image, np.uint8)

@@ -13,8 +13,8 @@ from pipeline.kernels.geometry.exterior import sample_exterior
 from pipeline.kernels.geometry.gate import gate
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import normalise
+from pipeline.kernels.geometry.rows import mesh_row
 from pipeline.stage import Cost, ObjectError, Row, Task, rng_of
-from pipeline.store.shard import mesh_row
 from schemas.base import Artifact
 from schemas.surfaces import SURFACES
 from stages.sample_surfaces.load import load_mesh

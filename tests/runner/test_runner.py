@@ -5,12 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.runner import execute, make_plan
-from pipeline.stage import ObjectError, rng_of
+from pipeline.plan import make_plan
+from pipeline.runner import execute
+from pipeline.stage import ObjectError, StageError, rng_of
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from pipeline.store.shard import StoreError
-from tests.runner.tiny import MEAN, NOISE, MakeNoise, TakeMean, digest, objects, request, run
+from tests.runner.tiny import MEAN, NOISE, Compare, MakeNoise, TakeMean, digest, objects, request, run
 
 
 def stamps(folder: Path) -> dict[Path, int]:
@@ -61,6 +62,96 @@ def test_a_piece_that_was_cut_short_is_made_again(tmp_path):
     piece = plan.pieces.path("c", plan.jobs[2].key)
     piece.write_bytes(piece.read_bytes()[:100])
     assert run(request(tmp_path)) == 5
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": 1},
+        {"manifest": "other"},
+        {"stage": MakeNoise(version=2)},
+        {"stage": MakeNoise(asset="another")},
+        {"items": objects(5, kind="digit")},
+    ],
+    ids=["seed", "manifest", "schema", "asset", "category"],
+)
+def test_whatever_an_output_is_a_function_of_belongs_to_its_key(tmp_path, change):
+    before, after = (make_plan(request(tmp_path, **asked), 0) for asked in ({}, change))
+    assert before.key != after.key
+
+
+def test_inputs_of_different_making_are_not_combined(tmp_path):
+    run(request(tmp_path))
+    run(request(tmp_path, stage=TakeMean()))
+    run(request(tmp_path, settings={"samples": 7}))
+    with pytest.raises(StoreError, match="mean of a was made from other noise than stand there now; run its stage again"):
+        make_plan(request(tmp_path, stage=Compare()), 0)
+    assert "was made from other noise" in str(Collection(Layout(tmp_path), MEAN).stale([Collection(Layout(tmp_path), NOISE)]))
+    run(request(tmp_path, stage=TakeMean(), settings={"samples": 7}))
+    assert run(request(tmp_path, stage=Compare())) == 5
+
+
+def test_an_input_that_lost_a_chunk_is_not_read_as_zeros(tmp_path):
+    run(request(tmp_path))
+    for chunk in (path for path in (tmp_path / "noise" / "0000.zarr" / "values" / "c").rglob("*") if path.is_file()):
+        chunk.unlink()
+    with pytest.raises(StoreError, match="noise of a is damaged"):
+        run(request(tmp_path, stage=TakeMean()))
+
+
+def test_a_stage_that_cannot_start_fails_no_object(tmp_path):
+    with pytest.raises(StageError, match="make-noise cannot start: OSError: no device; `vt-pipeline doctor`"):
+        run(request(tmp_path, stage=MakeNoise(broken=True)))
+    assert run(request(tmp_path)) == 5
+
+
+def test_failures_are_tried_again_when_asked(tmp_path):
+    flag = tmp_path / "mended"
+    items = objects(3, b=f"until {flag}")
+    run(request(tmp_path, items=items))
+    assert run(request(tmp_path, items=items)) == 0
+    flag.touch()
+    assert run(request(tmp_path, items=items)) == 0
+    assert run(request(tmp_path, items=items, retry=True)) == 1
+    assert Collection(Layout(tmp_path), NOISE).shard("b").failure("b") is None
+
+
+def test_strict_minds_what_failed_before(tmp_path):
+    list(execute(make_plan(request(tmp_path, items=objects(3, b="bad"), only="b"), 0)))
+    with pytest.raises(ObjectError, match="b: it is bad"):
+        run(request(tmp_path, items=objects(3, b="bad"), strict=True))
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_coarser_split_takes_over_what_a_finer_one_made(tmp_path, order):
+    run(request(tmp_path, shards=4))
+    whole = digest(tmp_path)
+    made = [len(list(execute(make_plan(request(tmp_path, shards=2), number)))) for number in order]
+    assert made == [0, 0]
+    assert [number for number, _ in Layout(tmp_path).shards("noise")] == [0, 1]
+    assert digest(tmp_path) == whole
+    assert not [*Layout(tmp_path).work("noise").glob("pieces/*")]
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0)])
+def test_a_finer_split_takes_over_and_leaves_nothing_behind(tmp_path, order):
+    run(request(tmp_path))
+    whole = digest(tmp_path)
+    assert sum(len(list(execute(make_plan(request(tmp_path, shards=3), number)))) for number in order) == 0
+    assert digest(tmp_path) == whole
+    assert not [*Layout(tmp_path).work("noise").glob("pieces/*")]
+
+
+def test_a_new_split_and_a_new_knob_together_use_no_old_row(tmp_path):
+    for stage in (MakeNoise(), TakeMean()):
+        run(request(tmp_path, stage=stage, shards=4))
+    for number in (0, 1):  # as make goes: shard by shard through the stages
+        for stage in (MakeNoise(), TakeMean()):
+            list(execute(make_plan(request(tmp_path, stage=stage, shards=2, settings={"samples": 9}), number)))
+    fresh = tmp_path / "fresh"
+    for stage in (MakeNoise(), TakeMean()):
+        run(request(fresh, stage=stage, settings={"samples": 9}))
+    assert digest(tmp_path, MEAN) == digest(fresh, MEAN)
 
 
 def test_another_split_takes_finished_rows_over(tmp_path):
@@ -139,4 +230,3 @@ def test_rows_can_be_read_back(tmp_path):
     assert view["values"].dtype == np.float32
     np.testing.assert_array_equal(view["lists/numbers"], [1])
     np.testing.assert_array_equal(view["reach"], np.ones((50, 3)))
-    assert MakeNoise.output.of("lists/numbers") is not None

@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 
 from pipeline.manifest import Object
-from pipeline.runner import Request, execute, make_plan
+from pipeline.plan import Request, make_plan
+from pipeline.runner import execute
 from pipeline.settings import Settings, knob
 from pipeline.stage import Cost, ObjectError, Row, Task
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from schemas.base import Array, Artifact
+from tests import conftest
 
 NOISE = Artifact(
     name="noise",
@@ -62,15 +64,27 @@ class _Stage:
 class MakeNoise(_Stage):
     name = "make-noise"
     summary = "draw numbers"
-    output = NOISE
     inputs = ()
+
+    def __init__(self, version: int = 1, asset: str = "", broken: bool = False) -> None:
+        self.output = NOISE.model_copy(update={"version": version})
+        self.asset = asset
+        self.broken = broken
+
+    def assets(self, settings: NoiseSettings) -> list[Path]:
+        return [Path(__file__ if self.asset else conftest.__file__)]
 
     def constants(self, settings: NoiseSettings) -> Row:
         return {"reach": np.ones((settings.samples, 3))}
 
     @contextmanager
     def session(self, settings: NoiseSettings) -> Iterator[Callable[[Task], Row]]:
+        if self.broken:
+            raise OSError("no device")
+
         def process(task: Task) -> Row:
+            if (trouble := str(task.source.get("trouble"))).startswith("until ") and not Path(trouble[6:]).exists():
+                raise ObjectError("not yet")
             match task.source.get("trouble"):
                 case "bad":
                     raise ObjectError("it is bad; make it good")
@@ -97,17 +111,29 @@ class TakeMean(_Stage):
         yield lambda task: {"mean": task.inputs["noise"]["values"].astype(np.float64).mean(axis=0)}
 
 
-def objects(count: int, **troubles: str) -> list[Object]:
+class Compare(_Stage):
+    name = "compare"
+    summary = "look at numbers and means"
+    output = MEAN.model_copy(update={"name": "comparison"})
+    inputs = (NOISE, MEAN)
+
+    @contextmanager
+    def session(self, settings: NoiseSettings) -> Iterator[Callable[[Task], Row]]:
+        yield lambda task: {"mean": task.inputs["mean"]["mean"] - task.inputs["noise"]["values"][0]}
+
+
+def objects(count: int, kind: str = "letter", **troubles: str) -> list[Object]:
     """Objects a, b, c …, some with a trouble."""
     names = [chr(ord("a") + number) for number in range(count)]
-    return [Object(name, "letter", "train", {"trouble": troubles.get(name), "name": name}) for name in names]
+    return [Object(name, kind, "train", {"trouble": troubles.get(name), "name": name}) for name in names]
 
 
 def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] | None = None, **changes: Any) -> Request:
     """A request for a tiny stage, by default to make noise for five objects."""
     values = changes.pop("settings", {})
     items = objects(count) if items is None else items
-    return Request(stage or MakeNoise(), NoiseSettings(**values), "tiny", items, "draft", 0, data, **changes)
+    named = {"manifest": "tiny", "seed": 0, "preset": "draft"} | changes
+    return Request(stage=stage or MakeNoise(), settings=NoiseSettings(**values), objects=items, data=data, **named)
 
 
 def run(asked: Request) -> int:

@@ -54,6 +54,26 @@ def test_a_texture_that_is_missing_leaves_a_plain_colour(tmp_path):
     assert load_mesh(path).look.textures == ()
 
 
+def test_a_texture_that_is_cut_short_costs_the_look_and_not_the_shape(tmp_path, rng):
+    path, picture = textured_quad(tmp_path), tmp_path / "paint.png"
+    Image.fromarray(rng.integers(0, 255, (64, 64, 3), np.uint8)).save(picture)
+    picture.write_bytes(picture.read_bytes()[:1000])
+    mesh = load_mesh(path)
+    assert len(mesh.faces) == 2
+    assert mesh.look.textures == ()
+
+
+def test_a_gltf_factor_is_linear_and_multiplies_the_texture(tmp_path):
+    quad = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], process=False)
+    white = Image.new("RGB", (2, 2), (255, 255, 255))
+    material = trimesh.visual.material.PBRMaterial(baseColorFactor=[128, 0, 0, 255], baseColorTexture=white)
+    quad.visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [0, 1]], material=material)
+    quad.export(tmp_path / "red.glb")
+    look = load_mesh(tmp_path / "red.glb").look
+    np.testing.assert_array_equal(look.base_color[0], [188, 0, 0, 255])  # half the light is 188 of 255 in sRGB
+    assert (look.textures[0] == 255).all()
+
+
 def test_face_colours_become_materials(tmp_path):
     box = BOX.copy()
     box.visual.face_colors = np.repeat([[255, 0, 0, 255], [0, 255, 0, 255]], 6, axis=0)

@@ -18,6 +18,9 @@ from pipeline.kernels.geometry.sampling import sample_triangles
 
 DIRECTIONS = 256
 ESCAPES = 2
+SURE_OF_SIDE = 2 * ESCAPES
+"""Escapes on one side, and none on the other, that settle which side is outside; else all directions are counted."""
+
 START = 4e-6
 """Rays start this share of the object's diagonal off the surface: beyond float32 rounding, below any real gap."""
 
@@ -40,8 +43,8 @@ class Sky:
     def escapes(self, points: NDArray[np.float64], normals: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Count directions that leave unhindered from points (N, 3), in front of and behind their normals (N, 3).
 
-        Counting stops for a point as soon as it is exterior with a lead of `ESCAPES` on one side: whether there are
-        `ESCAPES` is what the full count says, how many there are beyond that is not.
+        Counting stops for a point as soon as it is exterior and its side sure (`SURE_OF_SIDE`): whether there are `ESCAPES`
+        is what the full count says, how many there are beyond that is not.
         """
         front, back = np.zeros(len(points), np.intp), np.zeros(len(points), np.intp)
         open_points = np.arange(len(points))
@@ -51,7 +54,7 @@ class Sky:
             ahead, behind = self._round(points[open_points], normals[open_points], directions)
             front[open_points] += ahead
             back[open_points] += behind
-            known = (front + back >= ESCAPES) & (np.abs(front - back) >= ESCAPES)
+            known = (np.maximum(front, back) >= SURE_OF_SIDE) & (np.minimum(front, back) == 0)
             open_points = open_points[~known[open_points]]
             first, size = first + size, max(size, first + size)  # 8, 8, 16, 32, …
         return front, back
