@@ -11,7 +11,7 @@ from functools import partial
 APT = "apt-get install -y libegl1 libgl1 libxrender1 libgl1-mesa-dri"
 """What Debian and Ubuntu need for rendering without a screen."""
 
-MODULES = ("torch", "pybullet", "trimesh", "embreex", "igl", "zarr", "pydantic_zarr", "skimage", "scipy", "matplotlib", "xarray")
+MODULES = ("torch", "pybullet", "trimesh", "embreex", "igl", "zarr", "pydantic_zarr", "scipy", "matplotlib", "xarray")
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,64 @@
+"""How sound the grasps of a data set are, measured anew: `python -m benchmarks.stored_grasps DATA`.
+
+Penetration by other means than those that chose the grasps, and whether touches outlast 500 more steps of physics. Meshes
+that are not watertight have no inside for a winding number to tell: of them only the object's points in the hand count.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.grasps import MORE_STEPS, independent_depth
+from pipeline.kernels.geometry.rows import read_mesh
+from pipeline.kernels.hand.kinematics import sensor_poses
+from pipeline.kernels.touch.contact import touch_success
+from pipeline.kernels.touch.prism import face_blocks
+from pipeline.kernels.touch.rays import ray_depth
+from pipeline.store.collection import Collection
+from pipeline.store.layout import Layout
+from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+from stages.simulate_grasps.attempt import Grasp
+from stages.simulate_grasps.physics import simulation
+from stages.simulate_grasps.rig import make_rig
+from stages.simulate_grasps.settings import GraspSettings
+
+
+def main() -> None:
+    """Measure every grasp and print the figures."""
+    layout = Layout(Path(sys.argv[1]))
+    surfaces, grasps = Collection(layout, SURFACES), Collection(layout, GRASPS)
+    rig = make_rig(GraspSettings())
+    depths, recorded, flips, closed = [], [], [], []
+    with simulation(rig.hand) as physics:
+        for object_id in grasps:
+            row = grasps.view(object_id)
+            mesh = read_mesh(surfaces.view(object_id))
+            blocks = face_blocks(mesh.triangles)
+            physics.load(mesh)
+            for g, (pose, angles) in enumerate(zip(row["hand_pose"], row["joint_angles"], strict=True)):
+                touched = row["touch_success"][g]
+                grasp = Grasp(pose, angles, row["sensor_pose"][g], touched, float(row["penetration"][g]), True)
+                depths.append(independent_depth(rig, mesh, grasp, np.random.default_rng(g)))
+                recorded.append(grasp.penetration)
+                closed.append(bool(surfaces.view(object_id)["watertight"]))
+                physics.settle(pose, angles, angles, (0, 0), 0.0)
+                later, _ = physics.advance((MORE_STEPS, MORE_STEPS), 0.0)
+                after = [touch_success(ray_depth(blocks, sensor, rig.sensor), rig.sensor) for sensor in sensor_poses(rig.hand, pose, later)]
+                flips.append(touched != np.array(after))
+    for name, chosen in (("watertight", np.array(closed)), ("other", ~np.array(closed))):
+        if chosen.any():
+            mm, theirs = 1e3 * np.array(depths)[chosen], 1e3 * np.array(recorded)[chosen]
+            print(
+                f"{name}: {len(mm)} grasps, ≤ 1 mm inside {100 * np.mean(mm <= 1):.1f} %, median {np.median(mm):.3f}, "
+                f"99 % {np.percentile(mm, 99):.3f}, worst {mm.max():.3f} mm; as recorded, worst {theirs.max():.3f} mm"
+            )
+    changed = np.array(flips)
+    print(f"{MORE_STEPS} more steps change {100 * changed.mean():.2f} % of touches, {100 * changed.any(axis=1).mean():.2f} % of grasps")
+
+
+if __name__ == "__main__":
+    main()
