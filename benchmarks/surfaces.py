@@ -33,7 +33,7 @@ def least_ms(action: Callable[[], object]) -> float:
 def main() -> None:
     rows = []
     for item in load_manifest("toy").objects():
-        source = source_mesh(Task(item.object_id, item.category, 0, item.split, item.source))
+        source = source_mesh(Task(item.object_id, item.category, 0, item.source))
         mesh = normalise(gate(source, 1_000_000)[0], item.source.get("up", "z"), 0.5)
         points, _ = sample_exterior(mesh, POINTS, np.random.default_rng(0))
         off = np.sqrt(igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces.astype(np.int64))[0]).max()

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from pipeline import keys
 from pipeline.manifest import Object, shard_of
@@ -123,7 +124,8 @@ def make_plan(request: Request, number: int) -> Plan:
         plan.jobs.append(job)
         if failure:
             plan.failed_before[item.object_id] = Piece({}, 0.0, failure)
-    whole = {"stage": stage_part, "rows": [job.key for job in plan.jobs], "shard": [number, request.shards]}
+    rows = [(job.key, job.item.split) for job in plan.jobs]  # another split of the same rows is packed anew, and nothing computed
+    whole = {"stage": stage_part, "rows": rows, "shard": [number, request.shards]}
     plan.key = digest.of_json({**whole, "manifest": request.manifest})
     return plan
 
@@ -151,7 +153,7 @@ def _first_job(request: Request, stage_part: str, item: Object) -> tuple[Job, di
     """The job of a stage that reads the manifest's sources."""
     failure = None
     try:
-        origin = {"source": fingerprint(item.source), "split": item.split}
+        origin: dict[str, Any] = {"source": fingerprint(item.source)}
     except OSError as error:
         origin = {"unreadable": str(error)}
         failure = {"stage": request.stage.name, "reason": f"its file cannot be read: {error}; mend or remove it"}

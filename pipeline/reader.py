@@ -59,7 +59,7 @@ class GraspDataset(Dataset[Item]):
         self.left_out: dict[str, str] = {}
         self.items: list[tuple[str, int]] = []
         for object_id in self._collections["surfaces"]:
-            if split in (None, str(self._collections["surfaces"].view(object_id)["split"])) and self._usable(object_id):
+            if split in (None, self._collections["surfaces"].shard(object_id).split(object_id)) and self._usable(object_id):
                 grasps = self._collections["grasps"].shard(object_id).array("hand_pose").shape[1]
                 self.items += [(object_id, grasp) for grasp in range(grasps)]
         if not self.items:

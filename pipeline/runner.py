@@ -97,6 +97,7 @@ def _commit(plan: Plan) -> None:
     header = Header(
         object_ids=list(jobs),
         categories=[job.item.category for job in jobs.values()],
+        splits=[job.item.split for job in jobs.values()],
         attributes={
             "schema": artifact.name,
             "schema_version": artifact.version,

@@ -54,7 +54,6 @@ class Task:
     object_id: str
     category: str
     seed: int
-    split: str = ""
     source: Mapping[str, Any] = field(default_factory=dict)
     inputs: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     attributes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

@@ -199,7 +199,6 @@ def _task(job: Job) -> Task:
     return Task(
         object_id=item.object_id,
         category=item.category,
-        split=item.split,
         seed=_state["work"].seed,
         source=item.source,
         inputs=inputs,

@@ -64,6 +64,7 @@ class Artifact(BaseModel):
 COMMON = {
     "object_id": Array(dims=("object",), dtype="string", units="1", description="The object's name, the same in every artifact."),
     "category": Array(dims=("object",), dtype="string", units="1", description="The object's class."),
+    "split": Array(dims=("object",), dtype="string", units="1", description="train, valid or test: a label, on which no value depends."),
     "ok": Array(
         dims=("object",),
         dtype="bool",

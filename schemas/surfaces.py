@@ -14,7 +14,6 @@ SURFACES = Artifact(
             description="S^obj: points drawn area-uniformly from the exterior surface, world frame.",
         ),
         "normals": Array(dims=("object", "point", "xyz"), dtype="float32", units="1", description="Outward unit normals at `points`."),
-        "split": Array(dims=("object",), dtype="string", units="1", description="train, valid or test."),
         "watertight": Array(dims=("object",), dtype="bool", units="1", description="Every edge of the mesh has two faces."),
         "degenerate_faces": Array(dims=("object",), dtype="int32", units="1", description="Faces without area that the gate removed."),
         "duplicate_faces": Array(dims=("object",), dtype="int32", units="1", description="Repeated faces that the gate removed."),

@@ -57,7 +57,7 @@ class Collection:
     def digest(self) -> str:
         """The digest of every object in it: equal however they are split, and whatever versions made them."""
         shards = {digest.of_json(_shared(shard)) for shard in self.shards}
-        rows = [(object_id, shard.row_digest(object_id)) for object_id, shard in self._shard_of.items()]
+        rows = [(name, f"{shard.row_digest(name)} {shard.split(name)}") for name, shard in self._shard_of.items()]
         return digest.of_rows(rows, {"shared": sorted(shards)})
 
     def stale(self, others: Sequence[Collection]) -> str | None:

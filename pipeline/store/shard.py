@@ -57,6 +57,14 @@ class Shard:
         """A stored array, by its path below the root."""
         return self.group[name]
 
+    @cached_property
+    def _splits(self) -> list[str]:
+        return [str(name) for name in self.array("split")[:]]
+
+    def split(self, object_id: str) -> str:
+        """The split an object belongs to."""
+        return self._splits[self.rows[object_id]]
+
     def row_digest(self, object_id: str) -> str:
         """The digest of an object's row, as it was when it was made."""
         return str(self.attributes["digests"][self.rows[object_id]])

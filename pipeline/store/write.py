@@ -25,6 +25,7 @@ class Header:
 
     object_ids: Sequence[str]
     categories: Sequence[str]
+    splits: Sequence[str]
     attributes: Mapping[str, Any]
 
 
@@ -70,6 +71,7 @@ def write_shard(path: Path, artifact: Artifact, header: Header, load: Callable[[
     group: Any = group_spec(artifact, shapes, {**header.attributes, "complete": False}).to_zarr(LocalStore(beside), path="")
     group["object_id"][:] = np.array(header.object_ids, object)
     group["category"][:] = np.array(header.categories, object)
+    group["split"][:] = np.array(header.splits, object)
     for name, constant in constants.items():
         group[name][...] = constant
     stacked = [name for name in shapes if "/" not in name and name not in (*COMMON, *constants)]

@@ -65,7 +65,6 @@ def _process(task: Task, settings: SurfaceSettings) -> Row:
     return {
         "points": points,
         "normals": normals,
-        "split": np.array(task.split),
         "watertight": np.array(report.watertight),
         "degenerate_faces": np.array(report.degenerate_faces, np.int32),
         "duplicate_faces": np.array(report.duplicate_faces, np.int32),

@@ -14,6 +14,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import normalise
 from pipeline.kernels.hand.kinematics import forward, sensor_poses
 from pipeline.stage import ObjectError, Task, rng_of
+from schemas.base import COMMON
 from schemas.grasps import GRASPS
 from stages.sample_surfaces.procedural import CATEGORIES, generate
 from stages.simulate_grasps.attempt import Grasp, attempt, keep_best
@@ -147,7 +148,7 @@ def test_a_row_is_what_the_schema_says() -> None:
         row = process(task_of(bar(), *points_on(bar(), 1000, seed=3)))
         early = SETTINGS.model_copy(update={"attempts": 6, "grasps": 2, "exhaustive": False})
     sizes = {"grasp": 2, "sensor": 4, "joint": 16, "pose_row": 4, "pose_column": 4}
-    declared = {name: array for name, array in GRASPS.arrays.items() if name not in ("object_id", "category", "ok")}
+    declared = {name: array for name, array in GRASPS.arrays.items() if name not in COMMON}
     assert set(row) == set(declared)
     for name, array in declared.items():
         assert row[name].dtype == np.dtype(array.dtype), name

@@ -142,6 +142,14 @@ def test_a_finer_split_takes_over_and_leaves_nothing_behind(tmp_path, order):
     assert not [*Layout(tmp_path).work("noise").glob("pieces/*")]
 
 
+def test_another_label_is_packed_anew_and_nothing_computed(tmp_path):
+    run(request(tmp_path))
+    whole = digest(tmp_path)
+    assert run(request(tmp_path, items=objects(5, split="test"))) == 0
+    assert Collection(Layout(tmp_path), NOISE).shard("c").split("c") == "test"
+    assert digest(tmp_path) != whole
+
+
 def test_a_new_split_and_a_new_knob_together_use_no_old_row(tmp_path):
     for stage in (MakeNoise(), TakeMean()):
         run(request(tmp_path, stage=stage, shards=4))

@@ -122,10 +122,10 @@ class Compare(_Stage):
         yield lambda task: {"mean": task.inputs["mean"]["mean"] - task.inputs["noise"]["values"][0]}
 
 
-def objects(count: int, kind: str = "letter", **troubles: str) -> list[Object]:
+def objects(count: int, kind: str = "letter", split: str = "train", **troubles: str) -> list[Object]:
     """Objects a, b, c …, some with a trouble."""
     names = [chr(ord("a") + number) for number in range(count)]
-    return [Object(name, kind, "train", {"trouble": troubles.get(name), "name": name}) for name in names]
+    return [Object(name, kind, split, {"trouble": troubles.get(name), "name": name}) for name in names]
 
 
 def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] | None = None, **changes: Any) -> Request:

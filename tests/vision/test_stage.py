@@ -4,6 +4,7 @@ import pytest
 from pipeline.kernels.hand.model import load_hand
 from pipeline.kernels.vision.camera import project
 from pipeline.stage import ObjectError, Row, Task
+from schemas.base import COMMON
 from stages.render_vision.settings import VisionSettings
 from stages.render_vision.stage import RenderVision
 from tests.vision.shapes import ball
@@ -40,7 +41,7 @@ def test_rows_are_as_the_schema_says() -> None:
         "occluded": ((GRASPS, 256, 256, 3), "uint8"),
         "segmentation": ((1 + GRASPS, 256, 256), "uint8"),
     }
-    declared = {name for name, array in STAGE.output.arrays.items() if array.per_object} - {"object_id", "category", "ok"}
+    declared = {name for name, array in STAGE.output.arrays.items() if array.per_object} - set(COMMON)
     assert set(row) == declared
 
 
