@@ -22,8 +22,10 @@ WORKERS  ?= $(if $(and $(filter -j%,$(MAKEFLAGS)),$(filter-out 1,$(SHARDS))),1,0
 
 BIN      := $(VENV)/bin
 APT      := libegl1 libgl1 libxrender1 libgl1-mesa-dri
-LAST     := $(shell expr $(SHARDS) - 1)
-NUMBERS  := $(shell seq 0 $(LAST))
+NUMBERS  := $(shell seq 0 $$(($(SHARDS) - 1)) 2>/dev/null)
+ifeq ($(NUMBERS),)
+$(error SHARDS is $(SHARDS); it must be a whole number, 1 or more)
+endif
 RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) --data $(DATA) \
             $(if $(OBJECTS),--objects $(OBJECTS)) $(addprefix --set ,$(SET)) --workers $(WORKERS) --shards $(SHARDS)
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
