@@ -82,6 +82,10 @@ class Plan:
         own_failures = (failure for failure in attributes["failures"].values() if failure["stage"] == self.request.stage.name)
         return attributes.get("key") == self.key and not (self.request.retry and any(own_failures))
 
+    def piece(self, job: Job) -> Piece | None:
+        """What became of a job's object, None where that is not known yet."""
+        return self.failed_before.get(job.item.object_id) or self.pieces.load(job.item.object_id, job.key)
+
     def unfinished(self) -> list[Job]:
         """The jobs whose piece is not there, whether asked for or not."""
         return [

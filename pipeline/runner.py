@@ -64,7 +64,7 @@ def _strictly(object_id: str, reason: str) -> str:
 
 def _refuse_failures(plan: Plan) -> None:
     for job in plan.jobs:
-        piece = plan.failed_before.get(job.item.object_id) or plan.pieces.load(job.item.object_id, job.key)
+        piece = plan.piece(job)
         if piece and piece.failure:
             raise ObjectError(_strictly(job.item.object_id, piece.failure["reason"]))
 
@@ -77,7 +77,7 @@ def _forget_failures(plan: Plan) -> None:
 
 
 def _load(plan: Plan, job: Job) -> Piece:
-    piece = plan.failed_before.get(job.item.object_id) or plan.pieces.load(job.item.object_id, job.key)
+    piece = plan.piece(job)
     if piece is None:
         raise StoreError(f"{plan.pieces.path(job.item.object_id, job.key)} cannot be read; delete it and run again")
     return piece

@@ -118,9 +118,8 @@ class Directory(Placed):
     def each(self, root: Path | None) -> Iterator[Found]:
         """Every mesh file below the folder, hidden ones apart."""
         folder = _folder(self.path or root, "a folder of meshes")
-        hidden = {file for file in folder.rglob("*") if any(part.startswith(".") for part in file.relative_to(folder).parts)}
-        named = (file for file in sorted(folder.rglob("*")) if file.suffix.lower() in MESH_SUFFIXES)
-        files = [file for file in named if file not in hidden and not file.is_dir()]
+        named = (file for file in sorted(folder.rglob("*")) if file.suffix.lower() in MESH_SUFFIXES and not file.is_dir())
+        files = [file for file in named if not any(part.startswith(".") for part in file.relative_to(folder).parts)]
         if not files:
             raise ValueError(f"no mesh files below {folder.resolve()}; looked for {', '.join(MESH_SUFFIXES)} in all its sub-folders")
         names = {file: _name(file.relative_to(folder).with_suffix("")) for file in files}

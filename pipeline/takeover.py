@@ -7,8 +7,7 @@ from collections.abc import Iterator
 
 from pipeline.plan import Plan
 from pipeline.store.pieces import Piece
-from pipeline.store.shard import Shard, StoreError
-from schemas.base import COMMON
+from pipeline.store.shard import Shard, StoreError, row_digest
 
 _GONE = (StoreError, KeyError, ValueError, FileNotFoundError)
 """What reading a shard raises that is damaged, or that a run beside this one is replacing: its rows are made anew."""
@@ -43,8 +42,8 @@ def take_over(plan: Plan) -> None:
     for shard, object_id, key in list(takeable(plan)):
         try:
             view = shard.view(object_id)
-            if view.digest() == shard.row_digest(object_id):
-                row = {name: value for name, value in view.items() if name not in COMMON}
+            row = view.row()
+            if row_digest(row, None, str(view["category"])) == shard.row_digest(object_id):
                 plan.pieces.save(object_id, key, Piece(row, float(shard.attributes["seconds"][shard.rows[object_id]])))
         except _GONE:
             continue

@@ -107,10 +107,14 @@ class RowView(Mapping[str, np.ndarray]):
         value = self.shard.array(name)[self.shard.rows[self.object_id]]
         return np.array(str(value)) if declared.dtype == "string" else np.asarray(value, numpy_dtype(declared))
 
+    def row(self) -> dict[str, np.ndarray]:
+        """What the stage returned for the object: every array of the row but those that all artifacts have."""
+        return {name: self[name] for name in self if name not in COMMON}
+
     def digest(self) -> str:
         """The digest of the row as it is stored; a StoreError where it cannot be read."""
         try:
-            row = {name: value for name, value in self.items() if name not in COMMON}
+            row = self.row()
         except Exception as error:  # whatever a codec raises on bytes that changed
             raise StoreError(
                 f"{self.shard.path}: {self.object_id} cannot be read ({error}); delete the shard and run its stage again"
