@@ -1,12 +1,14 @@
 # The DAG of vt-pipeline. `make` lists the targets.
 #
-#   MANIFEST  which objects: toy, pybullet-objects, directory, warehouse, or a YAML file     (toy)
+#   MANIFEST  which objects: toy, procedural, four-classes, pybullet-objects, directory, warehouse, or a YAML file  (toy)
 #   PRESET    draft, standard or paper                                                       (draft)
 #   SHARDS    into how many shards the objects are split; `make -j` works on them side by side  (1)
 #   WORKERS   processes a shard; 0 for one a core                                            (0, with -j 1)
 #   DATA      where the data set goes                                                        (data/MANIFEST/PRESET)
 #   OBJECTS   folder of meshes, for manifests that name none
 #   SET       knobs: SET="simulate-grasps.attempts=20 simulate-touch.tracer=sphere"
+#   CONFIGURATIONS  graph networks to train and evaluate; what none of them sees or feels is not made
+#                   (none touch occluded occluded-touch unoccluded unoccluded-touch)
 
 MANIFEST ?= toy
 PRESET   ?= draft
@@ -14,6 +16,7 @@ SHARDS   ?= 1
 DATA     ?= data/$(basename $(notdir $(MANIFEST)))/$(PRESET)
 OBJECTS  ?=
 SET      ?=
+CONFIGURATIONS ?= none touch occluded occluded-touch unoccluded unoccluded-touch
 VENV     ?= .venv
 PYTHON   ?= python3.11
 
@@ -31,7 +34,7 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system dataset summary test test-slow lint bench clean FORCE
+.PHONY: help setup system dataset summary train train-unet evaluate report reproduce test test-slow lint bench clean FORCE
 FORCE:
 
 help:  ## list the targets
@@ -50,9 +53,35 @@ render-vision.%: simulate-grasps.%
 simulate-touch.%: simulate-grasps.%
 	@$(SHARD)
 
-.PRECIOUS: sample-surfaces.% simulate-grasps.% render-vision.% simulate-touch.%
 
-summary: $(addprefix render-vision.,$(NUMBERS)) $(addprefix simulate-touch.,$(NUMBERS))
+SURFACES  = $(addprefix sample-surfaces.,$(NUMBERS))
+IMAGES    = $(addprefix render-vision.,$(NUMBERS))
+TOUCHES   = $(addprefix simulate-touch.,$(NUMBERS))
+CHARTS    = $(addprefix fit-charts.,$(NUMBERS))
+
+train-unet: $(TOUCHES)
+	@$(RUN)
+fit-charts.%: train-unet
+	@$(SHARD)
+
+.SECONDEXPANSION:
+train-gcn.%: $$(SURFACES) $$(if $$(findstring occluded,$$*),$$(IMAGES)) $$(if $$(findstring touch,$$*),$$(CHARTS))
+	@$(subst $@,train-gcn,$(RUN)) --set train-gcn.configuration=$*
+
+comma    := ,
+space    := $(subst ,, )
+train: $(addprefix train-gcn.,$(CONFIGURATIONS))  ## train every network: the one that reads touches, and the graph networks
+evaluate: train  ## measure the graph networks on the test objects, beside the supplement's tables
+	@$(RUN) --set 'evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]'
+report: evaluate  ## say whether the supplement's orderings hold; draw learning curves and reconstructions
+	@$(BIN)/vt-pipeline report $(DATA)
+
+reproduce:  ## the supplement's claims, tested on 240 modelled objects: data set, training, evaluation, report
+	@$(MAKE) report MANIFEST=four-classes PRESET=draft
+
+.PRECIOUS: sample-surfaces.% simulate-grasps.% render-vision.% simulate-touch.% fit-charts.% train-gcn.%
+
+summary: $(IMAGES) $(TOUCHES)
 	@$(BIN)/vt-pipeline summary $(DATA)
 
 # ---- what has to be installed
@@ -93,7 +122,7 @@ test-slow: lint  ## run the same suites at full size
 	@$(BIN)/pytest -n auto --dist loadfile
 
 bench: $(VENV)/installed-dev  ## measure every stage beside its raw limit, in one run
-	@for name in surfaces grasps vision touch; do $(BIN)/python -m benchmarks.$$name || exit 1; done
+	@for name in surfaces grasps vision touch chamfer unet charts gcn; do $(BIN)/python -m benchmarks.$$name || exit 1; done
 
 clean:  ## remove the virtual environment; data is kept
 	rm -rf $(VENV)

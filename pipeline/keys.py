@@ -13,7 +13,10 @@ from typing import Any
 from pipeline.stage import Stage
 from pipeline.store import digest
 
-DECIDES_RESULTS = ("stages", "schemas", "pipeline.kernels", "pipeline.stage", "pipeline.contact_band", "pipeline.contact_sheet")
+DECIDES_RESULTS = (
+    *("stages", "schemas", "pipeline.kernels", "pipeline.learning", "pipeline.stage"),
+    *("pipeline.contact_band", "pipeline.contact_sheet"),
+)
 """What decides results, and pictures of them; processes, files and progress around it do not."""
 
 

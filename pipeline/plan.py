@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from pipeline import keys
 from pipeline.manifest import Object, shard_of
 from pipeline.settings import Settings
 from pipeline.sources import fingerprint
-from pipeline.stage import Cost, Stage
+from pipeline.stage import Cost, ObjectStage, Stage
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from pipeline.store.pieces import Piece, Pieces
+from pipeline.store.record import Record, check_models, standing_record
 from pipeline.store.shard import Shard, StoreError
+
+S = TypeVar("S", bound=Stage)
 
 
 @dataclass(frozen=True)
-class Request:
+class Request(Generic[S]):
     """What is asked of a run."""
 
-    stage: Stage
+    stage: S
     settings: Settings
     manifest: str
     objects: Sequence[Object]
@@ -51,11 +54,13 @@ class Job:
 class Plan:
     """What a run of one shard amounts to."""
 
-    request: Request
+    request: Request[ObjectStage]
     number: int
     jobs: list[Job] = field(default_factory=list)
     failed_before: dict[str, Piece] = field(default_factory=dict)
     """Objects that cannot be processed because an earlier stage, or reading their source, failed."""
+    records: dict[str, Record] = field(default_factory=dict)
+    """The models that are read, by name."""
     key: str = ""
 
     @property
@@ -112,7 +117,7 @@ def _seconds(path: Path, plan: Plan) -> list[float]:
     return [float(value) for value in shard.attributes["seconds"]] if same else []
 
 
-def make_plan(request: Request, number: int) -> Plan:
+def make_plan(request: Request[ObjectStage], number: int) -> Plan:
     """Work out the keys of a shard's objects, and with them its own.
 
     Raises
@@ -121,8 +126,11 @@ def make_plan(request: Request, number: int) -> Plan:
         An input has not been made for one of the objects, or was itself made from another input than stands there now.
     """
     plan = Plan(request, number)
-    stage_part = _stage_part(request)
-    inputs = [Collection(plan.layout, artifact, request.shards) for artifact in request.stage.inputs]
+    plan.records = {name: standing_record(plan.layout, name) for name in request.stage.models(request.settings)}
+    stage_part = _stage_part(request, plan.records)
+    inputs = [Collection(plan.layout, artifact, request.shards) for artifact in request.stage.inputs(request.settings)]
+    for collection in inputs:
+        check_models(plan.layout, collection)
     for item in shard_of(request.objects, number, request.shards):
         job, failure = _job(request, stage_part, inputs, item) if inputs else _first_job(request, stage_part, item)
         plan.jobs.append(job)
@@ -134,7 +142,7 @@ def make_plan(request: Request, number: int) -> Plan:
     return plan
 
 
-def _stage_part(request: Request) -> str:
+def _stage_part(request: Request[ObjectStage], records: Mapping[str, Record]) -> str:
     """What the keys of all objects have in common."""
     stage, settings = request.stage, request.settings
     try:
@@ -149,11 +157,12 @@ def _stage_part(request: Request) -> str:
             "settings": settings.results(),
             "assets": assets,
             "seed": request.seed,
+            **({"models": {name: record.digest for name, record in records.items()}} if records else {}),
         }
     )
 
 
-def _first_job(request: Request, stage_part: str, item: Object) -> tuple[Job, dict[str, str] | None]:
+def _first_job(request: Request[ObjectStage], stage_part: str, item: Object) -> tuple[Job, dict[str, str] | None]:
     """The job of a stage that reads the manifest's sources."""
     failure = None
     try:
@@ -164,7 +173,7 @@ def _first_job(request: Request, stage_part: str, item: Object) -> tuple[Job, di
     return Job(item, keys.object_key(stage_part, item.object_id, item.category, origin)), failure
 
 
-def _job(request: Request, stage_part: str, inputs: Sequence[Collection], item: Object) -> tuple[Job, dict[str, str] | None]:
+def _job(request: Request[ObjectStage], stage_part: str, inputs: Sequence[Collection], item: Object) -> tuple[Job, dict[str, str] | None]:
     """The job of a stage that reads earlier ones."""
     standing = {collection.artifact.name: collection.shard(item.object_id) for collection in inputs}
     rows = {name: shard.row_digest(item.object_id) for name, shard in standing.items()}

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import fcntl
-import importlib.metadata
 from collections.abc import Iterator
-from contextlib import contextmanager
 
 from pipeline.plan import Job, Plan
 from pipeline.stage import ObjectError
 from pipeline.store import digest
 from pipeline.store.pieces import Piece
+from pipeline.store.place import one_writer
 from pipeline.store.shard import StoreError, row_digest
 from pipeline.store.write import Header, conform, write_shard
 from pipeline.takeover import drop_other_splits, take_over
+from pipeline.versions import library_versions
 from pipeline.workers import Outcome, Work, run_jobs
-
-LIBRARIES = ("vt-pipeline", "numpy", "scipy", "trimesh", "pybullet", "embreex", "libigl", "pyrender-maintained", "zarr")
 
 
 def execute(plan: Plan) -> Iterator[Outcome]:
@@ -35,7 +32,7 @@ def execute(plan: Plan) -> Iterator[Outcome]:
         Another run holds the shard, an input is damaged, or what was made cannot be stored.
     """
     request = plan.request
-    with _one_at_a_time(plan):
+    with one_writer(plan.layout.work(plan.path.parent.name) / f"{plan.number:04d}.lock", plan.path):
         if plan.up_to_date():  # by the run that held the lock before
             return
         if request.retry:
@@ -44,7 +41,8 @@ def execute(plan: Plan) -> Iterator[Outcome]:
         if request.strict:
             _refuse_failures(plan)
         if missing := plan.missing():
-            work = Work(request.stage, request.settings, request.seed, request.shards, request.data)
+            models = {name: record.folder for name, record in plan.records.items()}
+            work = Work(request.stage, request.settings, request.seed, request.shards, request.data, models)
             for outcome in run_jobs(work, missing, request.workers):
                 yield outcome
                 if request.strict and outcome.reason:
@@ -105,6 +103,7 @@ def _commit(plan: Plan) -> None:
             "key": plan.key,
             "object_keys": [job.key for job in jobs.values()],
             "input_digests": [job.inputs for job in jobs.values()],
+            "models": {name: record.digest for name, record in plan.records.items()},
             "digests": digests,
             "constants_digest": digest.of_arrays(constants),
             "settings": request.settings.results(),
@@ -116,7 +115,7 @@ def _commit(plan: Plan) -> None:
             "shards": request.shards,
             "failures": failures,
             "seconds": seconds,
-            "versions": {name: importlib.metadata.version(name) for name in LIBRARIES},
+            "versions": library_versions(),
             **request.stage.attributes(request.settings),
         },
     )
@@ -124,16 +123,3 @@ def _commit(plan: Plan) -> None:
     write_shard(plan.path, artifact, header, lambda object_id: _load(plan, jobs[object_id]), constants, beside)
     plan.pieces.discard(jobs)
     drop_other_splits(plan)
-
-
-@contextmanager
-def _one_at_a_time(plan: Plan) -> Iterator[None]:
-    """Hold the shard's lock: the system frees it however its holder ends."""
-    lock = plan.layout.work(plan.path.parent.name) / f"{plan.number:04d}.lock"
-    lock.parent.mkdir(parents=True, exist_ok=True)
-    with lock.open("a") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise StoreError(f"{plan.path} is being made by another run; wait for it to end") from None
-        yield

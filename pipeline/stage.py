@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
+from rich.console import Console
 
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.settings import Settings
@@ -38,7 +39,7 @@ def rng_of(seed: int, *identity: str | int) -> np.random.Generator:
 
 @dataclass(frozen=True)
 class Cost:
-    """What an object takes, typically, on one core: for `--dry-run`."""
+    """What an object (or, in a set stage, all of it) takes, typically, on one core: for `--dry-run`."""
 
     seconds: float
     kilobytes: float
@@ -71,13 +72,23 @@ class Task:
 
 
 class Stage(Protocol):
-    """A stage turns one object's row of its inputs into one row of its output."""
+    """What all stages have in common."""
 
     name: ClassVar[str]
     summary: ClassVar[str]
-    output: ClassVar[Artifact]
-    inputs: ClassVar[tuple[Artifact, ...]]
     settings_type: ClassVar[type[Settings]]
+
+    def inputs(self, settings: Any) -> tuple[Artifact, ...]:
+        """The artifacts that are read; none that these settings leave out."""
+
+    def models(self, settings: Any) -> tuple[str, ...]:
+        """The folders below the data directory that set stages filled and this one reads, such as `models/unet`."""
+
+
+class ObjectStage(Stage, Protocol):
+    """A stage that turns one object's row of its inputs into one row of its output."""
+
+    output: ClassVar[Artifact]
 
     def assets(self, settings: Any) -> list[Path]:
         """Data files whose content belongs to the key (a hand, a sensor, a scene)."""
@@ -91,5 +102,40 @@ class Stage(Protocol):
     def cost(self, settings: Any) -> Cost:
         """What an object takes, typically."""
 
-    def session(self, settings: Any) -> AbstractContextManager[Callable[[Task], Row]]:
+    def session(self, settings: Any, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Task], Row]]:
         """Open what a worker keeps between objects (a renderer, a physics client); yields `process(task) -> row`."""
+
+
+@dataclass(frozen=True)
+class SetJob:
+    """What a set stage is told: what to read, and the folder to fill.
+
+    `folder` may hold what a killed run left there: going on with it is the stage's affair. What is random is keyed by
+    `seed` and names, as `rng_of` takes them.
+    """
+
+    data: Path
+    folder: Path
+    settings: Any
+    seed: int
+    models: Mapping[str, Path]
+    console: Console
+
+
+class SetStage(Stage, Protocol):
+    """A stage that looks at the whole data set at once and fills one folder: a trained model, an evaluation."""
+
+    grid: ClassVar[Mapping[str, Sequence[Any]]]
+    """The supplement's grid of hyperparameters, by knob; empty where there is none."""
+
+    def splits(self, settings: Any) -> tuple[str, ...]:
+        """The splits whose objects are looked at; the others change nothing."""
+
+    def folder(self, settings: Any) -> str:
+        """What is filled, below the data directory."""
+
+    def cost(self, settings: Any, objects: int) -> Cost:
+        """What it takes altogether, roughly, with so many objects in its splits."""
+
+    def make(self, job: SetJob) -> dict[str, Any]:
+        """Fill the job's folder; returns facts for its record (seconds, hardware, the best loss), as JSON."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -12,6 +13,7 @@ from rich.table import Table
 
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
+from pipeline.store.record import Record, folders, standing_record
 from pipeline.store.shard import StoreError
 from schemas.catalogue import ARTIFACTS
 
@@ -30,6 +32,37 @@ class Account:
     digest: str
     unfinished: int
     """Objects whose row lies in the work area, waiting for the rest of their shard."""
+
+
+@dataclass(frozen=True)
+class FolderAccount:
+    """One folder that a set stage filled: a model, an evaluation."""
+
+    folder: str
+    stage: str
+    megabytes: float
+    seconds: float
+    digest: str
+    facts: dict[str, Any]
+    """What the stage said of it: epochs, the best loss, hardware."""
+    stale: str | None
+    """Why it is not what would be made now, None where it is."""
+
+
+def read_folders(data: Path) -> list[FolderAccount]:
+    """An account of every finished folder in a data directory."""
+    accounts = []
+    for name in folders(data):
+        record = Record(data / name)
+        content = record.content
+        try:
+            standing_record(Layout(data), name)
+            stale = None
+        except StoreError as error:
+            stale = str(error)
+        numbers = (_megabytes(record.folder), content["seconds"], record.digest)
+        accounts.append(FolderAccount(name, content["stage"], *numbers, content["facts"], stale))
+    return accounts
 
 
 def read(data: Path) -> list[Account]:
@@ -68,19 +101,29 @@ def _megabytes(folder: Path) -> float:
     return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) / 1e6
 
 
-def to_json(accounts: list[Account]) -> str:
-    """The accounts as JSON, by artifact."""
-    return json.dumps({account.artifact: asdict(account) for account in accounts}, indent=2)
+def to_json(accounts: list[Account], filled: list[FolderAccount]) -> str:
+    """The accounts as JSON, by artifact and folder."""
+    named = {account.artifact: asdict(account) for account in accounts} | {account.folder: asdict(account) for account in filled}
+    return json.dumps(named, indent=2)
 
 
-def show(accounts: list[Account], console: Console) -> None:
-    """Print the accounts as a table, and below it every failure with its reason."""
+def show(accounts: list[Account], filled: list[FolderAccount], console: Console) -> None:
+    """Print the accounts as tables, and below them every failure with its reason."""
     table = Table("artifact", "shards", "objects", "failed", "unfinished", "MB", "core s", "digest", box=None, padding=(0, 2))
     for account in accounts:
         numbers = (account.shards, account.objects, len(account.failures), account.unfinished)
         sizes = (f"{account.megabytes:.1f}", f"{account.seconds:.0f}", account.digest[:16])
         table.add_row(account.artifact, *map(str, numbers), *sizes)
     console.print(table)
+    if filled:
+        table = Table("folder", "stage", "MB", "s", "digest", "", box=None, padding=(0, 2))
+        for folder in filled:
+            size = (f"{folder.megabytes:.1f}", f"{folder.seconds:.0f}", folder.digest[:16])
+            table.add_row(folder.folder, folder.stage, *size, "" if folder.stale is None else "stale")
+        console.print(table)
+        for folder in filled:
+            if folder.stale:
+                console.print(f"[yellow]stale[/] {escape(folder.stale)}")
     shown: set[tuple[str, str]] = set()
     for account in accounts:
         for object_id, failure in account.failures.items():

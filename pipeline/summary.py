@@ -17,6 +17,9 @@ from pipeline.store.layout import Layout
 from pipeline.store.shard import RowView, StoreError
 from schemas.catalogue import ARTIFACTS
 
+SHOWN = ("surfaces", "grasps", "vision", "touch")
+"""The artifacts that a contact sheet shows."""
+
 
 def contact_sheets(data: Path, most: int) -> list[Path]:
     """Draw the best grasp of at most so many objects, spread evenly over the data set; returns the pages' paths.
@@ -26,7 +29,7 @@ def contact_sheets(data: Path, most: int) -> list[Path]:
     StoreError
         An artifact has not been made, or no object came through all stages.
     """
-    collections = {name: Collection(Layout(data), artifact) for name, artifact in ARTIFACTS.items()}
+    collections = {name: Collection(Layout(data), ARTIFACTS[name]) for name in SHOWN}
     for name in ("vision", "touch"):
         if not collections[name].shards:
             raise StoreError(f"{data.resolve()} has no {name}, which a contact sheet shows; run its stage")

@@ -11,7 +11,7 @@ import os
 import threading
 import time
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, suppress
@@ -23,7 +23,7 @@ from typing import Any
 from pipeline.kernels.geometry.rows import read_mesh
 from pipeline.plan import Job
 from pipeline.settings import Settings
-from pipeline.stage import ObjectError, Stage, StageError, Task
+from pipeline.stage import ObjectError, ObjectStage, StageError, Task
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from pipeline.store.pieces import Piece, Pieces
@@ -38,11 +38,12 @@ CRASHES = 2
 class Work:
     """What every worker of a run is told."""
 
-    stage: Stage
+    stage: ObjectStage
     settings: Settings
     seed: int
     shards: int
     data: Path
+    models: Mapping[str, Path]
 
 
 @dataclass(frozen=True)
@@ -153,8 +154,8 @@ def _open(work: Work) -> None:
     _state.update(
         work=work,
         stack=stack,
-        process=stack.enter_context(work.stage.session(work.settings)),
-        inputs={artifact.name: Collection(layout, artifact, work.shards) for artifact in work.stage.inputs},
+        process=stack.enter_context(work.stage.session(work.settings, work.models)),
+        inputs={artifact.name: Collection(layout, artifact, work.shards) for artifact in work.stage.inputs(work.settings)},
         pieces=Pieces(layout.work(work.stage.output.name)),
     )
 

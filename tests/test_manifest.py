@@ -34,7 +34,7 @@ def warehouse(root: Path, **counts: int) -> Path:
 
 
 def test_every_built_in_manifest_loads():
-    assert built_in() == ["directory", "procedural", "pybullet-objects", "toy", "warehouse"]
+    assert built_in() == ["directory", "four-classes", "procedural", "pybullet-objects", "toy", "warehouse"]
     for name in built_in():
         assert load_manifest(name).name == name
 
@@ -132,7 +132,7 @@ def test_what_is_wrong_in_a_file_is_named(tmp_path, change, reason):
 
 
 def test_an_unknown_manifest_lists_the_known():
-    with pytest.raises(ManifestError, match="built in are directory, procedural, pybullet-objects, toy, warehouse"):
+    with pytest.raises(ManifestError, match="built in are directory, four-classes, procedural, pybullet-objects, toy, warehouse"):
         load_manifest("moon")
 
 

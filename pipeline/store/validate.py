@@ -1,4 +1,4 @@
-"""Is a shard what its schema and its own digests say? Every way in which it is not, a line each."""
+"""Are shards and models what their schemas and their own digests say? Every way in which one is not, a line each."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pydantic_zarr.v3 import GroupSpec
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
+from pipeline.store.record import Record, folders, standing_record
 from pipeline.store.shard import Shard, StoreError, row_digest
 from pipeline.store.spec import departures
 from schemas.base import COMMON, Artifact
@@ -108,14 +109,25 @@ def _unreadable(shard: Shard, name: str) -> str | None:
 
 
 def problems_below(path: Path) -> dict[Path, list[str]]:
-    """The problems of the shard at `path`, or of every shard of the data directory there, by path."""
+    """The problems of the shard at `path`, or of every shard and model of the data directory there, by path."""
     if path.suffix == ".zarr":
         return {path: _problems_by_folder(path)}
     layout = Layout(path)
     found = {shard: _problems_by_folder(shard) for name in layout.artifacts() for _, shard in layout.shards(name)}
     if not any(found.values()):
         found |= {path / name: lines for name in layout.artifacts() if (lines := _problems_together(layout, name))}
-    return found
+    return found | {path / name: _folder_problems(layout, name) for name in folders(path)}
+
+
+def _folder_problems(layout: Layout, name: str) -> list[str]:
+    """What is wrong with a folder that a set stage filled: files that changed, or inputs that did since."""
+    if lines := Record(layout.root / name).problems():
+        return lines
+    try:
+        standing_record(layout, name)
+    except StoreError as error:
+        return [str(error)]
+    return []
 
 
 def _problems_together(layout: Layout, name: str) -> list[str]:

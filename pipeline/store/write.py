@@ -13,6 +13,7 @@ from zarr.storage import LocalStore
 
 from pipeline.stage import Row
 from pipeline.store.pieces import Piece
+from pipeline.store.place import put_in_place
 from pipeline.store.shard import StoreError
 from pipeline.store.spec import OBJECTS_A_FILE, group_spec, numpy_dtype
 from pipeline.store.validate import problems
@@ -94,7 +95,7 @@ def write_shard(path: Path, artifact: Artifact, header: Header, load: Callable[[
     group.attrs["complete"] = True
     if found := problems(beside, artifact):
         raise StoreError(f"{path} was written but does not validate, so it was not put in place: {'; '.join(found)}")
-    _move(beside, path)
+    put_in_place(beside, path)
 
 
 def _shapes(artifact: Artifact, header: Header, load: Callable[[str], Piece], constants: Row) -> dict[str, tuple[int, ...]]:
@@ -117,14 +118,3 @@ def _shapes(artifact: Artifact, header: Header, load: Callable[[str], Piece], co
         if name not in shapes and not array.optional:
             shapes[name] = (count, *(sizes.get(dim, 0) for dim in array.dims[1:]))
     return shapes
-
-
-def _move(beside: Path, path: Path) -> None:
-    """Put a directory under its name in place of what stood there."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    old = beside.with_name(f"{path.name}.old")
-    shutil.rmtree(old, ignore_errors=True)
-    if path.exists():
-        path.replace(old)
-    beside.replace(path)
-    shutil.rmtree(old, ignore_errors=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from pipeline.kernels.vision.raster import RasterRenderer
 from pipeline.kernels.vision.scene import load_scene, scene_path
 from pipeline.kernels.vision.view import Label, Part, Placed, Renderer
 from pipeline.stage import Cost, ObjectError, Row, Task
+from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
@@ -33,8 +34,15 @@ class RenderVision:
     name = "render-vision"
     summary = "Images of every object alone and in every grasp, with segmentation."
     output = VISION
-    inputs = (SURFACES, GRASPS)
     settings_type = VisionSettings
+
+    def inputs(self, settings: VisionSettings) -> tuple[Artifact, ...]:
+        """The meshes, and where hand and sensors stand."""
+        return (SURFACES, GRASPS)
+
+    def models(self, settings: VisionSettings) -> tuple[str, ...]:
+        """None."""
+        return ()
 
     def assets(self, settings: VisionSettings) -> list[Path]:
         """The scene, the hand with its shapes, and the shaders."""
@@ -54,7 +62,7 @@ class RenderVision:
         return Cost(seconds=0.05 + 0.025 * images * pixels, kilobytes=15 * images * pixels)
 
     @contextmanager
-    def session(self, settings: VisionSettings) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: VisionSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         """One renderer a worker, with the hand's shapes in it."""
         hand = load_hand(settings.hand)
         with RasterRenderer(load_scene(settings.scene), settings.resolution) as renderer:

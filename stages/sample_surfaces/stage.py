@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
@@ -28,8 +28,15 @@ class SampleSurfaces:
     name: ClassVar[str] = "sample-surfaces"
     summary: ClassVar[str] = "gate and normalise every mesh, draw points from its exterior surface"
     output: ClassVar[Artifact] = SURFACES
-    inputs: ClassVar[tuple[Artifact, ...]] = ()
     settings_type: ClassVar[type[SurfaceSettings]] = SurfaceSettings
+
+    def inputs(self, settings: SurfaceSettings) -> tuple[Artifact, ...]:
+        """None: it reads the manifest's sources."""
+        return ()
+
+    def models(self, settings: SurfaceSettings) -> tuple[str, ...]:
+        """None."""
+        return ()
 
     def assets(self, settings: SurfaceSettings) -> list[Path]:
         """None."""
@@ -48,7 +55,7 @@ class SampleSurfaces:
         return Cost(seconds=0.15, kilobytes=400 * settings.points / 10_000)
 
     @contextmanager
-    def session(self, settings: SurfaceSettings) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: SurfaceSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         """Nothing is kept between objects."""
         yield lambda task: _process(task, settings)
 

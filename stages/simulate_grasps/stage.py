@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.kernels.hand.model import load_hand
 from pipeline.kernels.touch.sensor import sensor_path
 from pipeline.stage import Cost, ObjectError, Row, Task
+from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from stages.simulate_grasps.attempt import Grasp, attempt, keep_best
@@ -29,8 +30,15 @@ class SimulateGrasps:
     name = "simulate-grasps"
     summary = "The best grasps of many, settled in physics, and where each touches."
     output = GRASPS
-    inputs = (SURFACES,)
     settings_type = GraspSettings
+
+    def inputs(self, settings: GraspSettings) -> tuple[Artifact, ...]:
+        """The normalised meshes and their surface points."""
+        return (SURFACES,)
+
+    def models(self, settings: GraspSettings) -> tuple[str, ...]:
+        """None."""
+        return ()
 
     def assets(self, settings: GraspSettings) -> list[Path]:
         """The hand file with all it names, and the sensor's description."""
@@ -52,7 +60,7 @@ class SimulateGrasps:
         return Cost(seconds=0.5 + 0.12 * settings.attempts, kilobytes=settings.grasps)
 
     @contextmanager
-    def session(self, settings: GraspSettings) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: GraspSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         """Prepare the hand and open a physics client, for all objects of a worker."""
         rig = make_rig(settings)
         with simulation(rig.hand) as physics:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from pipeline.kernels.touch.shading import reading, untouched
 from pipeline.kernels.touch.spheres import sphere_depth
 from pipeline.kernels.touch.storage import stored_depth
 from pipeline.stage import Cost, ObjectError, Row, Task
+from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
@@ -29,8 +30,15 @@ class SimulateTouch:
     name = "simulate-touch"
     summary = "Depth map and tactile reading of every sensor of every grasp."
     output = TOUCH
-    inputs = (SURFACES, GRASPS)
     settings_type = TouchSettings
+
+    def inputs(self, settings: TouchSettings) -> tuple[Artifact, ...]:
+        """The meshes, and where hand and sensors stand."""
+        return (SURFACES, GRASPS)
+
+    def models(self, settings: TouchSettings) -> tuple[str, ...]:
+        """None."""
+        return ()
 
     def assets(self, settings: TouchSettings) -> list[Path]:
         """The sensor's description."""
@@ -49,7 +57,7 @@ class SimulateTouch:
         return Cost(seconds=0.03 if settings.tracer == "ray" else 0.7, kilobytes=1600 if settings.store_points else 600)
 
     @contextmanager
-    def session(self, settings: TouchSettings) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: TouchSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         """Load the sensor once; nothing else is kept between objects."""
         sensor = load_sensor(settings.sensor)
 

@@ -144,7 +144,7 @@ def task_of(mesh: Mesh, points: np.ndarray, normals: np.ndarray) -> Task:
 
 def test_a_row_is_what_the_schema_says() -> None:
     settings = SETTINGS.model_copy(update={"attempts": 6, "grasps": 2})
-    with SimulateGrasps().session(settings) as process:
+    with SimulateGrasps().session(settings, {}) as process:
         row = process(task_of(bar(), *points_on(bar(), 1000, seed=3)))
         early = SETTINGS.model_copy(update={"attempts": 6, "grasps": 2, "exhaustive": False})
     sizes = {"grasp": 2, "sensor": 4, "joint": 16, "pose_row": 4, "pose_column": 4}
@@ -154,7 +154,7 @@ def test_a_row_is_what_the_schema_says() -> None:
         assert row[name].dtype == np.dtype(array.dtype), name
         assert row[name].shape == tuple(sizes[dim] for dim in array.dims[1:]), name
     assert row["attempts"] == 6
-    with SimulateGrasps().session(early) as process:
+    with SimulateGrasps().session(early, {}) as process:
         sooner = process(task_of(bar(), *points_on(bar(), 1000, seed=3)))
     assert sooner["attempts"] <= 6
     for name in ("hand_pose", "joint_angles", "sensor_pose", "touch_success", "penetration"):
@@ -166,7 +166,7 @@ def test_a_row_is_what_the_schema_says() -> None:
 def test_most_kept_touches_succeed_at_standard_settings(category: str) -> None:
     mesh = normalise(generate(category, rng_of(5, category)), "z", 0.5)
     points, normals = sample_exterior(mesh, 10_000, rng_of(6, category))
-    with SimulateGrasps().session(GraspSettings()) as process:
+    with SimulateGrasps().session(GraspSettings(), {}) as process:
         row = process(task_of(mesh, points, normals))
     assert row["attempts"] == 50
     assert row["touch_success"].mean() >= 0.85
@@ -181,5 +181,5 @@ def test_an_object_without_room_for_a_hand_is_told_so() -> None:
     points, normals = points_on(shell, 100, seed=0)
     settings = SETTINGS.model_copy(update={"attempts": 1})
     told = pytest.raises(ObjectError, match=r"0 of 5 grasps found in 1 attempts: the hand has no room")
-    with SimulateGrasps().session(settings) as process, told:
+    with SimulateGrasps().session(settings, {}) as process, told:
         process(task_of(shell, points, -normals))

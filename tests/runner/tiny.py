@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,12 @@ class NoiseSettings(Settings):
 class _Stage:
     settings_type = NoiseSettings
 
+    def inputs(self, settings: NoiseSettings) -> tuple[Artifact, ...]:
+        return ()
+
+    def models(self, settings: NoiseSettings) -> tuple[str, ...]:
+        return ()
+
     def assets(self, settings: NoiseSettings) -> list[Path]:
         return []
 
@@ -64,7 +70,6 @@ class _Stage:
 class MakeNoise(_Stage):
     name = "make-noise"
     summary = "draw numbers"
-    inputs = ()
 
     def __init__(self, version: int = 1, asset: str = "", broken: bool = False) -> None:
         self.output = NOISE.model_copy(update={"version": version})
@@ -78,7 +83,7 @@ class MakeNoise(_Stage):
         return {"reach": np.ones((settings.samples, 3))}
 
     @contextmanager
-    def session(self, settings: NoiseSettings) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         if self.broken:
             raise OSError("no device")
 
@@ -104,10 +109,12 @@ class TakeMean(_Stage):
     name = "take-mean"
     summary = "average them"
     output = MEAN
-    inputs = (NOISE,)
+
+    def inputs(self, settings: NoiseSettings) -> tuple[Artifact, ...]:
+        return (NOISE,)
 
     @contextmanager
-    def session(self, settings: NoiseSettings) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         yield lambda task: {"mean": task.inputs["noise"]["values"].astype(np.float64).mean(axis=0)}
 
 
@@ -115,10 +122,12 @@ class Compare(_Stage):
     name = "compare"
     summary = "look at numbers and means"
     output = MEAN.model_copy(update={"name": "comparison"})
-    inputs = (NOISE, MEAN)
+
+    def inputs(self, settings: NoiseSettings) -> tuple[Artifact, ...]:
+        return (NOISE, MEAN)
 
     @contextmanager
-    def session(self, settings: NoiseSettings) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         yield lambda task: {"mean": task.inputs["mean"]["mean"] - task.inputs["noise"]["values"][0]}
 
 

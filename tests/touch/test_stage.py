@@ -36,7 +36,7 @@ def six_poses() -> np.ndarray:
 
 
 def run(settings: TouchSettings, poses: np.ndarray) -> Row:
-    with STAGE.session(settings) as process:
+    with STAGE.session(settings, {}) as process:
         return process(task(poses))
 
 
@@ -86,6 +86,6 @@ def test_a_bad_pose_names_sensor_and_grasp() -> None:
 def test_another_sensor_than_the_hand_wears_is_an_error() -> None:
     with (
         pytest.raises(ObjectError, match=r"the hand wears sensor other, .* is gel_16mm; --set simulate-touch.sensor=other"),
-        STAGE.session(TouchSettings()) as process,
+        STAGE.session(TouchSettings(), {}) as process,
     ):
         process(task(six_poses(), sensor="other"))

@@ -30,7 +30,7 @@ def task(name: str, radius: float, held: str = "allegro_right") -> Task:
 
 
 def rows(settings: VisionSettings, *tasks: Task) -> list[Row]:
-    with STAGE.session(settings) as process:
+    with STAGE.session(settings, {}) as process:
         return [process(one) for one in tasks]
 
 

@@ -1,0 +1,5 @@
+"""The command line: `vt-pipeline run STAGE`, what looks at a data directory, and what uses trained models."""
+
+from pipeline.cli.app import app
+
+__all__ = ["app"]

@@ -1,0 +1,16 @@
+"""Every command of `vt-pipeline`, in the order in which help lists them."""
+
+from __future__ import annotations
+
+import typer
+
+from pipeline.cli import learn, look, run
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_show_locals=False,
+    help="Make a visuotactile data set stage by stage, learn from it, and use what was learned.",
+)
+for command in (run.run, learn.sweep, learn.report, learn.predict, look.stages, look.status, look.validate, look.doctor, look.summary):
+    app.command()(command)

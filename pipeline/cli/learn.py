@@ -1,0 +1,126 @@
+"""Commands about learning: sweeps over hyperparameters, reports, and the use of trained models."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import typer
+import yaml
+
+from pipeline import sweep as sweeps
+from pipeline.cli.request import (
+    DataOption,
+    ManifestOption,
+    ObjectsOption,
+    PresetOption,
+    SeedOption,
+    SetOption,
+    failures_as_words,
+    make_request,
+)
+from pipeline.cli.run import run_folder
+from pipeline.cli.talk import console, fail, say
+from pipeline.store.layout import Layout
+from pipeline.store.record import RECORD, standing_record
+from stages.registry import STAGES, is_set_stage, load_stage
+
+
+def sweep(
+    stage: Annotated[str, typer.Argument(help="train-unet or train-gcn.")],
+    grid: Annotated[list[str] | None, typer.Option(help="KNOB=VALUE,VALUE,… to try; without any, the supplement's grid.")] = None,
+    manifest: ManifestOption = "toy",
+    preset: PresetOption = "draft",
+    data: DataOption = None,
+    objects: ObjectsOption = None,
+    assignments: SetOption = None,
+    seed: SeedOption = None,
+    dry_run: Annotated[bool, typer.Option(help="List the points, and do nothing.")] = False,
+) -> None:
+    """Train over a grid of hyperparameters (supplement 2.2 and 3.4); run again, it goes on where it was."""
+    with failures_as_words():
+        loaded = load_stage(stage) if stage in STAGES else None
+        if loaded is None or not is_set_stage(loaded) or not loaded.grid:
+            fail(f"{stage} has no grid to sweep over; train-unet and train-gcn have")
+        asked = _grid(grid) if grid else dict(loaded.grid)
+        found = []
+        for point in sweeps.points(asked):
+            chosen = [*(assignments or []), *(f"{stage}.{knob}={yaml.safe_dump(value).split(chr(10))[0]}" for knob, value in point.items())]
+            request = make_request(loaded, manifest, preset, data, objects, chosen, seed)
+            place = sweeps.place(stage, loaded.folder(request.settings), point)
+            if dry_run:
+                say(f"{request.data / place}")
+            else:
+                found.append((point, run_folder(request, place)))
+        if found:
+            sweeps.show(found, console)
+
+
+def predict(
+    out: Annotated[Path, typer.Argument(help="Mesh file to write: .obj, .ply or .glb. Metres, world frame; GLB is y up.")],
+    configuration: Annotated[str, typer.Option(help="Which model under MODELS/gcn.")] = "occluded-touch",
+    data: Annotated[Path | None, typer.Option(help="Data directory; with --object, instead of files.")] = None,
+    models: Annotated[Path | None, typer.Option(help="Folder of trained models; by default DATA/models.")] = None,
+    object_id: Annotated[str | None, typer.Option("--object", help="An object of the data directory.")] = None,
+    grasps: Annotated[list[int] | None, typer.Option("--grasp", min=0, help="Of its grasps, from 0; several times for several.")] = None,
+    image: Annotated[Path | None, typer.Option(help="8-bit RGB file from the camera the model was trained with.")] = None,
+    readings: Annotated[list[Path] | None, typer.Option("--reading", help="A tactile reading, one a sensor, as the poses.")] = None,
+    poses: Annotated[Path | None, typer.Option(help=".json or .npz: poses (4 x 4, sensor frame to world, m), perhaps touched.")] = None,
+    surface: Annotated[str, typer.Option(help="apart (charts), joined, or both.")] = "both",
+    seed: Annotated[int, typer.Option(min=0, help="Of the chart fitting.")] = 0,
+) -> None:
+    """Reconstruct an object from one grasp, or a few: from a data directory, or from files of one's own."""
+    from pipeline import predict as prediction
+
+    if surface not in ("apart", "joined", "both"):
+        fail(f"--surface {surface}: it is apart, joined or both")
+    if (folder := models or (data / "models" if data else None)) is None:
+        fail("name a folder of models with --models, or a data directory with --data")
+    with failures_as_words():
+        made = prediction.predict(
+            out,
+            folder,
+            configuration,
+            data=data,
+            object_id=object_id,
+            grasps=grasps or [0],
+            image=image,
+            readings=readings or [],
+            poses=poses,
+            surface=cast(prediction.Surface, surface),
+            seed=seed,
+        )
+        size = f"{len(made.reconstruction.vertices)} vertices, {len(made.reconstruction.faces)} faces, {made.touched.sum()} touches"
+        for path in made.files:
+            say(f"{path}: {size}")
+
+
+def report(
+    data: Annotated[Path, typer.Argument(help="Data directory.")],
+    most: Annotated[int, typer.Option(min=1, help="Draw at most so many reconstructions, spread evenly.")] = 10,
+) -> None:
+    """Print the evaluation's tables and whether the supplement's orderings hold; draw learning curves and reconstructions."""
+    from stages.evaluate.curves import draw_curves
+    from stages.evaluate.gallery import draw_gallery
+    from stages.evaluate.orderings import orderings, show_orderings
+    from stages.evaluate.show import show
+
+    with failures_as_words():
+        record = standing_record(Layout(data), "evaluation")
+        show(record.folder, console)
+        show_orderings(orderings(record.folder), console)
+        trained = [name for name in ("models/unet", *record.content["models"]) if (data / name / RECORD).exists()]
+        draw_curves([data / name for name in trained], data / "learning-curves.png")
+        say(f"learning curves: {data / 'learning-curves.png'}")
+        shown = draw_gallery(data, data / "reconstructions.png", most)
+        say(f"reconstructions of {len(shown)} objects: {data / 'reconstructions.png'}")
+
+
+def _grid(options: list[str]) -> dict[str, list[Any]]:
+    found = {}
+    for option in options:
+        knob, separator, values = option.partition("=")
+        if not separator or not values:
+            fail(f"--grid {option}: write KNOB=VALUE,VALUE,…")
+        found[knob] = [yaml.safe_load(value) for value in values.split(",")]
+    return found

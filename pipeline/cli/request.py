@@ -1,0 +1,79 @@
+"""What commands that run stages have in common: their options, and the request made of them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import typer
+
+from pipeline.cli.talk import fail
+from pipeline.manifest import ManifestError, load_manifest
+from pipeline.plan import Request
+from pipeline.presets import SettingsError, load_presets, resolve
+from pipeline.stage import ObjectError, Stage, StageError
+from pipeline.store.shard import StoreError
+from stages.registry import STAGES, load_stage
+
+S = TypeVar("S", bound=Stage)
+
+ManifestOption = Annotated[str, typer.Option(help="A built-in manifest, or the path of a YAML file.")]
+PresetOption = Annotated[str, typer.Option(help=f"One of {', '.join(load_presets())}.")]
+DataOption = Annotated[Path | None, typer.Option(help="Data directory; by default data/MANIFEST/PRESET.")]
+ObjectsOption = Annotated[Path | None, typer.Option(help="Folder of meshes, for manifests that name none.")]
+SetOption = Annotated[list[str] | None, typer.Option("--set", help="STAGE.KNOB=VALUE, or KNOB=VALUE wherever there is one.")]
+SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.")]
+
+
+@contextmanager
+def failures_as_words() -> Iterator[None]:
+    """Whatever a person can mend ends the command with words for it."""
+    try:
+        yield
+    except (ManifestError, SettingsError, StageError, StoreError, ObjectError, OSError) as error:
+        fail(error)
+    except KeyboardInterrupt:
+        fail("interrupted; what is finished is kept, run the same command to go on")
+
+
+def a_stage_has(knob: str) -> bool:
+    """Whether any stage has a knob of this name, or the one before its dot."""
+    owner, _, field = knob.rpartition(".")
+    return any(field in load_stage(name).settings_type.model_fields for name in ([owner] if owner else STAGES))
+
+
+def make_request(
+    stage: S,
+    manifest: str,
+    preset: str,
+    data: Path | None,
+    objects: Path | None,
+    assignments: Sequence[str],
+    seed: int | None,
+    shards: int = 1,
+    workers: int = 0,
+    strict: bool = False,
+    retry: bool = False,
+    only: str | None = None,
+) -> Request[S]:
+    """What the options ask for."""
+    if (where := data or Path("data") / Path(manifest).stem / preset).is_file():
+        fail(f"--data {where} is a file; name a folder")
+    described = load_manifest(manifest)
+    return Request(
+        stage=stage,
+        settings=resolve(stage, preset, assignments, STAGES, a_stage_has),
+        manifest=described.name,
+        objects=described.objects(objects),
+        preset=preset,
+        seed=described.seed if seed is None else seed,
+        data=where,
+        shards=shards,
+        workers=workers or len(os.sched_getaffinity(0)),
+        strict=strict,
+        retry=retry,
+        only=only,
+    )

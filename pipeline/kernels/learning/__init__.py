@@ -1,0 +1,1 @@
+"""Networks, losses and metrics: from readings and images to charts and their vertices."""

@@ -1,0 +1,51 @@
+"""The square rings around a touch site in which the local Chamfer distance of Table 2 is measured."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def ring_of(points: NDArray[np.floating], pose: NDArray[np.float64], width: float, rings: int = 5) -> NDArray[np.int64]:
+    """In which ring around a sensor every surface point lies: 0 the innermost, -1 in none.
+
+    Ring k of 1, 2, … holds the points with |x|, |y| ≤ k · width / 2 in the sensor's frame that are not in ring k - 1, and with
+    |z| ≤ width, or else the far side of the object would count.
+
+    Parameters
+    ----------
+    points
+        (N, 3) world frame, m.
+    pose
+        (4, 4) sensor frame to world frame.
+    width
+        Side of the sensor, m.
+    rings
+        Number of rings.
+
+    Returns
+    -------
+    (N,) ring index, 0 for the ring ×1.
+    """
+    if points.ndim != 2 or points.shape[1] != 3 or pose.shape != (4, 4):
+        raise ValueError(f"points {points.shape} and pose {pose.shape}: they must be (number, 3) and (4, 4)")
+    if not width > 0 or rings < 1:
+        raise ValueError(f"{rings} rings of a sensor {width} m wide: both must be above 0")
+    local = (np.asarray(points, np.float64) - pose[:3, 3]) @ pose[:3, :3]  # (N, 3) sensor frame
+    across = np.abs(local[:, :2]).max(axis=1)
+    multiple = np.searchsorted(np.arange(1, rings + 1) * (width / 2), across, side="left")  # an edge belongs to the inner ring
+    outside = (multiple == rings) | (np.abs(local[:, 2]) > width)
+    return np.where(outside, -1, multiple)
+
+
+def ring_means(squared: NDArray[np.float64], ring: NDArray[np.int64], rings: int = 5) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Mean of `squared` (N,) over the points of every ring, and how many there are: both (rings,).
+
+    A ring without a point has count 0 and the mean 0: it has no value, and must be left out by its count.
+    """
+    if squared.shape != ring.shape or squared.ndim != 1:
+        raise ValueError(f"squared distances {squared.shape} and rings {ring.shape}: they must be (number,) and the same")
+    inside = ring >= 0
+    count = np.bincount(ring[inside], minlength=rings)
+    total = np.bincount(ring[inside], weights=squared[inside], minlength=rings)
+    return total / np.maximum(count, 1), count

@@ -1,0 +1,76 @@
+"""A zero-neighbour graph layer: some features look at the neighbours, the rest stay at their vertex (supplement 3.2, after GEOMetrics)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from pipeline.kernels.learning.graph import ChartGraph
+
+
+class _AverageAndCut(torch.autograd.Function):
+    """Averages the first `mixed` columns over neighbours, then ReLU, all in place: a layer then keeps one array for the gradient."""
+
+    @staticmethod
+    def forward(ctx: Any, features: Tensor, mean: Tensor, transposed: Tensor, mixed: int) -> Tensor:
+        ctx.mixed = mixed
+        ctx.mark_dirty(features)
+        if mixed:
+            features[:, :mixed] = _product(mean, features[:, :mixed])
+        features.relu_()
+        ctx.save_for_backward(features, transposed)
+        return features
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None, None]:
+        features, transposed = ctx.saved_tensors
+        gradient = torch.ops.aten.threshold_backward(gradient, features, 0)  # a new array: gradients given may not be changed
+        if ctx.mixed:
+            gradient[:, : ctx.mixed] = _product(transposed, gradient[:, : ctx.mixed])
+        return gradient, None, None, None
+
+
+def _product(matrix: Tensor, columns: Tensor) -> Tensor:
+    """The matrix times columns, in the matrix's precision: sparse products know no half precision on a CPU."""
+    with torch.autocast(columns.device.type, enabled=False):
+        return (matrix @ columns.to(matrix.dtype)).to(columns.dtype)
+
+
+class ZeroNeighbourLayer(nn.Module):
+    """A linear map of each vertex's features; the first floor(mixed · out_features) are averaged over neighbours; ReLU.
+
+    Equal to the bit from run to run on a CPU with the same number of threads.
+
+    Parameters
+    ----------
+    in_features, out_features
+        Features of a vertex before and after.
+    mixed
+        Share of features that are averaged, 0 to 1; GEOMetrics has 1/3 and 1/10.
+    """
+
+    def __init__(self, in_features: int, out_features: int, mixed: float = 1 / 3):
+        super().__init__()
+        if not 0 <= mixed <= 1:
+            raise ValueError(f"mixed is {mixed}, but it is a share of the features: 0 to 1")
+        self.linear = nn.Linear(in_features, out_features)
+        self.mixed = math.floor(mixed * out_features)
+
+    def forward(self, features: Tensor, graph: ChartGraph) -> Tensor:
+        """(N, out_features) from (N, in_features) of the graph's vertices.
+
+        Raises
+        ------
+        ValueError
+            Where the features do not fit the graph or the layer.
+        """
+        expected = graph.mean.shape[0], self.linear.in_features
+        if tuple(features.shape) != expected:
+            raise ValueError(f"features are {tuple(features.shape)}, but graph and layer take {expected}: vertices, features")
+        mapped = self.linear(features)
+        averaged: Tensor = _AverageAndCut.apply(mapped, graph.mean, graph.transposed, self.mixed)  # type: ignore[no-untyped-call]
+        return averaged

@@ -1,0 +1,1 @@
+"""Learning: what training, evaluating and using models stand on."""

@@ -1,0 +1,83 @@
+"""Checkpoints: everything a killed training needs to go on to the same weights, in one file that is there whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+FILE = "checkpoint.safetensors"
+
+
+@dataclass
+class Progress:
+    """How far a training is.
+
+    `epoch` and `step` are the next to be done; `sums` adds up the losses of the epoch's finished steps; `history` has the
+    metrics of every finished epoch; `best` is the number of the best one, None before the first.
+    """
+
+    epoch: int = 0
+    step: int = 0
+    sums: float = 0.0
+    seconds: float = 0.0
+    best: int | None = None
+    history: list[dict[str, float]] = field(default_factory=list)
+
+
+def save(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer, best: Mapping[str, Tensor], progress: Progress) -> None:
+    """Write the weights, the optimizer's moments, the best weights so far and the progress."""
+    tensors = {f"module/{name}": value for name, value in module.state_dict().items()}
+    tensors |= {f"best/{name}": value for name, value in best.items()}
+    for index, moments in optimizer.state_dict()["state"].items():
+        tensors |= {f"optimizer/{index}/{name}": torch.as_tensor(value) for name, value in moments.items()}
+    kept = {name: value.detach().cpu().clone(memory_format=torch.contiguous_format) for name, value in tensors.items()}
+    beside = folder / f"{FILE}.{os.getpid()}.tmp"
+    try:
+        save_file(kept, beside, metadata={"progress": json.dumps(progress.__dict__)})
+        beside.replace(folder / FILE)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def load(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer) -> tuple[dict[str, Tensor], Progress]:
+    """Bring module and optimizer to where the checkpoint in `folder` left them; the best weights and the progress.
+
+    Without a checkpoint, or with one that a crash of the machine cut short, everything stays as it is: a fresh start.
+    """
+    try:
+        with safe_open(folder / FILE, framework="pt") as file:
+            progress = Progress(**json.loads(file.metadata()["progress"]))
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
+    except (OSError, SafetensorError):
+        return {}, Progress()
+    parts: dict[str, dict[str, Tensor]] = {"module": {}, "best": {}, "optimizer": {}}
+    for name, value in tensors.items():
+        part, _, rest = name.partition("/")
+        parts[part][rest] = value
+    module.load_state_dict(parts["module"])
+    moments: dict[int, dict[str, Any]] = {}
+    for name, value in parts["optimizer"].items():
+        index, _, moment = name.partition("/")
+        moments.setdefault(int(index), {})[moment] = value
+    optimizer.load_state_dict(optimizer.state_dict() | {"state": moments})
+    return parts["best"], progress
+
+
+def load_best(folder: Path) -> dict[str, Tensor]:
+    """The best weights of the checkpoint in `folder`."""
+    with safe_open(folder / FILE, framework="pt") as file:
+        return {name.removeprefix("best/"): file.get_tensor(name) for name in file.keys() if name.startswith("best/")}  # noqa: SIM118
+
+
+def discard(folder: Path) -> None:
+    """Forget the checkpoint of a training that has ended."""
+    (folder / FILE).unlink(missing_ok=True)

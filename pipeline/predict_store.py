@@ -1,0 +1,73 @@
+"""A grasp, or several of one object, from a data directory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.learning.touch_charts import is_surface
+from pipeline.store.collection import Collection
+from pipeline.store.layout import Layout
+from pipeline.store.shard import Shard, StoreError
+from schemas.base import Artifact
+from schemas.charts import CHARTS
+from schemas.grasps import GRASPS
+from schemas.touch import TOUCH
+from schemas.vision import VISION
+
+
+def stored_image(data: Path, object_id: str, grasp: int, which: str) -> NDArray[np.uint8]:
+    """The object's image, alone or in a grasp: `which` is unoccluded or occluded."""
+    shard = _shard(data, VISION, object_id)
+    if which not in shard.group:
+        raise StoreError(f"{shard.path} has no {which} images: it was made without; set render-vision's knob for it and run again")
+    stored = shard.array(which)
+    row = shard.rows[object_id]
+    if which == "unoccluded":
+        return np.asarray(stored[row])
+    _check_grasps([grasp], stored.shape[1], object_id)
+    return np.asarray(stored[row, grasp])
+
+
+def has_charts(data: Path) -> bool:
+    """Whether touch charts stand in a data directory."""
+    return bool(Layout(data).shards(CHARTS.name))
+
+
+def stored_charts(data: Path, object_id: str, grasps: Sequence[int]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """The charts of these grasps' sensors (T, S, 3), world, m, and which of them are of a touch (T,)."""
+    view = _shard(data, CHARTS, object_id).view(object_id)
+    vertices, rule = view["vertices"], view["stop_rule"]
+    _check_grasps(grasps, len(vertices), object_id)
+    chosen = list(grasps)
+    return vertices[chosen].reshape(-1, *vertices.shape[2:]), is_surface(rule[chosen]).reshape(-1)
+
+
+def stored_touches(
+    data: Path, object_id: str, grasps: Sequence[int]
+) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.bool_], Sensor]:
+    """Readings (T, rows, cols, 3), sensor poses (T, 4, 4) and touches (T,) of these grasps, and the sensor."""
+    touch, grasped = _shard(data, TOUCH, object_id), _shard(data, GRASPS, object_id)
+    _check_grasps(grasps, touch.array("reading").shape[1], object_id)
+    row = touch.rows[object_id]
+    readings = np.concatenate([np.asarray(touch.array("reading")[row, grasp]) for grasp in grasps])
+    view = grasped.view(object_id)
+    chosen = list(grasps)
+    poses, touched = view["sensor_pose"][chosen].reshape(-1, 4, 4), view["touch_success"][chosen].reshape(-1)
+    return readings, poses, touched, Sensor.model_validate(touch.attributes["sensor"])
+
+
+def _shard(data: Path, artifact: Artifact, object_id: str) -> Shard:
+    shard = Collection(Layout(data), artifact).shard(object_id)
+    if failure := shard.failure(object_id):
+        raise StoreError(f"{object_id} failed in {failure['stage']}: {failure['reason']}")
+    return shard
+
+
+def _check_grasps(grasps: Sequence[int], available: int, object_id: str) -> None:
+    if wrong := [grasp for grasp in grasps if not 0 <= grasp < available]:
+        raise StoreError(f"{object_id} has no grasp {wrong[0]}; there are grasps 0 to {available - 1}")

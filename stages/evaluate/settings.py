@@ -1,0 +1,42 @@
+"""The knobs of `evaluate`."""
+
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from pipeline.kernels.learning.configurations import CONFIGURATIONS
+from pipeline.settings import Settings, knob
+
+
+def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
+    if 1 not in grasps or len(set(grasps)) < len(grasps):
+        raise ValueError(f"{grasps}: every number once, and 1 among them, for modalities and rings are measured with one grasp")
+    return tuple(sorted(grasps))
+
+
+def _known(names: tuple[str, ...]) -> tuple[str, ...]:
+    if not names or not set(names) <= set(CONFIGURATIONS) or len(set(names)) < len(names):
+        raise ValueError(f"{names}: name some of {', '.join(CONFIGURATIONS)}, each once")
+    return names
+
+
+class EvaluationSettings(Settings):
+    """What is measured, on how many points (supplement 3.5, Tables 2 to 4)."""
+
+    configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = knob(
+        ("none", "touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch"),
+        "the supplement's five modalities and no input at all; what none of these is shown need not have been made",
+    )
+    grasps: Annotated[tuple[Annotated[int, Field(ge=1)], ...], AfterValidator(_with_one)] = knob(
+        (1, 2, 3, 4, 5), "Table 3's numbers of grasps; those the data set does not have are left out"
+    )
+    points: int = knob(10_000, "points drawn from each surface: as many as S^obj has; the sampling floor falls with them", ge=2)
+    tau: float = knob(1e-4, "squared distance of F1 in Table 4's protocol, in scaled metres squared", gt=0)
+    scale: float = knob(
+        1.14, "Table 4's protocol takes objects of diagonal 1 times 0.57; here their diagonal is 0.5 m, so tau means the same", gt=0
+    )
+    rings: int = knob(5, "Table 2's rings, one sensor width after the other", ge=1)
+    batch_size: int = knob(
+        16, "as in training; more needs more memory, and sums may differ in their last bit with it", changes="speed", ge=1
+    )
+    accelerator: str = knob("auto", "a GPU where there is one", changes="speed")

@@ -1,0 +1,82 @@
+"""Supplement 2.4 and 3.5: every trained model on the test objects, in the tables of the supplement."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pipeline.kernels.learning.configurations import CONFIGURATIONS
+from pipeline.learning.device import device_of
+from pipeline.learning.reconstruct import Reconstructor
+from pipeline.progress import Meter
+from pipeline.stage import Cost, SetJob
+from pipeline.store.record import Record
+from schemas.base import Artifact
+from schemas.charts import CHARTS
+from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+from schemas.touch import TOUCH
+from schemas.vision import VISION
+from stages.evaluate.measure import measure
+from stages.evaluate.report import write_report
+from stages.evaluate.settings import EvaluationSettings
+from stages.evaluate.show import show
+from stages.evaluate.store import Arrays, discard_partials, load_partial, save_partial
+from stages.evaluate.truth import SPLIT, Truth, load_truth
+
+MODELS = "models/gcn"
+
+
+class Evaluate:
+    """From trained models to the supplement's tables."""
+
+    name = "evaluate"
+    summary = "Every trained model on the test objects: the supplement's tables, beside its figures."
+    settings_type = EvaluationSettings
+    grid: ClassVar[dict[str, tuple[Any, ...]]] = {}
+
+    def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
+        """What the models named are shown, and where the touch sites are."""
+        networks = [CONFIGURATIONS[name] for name in settings.configurations]
+        seen, felt = any(network.image for network in networks), any(network.touch for network in networks)
+        return (SURFACES, GRASPS, TOUCH, *([VISION] if seen else []), *([CHARTS] if felt else []))
+
+    def models(self, settings: EvaluationSettings) -> tuple[str, ...]:
+        """The models named."""
+        return tuple(f"{MODELS}/{name}" for name in settings.configurations)
+
+    def splits(self, settings: EvaluationSettings) -> tuple[str, ...]:
+        """Only objects that no training saw."""
+        return (SPLIT,)
+
+    def folder(self, settings: EvaluationSettings) -> str:
+        """One evaluation a data directory."""
+        return "evaluation"
+
+    def cost(self, settings: EvaluationSettings, objects: int) -> Cost:
+        """Six models, at most 74 reconstructions an object, of about 0.1 s and 15 kB each."""
+        return Cost(seconds=7.4 * objects, kilobytes=1100 * objects)
+
+    def make(self, job: SetJob) -> dict[str, Any]:
+        """Evaluate model by model, then write and print the tables."""
+        settings: EvaluationSettings = job.settings
+        device = device_of(settings.accelerator)
+        folders = {Path(name).name: folder for name, folder in job.models.items()}
+        models = {name: Reconstructor(folder, device) for name, folder in folders.items()}
+        truth = load_truth(job.data, list(models.values()), settings)
+        found = {name: _evaluated(name, model, truth, job) for name, model in models.items()}
+        facts = {name: Record(folder).content["facts"] for name, folder in folders.items()}
+        write_report(job, truth, found, models, facts)
+        discard_partials(job.folder)
+        show(job.folder, job.console)
+        return {"objects": len(truth), "left_out": len(truth.split.left_out), "configurations": list(found)}
+
+
+def _evaluated(name: str, model: Reconstructor, truth: Truth, job: SetJob) -> Arrays:
+    """A model's arrays: taken over from a killed run, or measured and kept for one."""
+    if (kept := load_partial(job.folder, name)) is not None:
+        return kept
+    with Meter(job.console, f"evaluate {name}", len(truth), "objects") as meter:
+        arrays = measure(name, model, truth, job.settings, job.seed, meter.advance)
+    save_partial(job.folder, name, arrays)
+    return arrays

@@ -1,0 +1,60 @@
+"""The knobs of `fit-charts`."""
+
+from typing import Any, Literal
+
+from pydantic import field_validator
+
+from pipeline.kernels.learning.chart_rule import FitRule
+from pipeline.kernels.learning.chart_square import SIDE, chart_square
+from pipeline.settings import Settings, knob
+
+TIGHT_HALT = 2.3e-4
+"""Sensor widths²: what is left above the floor of 4000 samples (1e-4 to 1.6e-4) is about 100 µm."""
+TIGHT_RESIDUAL = 1e-4
+"""m: the RMS distance from cloud to chart that `tight` promises."""
+
+
+class ChartSettings(Settings):
+    """How touch charts are fitted to point clouds (supplement 2.3)."""
+
+    cloud: Literal["predicted", "true"] = knob(
+        "predicted", "the points a trained U-Net sees in the reading, the supplement's way; `true` are those of the depth map"
+    )
+    halt: float = knob(6e-4, "Chamfer distance, sensor widths², below which a chart is done: the supplement's", gt=0)
+    residual_limit: float | None = knob(
+        2.5e-4,
+        "m, RMS from cloud to chart: the halt alone leaves a fifth of the charts at 250 to 330 µm, ten steps short; null is the supplement",
+        gt=0,
+    )
+    tight: bool = knob(False, "true halts at 2.3e-4 sensor widths² and 100 µm RMS, for half as much time again")
+    max_iterations: int = knob(1000, "nearly all charts halt earlier, even tight ones; those that do not gain little later", ge=1)
+    samples: int = knob(4000, "points of the chart in the loss that is held against the halt: with 1000 it would never be reached", ge=1)
+    step_samples: int = knob(
+        500, "points of the chart in a step's loss: several times faster than all of them; below 60 µm take 2000", ge=1
+    )
+    cloud_points: int | None = knob(500, "points of the cloud in a step's loss, others each step; null takes all", ge=1)
+    check_every: int = knob(10, "steps from one look at the exact loss to the next", ge=1)
+    learning_rate: float = knob(3e-3, "Adam's, sensor widths: the supplement's", gt=0)
+    side: int = knob(SIDE, "vertices along a side: the supplement's 81 vertices and 128 faces")
+    device: str = knob("cpu", "where it is done; a GPU's charts differ in the last digits, and in what these lead to")
+
+    @field_validator("cloud", mode="before")
+    @classmethod
+    def _true_is_a_word(cls, cloud: Any) -> Any:
+        return "true" if cloud is True else cloud  # what YAML makes of it
+
+    @field_validator("side")
+    @classmethod
+    def _has_a_centre(cls, side: int) -> int:
+        chart_square(side)
+        return side
+
+    def rule(self, width: float) -> FitRule:
+        """The kernel's rule, in widths of a sensor of `width` m."""
+        limits: dict[str, Any] = {"halt": self.halt, "residual_limit": self.residual_limit}
+        if self.tight:
+            limits = {"halt": min(self.halt, TIGHT_HALT), "residual_limit": min(self.residual_limit or TIGHT_RESIDUAL, TIGHT_RESIDUAL)}
+        if limits["residual_limit"] is not None:
+            limits["residual_limit"] /= width
+        same = {"max_iterations", "samples", "step_samples", "cloud_points", "check_every", "learning_rate", "side"}
+        return FitRule(**limits, **self.model_dump(include=same))

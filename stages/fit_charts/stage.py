@@ -1,0 +1,118 @@
+"""Supplement 2.3: a small triangle sheet for every touch, bent from the sensor's square to the points that it felt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pipeline.kernels.learning.chart_fitting import fit_charts
+from pipeline.kernels.learning.chart_rule import StopRule
+from pipeline.kernels.learning.chart_square import chart_square
+from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, place
+from pipeline.learning.touch_model import TouchModel, load_touch_model
+from pipeline.stage import Cost, ObjectError, Row, Task
+from schemas.base import Artifact
+from schemas.charts import CHARTS
+from schemas.grasps import GRASPS
+from schemas.touch import TOUCH
+from stages.fit_charts.settings import ChartSettings
+
+UNET = "models/unet"
+"""Where `train-unet` leaves its network, below the data directory."""
+TOUCHES = 18
+"""Touches an object: nine of the twenty sensors in ten."""
+
+
+class FitCharts:
+    """From what the sensors feel to charts of the surface."""
+
+    name: ClassVar[str] = "fit-charts"
+    summary: ClassVar[str] = "A touch chart for every sensor of every grasp."
+    output: ClassVar[Artifact] = CHARTS
+    settings_type: ClassVar[type[ChartSettings]] = ChartSettings
+
+    def inputs(self, settings: ChartSettings) -> tuple[Artifact, ...]:
+        """Readings and depths, and where the sensors stand and which of them touch."""
+        return (TOUCH, GRASPS)
+
+    def models(self, settings: ChartSettings) -> tuple[str, ...]:
+        """The U-Net, where its points are asked for."""
+        return (UNET,) if settings.cloud == "predicted" else ()
+
+    def assets(self, settings: ChartSettings) -> list[Path]:
+        """None."""
+        return []
+
+    def constants(self, settings: ChartSettings) -> Row:
+        """The triangles, the same in every chart."""
+        return {"chart_faces": chart_square(settings.side)[1].numpy().astype(np.int32)}
+
+    def attributes(self, settings: ChartSettings) -> dict[str, Any]:
+        """None."""
+        return {}
+
+    def cost(self, settings: ChartSettings) -> Cost:
+        """The touches of an object, as measured on one core."""
+        return Cost(seconds=TOUCHES * (0.45 if settings.tight else 0.3), kilobytes=20)
+
+    @contextmanager
+    def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+        """One thread a worker, so that results do not depend on how many workers share the machine; the U-Net, if need be."""
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        try:
+            model = load_touch_model(models[UNET], settings.device) if settings.cloud == "predicted" else None
+            yield lambda task: _process(task, settings, model)
+        finally:
+            torch.set_num_threads(threads)
+
+
+def _process(task: Task, settings: ChartSettings, model: TouchModel | None) -> Row:
+    sensor = Sensor.model_validate(task.attributes["touch"]["sensor"])
+    poses, touched = task.inputs["grasps"]["sensor_pose"], task.inputs["grasps"]["touch_success"]
+    try:
+        clouds = _true_clouds(task, touched, sensor) if model is None else _predicted_clouds(task, touched, sensor, model)
+        fits = fit_charts(clouds, sensor.width, _generators(task, touched), settings.rule(sensor.width), settings.device)
+        charts = np.tile(chart_square(settings.side)[0].numpy() * sensor.width, (*touched.shape, 1, 1))
+        charts[touched] = fits.vertices
+        row = {"vertices": np.stack([_in_world(poses[at], charts[at]) for at in np.ndindex(touched.shape)]).reshape(charts.shape)}
+    except ValueError as error:
+        raise ObjectError(f"charts: {error}") from error
+    row["vertices"] = row["vertices"].astype(np.float32)
+    for name, nothing in (("residual", np.float32(0)), ("iterations", np.int32(0)), ("stop_rule", np.uint8(StopRule.no_touch))):
+        row[name] = np.full(touched.shape, nothing)
+        row[name][touched] = getattr(fits, name)
+    return row
+
+
+def _true_clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor) -> list[NDArray[np.float64]]:
+    """Of each touch the points with D < w, in the sensor's frame, m."""
+    x, y = pixel_centres(sensor)
+    clouds = []
+    for depth in task.inputs["touch"]["depth"][touched].astype(np.float64):
+        row, col = np.nonzero(depth < sensor.w)
+        clouds.append(np.stack([x[col], y[row], depth[row, col]], axis=1))
+    return clouds
+
+
+def _predicted_clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor, model: TouchModel) -> list[NDArray[np.float64]]:
+    """Of each touch the points that the U-Net sees, in the sensor's frame, m."""
+    if model.sensor != sensor:
+        raise ObjectError(f"the U-Net knows sensor {model.sensor.name}, the readings are {sensor.name}'s: run train-unet on these")
+    return model.clouds(task.inputs["touch"]["reading"][touched])
+
+
+def _generators(task: Task, touched: NDArray[np.bool_]) -> list[torch.Generator]:
+    """One a touch, keyed by object, grasp and sensor."""
+    seeds = [task.rng("fit-charts", *map(int, at)).integers(2**63) for at in np.argwhere(touched)]
+    return [torch.Generator().manual_seed(int(seed)) for seed in seeds]
+
+
+def _in_world(pose: NDArray[np.float64], vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    return place(check_pose(pose), *vertices.T)

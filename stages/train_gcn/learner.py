@@ -1,0 +1,73 @@
+"""What the graph network learns: to bring its surface close to the object's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pipeline.kernels.learning.chamfer import Target, one_way
+from pipeline.kernels.learning.deformation import DeformationNetwork
+from pipeline.kernels.learning.surface_samples import sample_surface
+from pipeline.learning.loop import generator_of
+from pipeline.learning.reconstruct import SurfaceTopology, View, assemble, deform
+from stages.train_gcn.items import Items
+from stages.train_gcn.settings import GcnSettings
+
+SCALE = 9000.0
+"""Losses are Chamfer distances in m² times this, the unit of Table 3."""
+
+
+class GcnLearner:
+    """Chamfer distance between points of the predicted surface and of the object (supplement 3.3)."""
+
+    def __init__(self, network: DeformationNetwork, train: Items, valid: Items, settings: GcnSettings, seed: int) -> None:
+        self.module: torch.nn.Module = network
+        self._network = network
+        self._train, self._valid, self._settings, self._seed = train, valid, settings, seed
+
+    def __len__(self) -> int:
+        return len(self._train)
+
+    def describe(self, item: int) -> str:
+        """Object and first grasp."""
+        return self._train.name(item)
+
+    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+        """Mean Chamfer distance of the items, each with as many grasps as are drawn for it."""
+        fewest, most = self._settings.min_grasps, min(self._settings.max_grasps, self._train.grasps)
+        views = []
+        for item in items:
+            count = int(torch.randint(min(fewest, most), most + 1, (), generator=generator))
+            others = torch.randperm(self._train.grasps, generator=generator).numpy()
+            views.append(self._train.view(item, self._train.grasps_of(item, count, others)))
+        return self._chamfer(views, [self._train.target(item) for item in items], generator).mean()
+
+    def validate(self) -> dict[str, float]:
+        """The same with 1, 2, … grasps in turn; points drawn the same in every epoch."""
+        items, size = self._valid, self._settings.batch_size
+        generator = generator_of(self._seed, "train-gcn", "validate")
+        found = []
+        for start in range(0, len(items), size):
+            chosen = range(start, min(start + size, len(items)))
+            counts = [1 + item % items.each % min(self._settings.max_grasps, items.grasps) for item in chosen]
+            order = np.arange(items.grasps)
+            views = [items.view(item, items.grasps_of(item, count, order)) for item, count in zip(chosen, counts, strict=True)]
+            found.append(self._chamfer(views, [items.target(item) for item in chosen], generator))
+        return {"loss": float(torch.cat(found).double().mean())}
+
+    def _chamfer(self, views: Sequence[View], targets: Sequence[Target], generator: torch.Generator) -> Tensor:
+        """(B,) Chamfer distance of every item in m² x `SCALE`: all of the object's points are near or not, some are asked."""
+        batch = assemble(views, self._network)
+        camera = None if self._train.camera is None else torch.from_numpy(self._train.camera)
+        deformed = deform(self.module, batch, camera)
+        found = []
+        for (vertices, faces), target in zip(SurfaceTopology(self._network).surfaces(deformed, batch), targets, strict=True):
+            predicted = sample_surface(vertices, faces, self._settings.loss_points, generator)
+            asked = torch.randint(len(target.points), (self._settings.loss_points,), generator=generator)
+            points = target.points[asked].to(predicted)
+            near = target.points.to(predicted) if predicted.is_cuda else target
+            found.append(one_way(predicted, near).mean() + one_way(points, predicted).mean())
+        return SCALE * torch.stack(found)

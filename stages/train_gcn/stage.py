@@ -1,0 +1,77 @@
+"""Supplement 3: learn to deform a sphere of vision charts around the touch charts, from what is seen and felt."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from pipeline.kernels.learning.deformation import DeformationNetwork
+from pipeline.learning.loop import generator_of, train
+from pipeline.learning.model import save_model
+from pipeline.learning.touch_charts import chart_side
+from pipeline.stage import Cost, SetJob
+from schemas.base import Artifact
+from schemas.charts import CHARTS
+from schemas.surfaces import SURFACES
+from schemas.vision import VISION
+from stages.train_gcn.items import Items
+from stages.train_gcn.learner import GcnLearner
+from stages.train_gcn.settings import GcnSettings
+
+
+class TrainGcn:
+    """From images and touch charts to the whole surface."""
+
+    name = "train-gcn"
+    summary = "Train the graph network that deforms vision charts, in one of the supplement's configurations."
+    settings_type = GcnSettings
+    grid: ClassVar[dict[str, tuple[Any, ...]]] = {
+        "learning_rate": (1e-4, 3e-5, 1e-5),
+        "encoder_layers": (12, 15, 18),
+        "gcn_layers": (15, 20, 25),
+        "gcn_features": (150, 200, 250),
+    }  # supplement 3.4
+
+    def inputs(self, settings: GcnSettings) -> tuple[Artifact, ...]:
+        """The objects' points, and what the configuration sees and feels."""
+        config = settings.network(side=3)
+        return (SURFACES, *([VISION] if config.image else []), *([CHARTS] if config.touch else []))
+
+    def models(self, settings: GcnSettings) -> tuple[str, ...]:
+        """None: charts come fitted."""
+        return ()
+
+    def splits(self, settings: GcnSettings) -> tuple[str, ...]:
+        """To learn from, and to choose the best epoch by."""
+        return ("train", "valid")
+
+    def folder(self, settings: GcnSettings) -> str:
+        """A folder a configuration."""
+        return f"models/gcn/{settings.configuration}"
+
+    def cost(self, settings: GcnSettings, objects: int) -> Cost:
+        """As measured on one core: a third of a second an item at the tables' sizes, in proportion to the network's."""
+        network = settings.network(side=9)
+        share = network.gcn_layers * network.gcn_features**2 / (20 * 250**2)
+        return Cost(seconds=objects * settings.items * settings.epochs * (0.02 + 0.9 * share), kilobytes=8000 * share + 500)
+
+    def make(self, job: SetJob) -> dict[str, Any]:
+        """Train, and keep the best epoch's weights with what it takes to use them."""
+        settings: GcnSettings = job.settings
+        config = settings.network(chart_side(job.data) if settings.network(side=3).touch else 9)
+        learning, judging = (
+            Items(job.data, split, config, each) for split, each in (("train", settings.items), ("valid", settings.validation_items))
+        )
+        name = f"{self.name} {settings.configuration}"
+        network = DeformationNetwork(config, generator_of(job.seed, name, "weights"))
+        facts = train(GcnLearner(network, learning, judging, settings, job.seed), settings, job, name)
+        save_model(
+            job.folder,
+            network,
+            {
+                "configuration": settings.configuration,
+                "network": config.model_dump(mode="json", exclude={"checkpointing"}),
+                "camera": None if learning.camera is None else learning.camera.tolist(),
+                "resolution": learning.resolution,
+            },
+        )
+        return facts

@@ -1,0 +1,116 @@
+"""What `train-unet` trains on: the readings of sensors that touched, and the depths behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from pipeline.kernels.learning.contact_mask import contact_mask
+from pipeline.kernels.learning.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.learning.split import Split, load_split
+from pipeline.learning.touch_model import network_input
+from pipeline.stage import StageError
+from stages.train_unet.settings import UnetSettings
+
+MICROMETRES = 1e6
+
+
+@dataclass(frozen=True)
+class Touches:
+    """The touches of a split.
+
+    Attributes
+    ----------
+    split
+        Its `reading` (object, grasp, sensor, H, W, 3) uint8 and `depth` (object, grasp, sensor, H, W) float32, m.
+    where
+        (N, 3) int64: object, grasp and sensor of every touch. Sensors that touched nothing are no items.
+    sensor, untouched
+        What felt them, and its (H, W, 3) uint8 reading of nothing.
+    """
+
+    split: Split
+    where: np.ndarray
+    sensor: Sensor
+    untouched: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.where)
+
+    def batch(self, items: Sequence[int], device: torch.device, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+        """Readings (B, H, W, 3) uint8 and depths (B, H, W) in m."""
+        index = tuple(self.where[list(items)].T)
+        reading, depth = (torch.from_numpy(self.split.arrays[name][index]) for name in ("reading", "depth"))
+        return reading.to(device), depth.to(device, dtype)
+
+
+def load_touches(data: Path, split: str) -> Touches:
+    """The touches of a split of the data set in `data`; errors as `load_split` and `touches_of`."""
+    return touches_of(load_split(data, ["reading", "depth", "untouched", "touch_success"], split))
+
+
+def touches_of(split: Split) -> Touches:
+    """The touches among a split's sensors; a `StageError` where there is not one."""
+    success = split.arrays["touch_success"]  # (object, grasp, sensor)
+    if not success.any():
+        raise StageError(
+            f"none of the {success.size} sensors of split {split.name} ({len(split)} objects) touches: there is nothing to learn from; "
+            "take more objects, or more simulate-grasps.attempts"
+        )
+    return Touches(split, np.argwhere(success), Sensor.model_validate(split.attributes["touch"]["sensor"]), split.arrays["untouched"])
+
+
+class UnetLearner:
+    """A U-Net with its touches (`pipeline.learning.loop.Learner`)."""
+
+    def __init__(self, module: nn.Module, train: Touches, valid: Touches, settings: UnetSettings) -> None:
+        self.module = module
+        self.train, self.valid, self.settings = train, valid, settings
+
+    def __len__(self) -> int:
+        return len(self.train)
+
+    def describe(self, item: int) -> str:
+        """Object, grasp and sensor of a training item."""
+        number, grasp, sensor = self.train.where[item]
+        return f"{self.train.split.object_ids[number]} grasp {grasp} sensor {sensor}"
+
+    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+        """The chosen loss of some training touches, in sensor widths squared."""
+        predicted, depth, mask = self._predict(self.train, items)
+        if not bool(torch.isfinite(predicted).all()):
+            return predicted.sum()  # no number either: the training loop stops, and names the touches
+        return self._loss(predicted, depth, mask, self.settings.loss_points, generator)
+
+    def validate(self) -> dict[str, float]:
+        """The chosen loss over the validation touches, exact, and the RMS error of all their masked pixels, µm."""
+        loss = squares = pixels = 0.0
+        for start in range(0, len(self.valid), self.settings.batch_size):
+            items = range(start, min(start + self.settings.batch_size, len(self.valid)))
+            predicted, depth, mask = self._predict(self.valid, items)
+            loss += len(items) * float(self._loss(predicted, depth, mask, None, None))
+            error = (predicted - visible_depth(depth, self.valid.sensor.w))[mask].double()
+            squares += float(error.square().sum())
+            pixels += len(error)
+        rms = (squares / max(pixels, 1)) ** 0.5
+        return {"loss": loss / len(self.valid), "depth_rms_um": rms * MICROMETRES}
+
+    def _predict(self, touches: Touches, items: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
+        """Predicted and true depth (B, H, W) in m, and the mask (B, H, W)."""
+        parameter = next(self.module.parameters())
+        readings, depth = touches.batch(items, parameter.device, parameter.dtype)
+        untouched = torch.tensor(touches.untouched, device=parameter.device)
+        mask = contact_mask(readings, untouched, self.settings.mask_threshold)
+        return self.module(network_input(readings, parameter.dtype)) * touches.sensor.w, depth, mask
+
+    def _loss(self, predicted: Tensor, depth: Tensor, mask: Tensor, points: int | None, generator: torch.Generator | None) -> Tensor:
+        sensor = self.train.sensor
+        if self.settings.loss == "depth":
+            return masked_depth_loss(predicted, depth, mask, sensor.width, sensor.w)
+        return projected_chamfer_loss(predicted, depth, mask, sensor.width, sensor.w, points, generator)

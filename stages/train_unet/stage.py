@@ -1,0 +1,57 @@
+"""Supplement 2.1 and 2.2: a U-Net learns to see depth in tactile readings."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from pipeline.kernels.learning.unet import UNet
+from pipeline.learning.loop import seeded_weights, train
+from pipeline.learning.touch_model import save_touch_model
+from pipeline.stage import Cost, SetJob, StageError
+from schemas.base import Artifact
+from schemas.grasps import GRASPS
+from schemas.touch import TOUCH
+from stages.train_unet.learner import UnetLearner, load_touches
+from stages.train_unet.settings import UnetSettings
+
+
+class TrainUnet:
+    """From what sensors felt to a network that tells depth."""
+
+    name = "train-unet"
+    summary = "A U-Net that predicts each sensor's depth map from its reading."
+    settings_type = UnetSettings
+    grid: ClassVar[dict[str, tuple[Any, ...]]] = {"learning_rate": (1e-3, 1e-4, 5e-5, 3e-5, 1e-5)}  # supplement 2.2
+
+    def inputs(self, settings: UnetSettings) -> tuple[Artifact, ...]:
+        """Readings and depths, and which sensors touched; no surface, no image."""
+        return (TOUCH, GRASPS)
+
+    def models(self, settings: UnetSettings) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    def splits(self, settings: UnetSettings) -> tuple[str, ...]:
+        """What is learnt from, and what chooses the best epoch."""
+        return ("train", "valid")
+
+    def folder(self, settings: UnetSettings) -> str:
+        """Where the model goes, below the data directory."""
+        return "models/unet"
+
+    def cost(self, settings: UnetSettings, objects: int) -> Cost:
+        """Eighteen touches an object and epoch; a step's cost goes with the square of the width, on top of what every pixel costs."""
+        share = (settings.width / 64) ** 2
+        return Cost(seconds=objects * 18 * settings.epochs * (0.006 + 0.31 * share), kilobytes=98_000 * share + 10)
+
+    def make(self, job: SetJob) -> dict[str, Any]:
+        """Train, and write the best epoch's weights with all that their users need: width, sensor, threshold, untouched reading."""
+        settings: UnetSettings = job.settings
+        touches, valid = (load_touches(job.data, split) for split in ("train", "valid"))
+        if (touches.untouched.shape, touches.sensor) != (valid.untouched.shape, valid.sensor):
+            raise StageError("train and valid were felt by different sensors; run simulate-touch again for all objects")
+        with seeded_weights(job.seed, self.name):
+            network = UNet(settings.width)
+        facts = train(UnetLearner(network, touches, valid, settings), settings, job, self.name)
+        save_touch_model(job.folder, network, touches.sensor, touches.untouched, settings.mask_threshold)
+        return facts | {"touches": {"train": len(touches), "valid": len(valid)}}

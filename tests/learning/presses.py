@@ -1,0 +1,87 @@
+"""Balls pressed into a small sensor, and stages that store them; without torch, which every worker would import."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.kernels.touch.contact import touch_success
+from pipeline.kernels.touch.prism import face_blocks
+from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.shading import reading, untouched
+from pipeline.settings import Settings
+from pipeline.stage import Cost, Row, Task
+from schemas.base import Artifact
+from schemas.grasps import GRASPS
+from tests.touch.scenes import ball, coarse
+
+SENSOR = coarse(20)
+GRASPS_EACH, SENSORS = 2, 3
+
+
+def press(rng: np.random.Generator) -> np.ndarray:
+    """Depth (20, 20) of a ball somewhere over the sensor, 0.5 to 3 mm in its gel."""
+    radius, pressed = rng.uniform(0.006, 0.02), rng.uniform(0.0005, 0.003)
+    x, y = rng.uniform(-0.004, 0.004, 2)
+    blocks = face_blocks(ball(3, radius, x, y, SENSOR.w - pressed + radius))
+    return ray_depth(blocks, np.eye(4), SENSOR).astype(np.float32)
+
+
+def depths(rng: np.random.Generator, touching: bool = True) -> np.ndarray:
+    """(grasp, sensor, 20, 20): one sensor of three touches nothing, or none touches anything."""
+    depth = np.full((GRASPS_EACH, SENSORS, *SENSOR.shape), np.inf, np.float32)
+    for grasp, sensor in np.ndindex(GRASPS_EACH, SENSORS - 1):
+        if touching:
+            depth[grasp, sensor] = press(rng)
+    return depth
+
+
+class Made:
+    """An object stage over given arrays: what the real stages of the same names would have stored."""
+
+    settings_type = Settings
+    summary = "press balls"
+
+    def __init__(self, name: str, output: Artifact) -> None:
+        self.name, self.output = name, output
+
+    def inputs(self, settings: Settings) -> tuple[Artifact, ...]:
+        return () if self.output.name == "grasps" else (GRASPS,)
+
+    def models(self, settings: Settings) -> tuple[str, ...]:
+        return ()
+
+    def assets(self, settings: Settings) -> list[Path]:
+        return []
+
+    def constants(self, settings: Settings) -> Row:
+        return {"untouched": untouched(SENSOR)} if self.output.name == "touch" else {}
+
+    def attributes(self, settings: Settings) -> dict[str, Any]:
+        return {"sensor": SENSOR.model_dump(mode="json")} if self.output.name == "touch" else {}
+
+    def cost(self, settings: Settings) -> Cost:
+        return Cost(0.01, 1)
+
+    @contextmanager
+    def session(self, settings: Settings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+        def process(task: Task) -> Row:
+            depth = depths(task.rng("balls"))
+            if self.output.name == "touch":
+                images = [reading(image, SENSOR) for image in depth.reshape(-1, *SENSOR.shape)]
+                return {"depth": depth, "reading": np.stack(images).reshape(*depth.shape, 3)}
+            return {
+                "hand_pose": np.tile(np.eye(4), (GRASPS_EACH, 1, 1)),
+                "joint_angles": np.zeros((GRASPS_EACH, 16)),
+                "sensor_pose": np.tile(np.eye(4), (GRASPS_EACH, SENSORS, 1, 1)),
+                "touch_success": touch_success(depth, SENSOR),
+                "penetration": np.zeros(GRASPS_EACH),
+                "attempts": np.asarray(GRASPS_EACH, np.int32),
+                "attempt_success": np.ones(SENSORS),
+            }
+
+        yield process

@@ -1,0 +1,65 @@
+"""A small learner with batch norm, randomness and a validation set: a line through noisy points."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from pipeline.learning.loop import TrainingSettings, generator_of, seeded_weights, train
+from pipeline.progress import console_on
+from pipeline.stage import SetJob
+
+
+class Regression:
+    """y = 3 x + 1, with noise drawn anew each step; `kill_at` is a step at which the process dies, `poison` an item that is NaN."""
+
+    def __init__(self, kill_at: int | None = None, poison: int | None = None, seed: int = 0) -> None:
+        with seeded_weights(seed, "regression"):
+            self.module: nn.Module = nn.Sequential(nn.Linear(1, 8), nn.BatchNorm1d(8), nn.ReLU(), nn.Linear(8, 1))
+        self.x = torch.linspace(-1, 1, 48)[:, None]
+        self.steps, self.kill_at, self.poison = 0, kill_at, poison
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def describe(self, item: int) -> str:
+        return f"point-{item}"
+
+    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+        if self.steps == self.kill_at:
+            os.kill(os.getpid(), signal.SIGKILL)
+        self.steps += 1
+        x = self.x[list(items)]
+        noise = 0.1 * torch.randn(x.shape, generator=generator)
+        if self.poison in items:
+            noise = noise * torch.nan
+        return (self.module(x) - 3 * x - 1 - noise).square().mean()
+
+    def validate(self) -> dict[str, float]:
+        return {"loss": float((self.module(self.x) - 3 * self.x - 1).square().mean())}
+
+
+def job(folder: Path, seed: int = 0) -> SetJob:
+    folder.mkdir(parents=True, exist_ok=True)
+    return SetJob(folder, folder, None, seed, {}, console_on(__import__("sys").stdout))
+
+
+def settings(**changes: Any) -> TrainingSettings:
+    values = {"learning_rate": 0.01, "batch_size": 8, "epochs": 5, "threads": 1, "checkpoint_seconds": 0, "accelerator": "cpu"}
+    return TrainingSettings.model_validate(values | changes)
+
+
+def run(folder: Path, seed: int = 0, kill_at: int | None = None, **changes: Any) -> dict[str, Tensor]:
+    """Train, or die at a step; the final weights."""
+    learner = Regression(kill_at=kill_at, seed=seed)
+    train(learner, settings(**changes), job(folder, seed), "regression")
+    return learner.module.state_dict()
+
+
+__all__ = ["Regression", "generator_of", "job", "run", "settings"]

@@ -1,0 +1,92 @@
+"""The training loop: resumable to the bit, seeded, and loud about what no later step mends."""
+
+from __future__ import annotations
+
+import multiprocessing
+
+import pytest
+import torch
+
+from pipeline.learning import checkpoint
+from pipeline.learning.loop import read_metrics, train
+from pipeline.learning.model import load_model, save_model
+from pipeline.stage import StageError
+from pipeline.store.shard import StoreError
+from tests.learning.regression import Regression, job, run, settings
+
+
+def same(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
+    return all(torch.equal(one[name], other[name]) for name in one)
+
+
+@pytest.mark.parametrize("kill_at", [0, 3, 7, 20])
+def test_killed_in_mid_epoch_and_run_again_the_weights_are_those_of_an_undisturbed_run(tmp_path, kill_at):
+    undisturbed = run(tmp_path / "whole")
+    process = multiprocessing.get_context("spawn").Process(target=run, args=(tmp_path / "killed", 0, kill_at))
+    process.start()
+    process.join()
+    assert process.exitcode == -9
+    assert (tmp_path / "killed" / checkpoint.FILE).exists() == (kill_at > 0)
+    assert same(run(tmp_path / "killed"), undisturbed)
+    assert read_metrics(tmp_path / "killed") == read_metrics(tmp_path / "whole")
+
+
+def test_the_same_seed_agrees_to_the_bit_and_two_seeds_differ(tmp_path):
+    first, again, other = (run(tmp_path / name, seed) for name, seed in (("a", 0), ("b", 0), ("c", 1)))
+    assert same(first, again)
+    assert not same(first, other)
+
+
+def test_it_learns_and_keeps_the_best_epoch(tmp_path):
+    learner = Regression()
+    facts = train(learner, settings(epochs=40), job(tmp_path), "regression")
+    losses = [row["loss"] for row in read_metrics(tmp_path)]
+    assert losses[facts["best_epoch"]] == min(losses) == facts["best"]["loss"] < 0.02 < losses[0]
+    assert len(losses) == facts["epochs"] == 40
+    learner.module.eval()
+    assert learner.validate()["loss"] == min(losses)
+    assert facts["hardware"]["threads"] == 1
+    assert not (tmp_path / checkpoint.FILE).exists()
+    assert list(tmp_path.glob("tensorboard/**/events*"))
+
+
+def test_patience_ends_it(tmp_path):
+    learner = Regression()
+    facts = train(learner, settings(epochs=60, patience=2, learning_rate=0.3), job(tmp_path), "regression")
+    assert facts["epochs"] == facts["best_epoch"] + 3 < 60
+
+
+def test_a_loss_that_is_no_number_stops_with_the_batch_that_caused_it(tmp_path):
+    with pytest.raises(StageError, match=r"loss is nan in epoch 1, step \d.*point-17\b.*learning_rate"):
+        train(Regression(poison=17), settings(), job(tmp_path), "regression")
+
+
+def test_a_loss_that_explodes_stops(tmp_path):
+    with pytest.raises(StageError, match=r"loss is .* in epoch \d+, step .*limit.*point-"):
+        train(Regression(), settings(explosion=1.001, learning_rate=50, epochs=50), job(tmp_path), "regression")
+
+
+def test_a_device_that_is_not_there_is_an_error_with_words(tmp_path):
+    if torch.cuda.is_available():
+        pytest.skip("there is one")
+    with pytest.raises(StageError, match="accelerator cuda"):
+        train(Regression(), settings(accelerator="cuda"), job(tmp_path), "regression")
+
+
+def test_two_processes_share_a_batch(tmp_path):
+    learner = Regression()
+    facts = train(learner, settings(devices=2, epochs=20), job(tmp_path), "regression")
+    learner.module.eval()
+    assert facts["hardware"]["processes"] == 2
+    assert learner.validate()["loss"] == pytest.approx(facts["best"]["loss"])
+    assert facts["best"]["loss"] < 0.1
+
+
+def test_a_model_comes_back_as_it_was_saved_and_a_folder_without_one_is_an_error(tmp_path):
+    module = Regression().module
+    save_model(tmp_path, module, {"width": 8})
+    weights, description = load_model(tmp_path)
+    assert same(module.state_dict(), weights)
+    assert description == {"width": 8}
+    with pytest.raises(StoreError, match="no trained model"):
+        load_model(tmp_path / "nowhere")

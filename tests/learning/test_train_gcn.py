@@ -1,0 +1,158 @@
+"""The graph network's training: what it reads, that it learns, and that it is resumed to the bit."""
+
+from __future__ import annotations
+
+import multiprocessing
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.kernels.learning.chamfer import chamfer
+from pipeline.kernels.learning.configurations import CONFIGURATIONS
+from pipeline.kernels.learning.deformation import DeformationNetwork
+from pipeline.kernels.learning.metrics import sampling_floor
+from pipeline.kernels.learning.surface_samples import sample_surface
+from pipeline.learning.loop import generator_of, read_metrics
+from pipeline.learning.reconstruct import Reconstructor, View
+from pipeline.stage import StageError
+from pipeline.store.shard import StoreError
+from stages.train_gcn.items import Items
+from stages.train_gcn.learner import GcnLearner
+from stages.train_gcn.settings import GcnSettings
+from stages.train_gcn.stage import TrainGcn
+from tests.learning.tiny_data import manifest, run_stage
+
+SMALL = ("train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.epochs=2", "train-gcn.loss_points=200", "train-gcn.threads=1")
+OBJECTS = manifest()
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    """Surface points of two bottles; nothing else was made."""
+    folder = tmp_path_factory.mktemp("data")
+    run_stage(folder, "sample-surfaces", OBJECTS)
+    return folder
+
+
+def overfit(data: Path, steps: int, points: int) -> tuple[float, float]:
+    """Learn one object; the Chamfer distance reached and its sampling floor, m²."""
+    settings = GcnSettings(configuration="none", gcn_layers=6, gcn_features=48, loss_points=points, items=1, validation_items=1)
+    config = settings.network(side=9)
+    items = Items(data, "train", config, 1)
+    network = DeformationNetwork(config, generator_of(0, "weights"))
+    learner = GcnLearner(network, items, items, settings, 0)
+    optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+    for step in range(steps):
+        optimizer.zero_grad()
+        learner.loss([0], generator_of(0, step)).backward()
+        optimizer.step()
+        schedule.step()
+    with torch.no_grad():
+        deformed = network(None, None, None, None, [0])[0]
+        faces = torch.tensor(network.sphere.faces)
+        corners = deformed[faces]
+        area = float(torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).norm(dim=1).sum() / 2)
+        truth = items.targets[0].points
+        kept = truth[torch.randperm(len(truth), generator=generator_of(0, "kept"))[:points]]
+        reached = float(chamfer(sample_surface(deformed, faces, points, generator_of(0, "drawn")), kept))
+    return reached, sampling_floor(area, points)
+
+
+def test_one_object_is_learned_to_one_and_a_half_times_its_sampling_floor(data):
+    reached, floor = overfit(data, steps=250, points=500)
+    print(f"Chamfer {reached:.3g} m², floor {floor:.3g} m² with 500 points: {reached / floor:.2f} x")
+    assert reached <= 1.5 * floor
+
+
+@pytest.mark.slow
+def test_one_object_is_learned_to_one_and_a_half_times_its_floor_with_10000_points(tmp_path):
+    run_stage(tmp_path, "sample-surfaces", OBJECTS, "sample-surfaces.points=10000")
+    reached, floor = overfit(tmp_path, steps=3000, points=10000)
+    print(f"Chamfer {reached:.3g} m², floor {floor:.3g} m² with 10,000 points: {reached / floor:.2f} x")
+    assert reached <= 1.5 * floor
+
+
+def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
+    reads = {name: {artifact.name for artifact in TrainGcn().inputs(GcnSettings(configuration=name))} for name in CONFIGURATIONS}
+    assert reads["none"] == {"surfaces"}
+    assert reads["touch"] == {"surfaces", "charts"}
+    assert reads["occluded"] == reads["unoccluded"] == {"surfaces", "vision"}
+    assert reads["occluded-touch"] == reads["unoccluded-touch"] == {"surfaces", "vision", "charts"}
+
+
+def test_without_input_it_trains_where_neither_images_nor_touches_were_made(data):
+    record = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
+    assert record is not None
+    assert set(record.content["files"]) == {"model.json", "model.safetensors", "metrics.json"}
+    found = Reconstructor(record.folder).reconstruct([View(None, np.zeros((0, 0, 3), np.float32), np.zeros(0, bool))])[0]
+    assert found.vertices.shape == (1824, 3)
+    assert found.vision == 1824
+    assert np.abs(found.vertices - [0, 0, 0.6]).max() < 0.6
+    with pytest.raises(StoreError, match="has no object"):
+        run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=touch", *SMALL)
+
+
+def die_midway(data: Path) -> None:
+    """Train with checkpoints at every step, and be killed in the second epoch."""
+    import os
+    import signal
+
+    learned = GcnLearner.loss
+    steps = iter(range(100))
+
+    def loss(self: GcnLearner, items: list[int], generator: torch.Generator) -> torch.Tensor:
+        if next(steps) == 3:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return learned(self, items, generator)
+
+    GcnLearner.loss = loss  # type: ignore[method-assign]
+    run_stage(
+        data, "train-gcn", OBJECTS, "train-gcn.configuration=none", "train-gcn.checkpoint_seconds=0", "train-gcn.batch_size=2", *SMALL
+    )
+
+
+def test_killed_in_mid_epoch_the_same_weights_come_out_and_other_seeds_give_others(data, tmp_path):
+    knobs = ("train-gcn.configuration=none", "train-gcn.batch_size=2", *SMALL)
+    killed = tmp_path / "killed"
+    shutil.copytree(data / "surfaces", killed / "surfaces")
+    process = multiprocessing.get_context("spawn").Process(target=die_midway, args=(killed,))
+    process.start()
+    process.join()
+    assert process.exitcode == -9
+    assert not (killed / "models").exists()
+    digests = {}
+    for name, folder, seed in (("killed", killed, 0), ("whole", tmp_path / "whole", 0), ("other", tmp_path / "other", 1)):
+        if not folder.exists():
+            shutil.copytree(data / "surfaces", folder / "surfaces")
+        record = run_stage(folder, "train-gcn", OBJECTS, *knobs, seed=seed)
+        assert record is not None
+        digests[name] = record.content["files"]["model.safetensors"]
+        assert len(read_metrics(record.folder)) == 2
+    assert digests["killed"] == digests["whole"] != digests["other"]
+
+
+def test_items_begin_with_each_grasp_in_turn_and_never_repeat_one(data):
+    items = Items(data, "train", GcnSettings(configuration="none").network(9), 5)
+    everything = np.random.default_rng(0).permutation(5)
+    for item in range(5):
+        chosen = [items.grasps_of(item, count, everything) for count in (1, 3, 5)]
+        assert all(grasps[0] == item for grasps in chosen)
+        assert [len(set(grasps)) for grasps in chosen] == [1, 3, 5]
+
+
+def test_a_view_that_lacks_what_the_network_needs_is_an_error_with_words(data):
+    record = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
+    assert record is not None
+    reconstructor = Reconstructor(record.folder)
+    reconstructor.network.config = CONFIGURATIONS["occluded"]
+    with pytest.raises(StageError, match="some are missing or differ"):
+        reconstructor.reconstruct([View(None, np.zeros((0, 0, 3), np.float32), np.zeros(0, bool))])
+
+
+def test_an_unknown_configuration_is_refused():
+    with pytest.raises(ValueError, match="sight is none of none, touch"):
+        GcnSettings(configuration="sight")

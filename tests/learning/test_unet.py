@@ -1,0 +1,166 @@
+"""Table 5, layer by layer; other sizes and types; and one touch learnt by heart."""
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from pipeline.kernels.learning.contact_mask import contact_mask
+from pipeline.kernels.learning.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
+from pipeline.kernels.learning.unet import UNet
+from pipeline.kernels.touch.prism import face_blocks
+from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.shading import reading, untouched
+from tests.touch.scenes import SENSOR, ball
+
+TABLE_5 = [
+    *[(64, 100), (64, 100), (64, 50)],
+    *[(128, 50), (128, 50), (128, 25)],
+    *[(256, 25), (256, 25), (256, 12)],
+    *[(512, 12), (512, 12), (512, 6)],
+    *[(1024, 6), (1024, 6)],
+    *[(512, 12), (1024, 12), (512, 12)],
+    *[(256, 25), (512, 25), (256, 25)],
+    *[(128, 50), (256, 50), (128, 50)],
+    *[(64, 100), (128, 100), (64, 100)],
+    (1, 100),
+]
+"""Features and pixels a side after layers (1) to (27)."""
+
+
+def network(width: int, seed: int = 0) -> UNet:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return UNet(width)
+
+
+def test_every_layer_of_table_5() -> None:
+    unet = network(64).eval()
+    with torch.no_grad():
+        shapes = [tuple(layer.shape) for layer in unet.layers(torch.rand(1, 3, 100, 100))]
+    assert shapes == [(1, features, side, side) for features, side in TABLE_5]
+    assert len(shapes) == 27
+
+
+def test_parameters() -> None:
+    """As readings of the table: with 3 input channels, biases, and batch norm's scale and shift."""
+    assert sum(parameter.numel() for parameter in network(64).parameters()) == 24_425_601
+    wide, narrow = (sum(p.numel() for p in network(width).parameters() if p.ndim == 4) for width in (16, 8))
+    assert wide - 16 * 27 - 16 == 4 * (narrow - 8 * 27 - 8)  # kernels, but for those of the first layer and the head
+
+
+def test_layers_take_what_the_table_says() -> None:
+    """What reaches the output when one layer alone is not silent: skips (11), (8), (5), (2) meet (15), (18), (21), (24)."""
+    unet = network(2).eval()
+    with torch.no_grad():
+        layers = list(unet.layers(torch.rand(1, 3, 100, 100)))
+    for concatenated, deconvolved, skipped in ((16, 15, 11), (19, 18, 8), (22, 21, 5), (25, 24, 2)):
+        assert torch.equal(layers[concatenated - 1], torch.cat([layers[deconvolved - 1], layers[skipped - 1]], dim=1))
+    for pooled, source in ((3, 2), (6, 5), (9, 8), (12, 11)):
+        assert torch.equal(layers[pooled - 1], torch.nn.functional.max_pool2d(layers[source - 1], 2))
+    assert torch.equal(unet.down[3][0](layers[8]), layers[9])  # (10) takes (9)
+
+
+def test_a_2_x_2_convolution_is_padded_at_the_far_side() -> None:
+    """Output pixel (r, c) sees input rows r, r + 1 and columns c, c + 1, with zeros beyond the last."""
+    merge = network(1).merge[-1]
+    features = torch.rand(1, 2, 5, 4, dtype=torch.float64)
+    weight, bias = merge.double()[1].weight, merge[1].bias
+    expected = torch.zeros(5, 4, dtype=torch.float64)
+    for row, col in np.ndindex(5, 4):
+        seen = features[0, :, row : row + 2, col : col + 2]
+        expected[row, col] = (seen * weight[0, :, : seen.shape[1], : seen.shape[2]]).sum() + bias[0]
+    with torch.no_grad():
+        assert torch.allclose(merge[1](merge[0](features))[0, 0], expected, rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (17, 31), (37, 37), (64, 48), (100, 100), (120, 160)])
+@pytest.mark.parametrize("training", [True, False])
+def test_other_sizes(shape: tuple[int, int], training: bool) -> None:
+    unet = network(2).train(training)
+    depth = unet(torch.rand(2, 3, *shape))
+    assert depth.shape == (2, *shape)
+    assert (depth > 0).all()
+    assert (depth < 1).all()
+    depth.sum().backward()
+    assert all(parameter.grad is not None and torch.isfinite(parameter.grad).all() for parameter in unet.parameters())
+
+
+def test_float64_and_its_gradient() -> None:
+    unet = network(1).double().eval()
+    readings = torch.rand(1, 3, 16, 16, dtype=torch.float64)
+    assert unet(readings).dtype == torch.float64
+    kernel = unet.up[0].weight
+    assert torch.autograd.gradcheck(lambda _: unet(readings), (kernel,), eps=1e-6, atol=1e-6)
+
+
+def test_bfloat16_leaves_the_depth_its_digits() -> None:
+    """Under autocast the last layer and the sigmoid run in float32: many more values than bfloat16's 256 a factor of two."""
+    unet = network(8).eval()
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        depth = unet(torch.rand(1, 3, 64, 64))
+    assert depth.dtype == torch.float32
+    assert len(depth.unique()) > 1000
+
+
+def test_evaluation_does_not_depend_on_the_batch() -> None:
+    unet = network(4).eval()
+    readings = torch.rand(3, 3, 32, 32)
+    with torch.no_grad():
+        together = unet(readings)
+        for item in range(3):
+            assert torch.allclose(unet(readings[item : item + 1])[0], together[item], atol=1e-6)
+
+
+def test_errors_name_what_is_wrong() -> None:
+    unet = network(1)
+    for shape, message in (
+        ((2, 100, 100, 3), r"\(2, 100, 100, 3\); the U-Net takes \(B, 3, H, W\)"),
+        ((3, 100, 100), r"\(3, 100, 100\)"),
+        ((2, 3, 15, 100), "15 x 100 pixels; 4 poolings need at least 16"),
+        ((1, 3, 31, 16), "1 reading of 31 x 16 pixels has one value a channel"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            unet(torch.rand(shape))
+    assert unet.eval()(torch.rand(1, 3, 31, 16)).shape == (1, 31, 16)
+    with pytest.raises(ValueError, match="width 0"):
+        UNet(0)
+
+
+def chamfer(predicted: Tensor, true: Tensor, mask: Tensor, generator: torch.Generator | None = None) -> Tensor:
+    """Of 1000 points with a generator, of all without."""
+    points = None if generator is None else 1000
+    return projected_chamfer_loss(predicted, true, mask, SENSOR.width, SENSOR.w, points, generator)
+
+
+def depth_loss(predicted: Tensor, true: Tensor, mask: Tensor) -> Tensor:
+    return masked_depth_loss(predicted, true, mask, SENSOR.width, SENSOR.w)
+
+
+@pytest.mark.parametrize(("loss", "steps"), [("depth", 180), pytest.param("chamfer", 400, marks=pytest.mark.slow)])
+def test_one_touch_is_learnt_to_50_micrometres(loss: str, steps: int) -> None:
+    """A ball of 12 mm radius, 3 mm deep in the gel, in evaluation mode.
+
+    By the depth loss the RMS depth error is 50 µm at most; by the Chamfer loss the RMS distance to the nearest point, which
+    on the ball's steep flanks is less than the error along the ray.
+    """
+    radius, pressed = 0.012, 0.003
+    depth = ray_depth(face_blocks(ball(4, radius, z=SENSOR.w - pressed + radius)), np.eye(4), SENSOR).astype(np.float32)
+    felt, true = torch.from_numpy(reading(depth, SENSOR))[None], torch.from_numpy(depth)[None]
+    mask = contact_mask(felt, torch.tensor(untouched(SENSOR)))
+    readings = felt.permute(0, 3, 1, 2) / 255
+    unet, generator = network(8), torch.Generator().manual_seed(0)
+    optimizer = torch.optim.Adam(unet.parameters(), lr=0.01)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+    for _ in range(steps):
+        optimizer.zero_grad()
+        predicted = unet(readings) * SENSOR.w
+        (depth_loss(predicted, true, mask) if loss == "depth" else chamfer(predicted, true, mask, generator)).backward()
+        optimizer.step()
+        schedule.step()
+    with torch.no_grad():
+        predicted = unet.eval()(readings) * SENSOR.w
+        error = float((predicted - visible_depth(true, SENSOR.w))[mask].square().mean().sqrt()) * 1e6
+        distance = float(chamfer(predicted, true, mask) / 2) ** 0.5 * SENSOR.width * 1e6
+    print(f"{loss}: RMS depth {error:.1f} µm, RMS nearest distance {distance:.1f} µm, {int(mask.sum())} pixels")
+    assert (error if loss == "depth" else distance) <= 50
