@@ -3,27 +3,44 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TypeGuard
+from typing import NamedTuple, TypeGuard
 
+from pipeline.settings import Settings
 from pipeline.stage import ObjectStage, SetStage
 
+
+class Entry(NamedTuple):
+    """Where a stage is: its room, the class in the room's `stage`, and that in its `settings`."""
+
+    room: str
+    stage: str
+    settings: str
+
+
 STAGES = {
-    "sample-surfaces": "stages.sample_surfaces.stage:SampleSurfaces",
-    "simulate-grasps": "stages.simulate_grasps.stage:SimulateGrasps",
-    "render-vision": "stages.render_vision.stage:RenderVision",
-    "simulate-touch": "stages.simulate_touch.stage:SimulateTouch",
-    "train-unet": "stages.train_unet.stage:TrainUnet",
-    "fit-charts": "stages.fit_charts.stage:FitCharts",
-    "train-gcn": "stages.train_gcn.stage:TrainGcn",
-    "evaluate": "stages.evaluate.stage:Evaluate",
+    "sample-surfaces": Entry("stages.sample_surfaces", "SampleSurfaces", "SurfaceSettings"),
+    "simulate-grasps": Entry("stages.simulate_grasps", "SimulateGrasps", "GraspSettings"),
+    "render-vision": Entry("stages.render_vision", "RenderVision", "VisionSettings"),
+    "simulate-touch": Entry("stages.simulate_touch", "SimulateTouch", "TouchSettings"),
+    "train-unet": Entry("stages.train_unet", "TrainUnet", "UnetSettings"),
+    "fit-charts": Entry("stages.fit_charts", "FitCharts", "ChartSettings"),
+    "train-gcn": Entry("stages.train_gcn", "TrainGcn", "GcnSettings"),
+    "evaluate": Entry("stages.evaluate", "Evaluate", "EvaluationSettings"),
 }
 
 
 def load_stage(name: str) -> ObjectStage | SetStage:
     """The stage called `name`, a key of `STAGES`."""
-    module, _, attribute = STAGES[name].partition(":")
-    stage: ObjectStage | SetStage = getattr(import_module(module), attribute)()
+    entry = STAGES[name]
+    stage: ObjectStage | SetStage = getattr(import_module(f"{entry.room}.stage"), entry.stage)()
     return stage
+
+
+def load_settings_type(name: str) -> type[Settings]:
+    """Its settings, without the stage and the libraries that it stands on."""
+    entry = STAGES[name]
+    settings: type[Settings] = getattr(import_module(f"{entry.room}.settings"), entry.settings)
+    return settings
 
 
 def is_set_stage(stage: ObjectStage | SetStage) -> TypeGuard[SetStage]:

@@ -16,7 +16,7 @@ from pipeline.plan import Request
 from pipeline.presets import SettingsError, load_presets, resolve
 from pipeline.stage import ObjectError, Stage, StageError
 from pipeline.store.shard import StoreError
-from stages.registry import STAGES, load_stage
+from stages.registry import STAGES, load_settings_type
 
 S = TypeVar("S", bound=Stage)
 
@@ -42,7 +42,7 @@ def failures_as_words() -> Iterator[None]:
 def a_stage_has(knob: str) -> bool:
     """Whether any stage has a knob of this name, or the one before its dot."""
     owner, _, field = knob.rpartition(".")
-    return any(field in load_stage(name).settings_type.model_fields for name in ([owner] if owner else STAGES))
+    return any(field in load_settings_type(name).model_fields for name in ([owner] if owner else STAGES))
 
 
 def make_request(

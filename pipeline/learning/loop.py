@@ -11,20 +11,21 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import torch
-from lightning_fabric import Fabric
-from lightning_fabric.loggers.tensorboard import TensorBoardLogger
 from torch import Tensor, nn
 
 from pipeline.learning import checkpoint
 from pipeline.learning.checkpoint import Progress
+from pipeline.learning.settings import TrainingSettings
 from pipeline.progress import Meter, console_on
-from pipeline.settings import Settings, knob
 from pipeline.stage import SetJob, StageError, rng_of
 from pipeline.store.record import LOGS
+
+if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date need not spend
+    from lightning_fabric import Fabric
 
 METRICS = "metrics.json"
 
@@ -48,21 +49,6 @@ class Learner(Protocol):
 
     def describe(self, item: int) -> str:
         """An item in words, for the message that stops a training."""
-
-
-class TrainingSettings(Settings):
-    """How a network is trained; what a stage trains derives its settings from these."""
-
-    learning_rate: float = knob(1e-4, "Adam's", gt=0)
-    batch_size: int = knob(16, "items a step", ge=1)
-    epochs: int = knob(100, "at most", ge=1)
-    patience: int | None = knob(None, "epochs without a better validation loss after which training stops; null never does", ge=1)
-    explosion: float = knob(1e4, "a loss so many times the first epoch's mean stops the training: no later epoch mends it", gt=1)
-    devices: int = knob(1, "processes that share a batch; batch norm then sees a part each", ge=1)
-    precision: Literal["32-true", "bf16-mixed", "64-true"] = knob("32-true", "bf16-mixed pays on GPUs, and is slower on CPUs")
-    accelerator: str = knob("auto", "a GPU where there is one; cpu, cuda or mps by name", changes="speed")
-    threads: int = knob(0, "of torch on a CPU, 0 for one a core; sums may differ in their last bit with it", ge=0, changes="speed")
-    checkpoint_seconds: float = knob(120.0, "between checkpoints within an epoch: what a killed run loses at most", ge=0, changes="speed")
 
 
 @contextmanager
@@ -94,6 +80,9 @@ def train(learner: Learner, settings: TrainingSettings, job: SetJob, name: str) 
     StageError
         A loss is no number, or explodes: with epoch, step, and the items of the batch.
     """
+    from lightning_fabric import Fabric
+    from lightning_fabric.loggers.tensorboard import TensorBoardLogger
+
     if settings.threads:
         torch.set_num_threads(settings.threads)
     try:

@@ -29,9 +29,7 @@ class ChartSettings(Settings):
     tight: bool = knob(False, "true halts at 2.3e-4 sensor widths² and 100 µm RMS, for half as much time again")
     max_iterations: int = knob(1000, "nearly all charts halt earlier, even tight ones; those that do not gain little later", ge=1)
     samples: int = knob(4000, "points of the chart in the loss that is held against the halt: with 1000 it would never be reached", ge=1)
-    step_samples: int = knob(
-        500, "points of the chart in a step's loss: several times faster than all of them; below 60 µm take 2000", ge=1
-    )
+    step_samples: int = knob(500, "points of the chart in a step's loss: several times faster than all; below 60 µm take 2000", ge=1)
     cloud_points: int | None = knob(500, "points of the cloud in a step's loss, others each step; null takes all", ge=1)
     check_every: int = knob(10, "steps from one look at the exact loss to the next", ge=1)
     learning_rate: float = knob(3e-3, "Adam's, sensor widths: the supplement's", gt=0)

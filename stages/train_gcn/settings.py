@@ -3,7 +3,7 @@
 from pydantic import field_validator
 
 from pipeline.kernels.learning.configurations import CONFIGURATIONS, NetworkConfig
-from pipeline.learning.loop import TrainingSettings
+from pipeline.learning.settings import TrainingSettings
 from pipeline.settings import knob
 
 

@@ -69,7 +69,7 @@ class TrainGcn:
             network,
             {
                 "configuration": settings.configuration,
-                "network": config.model_dump(mode="json", exclude={"checkpointing"}),
+                "network": config.model_dump(mode="json", exclude={"checkpointing", "items_at_once"}),
                 "camera": None if learning.camera is None else learning.camera.tolist(),
                 "resolution": learning.resolution,
             },

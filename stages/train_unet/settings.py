@@ -3,7 +3,7 @@
 from typing import Literal
 
 from pipeline.kernels.learning.contact_mask import THRESHOLD
-from pipeline.learning.loop import TrainingSettings
+from pipeline.learning.settings import TrainingSettings
 from pipeline.settings import knob
 
 

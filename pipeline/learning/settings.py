@@ -1,0 +1,22 @@
+"""The knobs that every training has."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pipeline.settings import Settings, knob
+
+
+class TrainingSettings(Settings):
+    """How a network is trained; what a stage trains derives its settings from these."""
+
+    learning_rate: float = knob(1e-4, "Adam's", gt=0)
+    batch_size: int = knob(16, "items a step", ge=1)
+    epochs: int = knob(100, "at most", ge=1)
+    patience: int | None = knob(None, "epochs without a better validation loss after which training stops; null never does", ge=1)
+    explosion: float = knob(1e4, "a loss so many times the first epoch's mean stops the training: no later epoch mends it", gt=1)
+    devices: int = knob(1, "processes that share a batch; batch norm then sees a part each", ge=1)
+    precision: Literal["32-true", "bf16-mixed", "64-true"] = knob("32-true", "bf16-mixed pays on GPUs, and is slower on CPUs")
+    accelerator: str = knob("auto", "a GPU where there is one; cpu, cuda or mps by name", changes="speed")
+    threads: int = knob(0, "of torch on a CPU, 0 for one a core; sums may differ in their last bit with it", ge=0, changes="speed")
+    checkpoint_seconds: float = knob(120.0, "between checkpoints within an epoch: what a killed run loses at most", ge=0, changes="speed")
