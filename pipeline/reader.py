@@ -12,11 +12,11 @@ from torch.utils.data import Dataset
 
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.store.collection import Collection
+from pipeline.store.collection import Collection, usable_objects
 from pipeline.store.layout import Layout
 from pipeline.store.shard import Shard, StoreError
 from schemas.base import Array, Artifact
-from schemas.catalogue import ARTIFACTS
+from schemas.catalogue import ARTIFACTS, artifact_of
 
 DERIVED = {"local_points": "depth", "local_count": "depth"}
 """Arrays that need not be stored, and the stored array of the artifact that gives them."""
@@ -56,23 +56,14 @@ class GraspDataset(Dataset[Item]):
         for collection in self._collections.values():
             if stale := collection.stale(list(self._collections.values())):
                 raise StoreError(f"{self.data.resolve()}: {stale}")
-        self.left_out: dict[str, str] = {}
+        usable, self.left_out = usable_objects(self._collections, split)
         self.items: list[tuple[str, int]] = []
-        for object_id in self._collections["surfaces"]:
-            if split in (None, self._collections["surfaces"].shard(object_id).split(object_id)) and self._usable(object_id):
-                grasps = self._collections["grasps"].shard(object_id).array("hand_pose").shape[1]
-                self.items += [(object_id, grasp) for grasp in range(grasps)]
+        for object_id in usable:
+            grasps = self._collections["grasps"].shard(object_id).array("hand_pose").shape[1]
+            self.items += [(object_id, grasp) for grasp in range(grasps)]
         if not self.items:
             failed = f"{len(self.left_out)} have failed, see `vt-pipeline status`"
             raise StoreError(f"{self.data.resolve()} has no usable objects in split {split}; {failed}")
-
-    def _usable(self, object_id: str) -> bool:
-        for collection in self._collections.values():
-            failure = collection.shard(object_id).failure(object_id)
-            if failure:
-                self.left_out[object_id] = f"{failure['stage']}: {failure['reason']}"
-                return False
-        return True
 
     def __len__(self) -> int:
         return len(self.items)
@@ -113,8 +104,7 @@ def _tensor(value: np.ndarray) -> torch.Tensor | str:
 
 
 def _artifact_of(name: str) -> Artifact:
-    for artifact in ARTIFACTS.values():
-        if name in artifact.arrays:
-            return artifact
-    known = sorted({name for artifact in ARTIFACTS.values() for name in artifact.arrays})
-    raise StoreError(f"no artifact has an array {name}; there are {', '.join(known)}")
+    try:
+        return artifact_of(name)
+    except KeyError as error:
+        raise StoreError(error.args[0]) from None

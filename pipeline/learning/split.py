@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.store.collection import Collection
+from pipeline.store.collection import Collection, usable_objects
 from pipeline.store.layout import Layout
 from pipeline.store.shard import StoreError
 from schemas.catalogue import ARTIFACTS, artifact_of
@@ -67,21 +67,6 @@ def load_split(data: Path, arrays: Sequence[str], split: str) -> Split:
         attributes={name: collection.shard(object_ids[0]).attributes for name, collection in collections.items()},
         left_out=left_out,
     )
-
-
-def usable_objects(collections: Mapping[str, Collection], split: str) -> tuple[list[str], dict[str, str]]:
-    """The objects of a split in id order, and those that failed in one of the collections with the reason."""
-    found, left_out = [], {}
-    first = next(iter(collections.values()))
-    for object_id in first:
-        if first.shard(object_id).split(object_id) != split:
-            continue
-        failures = [failure for other in collections.values() if (failure := other.shard(object_id).failure(object_id))]
-        if failures:
-            left_out[object_id] = f"{failures[0]['stage']}: {failures[0]['reason']}"
-        else:
-            found.append(object_id)
-    return found, left_out
 
 
 def _read(collection: Collection, name: str, object_ids: Sequence[str]) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from pipeline.store import digest
 from pipeline.store.layout import Layout
@@ -69,6 +69,21 @@ class Collection:
                 if used is not None and (object_id not in other or other.shard(object_id).row_digest(object_id) != used):
                     return f"{self.artifact.name} of {object_id} was made from other {name} than stand there now; run its stage again"
         return None
+
+
+def usable_objects(collections: Mapping[str, Collection], split: str | None) -> tuple[list[str], dict[str, str]]:
+    """The objects of a split, all for None, in id order; and those that failed in one of the collections, with stage and reason."""
+    found, left_out = [], {}
+    first = next(iter(collections.values()))
+    for object_id in first:
+        if split not in (None, first.shard(object_id).split(object_id)):
+            continue
+        failures = [failure for other in collections.values() if (failure := other.shard(object_id).failure(object_id))]
+        if failures:
+            left_out[object_id] = f"{failures[0]['stage']}: {failures[0]['reason']}"
+        else:
+            found.append(object_id)
+    return found, left_out
 
 
 def _first_choice_last(found: list[Shard], shards: int | None) -> list[Shard]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -80,11 +79,3 @@ class Items:
     def name(self, item: int) -> str:
         """The item in words."""
         return f"{self.split.object_ids[item // self.each]} (first grasp {item % self.each % self.grasps})"
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Fewest and most grasps an item is given."""
-
-    fewest: int
-    most: int

@@ -13,7 +13,7 @@ import torch
 from pipeline.kernels.learning.chamfer import chamfer
 from pipeline.kernels.learning.configurations import CONFIGURATIONS
 from pipeline.kernels.learning.deformation import DeformationNetwork
-from pipeline.kernels.learning.metrics import sampling_floor
+from pipeline.kernels.learning.metrics import sampled_area, sampling_floor
 from pipeline.kernels.learning.surface_samples import sample_surface
 from pipeline.learning.loop import generator_of, read_metrics
 from pipeline.learning.reconstruct import Reconstructor, View
@@ -54,12 +54,10 @@ def overfit(data: Path, steps: int, points: int) -> tuple[float, float]:
     with torch.no_grad():
         deformed = network(None, None, None, None, [0])[0]
         faces = torch.tensor(network.sphere.faces)
-        corners = deformed[faces]
-        area = float(torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).norm(dim=1).sum() / 2)
         truth = items.targets[0].points
         kept = truth[torch.randperm(len(truth), generator=generator_of(0, "kept"))[:points]]
         reached = float(chamfer(sample_surface(deformed, faces, points, generator_of(0, "drawn")), kept))
-    return reached, sampling_floor(area, points)
+    return reached, sampling_floor(sampled_area(truth.numpy()), points)
 
 
 def test_one_object_is_learned_to_one_and_a_half_times_its_sampling_floor(data):
