@@ -59,17 +59,14 @@ IMAGES    = $(addprefix render-vision.,$(NUMBERS))
 TOUCHES   = $(addprefix simulate-touch.,$(NUMBERS))
 CHARTS    = $(addprefix fit-charts.,$(NUMBERS))
 
-# Under `make -j` networks train side by side, a core each.
-TRAIN     = $(RUN) $(if $(filter -j%,$(MAKEFLAGS)),--set threads=1)
-
 train-unet: $(TOUCHES)
-	@$(TRAIN)
+	@$(RUN)
 fit-charts.%: train-unet
 	@$(SHARD)
 
 .SECONDEXPANSION:
-train-gcn.%: $$(SURFACES) $$(if $$(findstring occluded,$$*),$$(IMAGES)) $$(if $$(findstring touch,$$*),$$(CHARTS))
-	@$(subst $@,train-gcn,$(TRAIN)) --set train-gcn.configuration=$*
+train-gcn.%: $$(SURFACES) $$(if $$(findstring occluded,$$*)$$(findstring image,$$*),$$(IMAGES)) $$(if $$(findstring touch,$$*),$$(CHARTS))
+	@$(subst $@,train-gcn,$(RUN)) --set train-gcn.configuration=$*
 
 comma    := ,
 space    := $(subst ,, )

@@ -101,6 +101,8 @@ def fill(plan: FolderPlan, console: Console) -> dict[str, Any]:
     with one_writer(plan.work.with_name("lock"), plan.path):
         if plan.up_to_date():  # by the run that held the lock before
             return dict(Record(plan.path).content["facts"])
+        if _finished(plan):  # by a run that was killed before it put the folder in place
+            return _place(plan)
         plan.work.mkdir(parents=True, exist_ok=True)
         models = {name: record.folder for name, record in plan.records.items()}
         facts = request.stage.make(SetJob(request.data, plan.work, request.settings, request.seed, models, console))
@@ -121,7 +123,16 @@ def fill(plan: FolderPlan, console: Console) -> dict[str, Any]:
             "files": hashes_of(plan.work),
         }
         (plan.work / RECORD).write_text(json.dumps(content, indent=2, sort_keys=True, allow_nan=False))
-        put_in_place(plan.work, plan.path)
-        for other in plan.work.parent.glob("*/"):  # what runs with other settings left half done
-            shutil.rmtree(other, ignore_errors=True)
-    return facts
+        return _place(plan)
+
+
+def _finished(plan: FolderPlan) -> bool:
+    record = Record(plan.work)
+    return (plan.work / RECORD).exists() and not record.problems() and bool(record.content["key"] == plan.key)
+
+
+def _place(plan: FolderPlan) -> dict[str, Any]:
+    put_in_place(plan.work, plan.path)
+    for other in plan.work.parent.glob("*/"):  # what runs with other settings left half done
+        shutil.rmtree(other, ignore_errors=True)
+    return dict(Record(plan.path).content["facts"])

@@ -15,7 +15,7 @@ from pipeline.store import digest
 
 DECIDES_RESULTS = (
     *("stages", "schemas", "pipeline.kernels", "pipeline.learning", "pipeline.stage"),
-    *("pipeline.contact_band", "pipeline.contact_sheet"),
+    *("pipeline.contact_band", "pipeline.contact_sheet", "pipeline.statistics"),
 )
 """What decides results, and pictures of them; processes, files and progress around it do not."""
 

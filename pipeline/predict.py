@@ -12,7 +12,6 @@ import torch
 from numpy.typing import NDArray
 
 from pipeline.kernels.learning.chart_fitting import fit_charts
-from pipeline.kernels.learning.chart_rule import FitRule
 from pipeline.kernels.learning.chart_square import chart_square
 from pipeline.kernels.touch.sensor import Sensor, place
 from pipeline.learning.device import device_of
@@ -21,13 +20,11 @@ from pipeline.learning.reconstruct import Reconstruction, Reconstructor, View
 from pipeline.learning.touch_charts import is_surface
 from pipeline.learning.touch_model import TouchModel, load_touch_model
 from pipeline.predict_files import read_image, read_poses, read_readings
-from pipeline.predict_store import has_charts, stored_charts, stored_image, stored_touches
+from pipeline.predict_store import check_folder, has_charts, stored_charts, stored_image, stored_touches
 from pipeline.stage import StageError, rng_of
+from stages.fit_charts.settings import ChartSettings
 
 Surface = Literal["apart", "joined", "both"]
-
-RESIDUAL = 2.5e-4
-"""m: RMS distance that a chart fitted here keeps from its cloud, as `fit-charts` has it."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +96,11 @@ def predict(
     if data is not None:
         if object_id is None or image is not None or readings or poses is not None:
             raise StageError("from a data directory: name an object, and no files; from files: name no data directory")
+        check_folder(models, data, configuration)
         view = _view_of_object(model, models, data, object_id, grasps, device, seed)
     else:
+        if object_id is not None:
+            raise StageError(f"object {object_id} of which data directory? Name it, or leave the object out")
         view = _view_of_files(model, models, image, readings, poses, device, seed)
     made = model.reconstruct([view])[0]
     return Prediction(_write(out, made, surface), made, view.touched)
@@ -124,7 +124,7 @@ def _view_of_object(
     if has_charts(data):
         return View(image, *stored_charts(data, object_id, grasps))
     readings, poses, touched, sensor = stored_touches(data, object_id, grasps)
-    return View(image, *_charts(_touch_model(models, sensor, device), readings, poses, touched, model.side, seed, object_id))
+    return View(image, *_charts(_touch_model(models, sensor, device), readings, poses, touched, model, seed, object_id))
 
 
 def _view_of_files(
@@ -133,13 +133,15 @@ def _view_of_files(
     needed = [("an image", model.image, image), ("readings", model.touch, readings), ("the sensors' poses", model.touch, poses)]
     if missing := [what for what, needs, given in needed if needs and not given]:
         raise StageError(f"model {model.configuration} needs {' and '.join(missing)}, and none is given")
+    if not model.touch and (readings or poses is not None):
+        raise StageError(f"model {model.configuration} does not feel: leave readings and poses out, or take one that does")
     seen = read_image(image) if model.image is not None and image is not None else None
     if not model.touch or poses is None:
         return _without_touch(seen)
     felt, (placed, touched) = read_readings(readings), read_poses(poses)
     if len(felt) != len(placed):
         raise StageError(f"{len(felt)} readings and {len(placed)} poses in {poses}: there must be one pose a reading, in the same order")
-    return View(seen, *_charts(_touch_model(models, None, device), felt, placed, touched, model.side, seed, "files"))
+    return View(seen, *_charts(_touch_model(models, None, device), felt, placed, touched, model, seed, "files"))
 
 
 def _without_touch(image: np.ndarray | None) -> View:
@@ -155,26 +157,26 @@ def _touch_model(models: Path, sensor: Sensor | None, device: torch.device) -> T
 
 
 def _charts(
-    model: TouchModel,
+    eyes: TouchModel,
     readings: NDArray[np.uint8],
     poses: NDArray[np.float64],
     touched: NDArray[np.bool_] | None,
-    side: int,
+    model: Reconstructor,
     seed: int,
     name: str,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Charts (T, side², 3) of readings, world, m, and which of them are of a touch (T,); the others are the sensor's flat square."""
+    """Charts (T, side², 3) of readings, world, m, fitted as those that the model learned from; and which are of a touch (T,)."""
     try:
-        clouds = model.clouds(readings)
+        clouds = eyes.clouds(readings)
     except ValueError as error:
         raise StageError(str(error)) from error
     if touched is None:
         touched = np.array([len(cloud) > 0 for cloud in clouds])
-    width = model.sensor.width
+    width, side = eyes.sensor.width, model.side
     given = [cloud if flag else np.zeros((0, 3)) for cloud, flag in zip(clouds, touched, strict=True)]
     seeds = [int(rng_of(seed, "predict", name, number).integers(2**63)) for number in range(len(given))]
     generators = [torch.Generator().manual_seed(one) for one in seeds]
-    fits = fit_charts(given, width, generators, FitRule(residual_limit=RESIDUAL / width, side=side))
+    fits = fit_charts(given, width, generators, ChartSettings.model_validate(model.charts or {}).rule(width))
     surface = touched & is_surface(fits.stop_rule)
     flat = chart_square(side)[0].numpy() * width
     local = np.where(surface[:, None, None], fits.vertices, flat)  # (T, side², 3) sensor frame

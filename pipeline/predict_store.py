@@ -12,12 +12,19 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.learning.touch_charts import is_surface
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
+from pipeline.store.record import RECORD, check_models, standing_record
 from pipeline.store.shard import Shard, StoreError
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 from schemas.vision import VISION
+
+
+def check_folder(models: Path, data: Path, configuration: str) -> None:
+    """A `StoreError` where a data directory's own model was made from other rows than stand there now."""
+    if models.resolve() == (data / "models").resolve() and (models / "gcn" / configuration / RECORD).exists():
+        standing_record(Layout(data), f"models/gcn/{configuration}")
 
 
 def stored_image(data: Path, object_id: str, grasp: int, which: str) -> NDArray[np.uint8]:
@@ -40,6 +47,7 @@ def has_charts(data: Path) -> bool:
 
 def stored_charts(data: Path, object_id: str, grasps: Sequence[int]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """The charts of these grasps' sensors (T, S, 3), world, m, and which of them are of a touch (T,)."""
+    check_models(Layout(data), Collection(Layout(data), CHARTS))
     view = _shard(data, CHARTS, object_id).view(object_id)
     vertices, rule = view["vertices"], view["stop_rule"]
     _check_grasps(grasps, len(vertices), object_id)

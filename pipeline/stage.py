@@ -125,14 +125,14 @@ class SetJob:
 class SetStage(Stage, Protocol):
     """A stage that looks at the whole data set at once and fills one folder: a trained model, an evaluation."""
 
-    grid: ClassVar[Mapping[str, Sequence[Any]]]
-    """The supplement's grid of hyperparameters, by knob; empty where there is none."""
-
     def splits(self, settings: Any) -> tuple[str, ...]:
         """The splits whose objects are looked at; the others change nothing."""
 
     def folder(self, settings: Any) -> str:
         """What is filled, below the data directory."""
+
+    def grid(self, settings: Any) -> Mapping[str, Sequence[Any]]:
+        """The supplement's grid of hyperparameters, by knob; empty where there is none."""
 
     def cost(self, settings: Any, objects: int) -> Cost:
         """What it takes altogether, roughly, with so many objects in its splits."""

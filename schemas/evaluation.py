@@ -117,15 +117,13 @@ TABLES = {
         },
     ),
     "training": Table(
-        summary="What the training of each model took.",
+        summary="What the training of each model came to; its seconds and hardware are in the records.",
         arrays={
             "configuration": _CONFIGURATION,
             "parameters": _count(("configuration",), "Numbers trained."),
             "epochs": _count(("configuration",), "Epochs done."),
             "best_epoch": _count(("configuration",), "The epoch whose weights were kept."),
             "best_loss": _share(("configuration",), "Its validation loss."),
-            "seconds": Array(dims=("configuration",), dtype="float64", units="s", description="Wall time."),
-            "hardware": _name("configuration", "What it ran on."),
         },
     ),
     "values": Table(

@@ -16,7 +16,6 @@ import pytest
 import trimesh
 import xarray
 import yaml
-import zarr
 
 from pipeline.reader import GraspDataset
 from pipeline.store.shard import StoreError
@@ -34,10 +33,10 @@ KNOBS = [
         "evaluate.configurations=[occluded-touch]",
         "evaluate.points=1000",
     ),
-    *("evaluate.grasps=[1,5]", "threads=1"),
+    *("evaluate.grasps=[1,5]",),
 ]
 SHARDED = [name for name in STAGES if not is_set_stage(load_stage(name))]
-SEEN = {"train-unet": 3, "train-gcn": 3, "evaluate": 1}
+SEEN = {"train-unet": 3, "train-gcn": 3}
 """How many of the four objects a set stage looks at."""
 
 
@@ -99,12 +98,7 @@ def test_killed_in_every_stage_and_run_again_the_digests_are_equal(manifest, mad
             kill_midway(command(stage, manifest, tmp_path, "--workers", "1"), tmp_path, kept)
         again = vt(*command(stage, manifest, tmp_path, "--workers", "1")).stdout
         assert "made 4 objects" not in again  # at least one piece was kept
-    found, whole = digests(tmp_path), digests(made)
-    assert {name: found[name] for name in whole if name != "evaluation"} == {name: whole[name] for name in whole if name != "evaluation"}
-    for name in ("values", "predictions"):
-        one, other = (zarr.open_group(str(data / f"evaluation/tables.zarr/{name}/occluded-touch"), mode="r") for data in (tmp_path, made))
-        for key, array in one.arrays():
-            np.testing.assert_array_equal(array[...], other[key][...])
+    assert digests(tmp_path) == digests(made)
 
 
 def kill_midway(run: list[str], data: Path, kept: str) -> None:
@@ -252,4 +246,4 @@ def test_a_sweep_trains_every_point_once_and_ranks_them(manifest, made):
     assert "best loss" in first
     again = vt(*asked, "--grid", "gcn_features=6,12", "--grid", "learning_rate=1e-3").stdout
     assert again.count("up to date") == 2
-    assert vt(*asked, "--dry-run").stdout.count("sweeps/train-gcn/none/") == 3**4  # the supplement's grid
+    assert vt(*asked, "--dry-run").stdout.count("sweeps/train-gcn/none/") == 3**3  # the supplement's grid

@@ -7,6 +7,7 @@ from typing import Annotated, Any, cast
 
 import typer
 import yaml
+from rich.markup import escape
 
 from pipeline import sweep as sweeps
 from pipeline.cli.request import (
@@ -20,9 +21,10 @@ from pipeline.cli.request import (
     make_request,
 )
 from pipeline.cli.run import run_folder
-from pipeline.cli.talk import console, fail, say
+from pipeline.cli.talk import console, errors, fail, say
+from pipeline.stage import StageError
 from pipeline.store.layout import Layout
-from pipeline.store.record import RECORD, standing_record
+from pipeline.store.record import RECORD, Record, standing_record
 from stages.registry import STAGES, is_set_stage, load_stage
 
 
@@ -40,20 +42,28 @@ def sweep(
     """Train over a grid of hyperparameters (supplement 2.2 and 3.4); run again, it goes on where it was."""
     with failures_as_words():
         loaded = load_stage(stage) if stage in STAGES else None
-        if loaded is None or not is_set_stage(loaded) or not loaded.grid:
+        if loaded is None or not is_set_stage(loaded):
             fail(f"{stage} has no grid to sweep over; train-unet and train-gcn have")
-        asked = _grid(grid) if grid else dict(loaded.grid)
-        found = []
+        plain = make_request(loaded, manifest, preset, data, objects, assignments or [], seed)
+        if not (asked := _grid(grid) if grid else dict(loaded.grid(plain.settings))):
+            fail(f"{stage} has no grid to sweep over; train-unet and train-gcn have")
+        found, failed = [], 0
         for point in sweeps.points(asked):
             chosen = [*(assignments or []), *(f"{stage}.{knob}={yaml.safe_dump(value).split(chr(10))[0]}" for knob, value in point.items())]
             request = make_request(loaded, manifest, preset, data, objects, chosen, seed)
             place = sweeps.place(stage, loaded.folder(request.settings), point)
             if dry_run:
                 say(f"{request.data / place}")
-            else:
+                continue
+            try:
                 found.append((point, run_folder(request, place)))
+            except StageError as error:  # a rate too high says something about that point alone
+                failed += 1
+                errors.print(f"[yellow]failed[/] {escape(place)}: {escape(str(error))}")
         if found:
             sweeps.show(found, console)
+        if failed:
+            fail(f"{failed} points failed, see above")
 
 
 def predict(
@@ -103,13 +113,14 @@ def report(
     from stages.evaluate.curves import draw_curves
     from stages.evaluate.gallery import draw_gallery
     from stages.evaluate.orderings import orderings, show_orderings
-    from stages.evaluate.show import show
+    from stages.evaluate.show import show, show_training
 
     with failures_as_words():
         record = standing_record(Layout(data), "evaluation")
         show(record.folder, console)
         show_orderings(orderings(record.folder), console)
         trained = [name for name in ("models/unet", *record.content["models"]) if (data / name / RECORD).exists()]
+        show_training({Path(name).name: Record(data / name).content["facts"] for name in trained}, console)
         draw_curves([data / name for name in trained], data / "learning-curves.png")
         say(f"learning curves: {data / 'learning-curves.png'}")
         shown = draw_gallery(data, data / "reconstructions.png", most)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +12,8 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
+
+from pipeline.store.pieces import unlink_on_error
 
 FILE = "checkpoint.safetensors"
 
@@ -40,24 +41,23 @@ def save(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer, best
     for index, moments in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer/{index}/{name}": torch.as_tensor(value) for name, value in moments.items()}
     kept = {name: value.detach().cpu().clone(memory_format=torch.contiguous_format) for name, value in tensors.items()}
-    beside = folder / f"{FILE}.{os.getpid()}.tmp"
-    try:
+    beside = folder / f"{FILE}.tmp"  # the folder's lock is held: nobody else writes there
+    with unlink_on_error(beside):
         save_file(kept, beside, metadata={"progress": json.dumps(progress.__dict__)})
         beside.replace(folder / FILE)
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def load(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer) -> tuple[dict[str, Tensor], Progress]:
     """Bring module and optimizer to where the checkpoint in `folder` left them; the best weights and the progress.
 
-    Without a checkpoint, or with one that a crash of the machine cut short, everything stays as it is: a fresh start.
+    Both must have the type and device they are trained with: moments are brought to those of their parameters. Without a
+    checkpoint, or with one that a crash of the machine cut short, everything stays as it is: a fresh start.
     """
     try:
         with safe_open(folder / FILE, framework="pt") as file:
             progress = Progress(**json.loads(file.metadata()["progress"]))
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
-    except (OSError, SafetensorError):
+    except (FileNotFoundError, SafetensorError):
         return {}, Progress()
     parts: dict[str, dict[str, Tensor]] = {"module": {}, "best": {}, "optimizer": {}}
     for name, value in tensors.items():
@@ -79,5 +79,6 @@ def load_best(folder: Path) -> dict[str, Tensor]:
 
 
 def discard(folder: Path) -> None:
-    """Forget the checkpoint of a training that has ended."""
-    (folder / FILE).unlink(missing_ok=True)
+    """Forget the checkpoint of a training that has ended, and what a killed one left of another."""
+    for path in folder.glob(f"{FILE}*"):
+        path.unlink()

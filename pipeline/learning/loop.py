@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.multiprocessing.spawn import ProcessRaisedException
 
 from pipeline.learning import checkpoint
 from pipeline.learning.checkpoint import Progress
+from pipeline.learning.device import device_of
 from pipeline.learning.settings import TrainingSettings
 from pipeline.progress import Meter, console_on
 from pipeline.stage import SetJob, StageError, rng_of
@@ -67,9 +69,10 @@ def generator_of(seed: int, *identity: str | int) -> torch.Generator:
 def train(learner: Learner, settings: TrainingSettings, job: SetJob, name: str) -> dict[str, Any]:
     """Train until the epochs or the patience end; leaves the best epoch's weights in the module.
 
-    A killed training goes on from the checkpoint in the job's folder, to the same weights, to the bit, as one that was
-    not (on the same machine, with the same threads). `metrics.json` gets the losses of every epoch, `tensorboard` the
-    curves. With the job's seed, `name` keys the order of items and whatever is drawn.
+    A killed training goes on from the checkpoint in the job's folder, to the same weights, to the bit, as one that was not
+    (on the same machine). The checkpoint stays until the caller, who has saved the model, discards it. `metrics.json` gets
+    the losses of every epoch, `tensorboard` the curves. With the job's seed, `name` keys the order of items and whatever
+    is drawn.
 
     Returns
     -------
@@ -83,20 +86,22 @@ def train(learner: Learner, settings: TrainingSettings, job: SetJob, name: str) 
     from lightning_fabric import Fabric
     from lightning_fabric.loggers.tensorboard import TensorBoardLogger
 
-    if settings.threads:
-        torch.set_num_threads(settings.threads)
     try:
+        accelerator = device_of(settings.accelerator).type
         logger = TensorBoardLogger(job.folder, name=LOGS, version="")
         strategy = "ddp_spawn" if settings.devices > 1 else "auto"
-        fabric = Fabric(
-            accelerator=settings.accelerator, strategy=strategy, devices=settings.devices, precision=settings.precision, loggers=logger
-        )
+        fabric = Fabric(accelerator=accelerator, strategy=strategy, devices=settings.devices, precision=settings.precision, loggers=logger)
     except (RuntimeError, ValueError, ImportError) as error:
         raise StageError(f"accelerator {settings.accelerator}, {settings.devices} devices, {settings.precision}: {error}") from error
     begin: Any = _train  # Fabric's signature leaves out the arguments that it passes on
-    facts: dict[str, Any] = fabric.launch(begin, learner, settings, job.folder, job.seed, name)
+    before = torch.get_num_threads()
+    try:
+        facts: dict[str, Any] = fabric.launch(begin, learner, settings, job.folder, job.seed, name)
+    except ProcessRaisedException as error:  # what one of several processes raised, as text
+        raise StageError(str(error).strip().splitlines()[-1]) from error
+    finally:
+        torch.set_num_threads(before)
     learner.module.load_state_dict(checkpoint.load_best(job.folder))
-    checkpoint.discard(job.folder)
     return facts
 
 
@@ -107,7 +112,8 @@ class _Run:
     fabric: Fabric
     learner: Learner
     bare: nn.Module
-    optimizer: torch.optim.Optimizer
+    adam: torch.optim.Optimizer
+    optimizer: Any
     settings: TrainingSettings
     folder: Path
     seed: int
@@ -121,15 +127,16 @@ class _Run:
 
     def save(self) -> None:
         if self.fabric.is_global_zero:
-            checkpoint.save(self.folder, self.bare, self.optimizer, self.best, self.progress)
+            checkpoint.save(self.folder, self.bare, self.adam, self.best, self.progress)
 
 
 def _train(fabric: Fabric, learner: Learner, settings: TrainingSettings, folder: Path, seed: int, name: str) -> dict[str, Any]:
+    torch.set_num_threads(settings.threads)
     bare = learner.module
-    optimizer = torch.optim.Adam(bare.parameters(), lr=settings.learning_rate)
-    best, progress = checkpoint.load(folder, bare, optimizer)
-    learner.module, optimizer = fabric.setup(bare, optimizer)
-    run = _Run(fabric, learner, bare, optimizer, settings, folder, seed, name, progress, best)
+    adam = torch.optim.Adam(bare.parameters(), lr=settings.learning_rate)
+    learner.module, optimizer = fabric.setup(bare, adam)
+    best, progress = checkpoint.load(folder, bare, adam)  # now that they are where, and of the type, they are trained with
+    run = _Run(fabric, learner, bare, adam, optimizer, settings, folder, seed, name, progress, best)
     began = time.perf_counter() - progress.seconds
     shown = Meter(console_on(sys.stdout), name, settings.epochs * run.steps, "steps", progress.epoch * run.steps + progress.step)
     with shown if fabric.is_global_zero else nullcontext():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -145,6 +146,8 @@ class Reconstructor:
         Which image it looks at: None, "occluded" or "unoccluded".
     touch
         Whether it feels.
+    charts
+        The settings of `fit-charts` that its touch charts were fitted with; None for one that does not feel.
     """
 
     def __init__(self, folder: Path, device: torch.device | str = "cpu") -> None:
@@ -152,6 +155,7 @@ class Reconstructor:
         config = NetworkConfig.model_validate(description["network"])
         self.configuration: str = description["configuration"]
         self.image, self.touch, self.side = config.image, config.touch, config.side
+        self.charts: dict[str, Any] | None = description["charts"]
         self.network = DeformationNetwork(config).to(device)
         self.network.load_state_dict(weights)
         self.network.eval()

@@ -17,6 +17,6 @@ class TrainingSettings(Settings):
     explosion: float = knob(1e4, "a loss so many times the first epoch's mean stops the training: no later epoch mends it", gt=1)
     devices: int = knob(1, "processes that share a batch; batch norm then sees a part each", ge=1)
     precision: Literal["32-true", "bf16-mixed", "64-true"] = knob("32-true", "bf16-mixed pays on GPUs, and is slower on CPUs")
-    accelerator: str = knob("auto", "a GPU where there is one; cpu, cuda or mps by name", changes="speed")
-    threads: int = knob(0, "of torch on a CPU, 0 for one a core; sums may differ in their last bit with it", ge=0, changes="speed")
+    threads: int = knob(1, "of torch on a CPU: trainings side by side use cores better than threads; sums differ in their last bit", ge=1)
+    accelerator: Literal["auto", "cpu", "cuda"] = knob("auto", "a GPU where there is one; the same to the last bits", changes="speed")
     checkpoint_seconds: float = knob(120.0, "between checkpoints within an epoch: what a killed run loses at most", ge=0, changes="speed")

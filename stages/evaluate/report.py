@@ -40,8 +40,7 @@ def write_report(job: SetJob, truth: Truth, found: Mapping[str, Arrays], models:
     }
     write_tables(job.folder / TABLES_ZARR, summaries | _values(truth, found, settings), attributes)
     plain = {name: {key: _plain(value.tolist()) for key, value in table.items()} for name, table in summaries.items()}
-    hardware = {name: row["hardware"] for name, row in facts.items()}
-    content = {**attributes, "hardware": hardware, "tables": plain}
+    content = {**attributes, "tables": plain}
     (job.folder / METRICS).write_text(json.dumps(content, indent=2, sort_keys=True, allow_nan=False))
 
 

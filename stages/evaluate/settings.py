@@ -36,7 +36,5 @@ class EvaluationSettings(Settings):
         1.14, "Table 4's protocol takes objects of diagonal 1 times 0.57; here their diagonal is 0.5 m, so tau means the same", gt=0
     )
     rings: int = knob(5, "Table 2's rings, one sensor width after the other", ge=1)
-    batch_size: int = knob(
-        16, "as in training; more needs more memory, and sums may differ in their last bit with it", changes="speed", ge=1
-    )
+    batch_size: int = knob(16, "as in training; more needs more memory, and sums may differ in their last bit with it", ge=1)
     accelerator: str = knob("auto", "a GPU where there is one", changes="speed")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,6 @@ def show(folder: Path, console: Console) -> None:
     _f1(modalities, settings["scale"], console)
     if felt:
         _charts(read_table(folder, "charts"), console)
-    _training(read_table(folder, "training"), console)
 
 
 def _table(columns: Iterable[object]) -> Table:
@@ -141,11 +140,13 @@ def _charts(table: Arrays, console: Console) -> None:
     _print("Touch charts of these objects: distance of the cloud to its chart", printed, console)
 
 
-def _training(table: Arrays, console: Console) -> None:
+def show_training(facts: Mapping[str, Mapping[str, Any]], console: Console) -> None:
+    """Print what each model's training took and on what, from the facts of its record, by name."""
     printed = _table(("model", "parameters", "epochs", "best", "supplement's best", "validation loss", "seconds", "hardware"))
-    keys = ("configuration", "parameters", "epochs", "best_epoch", "best_loss", "seconds", "hardware")
-    for name, parameters, epochs, best, loss, seconds, hardware in zip(*(table[key] for key in keys), strict=True):
+    for name, row in facts.items():
         theirs: Any = BEST_EPOCH.get(name, NONE)
-        cells = (f"{parameters:,}", f"{epochs}", f"{best}", f"{theirs}", f"{loss:.4g}", f"{seconds:.0f}", escape(hardware))
-        printed.add_row(name, *cells)
+        best, ran = row["best_epoch"] + 1, row["hardware"]
+        hardware = f"{ran['device']}, {ran['processes']} process(es) of {ran['threads']} threads, {ran['precision']}"
+        numbers = (f"{row['parameters']:,}", f"{row['epochs']}", f"{best}", f"{theirs}", f"{row['best']['loss']:.4g}")
+        printed.add_row(name, *numbers, f"{row['training_seconds']:.0f}", escape(hardware))
     _print("Training", printed, console)

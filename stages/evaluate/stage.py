@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from pipeline.kernels.learning.configurations import CONFIGURATIONS
 from pipeline.learning.device import device_of
 from pipeline.learning.reconstruct import Reconstructor
+from pipeline.manifest import SPLITS
 from pipeline.progress import Meter
 from pipeline.stage import Cost, SetJob
 from pipeline.store.record import Record
@@ -20,9 +21,9 @@ from schemas.vision import VISION
 from stages.evaluate.measure import measure
 from stages.evaluate.report import write_report
 from stages.evaluate.settings import EvaluationSettings
-from stages.evaluate.show import show
+from stages.evaluate.show import show, show_training
 from stages.evaluate.store import Arrays, discard_partials, load_partial, save_partial
-from stages.evaluate.truth import SPLIT, Truth, load_truth
+from stages.evaluate.truth import Truth, load_truth
 
 MODELS = "models/gcn"
 
@@ -33,7 +34,6 @@ class Evaluate:
     name = "evaluate"
     summary = "Every trained model on the test objects: the supplement's tables, beside its figures."
     settings_type = EvaluationSettings
-    grid: ClassVar[dict[str, tuple[Any, ...]]] = {}
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
         """What the models named are shown, and where the touch sites are."""
@@ -46,8 +46,12 @@ class Evaluate:
         return tuple(f"{MODELS}/{name}" for name in settings.configurations)
 
     def splits(self, settings: EvaluationSettings) -> tuple[str, ...]:
-        """Only objects that no training saw."""
-        return (SPLIT,)
+        """Measured are only objects that no training saw; Table 1 counts all."""
+        return SPLITS
+
+    def grid(self, settings: EvaluationSettings) -> dict[str, tuple[Any, ...]]:
+        """None."""
+        return {}
 
     def folder(self, settings: EvaluationSettings) -> str:
         """One evaluation a data directory."""
@@ -69,7 +73,8 @@ class Evaluate:
         write_report(job, truth, found, models, facts)
         discard_partials(job.folder)
         show(job.folder, job.console)
-        return {"objects": len(truth), "left_out": len(truth.split.left_out), "configurations": list(found)}
+        show_training(facts, job.console)
+        return {"objects": len(truth), "left_out": len(truth.split.left_out), "training": facts}
 
 
 def _evaluated(name: str, model: Reconstructor, truth: Truth, job: SetJob) -> Arrays:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -91,11 +92,11 @@ def save_partial(folder: Path, configuration: str, arrays: Arrays) -> None:
 
 
 def load_partial(folder: Path, configuration: str) -> Arrays | None:
-    """What `save_partial` kept, None where there is nothing."""
+    """What `save_partial` kept, None where there is nothing, or what a crash of the machine cut short."""
     try:
         with np.load(partial(folder, configuration), allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
-    except FileNotFoundError:
+    except (FileNotFoundError, EOFError, ValueError, zipfile.BadZipFile):
         return None
 
 

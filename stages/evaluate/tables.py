@@ -130,7 +130,7 @@ def _mean(values: np.ndarray) -> float:
 
 
 def training(facts: Mapping[str, Mapping[str, Any]]) -> Arrays:
-    """What each model's training took, from the facts of its record."""
+    """What each model's training came to, from the facts of its record; seconds and hardware stay there, for no digest holds them."""
     rows = list(facts.values())
     return {
         "configuration": names([*facts]),
@@ -138,11 +138,4 @@ def training(facts: Mapping[str, Mapping[str, Any]]) -> Arrays:
         "epochs": np.array([row["epochs"] for row in rows]),
         "best_epoch": np.array([row["best_epoch"] + 1 for row in rows]),
         "best_loss": np.array([row["best"]["loss"] for row in rows], float),
-        "seconds": np.array([row["training_seconds"] for row in rows], float),
-        "hardware": names([hardware(row["hardware"]) for row in rows]),
     }
-
-
-def hardware(facts: Mapping[str, Any]) -> str:
-    """What a training ran on, in a line."""
-    return f"{facts['device']}, {facts['processes']} process(es) of {facts['threads']} threads, {facts['precision']}"

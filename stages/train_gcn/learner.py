@@ -10,14 +10,12 @@ from torch import Tensor
 
 from pipeline.kernels.learning.chamfer import Target, one_way
 from pipeline.kernels.learning.deformation import DeformationNetwork
+from pipeline.kernels.learning.metrics import TABLE_3_FACTOR
 from pipeline.kernels.learning.surface_samples import sample_surface
 from pipeline.learning.loop import generator_of
 from pipeline.learning.reconstruct import SurfaceTopology, View, assemble, deform
 from stages.train_gcn.items import Items
 from stages.train_gcn.settings import GcnSettings
-
-SCALE = 9000.0
-"""Losses are Chamfer distances in m² times this, the unit of Table 3."""
 
 
 class GcnLearner:
@@ -37,10 +35,10 @@ class GcnLearner:
 
     def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
         """Mean Chamfer distance of the items, each with as many grasps as are drawn for it."""
-        fewest, most = self._settings.min_grasps, min(self._settings.max_grasps, self._train.grasps)
+        fewest, most = self._grasps(self._train)
         views = []
         for item in items:
-            count = int(torch.randint(min(fewest, most), most + 1, (), generator=generator))
+            count = int(torch.randint(fewest, most + 1, (), generator=generator))
             others = torch.randperm(self._train.grasps, generator=generator).numpy()
             views.append(self._train.view(item, self._train.grasps_of(item, count, others)))
         return self._chamfer(views, [self._train.target(item) for item in items], generator).mean()
@@ -52,22 +50,29 @@ class GcnLearner:
         found = []
         for start in range(0, len(items), size):
             chosen = range(start, min(start + size, len(items)))
-            counts = [1 + item % items.each % min(self._settings.max_grasps, items.grasps) for item in chosen]
+            fewest, most = self._grasps(items)
+            counts = [fewest + item % items.each % (most - fewest + 1) for item in chosen]
             order = np.arange(items.grasps)
             views = [items.view(item, items.grasps_of(item, count, order)) for item, count in zip(chosen, counts, strict=True)]
             found.append(self._chamfer(views, [items.target(item) for item in chosen], generator))
         return {"loss": float(torch.cat(found).double().mean())}
 
+    def _grasps(self, items: Items) -> tuple[int, int]:
+        """Fewest and most grasps an item is given, of those there are."""
+        return min(self._settings.min_grasps, items.grasps), min(self._settings.max_grasps, items.grasps)
+
     def _chamfer(self, views: Sequence[View], targets: Sequence[Target], generator: torch.Generator) -> Tensor:
-        """(B,) Chamfer distance of every item in m² x `SCALE`: all of the object's points are near or not, some are asked."""
+        """(B,) Chamfer distance of every item in m² x `TABLE_3_FACTOR`: all of the object's points are near or not, some are asked."""
         batch = assemble(views, self._network)
         camera = None if self._train.camera is None else torch.from_numpy(self._train.camera)
         deformed = deform(self.module, batch, camera)
+        if not bool(torch.isfinite(deformed).all()):
+            return deformed.sum(dim=(1, 2))  # no number either: the training loop stops, and names the items
         found = []
         for (vertices, faces), target in zip(SurfaceTopology(self._network).surfaces(deformed, batch), targets, strict=True):
             predicted = sample_surface(vertices, faces, self._settings.loss_points, generator)
-            asked = torch.randint(len(target.points), (self._settings.loss_points,), generator=generator)
+            asked = torch.randperm(len(target.points), generator=generator)[: self._settings.loss_points]
             points = target.points[asked].to(predicted)
             near = target.points.to(predicted) if predicted.is_cuda else target
             found.append(one_way(predicted, near).mean() + one_way(points, predicted).mean())
-        return SCALE * torch.stack(found)
+        return TABLE_3_FACTOR * torch.stack(found)

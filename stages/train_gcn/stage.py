@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
+from pipeline.kernels.learning.chart_square import SIDE
 from pipeline.kernels.learning.deformation import DeformationNetwork
+from pipeline.learning import checkpoint
 from pipeline.learning.loop import generator_of, train
 from pipeline.learning.model import save_model
 from pipeline.learning.touch_charts import chart_side
@@ -24,17 +26,11 @@ class TrainGcn:
     name = "train-gcn"
     summary = "Train the graph network that deforms vision charts, in one of the supplement's configurations."
     settings_type = GcnSettings
-    grid: ClassVar[dict[str, tuple[Any, ...]]] = {
-        "learning_rate": (1e-4, 3e-5, 1e-5),
-        "encoder_layers": (12, 15, 18),
-        "gcn_layers": (15, 20, 25),
-        "gcn_features": (150, 200, 250),
-    }  # supplement 3.4
 
     def inputs(self, settings: GcnSettings) -> tuple[Artifact, ...]:
         """The objects' points, and what the configuration sees and feels."""
-        config = settings.network(side=3)
-        return (SURFACES, *([VISION] if config.image else []), *([CHARTS] if config.touch else []))
+        named = settings.named
+        return (SURFACES, *([VISION] if named.image else []), *([CHARTS] if named.touch else []))
 
     def models(self, settings: GcnSettings) -> tuple[str, ...]:
         """None: charts come fitted."""
@@ -48,16 +44,22 @@ class TrainGcn:
         """A folder a configuration."""
         return f"models/gcn/{settings.configuration}"
 
+    def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
+        """Supplement 3.4; without an image there is no encoder to vary."""
+        encoders = {"encoder_layers": (12, 15, 18)} if settings.named.image else {}
+        rates, layers, features = (1e-4, 3e-5, 1e-5), (15, 20, 25), (150, 200, 250)
+        return {"learning_rate": rates, **encoders, "gcn_layers": layers, "gcn_features": features}
+
     def cost(self, settings: GcnSettings, objects: int) -> Cost:
-        """As measured on one core: a third of a second an item at the tables' sizes, in proportion to the network's."""
-        network = settings.network(side=9)
+        """About a second an item at the tables' sizes on one core, less in proportion to the network's."""
+        network = settings.network(SIDE)
         share = network.gcn_layers * network.gcn_features**2 / (20 * 250**2)
         return Cost(seconds=objects * settings.items * settings.epochs * (0.02 + 0.9 * share), kilobytes=8000 * share + 500)
 
     def make(self, job: SetJob) -> dict[str, Any]:
         """Train, and keep the best epoch's weights with what it takes to use them."""
         settings: GcnSettings = job.settings
-        config = settings.network(chart_side(job.data) if settings.network(side=3).touch else 9)
+        config = settings.network(chart_side(job.data) if settings.named.touch else SIDE)
         learning, judging = (
             Items(job.data, split, config, each) for split, each in (("train", settings.items), ("valid", settings.validation_items))
         )
@@ -72,6 +74,8 @@ class TrainGcn:
                 "network": config.model_dump(mode="json", exclude={"checkpointing", "items_at_once"}),
                 "camera": None if learning.camera is None else learning.camera.tolist(),
                 "resolution": learning.resolution,
+                "charts": learning.split.attributes["charts"]["settings"] if config.touch else None,
             },
         )
+        checkpoint.discard(job.folder)
         return facts

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,6 +95,8 @@ class UnetLearner:
         for start in range(0, len(self.valid), self.settings.batch_size):
             items = range(start, min(start + self.settings.batch_size, len(self.valid)))
             predicted, depth, mask = self._predict(self.valid, items)
+            if not bool(torch.isfinite(predicted).all()):
+                return {"loss": math.nan}  # the training loop stops
             loss += len(items) * float(self._loss(predicted, depth, mask, None, None))
             error = (predicted - visible_depth(depth, self.valid.sensor.w))[mask].double()
             squares += float(error.square().sum())

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 from pipeline.kernels.learning.unet import UNet
+from pipeline.learning import checkpoint
 from pipeline.learning.loop import seeded_weights, train
 from pipeline.learning.touch_model import save_touch_model
 from pipeline.stage import Cost, SetJob, StageError
@@ -21,7 +22,6 @@ class TrainUnet:
     name = "train-unet"
     summary = "A U-Net that predicts each sensor's depth map from its reading."
     settings_type = UnetSettings
-    grid: ClassVar[dict[str, tuple[Any, ...]]] = {"learning_rate": (1e-3, 1e-4, 5e-5, 3e-5, 1e-5)}  # supplement 2.2
 
     def inputs(self, settings: UnetSettings) -> tuple[Artifact, ...]:
         """Readings and depths, and which sensors touched; no surface, no image."""
@@ -39,6 +39,10 @@ class TrainUnet:
         """Where the model goes, below the data directory."""
         return "models/unet"
 
+    def grid(self, settings: UnetSettings) -> dict[str, tuple[Any, ...]]:
+        """Supplement 2.2."""
+        return {"learning_rate": (1e-3, 1e-4, 5e-5, 3e-5, 1e-5)}
+
     def cost(self, settings: UnetSettings, objects: int) -> Cost:
         """Eighteen touches an object and epoch; a step's cost goes with the square of the width, on top of what every pixel costs."""
         share = (settings.width / 64) ** 2
@@ -54,4 +58,5 @@ class TrainUnet:
             network = UNet(settings.width)
         facts = train(UnetLearner(network, touches, valid, settings), settings, job, self.name)
         save_touch_model(job.folder, network, touches.sensor, touches.untouched, settings.mask_threshold)
+        checkpoint.discard(job.folder)
         return facts | {"touches": {"train": len(touches), "valid": len(valid)}}

@@ -36,14 +36,15 @@ class Regression:
         if self.steps == self.kill_at:
             os.kill(os.getpid(), signal.SIGKILL)
         self.steps += 1
-        x = self.x[list(items)]
-        noise = 0.1 * torch.randn(x.shape, generator=generator)
+        x = self.x[list(items)].to(next(self.module.parameters()))
+        noise = 0.1 * torch.randn(x.shape, generator=generator).to(x)
         if self.poison in items:
             noise = noise * torch.nan
         return (self.module(x) - 3 * x - 1 - noise).square().mean()
 
     def validate(self) -> dict[str, float]:
-        return {"loss": float((self.module(self.x) - 3 * self.x - 1).square().mean())}
+        x = self.x.to(next(self.module.parameters()))
+        return {"loss": float((self.module(x) - 3 * x - 1).square().mean())}
 
 
 def job(folder: Path, seed: int = 0) -> SetJob:
@@ -56,10 +57,10 @@ def settings(**changes: Any) -> TrainingSettings:
     return TrainingSettings.model_validate(values | changes)
 
 
-def run(folder: Path, seed: int = 0, kill_at: int | None = None, **changes: Any) -> dict[str, Tensor]:
+def run(folder: Path, seed: int = 0, kill_at: int | None = None, precision: str = "32-true") -> dict[str, Tensor]:
     """Train, or die at a step; the final weights."""
     learner = Regression(kill_at=kill_at, seed=seed)
-    train(learner, settings(**changes), job(folder, seed), "regression")
+    train(learner, settings(precision=precision), job(folder, seed), "regression")
     return learner.module.state_dict()
 
 

@@ -219,7 +219,7 @@ def make_model(data: Path, name: str, *, still: bool = False) -> Path:
     camera = projection_matrix(CAMERA).tolist() if config.image else None
     resolution = [CAMERA.resolution] * 2 if config.image else None
     description = {"configuration": name, "network": config.model_dump(mode="json", exclude={"checkpointing"}), "camera": camera}
-    save_model(folder, network, description | {"resolution": resolution})
+    save_model(folder, network, description | {"resolution": resolution, "charts": {"side": config.side} if config.touch else None})
     hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
     facts = {"parameters": 1000, "epochs": 3, "best_epoch": 1, "best": {"loss": 2.5}, "training_seconds": 1.5, "hardware": hardware}
     record = {"stage": "train-gcn", "splits": [], "inputs": {}, "models": {}, "facts": facts, "files": hashes_of(folder)}

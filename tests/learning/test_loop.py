@@ -25,16 +25,24 @@ def validated(learner: Regression) -> float:
         return learner.validate()["loss"]
 
 
-@pytest.mark.parametrize("kill_at", [0, 3, 7, 20])
-def test_killed_in_mid_epoch_and_run_again_the_weights_are_those_of_an_undisturbed_run(tmp_path, kill_at):
-    undisturbed = run(tmp_path / "whole")
-    process = multiprocessing.get_context("spawn").Process(target=run, args=(tmp_path / "killed", 0, kill_at))
+@pytest.mark.parametrize(("kill_at", "precision"), [(0, "32-true"), (3, "32-true"), (7, "64-true"), (20, "32-true")])
+def test_killed_in_mid_epoch_and_run_again_the_weights_are_those_of_an_undisturbed_run(tmp_path, kill_at, precision):
+    undisturbed = run(tmp_path / "whole", precision=precision)
+    process = multiprocessing.get_context("spawn").Process(target=run, args=(tmp_path / "killed", 0, kill_at, precision))
     process.start()
     process.join()
     assert process.exitcode == -9
     assert (tmp_path / "killed" / checkpoint.FILE).exists() == (kill_at > 0)
-    assert same(run(tmp_path / "killed"), undisturbed)
+    assert same(run(tmp_path / "killed", precision=precision), undisturbed)
     assert read_metrics(tmp_path / "killed") == read_metrics(tmp_path / "whole")
+
+
+def test_a_run_that_had_ended_does_nothing_more_and_what_a_killed_one_half_wrote_goes_with_the_checkpoint(tmp_path):
+    first = run(tmp_path)
+    (tmp_path / f"{checkpoint.FILE}.tmp").write_text("half")
+    assert same(run(tmp_path), first)
+    checkpoint.discard(tmp_path)
+    assert not list(tmp_path.glob("checkpoint*"))
 
 
 def test_the_same_seed_agrees_to_the_bit_and_two_seeds_differ(tmp_path):
@@ -51,7 +59,6 @@ def test_it_learns_and_keeps_the_best_epoch(tmp_path):
     assert len(losses) == facts["epochs"] == 40
     assert validated(learner) == min(losses)
     assert facts["hardware"]["threads"] == 1
-    assert not (tmp_path / checkpoint.FILE).exists()
     assert list(tmp_path.glob("tensorboard/**/events*"))
 
 
@@ -76,6 +83,11 @@ def test_a_device_that_is_not_there_is_an_error_with_words(tmp_path):
         pytest.skip("there is one")
     with pytest.raises(StageError, match="accelerator cuda"):
         train(Regression(), settings(accelerator="cuda"), job(tmp_path), "regression")
+
+
+def test_what_one_of_two_processes_raises_comes_in_words(tmp_path):
+    with pytest.raises(StageError, match=r"loss is nan in epoch 1.*point-"):
+        train(Regression(poison=17), settings(devices=2), job(tmp_path), "regression")
 
 
 def test_two_processes_share_a_batch(tmp_path):

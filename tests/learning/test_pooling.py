@@ -149,6 +149,14 @@ def test_gradcheck_of_maps_and_points() -> None:
     )
 
 
+def test_half_precision_moves_no_point() -> None:
+    points = torch.tensor([0.0, 0.0, 0.6]) + 0.2 * torch.randn(2, 50, 3, generator=torch.Generator().manual_seed(0))
+    camera = scene_camera().float()
+    with torch.autocast("cpu", torch.bfloat16):
+        half = see(camera, points)
+    assert torch.equal(half, see(camera, points))
+
+
 def test_no_points() -> None:
     assert pool([torch.zeros(2, 5, 4, 4)], [MapGrid()], see(scene_camera().float(), torch.zeros(2, 0, 3))).shape == (2, 0, 5)
 

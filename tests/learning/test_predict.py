@@ -130,8 +130,9 @@ def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
         ({"object_id": "z"}, StoreError, "no object z"),
         ({"object_id": None}, StageError, "name an object"),
         ({"image": "image.png"}, StageError, "no files"),
-        ({"data": None}, StageError, "needs readings and the sensors' poses, and none is given"),
-        ({"data": None, "configuration": "unoccluded"}, StageError, "needs an image"),
+        ({"data": None}, StageError, "object a of which data directory"),
+        ({"data": None, "object_id": None}, StageError, "needs readings and the sensors' poses, and none is given"),
+        ({"data": None, "object_id": None, "configuration": "unoccluded"}, StageError, "needs an image"),
         ({"accelerator": "abacus"}, StageError, "abacus"),
     ],
 )
@@ -155,7 +156,8 @@ def test_files_that_do_not_fit_are_errors(data, files, tmp_path):
     Image.new("RGB", (50, 50)).save(small)
     refused("50", readings=[small] * 4)
     refused(r"small.png has \(50, 50\)", readings=[*readings(files)[:3], small])
-    refused("trained on images", configuration="unoccluded", image=small)
+    refused("trained on images", configuration="unoccluded", image=small, readings=[], poses=None)
+    refused("does not feel", configuration="unoccluded", image=small)
     refused("cannot be read as an image", readings=[files / "poses.json"] * 4)
     clear = tmp_path / "clear.png"
     Image.new("RGBA", (100, 100)).save(clear)

@@ -151,6 +151,30 @@ def test_a_view_that_lacks_what_the_network_needs_is_an_error_with_words(data):
         reconstructor.reconstruct([View(None, np.zeros((0, 0, 3), np.float32), np.zeros(0, bool))])
 
 
+def test_a_network_that_has_diverged_gives_no_number_instead_of_a_crash(data):
+    settings = GcnSettings(configuration="none", gcn_layers=2, gcn_features=6, loss_points=50)
+    items = Items(data, "train", settings.network(9), 5)
+    network = DeformationNetwork(settings.network(9))
+    learner = GcnLearner(network, items, items, settings, 0)
+    with torch.no_grad():
+        network.gcn.last.bias.fill_(torch.inf)
+        assert not torch.isfinite(learner.loss([0, 1], generator_of(0, "x")))
+        assert not np.isfinite(learner.validate()["loss"])
+
+
+@pytest.mark.parametrize(
+    ("knobs", "words"),
+    [
+        ({"encoder_layers": 13}, "encoder_layers is 13"),
+        ({"encoder_kernel": 4}, "encoder_kernel"),
+        ({"min_grasps": 4, "max_grasps": 2}, "min_grasps is 4, max_grasps 2"),
+    ],
+)
+def test_settings_that_make_no_network_are_refused(knobs, words):
+    with pytest.raises(ValueError, match=words):
+        GcnSettings(**knobs)
+
+
 def test_an_unknown_configuration_is_refused():
     with pytest.raises(ValueError, match="sight is none of none, touch"):
         GcnSettings(configuration="sight")

@@ -50,6 +50,9 @@ class Average:
     def folder(self, settings: NoiseSettings) -> str:
         return "models/second" if self.reads else "models/average"
 
+    def grid(self, settings: NoiseSettings) -> dict[str, Any]:
+        return {}
+
     def make(self, job: SetJob) -> dict[str, Any]:
         self.made += 1
         begun = job.folder / "begun"
@@ -109,6 +112,20 @@ def test_what_a_failed_run_left_is_gone_on_with_and_nothing_stands_meanwhile(tmp
     assert make(tmp_path)
     assert Record(tmp_path / "models/average").content["facts"] == {"resumed": True}
     assert not list((tmp_path / ".work/models/average").glob("*/"))
+
+
+def test_what_was_finished_but_not_put_in_place_is_not_made_again(tmp_path):
+    run(request(tmp_path))
+    make(tmp_path)
+    folder, work = tmp_path / "models/average", plan_folder(request(tmp_path, Average())).work
+    work.parent.mkdir(parents=True, exist_ok=True)
+    folder.rename(work)
+    stage = Average()
+    assert not make(tmp_path, stage)
+    assert (folder / "mean.json").exists()
+    folder.rename(work)
+    (work / "mean.json").write_text("[]")
+    assert make(tmp_path), "it is not what was written"
 
 
 def test_an_input_that_is_not_there_is_an_error_that_says_so(tmp_path):

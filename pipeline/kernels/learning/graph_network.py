@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import torch
 from torch import Tensor, nn
 
 from pipeline.kernels.learning.graph import ChartGraph
@@ -38,5 +39,6 @@ class GraphNetwork(nn.Module):
         """(N, 3) from the features (N, in_features) of the graph's vertices."""
         for layer in self.hidden:
             features = layer(features, graph)
-        moved: Tensor = self.last(features)
+        with torch.autocast(features.device.type, enabled=False):  # half precision would move vertices in steps of a millimetre
+            moved: Tensor = self.last(features.to(self.last.weight.dtype))
         return moved

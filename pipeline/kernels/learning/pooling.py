@@ -42,9 +42,10 @@ def see(camera: Tensor, points: Tensor) -> Tensor:
             f"camera is {tuple(camera.shape)} and points {tuple(points.shape)}: they must be (3, 4) or (B, 3, 4), and (B, N, 3)"
         )
     rotation, offset = camera[..., :3], camera[..., None, :, 3]
-    homogeneous = points @ rotation.mT + offset  # (B, N, 3): column · depth, row · depth, depth
-    forward = rotation[..., 2, :, None]  # (…, 3, 1) unit viewing direction
-    principal = (rotation[..., :2, :] @ forward).mT  # (…, 1, 2) what one metre along it adds to column · depth and row · depth
+    with torch.autocast(points.device.type, enabled=False):  # in half precision a vertex would be seen pixels beside its place
+        homogeneous = points @ rotation.mT + offset  # (B, N, 3): column · depth, row · depth, depth
+        forward = rotation[..., 2, :, None]  # (…, 3, 1) unit viewing direction
+        principal = (rotation[..., :2, :] @ forward).mT  # (…, 1, 2) what one metre along it adds to column · depth and row · depth
     depth = homogeneous[..., 2:].clamp(min=NEAREST)
     return (homogeneous[..., :2] + (depth - homogeneous[..., 2:]) * principal) / depth
 
