@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -10,12 +11,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.rows import read_mesh
 from pipeline.kernels.learning.metrics import TABLE_3_FACTOR
 from pipeline.kernels.vision.raster import RasterRenderer
 from pipeline.kernels.vision.scene import load_scene
 from pipeline.kernels.vision.view import Label
+from pipeline.learning.mesh_files import TOUCH_COLOR, VISION_COLORS
 from pipeline.learning.touch_charts import is_surface
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
@@ -54,7 +56,7 @@ def draw_gallery(data: Path, path: Path, most: int) -> list[str]:
                 table, number = predictions[name], objects.index(object_id)
                 mesh = _surface(data, object_id, table, number, case)
                 given = int(table["grasps_given"][case])
-                title = "" if row else name + (f"\n{given} grasps" if given else "\n")
+                title = "" if row else name + (f"\n{given} grasp{'s' * (given > 1)}" if given else "\n")
                 figures = values[name]["chamfer"][number]  # (first grasp, grasps given)
                 place_given = int(np.flatnonzero(values[name]["grasps_given"] == max(given, 1))[0])
                 error = TABLE_3_FACTOR * figures[int(table["first_grasp"][case]), place_given]
@@ -71,7 +73,7 @@ def _cases(table: Arrays) -> list[int]:
 
 
 def _surface(data: Path, object_id: str, table: Arrays, number: int, case: int) -> Mesh:
-    """A prediction with the touch charts that it was given."""
+    """A prediction in grey, with the touch charts that it was given in orange."""
     vertices, faces = [table["vertices"][number, case].astype(np.float64)], [table["faces"]]
     given, first = int(table["grasps_given"][case]), int(table["first_grasp"][case])
     if given:
@@ -81,7 +83,14 @@ def _surface(data: Path, object_id: str, table: Arrays, number: int, case: int) 
         for chart in charts[grasps][touched[grasps]]:
             faces.append(row["chart_faces"] + sum(map(len, vertices)))
             vertices.append(chart.astype(np.float64))
-    return Mesh.bare(np.concatenate(vertices), np.concatenate(faces))
+    count = sum(map(len, faces))
+    look = replace(
+        Look.plain(sum(map(len, vertices)), count),
+        face_material=(np.arange(count) >= len(faces[0])).astype(np.int32),
+        base_color=np.array([VISION_COLORS[0], TOUCH_COLOR], np.uint8),
+        material_texture=np.array([-1, -1], np.int32),
+    )
+    return Mesh(np.concatenate(vertices), np.concatenate(faces).astype(np.int32), look)
 
 
 def _seen(renderer: RasterRenderer, mesh: Mesh) -> NDArray[np.uint8]:
