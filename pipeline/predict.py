@@ -120,9 +120,9 @@ def _view_of_object(
         raise StageError(f"{object_id}: name a grasp at least")
     image = None if model.image is None else stored_image(data, object_id, grasps[0], model.image)
     if not model.touch:
-        return _without_touch(image)
+        return View.unfelt(image)
     if has_charts(data):
-        return View(image, *stored_charts(data, object_id, grasps))
+        return View.felt(image, *stored_charts(data, object_id, grasps))
     readings, poses, touched, sensor = stored_touches(data, object_id, grasps)
     return View(image, *_charts(_touch_model(models, sensor, device), readings, poses, touched, model, seed, object_id))
 
@@ -137,15 +137,11 @@ def _view_of_files(
         raise StageError(f"model {model.configuration} does not feel: leave readings and poses out, or take one that does")
     seen = read_image(image) if model.image is not None and image is not None else None
     if not model.touch or poses is None:
-        return _without_touch(seen)
+        return View.unfelt(seen)
     felt, (placed, touched) = read_readings(readings), read_poses(poses)
     if len(felt) != len(placed):
         raise StageError(f"{len(felt)} readings and {len(placed)} poses in {poses}: there must be one pose a reading, in the same order")
     return View(seen, *_charts(_touch_model(models, None, device), felt, placed, touched, model, seed, "files"))
-
-
-def _without_touch(image: np.ndarray | None) -> View:
-    return View(image, np.zeros((0, 0, 3), np.float32), np.zeros(0, bool))
 
 
 def _touch_model(models: Path, sensor: Sensor | None, device: torch.device) -> TouchModel:

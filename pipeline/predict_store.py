@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.learning.touch_charts import is_surface
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from pipeline.store.record import RECORD, check_models, standing_record
@@ -45,14 +44,14 @@ def has_charts(data: Path) -> bool:
     return bool(Layout(data).shards(CHARTS.name))
 
 
-def stored_charts(data: Path, object_id: str, grasps: Sequence[int]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """The charts of these grasps' sensors (T, S, 3), world, m, and which of them are of a touch (T,)."""
+def stored_charts(data: Path, object_id: str, grasps: Sequence[int]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """The charts of these grasps (grasp, sensor, S, 3), world, m, and their stop rules (grasp, sensor)."""
     check_models(Layout(data), Collection(Layout(data), CHARTS))
     view = _shard(data, CHARTS, object_id).view(object_id)
     vertices, rule = view["vertices"], view["stop_rule"]
     _check_grasps(grasps, len(vertices), object_id)
     chosen = list(grasps)
-    return vertices[chosen].reshape(-1, *vertices.shape[2:]), is_surface(rule[chosen]).reshape(-1)
+    return vertices[chosen], rule[chosen]
 
 
 def stored_touches(

@@ -14,10 +14,10 @@ from torch import Tensor
 from pipeline.kernels.learning.chart_square import chart_square
 from pipeline.kernels.learning.configurations import NetworkConfig
 from pipeline.kernels.learning.deformation import DeformationNetwork
+from pipeline.kernels.learning.images import network_input
 from pipeline.learning.model import load_model
+from pipeline.learning.touch_charts import is_surface
 from pipeline.stage import StageError
-
-WHITE = 255.0
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,16 @@ class View:
     image: np.ndarray | None
     touch_vertices: np.ndarray
     touched: np.ndarray
+
+    @staticmethod
+    def unfelt(image: np.ndarray | None) -> View:
+        """A view without touch."""
+        return View(image, np.zeros((0, 0, 3), np.float32), np.zeros(0, bool))
+
+    @staticmethod
+    def felt(image: np.ndarray | None, vertices: np.ndarray, stop_rule: np.ndarray) -> View:
+        """A view with the stored charts of some grasps: vertices (grasp, sensor, S, 3), m, and stop_rule (grasp, sensor)."""
+        return View(image, vertices.reshape(-1, *vertices.shape[2:]), is_surface(stop_rule).reshape(-1))
 
 
 @dataclass(frozen=True)
@@ -76,7 +86,7 @@ class Reconstruction:
 
 
 def assemble(views: Sequence[View], network: DeformationNetwork) -> Batch:
-    """Views as tensors of the network's device and type; images stay as they are given, in [0, 1].
+    """Views as tensors of the network's device and type.
 
     Raises
     ------
@@ -91,7 +101,7 @@ def assemble(views: Sequence[View], network: DeformationNetwork) -> Batch:
         if len(pictures) != len(views) or len({picture.shape for picture in pictures}) != 1:
             raise ValueError("the network looks at an image of every object, all of one size; some are missing or differ")
         stacked = torch.from_numpy(np.stack(pictures)).to(like.device)
-        images = stacked.permute(0, 3, 1, 2).to(like.dtype) / WHITE
+        images = network_input(stacked, like.dtype)
     counts = [len(view.touched) if config.touch else 0 for view in views]
     if config.touch:
         size = config.side**2

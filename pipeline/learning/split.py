@@ -53,6 +53,11 @@ def load_split(data: Path, arrays: Sequence[str], split: str) -> Split:
     for collection in collections.values():
         if stale := collection.stale(list(collections.values())):
             raise StoreError(f"{data.resolve()}: {stale}")
+        if len({shard.attributes["constants_digest"] for shard in collection.shards}) > 1:
+            name = collection.artifact.name
+            raise StoreError(
+                f"{data.resolve()}: the shards of {name} were made with different scenes or sensors; run its stage again for all"
+            )
     object_ids, left_out = usable_objects(collections, split)
     if not object_ids:
         where = ", ".join(f"{data.resolve() / name}" for name in collections)

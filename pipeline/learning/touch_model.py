@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from PIL import Image
-from torch import Tensor
 
 from pipeline.kernels.learning.contact_mask import contact_mask
+from pipeline.kernels.learning.images import network_input
 from pipeline.kernels.learning.unet import UNet
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.learning.model import load_model, save_model
@@ -20,13 +20,6 @@ from pipeline.store.shard import StoreError
 UNTOUCHED = "untouched.png"
 BATCH = 32
 """Readings at a time: at Table 5's width about half a GB of features."""
-WHITE = 255
-"""The uint8 value of intensity 1."""
-
-
-def network_input(readings: Tensor, dtype: torch.dtype) -> Tensor:
-    """(B, 3, H, W) in [0, 1], as the U-Net takes them, of readings (B, H, W, 3) uint8; channels stay last in memory."""
-    return readings.permute(0, 3, 1, 2).to(dtype) / WHITE
 
 
 def save_touch_model(folder: Path, network: UNet, sensor: Sensor, untouched: np.ndarray, mask_threshold: float) -> None:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.learning.reconstruct import Reconstructor, View
 from pipeline.learning.split import Split, load_split
-from pipeline.learning.touch_charts import is_surface
 from pipeline.stage import StageError
 from stages.evaluate.cases import Case
 from stages.evaluate.settings import EvaluationSettings
@@ -55,13 +54,8 @@ class Truth:
         if image is not None and model.image == "occluded":
             image = image[case.first]
         if not model.touch:
-            return View(image=image, touch_vertices=np.zeros((0, 0, 3), np.float32), touched=np.zeros(0, bool))
-        charts = arrays["vertices"][row, grasps]  # (G, S, vertex, 3)
-        return View(
-            image=image,
-            touch_vertices=charts.reshape(-1, *charts.shape[2:]),
-            touched=is_surface(arrays["stop_rule"][row, grasps]).reshape(-1),
-        )
+            return View.unfelt(image)
+        return View.felt(image, arrays["vertices"][row, grasps], arrays["stop_rule"][row, grasps])
 
 
 def load_truth(data: Path, models: Sequence[Reconstructor], settings: EvaluationSettings) -> Truth:

@@ -11,7 +11,6 @@ from pipeline.kernels.learning.chamfer import Target
 from pipeline.kernels.learning.configurations import NetworkConfig
 from pipeline.learning.reconstruct import View
 from pipeline.learning.split import Split, load_split
-from pipeline.learning.touch_charts import is_surface
 
 
 class Items:
@@ -60,9 +59,8 @@ class Items:
             stored = arrays[self.config.image]
             image = stored[row, grasps[0] % stored.shape[1]] if self.config.image == "occluded" else stored[row]
         if not self.config.touch:
-            return View(image, np.zeros((0, 0, 3), np.float32), np.zeros(0, bool))
-        vertices = arrays["vertices"][row, grasps]  # (grasp, sensor, S, 3)
-        return View(image, vertices.reshape(-1, *vertices.shape[2:]), is_surface(arrays["stop_rule"][row, grasps]).reshape(-1))
+            return View.unfelt(image)
+        return View.felt(image, arrays["vertices"][row, grasps], arrays["stop_rule"][row, grasps])
 
     def grasps_of(self, item: int, count: int, others: np.ndarray) -> np.ndarray:
         """The item's own grasp, then `count` - 1 of the others in the order of `others`, a permutation of all."""

@@ -12,10 +12,10 @@ import torch
 from torch import Tensor, nn
 
 from pipeline.kernels.learning.contact_mask import contact_mask
+from pipeline.kernels.learning.images import network_input
 from pipeline.kernels.learning.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.learning.split import Split, load_split
-from pipeline.learning.touch_model import network_input
 from pipeline.stage import StageError
 from stages.train_unet.settings import UnetSettings
 

@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.kernels.geometry.sampling import sample_triangles
+from pipeline.kernels.learning.chamfer import chamfer
 from pipeline.kernels.learning.metrics import distances, nearest_squared, sampled_area, sampling_floor
 
 
@@ -116,3 +118,10 @@ def test_floors_and_areas_of_nothing_are_errors():
         sampling_floor(1, 0)
     with pytest.raises(ValueError, match="two at least"):
         sampled_area(np.zeros((1, 3)))
+
+
+def test_it_is_the_distance_that_networks_are_trained_by() -> None:
+    rng = np.random.default_rng(0)
+    one, other = rng.normal(size=(300, 3)), rng.normal(size=(200, 3))
+    trained_by = float(chamfer(torch.from_numpy(one), torch.from_numpy(other)))
+    assert distances(one, other).chamfer == pytest.approx(trained_by, rel=1e-12)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from pipeline.kernels.learning.images import WHITE
+
 THRESHOLD = 0.001
 """The supplement's: squared distance over colour, of images in [0, 1]."""
-WHITE = 255
-"""The uint8 value of intensity 1."""
 
 
 def contact_mask(readings: Tensor, untouched: Tensor, threshold: float = THRESHOLD) -> Tensor:
