@@ -100,3 +100,20 @@ def test_shapes_that_do_not_fit(graph: ChartGraph) -> None:
         ZeroNeighbourLayer(4, 6, 1.5)
     with pytest.raises(ValueError, match="layers is 1"):
         GraphNetwork(4, 1, 6)
+
+
+@pytest.mark.parametrize("features", [7, 16, 20])
+def test_columns_of_zeros_that_make_products_faster_change_nothing(features: int) -> None:
+    graph = batch_graph(chart_sphere(0), 3, [1, 0], torch.device("cpu"), torch.float64)
+    network = GraphNetwork(5, 4, features).double()
+    given = torch.randn(graph.mean.shape[0], 5, dtype=torch.float64, generator=torch.Generator().manual_seed(0)).requires_grad_()
+    plain = given
+    for layer in network.hidden:
+        plain = layer(plain, graph)
+    plain = network.last(plain)
+    aligned = network(given, graph)
+    torch.testing.assert_close(aligned, plain, rtol=1e-12, atol=1e-12)
+    for one, other in zip(
+        *(torch.autograd.grad(out.square().sum(), [given, *network.parameters()]) for out in (plain, aligned)), strict=True
+    ):
+        torch.testing.assert_close(one, other, rtol=1e-10, atol=1e-12)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -38,7 +39,8 @@ class GraphNetwork(nn.Module):
     def forward(self, features: Tensor, graph: ChartGraph) -> Tensor:
         """(N, 3) from the features (N, in_features) of the graph's vertices."""
         for layer in self.hidden:
-            features = layer(features, graph)
+            features = cast(ZeroNeighbourLayer, layer).aligned(features, graph)
+        features = features[:, : self.last.in_features]
         with torch.autocast(features.device.type, enabled=False):  # half precision would move vertices in steps of a millimetre
             moved: Tensor = self.last(features.to(self.last.weight.dtype))
         return moved
