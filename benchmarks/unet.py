@@ -18,7 +18,7 @@ from pipeline.kernels.touch.prism import face_blocks
 from pipeline.kernels.touch.rays import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, load_sensor
 from pipeline.kernels.touch.shading import reading, untouched
-from pipeline.learning.loop import seeded_weights
+from pipeline.learning.seeds import seeded_weights
 from stages.train_unet.settings import UnetSettings
 
 BATCH = 8

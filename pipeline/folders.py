@@ -7,7 +7,6 @@ import shutil
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -85,8 +84,8 @@ def plan_folder(request: Request[SetStage], place: str | None = None) -> FolderP
     return FolderPlan(request, request.data / (place or stage.folder(settings)), key, len(wanted), inputs, records)
 
 
-def fill(plan: FolderPlan, console: Console) -> dict[str, Any]:
-    """Fill the folder, write its record and put it in place; returns the facts the stage stated.
+def fill(plan: FolderPlan, console: Console) -> None:
+    """Fill the folder, write its record and put it in place.
 
     Killed at any moment and run again, the stage finds what it left in its work folder.
 
@@ -100,9 +99,10 @@ def fill(plan: FolderPlan, console: Console) -> dict[str, Any]:
     request, began = plan.request, time.perf_counter()
     with one_writer(plan.work.with_name("lock"), plan.path):
         if plan.up_to_date():  # by the run that held the lock before
-            return dict(Record(plan.path).content["facts"])
+            return
         if _finished(plan):  # by a run that was killed before it put the folder in place
-            return _place(plan)
+            _place(plan)
+            return
         plan.work.mkdir(parents=True, exist_ok=True)
         models = {name: record.folder for name, record in plan.records.items()}
         facts = request.stage.make(SetJob(request.data, plan.work, request.settings, request.seed, models, console))
@@ -123,7 +123,7 @@ def fill(plan: FolderPlan, console: Console) -> dict[str, Any]:
             "files": hashes_of(plan.work),
         }
         (plan.work / RECORD).write_text(json.dumps(content, indent=2, sort_keys=True, allow_nan=False))
-        return _place(plan)
+        _place(plan)
 
 
 def _finished(plan: FolderPlan) -> bool:
@@ -131,8 +131,7 @@ def _finished(plan: FolderPlan) -> bool:
     return (plan.work / RECORD).exists() and not record.problems() and bool(record.content["key"] == plan.key)
 
 
-def _place(plan: FolderPlan) -> dict[str, Any]:
+def _place(plan: FolderPlan) -> None:
     put_in_place(plan.work, plan.path)
     for other in plan.work.parent.glob("*/"):  # what runs with other settings left half done
         shutil.rmtree(other, ignore_errors=True)
-    return dict(Record(plan.path).content["facts"])

@@ -17,11 +17,12 @@ from pipeline.kernels.touch.sensor import Sensor, place
 from pipeline.learning.device import device_of
 from pipeline.learning.mesh_files import check_suffix, write_charts, write_joined
 from pipeline.learning.reconstruct import Reconstruction, Reconstructor, View
+from pipeline.learning.seeds import generator_of
 from pipeline.learning.touch_charts import is_surface
 from pipeline.learning.touch_model import TouchModel, load_touch_model
 from pipeline.predict_files import read_image, read_poses, read_readings
 from pipeline.predict_store import check_folder, has_charts, stored_charts, stored_image, stored_touches
-from pipeline.stage import StageError, rng_of
+from pipeline.stage import StageError
 from stages.fit_charts.settings import ChartSettings
 
 Surface = Literal["apart", "joined", "both"]
@@ -170,8 +171,7 @@ def _charts(
         touched = np.array([len(cloud) > 0 for cloud in clouds])
     width, side = eyes.sensor.width, model.side
     given = [cloud if flag else np.zeros((0, 3)) for cloud, flag in zip(clouds, touched, strict=True)]
-    seeds = [int(rng_of(seed, "predict", name, number).integers(2**63)) for number in range(len(given))]
-    generators = [torch.Generator().manual_seed(one) for one in seeds]
+    generators = [generator_of(seed, "predict", name, number) for number in range(len(given))]
     fits = fit_charts(given, width, generators, ChartSettings.model_validate(model.charts or {}).rule(width))
     surface = touched & is_surface(fits.stop_rule)
     flat = chart_square(side)[0].numpy() * width

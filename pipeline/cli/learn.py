@@ -27,6 +27,8 @@ from pipeline.store.layout import Layout
 from pipeline.store.record import RECORD, Record, standing_record
 from stages.registry import STAGES, is_set_stage, load_stage
 
+NO_GRID = "{} has no grid to sweep over; train-unet and train-gcn have"
+
 
 def sweep(
     stage: Annotated[str, typer.Argument(help="train-unet or train-gcn.")],
@@ -43,10 +45,10 @@ def sweep(
     with failures_as_words():
         loaded = load_stage(stage) if stage in STAGES else None
         if loaded is None or not is_set_stage(loaded):
-            fail(f"{stage} has no grid to sweep over; train-unet and train-gcn have")
+            fail(NO_GRID.format(stage))
         plain = make_request(loaded, manifest, preset, data, objects, assignments or [], seed)
         if not (asked := _grid(grid) if grid else dict(loaded.grid(plain.settings))):
-            fail(f"{stage} has no grid to sweep over; train-unet and train-gcn have")
+            fail(NO_GRID.format(stage))
         found, failed = [], 0
         for point in sweeps.points(asked):
             chosen = [*(assignments or []), *(f"{stage}.{knob}={yaml.safe_dump(value).split(chr(10))[0]}" for knob, value in point.items())]

@@ -7,8 +7,8 @@ import math
 import platform
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -21,6 +21,7 @@ from torch.multiprocessing.spawn import ProcessRaisedException
 from pipeline.learning import checkpoint
 from pipeline.learning.checkpoint import Progress
 from pipeline.learning.device import device_of
+from pipeline.learning.seeds import generator_of
 from pipeline.learning.settings import TrainingSettings
 from pipeline.progress import Meter, console_on
 from pipeline.stage import SetJob, StageError, rng_of
@@ -51,19 +52,6 @@ class Learner(Protocol):
 
     def describe(self, item: int) -> str:
         """An item in words, for the message that stops a training."""
-
-
-@contextmanager
-def seeded_weights(seed: int, name: str) -> Iterator[None]:
-    """Initial weights keyed by identity: torch draws them from its global generator, which is put back afterwards."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(int(rng_of(seed, name, "weights").integers(2**63)))
-        yield
-
-
-def generator_of(seed: int, *identity: str | int) -> torch.Generator:
-    """A torch generator on the CPU, keyed by identity."""
-    return torch.Generator().manual_seed(int(rng_of(seed, *identity).integers(2**63)))
 
 
 def train(learner: Learner, settings: TrainingSettings, job: SetJob, name: str) -> dict[str, Any]:

@@ -43,18 +43,19 @@ def draw_gallery(data: Path, path: Path, most: int) -> list[str]:
     values = {name: read_table(folder, f"values/{name}") for name in names}
     objects = [str(name) for name in read_table(folder, "objects")["object_id"]]
     shown = [objects[place] for place in np.linspace(0, len(objects) - 1, min(most, len(objects))).astype(int)]
+    surfaces, charts = (Collection(Layout(data), artifact) for artifact in (SURFACES, CHARTS))
     columns = [(name, case) for name in names for case in _cases(predictions[name])]
     with RasterRenderer(load_scene(SCENE), PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
         figure = Figure((1.6 * (1 + len(columns)), 1.75 * len(shown)), dpi=110, layout="constrained")
         for row, object_id in enumerate(shown):
-            truth = read_mesh(Collection(Layout(data), SURFACES).view(object_id))
+            truth = read_mesh(surfaces.view(object_id))
             place = row * (1 + len(columns)) + 1
             _picture(
                 figure, (len(shown), 1 + len(columns), place), _seen(renderer, truth), object_id if row else f"object\n{object_id}", ""
             )
             for column, (name, case) in enumerate(columns):
                 table, number = predictions[name], objects.index(object_id)
-                mesh = _surface(data, object_id, table, number, case)
+                mesh = _surface(charts, object_id, table, number, case)
                 given = int(table["grasps_given"][case])
                 title = "" if row else name + (f"\n{given} grasp{'s' * (given > 1)}" if given else "\n")
                 figures = values[name]["chamfer"][number]  # (first grasp, grasps given)
@@ -72,12 +73,12 @@ def _cases(table: Arrays) -> list[int]:
     return sorted({int(np.argmin(given)), int(np.argmax(given))})
 
 
-def _surface(data: Path, object_id: str, table: Arrays, number: int, case: int) -> Mesh:
+def _surface(fitted: Collection, object_id: str, table: Arrays, number: int, case: int) -> Mesh:
     """A prediction in grey, with the touch charts that it was given in orange."""
     vertices, faces = [table["vertices"][number, case].astype(np.float64)], [table["faces"]]
     given, first = int(table["grasps_given"][case]), int(table["first_grasp"][case])
     if given:
-        row = Collection(Layout(data), CHARTS).view(object_id)
+        row = fitted.view(object_id)
         charts, touched = row["vertices"], is_surface(row["stop_rule"])  # (grasp, sensor, S, 3), (grasp, sensor)
         grasps = [(first + step) % len(charts) for step in range(given)]
         for chart in charts[grasps][touched[grasps]]:

@@ -14,8 +14,8 @@ from pipeline.learning.touch_charts import is_surface
 from pipeline.stage import rng_of
 from pipeline.statistics import tally
 from schemas.charts import STOP_RULES
+from stages.evaluate.store import Arrays
 
-Arrays = dict[str, np.ndarray]
 Models = Mapping[str, Arrays]
 """By configuration: the arrays of its group `values`."""
 

@@ -15,6 +15,7 @@ from pipeline.kernels.learning.chart_fitting import fit_charts
 from pipeline.kernels.learning.chart_rule import StopRule
 from pipeline.kernels.learning.chart_square import chart_square
 from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, place
+from pipeline.learning.seeds import generator_of
 from pipeline.learning.touch_model import TouchModel, load_touch_model
 from pipeline.stage import Cost, ObjectError, Row, Task
 from schemas.base import Artifact
@@ -110,8 +111,7 @@ def _predicted_clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor, mo
 
 def _generators(task: Task, touched: NDArray[np.bool_]) -> list[torch.Generator]:
     """One a touch, keyed by object, grasp and sensor."""
-    seeds = [task.rng("fit-charts", *map(int, at)).integers(2**63) for at in np.argwhere(touched)]
-    return [torch.Generator().manual_seed(int(seed)) for seed in seeds]
+    return [generator_of(task.seed, task.object_id, "fit-charts", *map(int, at)) for at in np.argwhere(touched)]
 
 
 def _in_world(pose: NDArray[np.float64], vertices: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,8 +12,8 @@ from pipeline.kernels.learning.chamfer import Target, one_way
 from pipeline.kernels.learning.deformation import DeformationNetwork
 from pipeline.kernels.learning.metrics import TABLE_3_FACTOR
 from pipeline.kernels.learning.surface_samples import sample_surface
-from pipeline.learning.loop import generator_of
 from pipeline.learning.reconstruct import SurfaceTopology, View, assemble, deform
+from pipeline.learning.seeds import generator_of
 from stages.train_gcn.items import Items
 from stages.train_gcn.settings import GcnSettings
 

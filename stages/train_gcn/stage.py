@@ -7,8 +7,9 @@ from typing import Any
 from pipeline.kernels.learning.chart_square import SIDE
 from pipeline.kernels.learning.deformation import DeformationNetwork
 from pipeline.learning import checkpoint
-from pipeline.learning.loop import generator_of, train
+from pipeline.learning.loop import train
 from pipeline.learning.model import save_model
+from pipeline.learning.seeds import generator_of
 from pipeline.learning.touch_charts import chart_side
 from pipeline.stage import Cost, SetJob
 from schemas.base import Artifact

@@ -6,7 +6,8 @@ from typing import Any
 
 from pipeline.kernels.learning.unet import UNet
 from pipeline.learning import checkpoint
-from pipeline.learning.loop import seeded_weights, train
+from pipeline.learning.loop import train
+from pipeline.learning.seeds import seeded_weights
 from pipeline.learning.touch_model import save_touch_model
 from pipeline.stage import Cost, SetJob, StageError
 from schemas.base import Artifact

@@ -11,7 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from pipeline.learning.loop import generator_of, seeded_weights, train
+from pipeline.learning.loop import train
+from pipeline.learning.seeds import generator_of, seeded_weights
 from pipeline.learning.settings import TrainingSettings
 from pipeline.progress import console_on
 from pipeline.stage import SetJob

@@ -15,8 +15,9 @@ from pipeline.kernels.learning.configurations import CONFIGURATIONS
 from pipeline.kernels.learning.deformation import DeformationNetwork
 from pipeline.kernels.learning.metrics import sampled_area, sampling_floor
 from pipeline.kernels.learning.surface_samples import sample_surface
-from pipeline.learning.loop import generator_of, read_metrics
+from pipeline.learning.loop import read_metrics
 from pipeline.learning.reconstruct import Reconstructor, View
+from pipeline.learning.seeds import generator_of
 from pipeline.stage import StageError
 from pipeline.store.shard import StoreError
 from stages.train_gcn.items import Items

@@ -15,7 +15,7 @@ from pipeline.kernels.learning.unet import UNet
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.shading import reading, untouched
-from pipeline.learning.loop import seeded_weights
+from pipeline.learning.seeds import seeded_weights
 from pipeline.learning.split import Split
 from pipeline.learning.touch_model import load_touch_model
 from pipeline.manifest import Object
