@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import math
 import platform
@@ -121,6 +122,8 @@ class _Run:
 def _train(fabric: Fabric, learner: Learner, settings: TrainingSettings, folder: Path, seed: int, name: str) -> dict[str, Any]:
     torch.set_num_threads(settings.threads)
     bare = learner.module
+    if fabric.world_size > 1:  # spawned processes are handed one memory for its weights: each would step in the others'
+        bare = copy.deepcopy(bare)
     adam = torch.optim.Adam(bare.parameters(), lr=settings.learning_rate)
     learner.module, optimizer = fabric.setup(bare, adam)
     best, progress = checkpoint.load(folder, bare, adam)  # now that they are where, and of the type, they are trained with

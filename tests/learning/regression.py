@@ -19,11 +19,16 @@ from pipeline.stage import SetJob
 
 
 class Regression:
-    """y = 3 x + 1, with noise drawn anew each step; `kill_at` is a step at which the process dies, `poison` an item that is NaN."""
+    """y = 3 x + 1, with noise drawn anew each step; `kill_at` is a step at which the process dies, `poison` an item that is NaN.
 
-    def __init__(self, kill_at: int | None = None, poison: int | None = None, seed: int = 0) -> None:
+    A `plain` one has neither noise nor batch norm: its gradient is the mean of its items'.
+    """
+
+    def __init__(self, kill_at: int | None = None, poison: int | None = None, seed: int = 0, plain: bool = False) -> None:
         with seeded_weights(seed, "regression"):
-            self.module: nn.Module = nn.Sequential(nn.Linear(1, 8), nn.BatchNorm1d(8), nn.ReLU(), nn.Linear(8, 1))
+            norm = nn.Identity() if plain else nn.BatchNorm1d(8)
+            self.module: nn.Module = nn.Sequential(nn.Linear(1, 8), norm, nn.ReLU(), nn.Linear(8, 1))
+        self.noise = 0.0 if plain else 0.1
         self.x = torch.linspace(-1, 1, 48)[:, None]
         self.steps, self.kill_at, self.poison = 0, kill_at, poison
 
@@ -38,7 +43,7 @@ class Regression:
             os.kill(os.getpid(), signal.SIGKILL)
         self.steps += 1
         x = self.x[list(items)].to(next(self.module.parameters()))
-        noise = 0.1 * torch.randn(x.shape, generator=generator).to(x)
+        noise = self.noise * torch.randn(x.shape, generator=generator).to(x)
         if self.poison in items:
             noise = noise * torch.nan
         return (self.module(x) - 3 * x - 1 - noise).square().mean()

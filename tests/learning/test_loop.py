@@ -90,12 +90,22 @@ def test_what_one_of_two_processes_raises_comes_in_words(tmp_path):
         train(Regression(poison=17), settings(devices=2), job(tmp_path), "regression")
 
 
-def test_two_processes_share_a_batch(tmp_path):
-    learner = Regression()
-    facts = train(learner, settings(devices=2, epochs=20), job(tmp_path), "regression")
+def test_two_processes_share_a_batch_and_repeat_to_the_bit(tmp_path):
+    learner, again = Regression(), Regression()
+    facts = train(learner, settings(devices=2, epochs=30), job(tmp_path / "once"), "regression")
+    train(again, settings(devices=2, epochs=30), job(tmp_path / "again"), "regression")
     assert facts["hardware"]["processes"] == 2
     assert validated(learner) == pytest.approx(facts["best"]["loss"])
-    assert facts["best"]["loss"] < 0.1
+    assert facts["best"]["loss"] < 0.1 * read_metrics(tmp_path / "once")[0]["loss"]
+    assert same(learner.module.state_dict(), again.module.state_dict())
+
+
+def test_two_processes_take_the_steps_of_one(tmp_path):
+    one, two = Regression(plain=True), Regression(plain=True)
+    train(one, settings(), job(tmp_path / "one"), "regression")
+    train(two, settings(devices=2), job(tmp_path / "two"), "regression")
+    for name, value in one.module.state_dict().items():
+        torch.testing.assert_close(two.module.state_dict()[name], value, rtol=1e-5, atol=1e-6)
 
 
 def test_a_model_comes_back_as_it_was_saved_and_a_folder_without_one_is_an_error(tmp_path):
