@@ -23,10 +23,20 @@ def normalise(mesh: Mesh, up: str, diagonal: float, metres_per_unit: float | Non
     """The mesh upright at `POSITION`, its bounding box having the given diagonal, m.
 
     `up` names the axis of the source that points up. With `metres_per_unit` the object keeps its real size instead.
-    The bounding box is centred before it is scaled, so an object far from the origin keeps its digits.
+    The bounding box is centred before it is scaled, so an object far from the origin keeps the digits that its file has.
+
+    Raises
+    ------
+    ValueError
+        There are no vertices, some are not finite, or all are at one place.
     """
+    if not (len(mesh.vertices) and np.isfinite(mesh.vertices).all()):
+        raise ValueError(f"of {len(mesh.vertices)} vertices some are NaN or infinite, or there are none; gate the mesh first")
     upright = mesh.vertices @ _TO_Z_UP[up].T
     low, high = upright.min(axis=0), upright.max(axis=0)
-    scale = metres_per_unit if metres_per_unit is not None else diagonal / float(np.linalg.norm(high - low))
+    size = float(np.linalg.norm(high - low))
+    if size == 0:
+        raise ValueError(f"all {len(upright)} vertices are at {low}: nothing can be scaled to a size; gate the mesh first")
+    scale = metres_per_unit if metres_per_unit is not None else diagonal / size
     vertices: NDArray[np.float64] = (upright - (low + (high - low) / 2)) * scale + POSITION
     return replace(mesh, vertices=vertices)

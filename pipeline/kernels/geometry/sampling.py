@@ -15,16 +15,21 @@ def sample_triangles(triangles: NDArray[np.float64], count: int, rng: np.random.
     its share of the area, then a point in it by folding the unit square over its diagonal (Osada et al., Shape
     Distributions, 2002, is the same up to a square root).
 
+    A triangle without area is never drawn. A point lies on its triangle to within 4 units in the last place of the
+    triangle's largest coordinate.
+
     Raises
     ------
     ValueError
-        No triangle has an area.
+        A corner is NaN or infinite, or no triangle has an area.
     """
+    if not np.isfinite(triangles).all():
+        raise ValueError(f"{(~np.isfinite(triangles)).any(axis=(1, 2)).sum()} of {len(triangles)} triangles have NaN or infinite corners")
     cumulative = np.cumsum(np.linalg.norm(face_vectors(triangles), axis=1))
-    if not (len(cumulative) and cumulative[-1] > 0):
+    if not (len(cumulative) and cumulative[-1] >= np.finfo(np.float64).tiny):
         raise ValueError(f"none of the {len(triangles)} triangles has an area to draw points from")
+    # random() is at most 1 - 2^-53, and no normal number times that rounds to itself: the end is never reached
     face = np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right")
-    face = np.minimum(face, len(triangles) - 1)  # rounding can reach the very end
     u, v = rng.random((2, count))
     fold = u + v > 1
     u, v = np.where(fold, 1 - u, u)[:, None], np.where(fold, 1 - v, v)[:, None]

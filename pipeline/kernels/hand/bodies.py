@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.visuals import shape_mesh
@@ -59,12 +59,21 @@ def collision_balls(hand: Hand, spacing: float, tolerance: float = 0.0) -> Balls
         Of the lattice of centres and of the points on the surface, m.
     tolerance
         A ball is left out where a larger one reaches as far but for this, m.
+
+    Raises
+    ------
+    ValueError
+        A collision shape is flat, or has NaN corners: it encloses nothing.
     """
     centres, radii, links = [np.empty((0, 3))], [np.empty(0)], [np.empty(0, np.intp)]
     for number, link in enumerate(hand.links):
         for shape in link.collisions:
-            mesh = shape_mesh(shape)
-            points, depth = _fill(mesh.vertices, spacing)
+            try:
+                hull = ConvexHull(shape_mesh(shape).vertices)
+            except (QhullError, ValueError) as error:
+                what = shape.path or f"{shape.kind} of size {shape.size}"
+                raise ValueError(f"{hand.urdf}: collision shape {what} of link {link.name} is flat or not finite: {error}") from error
+            points, depth = _fill(hull, spacing)
             kept = _prune(points, depth, tolerance) if tolerance > 0 else np.arange(len(points))
             centres.append(points[kept])
             radii.append(depth[kept])
@@ -87,11 +96,10 @@ def collision_boxes(hand: Hand) -> Boxes:
     return Boxes(np.array(frames).reshape(-1, 4, 4), np.array(halves).reshape(-1, 3), np.array(links, np.intp))
 
 
-def _fill(vertices: NDArray[np.float64], spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _fill(hull: ConvexHull, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Points on and in a convex hull, and their depth below its surface."""
-    hull = ConvexHull(vertices)
     normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    low, high = hull.points.min(axis=0), hull.points.max(axis=0)
     counts = np.ceil((high - low) / spacing).astype(int)
     axes = [a + (np.arange(n) + 0.5) / n * (b - a) for a, b, n in zip(low, high, counts, strict=True)]
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -24,13 +24,16 @@ def forward(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np
 
     Returns
     -------
-    (..., L, 4, 4) float64, the URDF frame of every link in the world, in the order of `hand.links`.
+    (..., L, 4, 4) float64, the URDF frame of every link in the world, in the order of `hand.links`: rotations within 1e-14,
+    positions within 1e-15 m plus 4 units in the last place of the hand's distance from the origin.
     """
     if np.shape(joint_angles)[-1:] != (len(hand.joint_names),):
         have, wanted = np.shape(joint_angles), len(hand.joint_names)
         raise ValueError(f"joint_angles have shape {have}; the last dimension must be {wanted}, the joints of {hand.name}")
     if np.shape(hand_pose)[-2:] != (4, 4):
         raise ValueError(f"hand_pose has shape {np.shape(hand_pose)}; its last dimensions must be 4 × 4")
+    if not (np.isfinite(joint_angles).all() and np.isfinite(hand_pose).all()):
+        raise ValueError(f"joint_angles or hand_pose of {hand.name} hold NaN or infinity; a posture needs finite ones")
     batch = np.broadcast_shapes(np.shape(hand_pose)[:-2], np.shape(joint_angles)[:-1])
     frames = np.empty((*batch, len(hand.links), 4, 4))
     frames[..., 0, :, :] = hand_pose

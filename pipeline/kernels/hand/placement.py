@@ -16,12 +16,21 @@ def tangent_pose(hand: Hand, point: NDArray[np.float64], normal: NDArray[np.floa
     hand
         Says where its palm is.
     point, normal
-        (3,) of the surface, the normal outward and of any length.
+        (3,) of the surface, the normal outward and of any length but 0.
     distance
         From the point to the palm's centre along the normal, m.
     angle
         Of the hand about the normal, rad; 0 is an arbitrary direction that depends on the normal alone.
+
+    Raises
+    ------
+    ValueError
+        Point or normal is NaN or infinite, or the normal has no length.
     """
+    longest = np.abs(normal).max()
+    if not (np.isfinite(point).all() and 0 < longest < np.inf):
+        raise ValueError(f"no hand can face the point {point} with normal {normal}: they must be finite, the normal not zero")
+    normal = normal / longest  # of any length: its square may not leave float64's range
     return _frame(normal, angle, point + distance * normal / np.linalg.norm(normal)) @ np.linalg.inv(
         _frame(-hand.palm_facing, 0.0, hand.palm_centre)
     )

@@ -64,7 +64,7 @@ def parse_urdf(path: Path) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
         root = ElementTree.parse(path).getroot()
     except ElementTree.ParseError as error:
         raise ValueError(f"{path}: no XML ({error}); a hand's `urdf` must be a URDF file, not xacro") from error
-    materials = {m.get("name", ""): _color(m, {}) for m in root.findall("material")}
+    materials = {m.get("name", ""): _color(m, {}, path) for m in root.findall("material")}
     links = tuple(
         Link(_name(e, path), _shapes(e, "visual", path, materials), _shapes(e, "collision", path, materials)) for e in root.findall("link")
     )
@@ -86,14 +86,16 @@ def _joint(element: ElementTree.Element, numbers: dict[str, int], path: Path) ->
         if link not in numbers:
             raise ValueError(f"{path}: joint {name} has {role} link {link!r}, which is not among the file's links")
         ends.append(numbers[link])
-    axis = _numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0))
+    axis = _numbers(element.find("axis") if kind in MOVING else None, "xyz", (1.0, 0.0, 0.0), path)  # exporters fix joints about 0 0 0
+    if not axis.any():
+        raise ValueError(f"{path}: joint {name} has the axis 0 0 0; give a direction")
     limit = element.find("limit")
     lower, upper = (float(limit.get(k, "0")) if limit is not None else 0.0 for k in ("lower", "upper"))
     if kind == "continuous":
         lower, upper = -np.pi, np.pi
-    if kind in MOVING and not lower < upper:
-        raise ValueError(f"{path}: joint {name} has limits {lower} … {upper}; the lower one must be the smaller")
-    return Joint(name, kind, ends[0], ends[1], _origin(element), axis / np.linalg.norm(axis), lower, upper)
+    if kind in MOVING and not -np.inf < lower < upper < np.inf:
+        raise ValueError(f"{path}: joint {name} has limits {lower} … {upper}; both must be finite, the lower one the smaller")
+    return Joint(name, kind, ends[0], ends[1], _origin(element, path), axis / np.linalg.norm(axis), lower, upper)
 
 
 def _sorted_tree(links: tuple[Link, ...], joints: list[Joint], path: Path) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
@@ -120,7 +122,7 @@ def _shapes(link: ElementTree.Element, tag: str, path: Path, materials: dict[str
 
 def _shape(element: ElementTree.Element, path: Path, materials: dict[str, Color | None]) -> Shape:
     geometry = element.find("geometry")
-    origin, color = _origin(element), _color(element.find("material"), materials)
+    origin, color = _origin(element, path), _color(element.find("material"), materials, path)
     for part in geometry if geometry is not None else ():
         if part.tag == "box":
             return Shape("box", origin, _sizes(part, "size", path), None, color)
@@ -132,13 +134,13 @@ def _shape(element: ElementTree.Element, path: Path, materials: dict[str, Color 
             file = path.parent / part.get("filename", "").removeprefix("file://")
             if not file.is_file():
                 raise ValueError(f"{path}: mesh {part.get('filename')!r} is not there ({file}); paths are relative to the URDF")
-            return Shape("mesh", origin, tuple(_numbers(part, "scale", (1.0, 1.0, 1.0)).tolist()), file, color)
+            return Shape("mesh", origin, tuple(_numbers(part, "scale", (1.0, 1.0, 1.0), path).tolist()), file, color)
     raise ValueError(f"{path}: a {element.tag} has no box, sphere, cylinder or mesh")
 
 
 def _sizes(element: ElementTree.Element, key: str, path: Path) -> tuple[float, ...]:
-    sizes = _numbers(element, key, ())
-    if len(sizes) != (3 if key == "size" else 1) or not (sizes > 0).all():
+    sizes = _numbers(element, key, (0.0, 0.0, 0.0) if key == "size" else (0.0,), path)
+    if not (sizes > 0).all():
         raise ValueError(f"{path}: a {element.tag} has {key}={element.get(key)!r}; give positive metres")
     return tuple(sizes.tolist())
 
@@ -150,24 +152,33 @@ def _name(element: ElementTree.Element, path: Path) -> str:
     return name
 
 
-def _color(element: ElementTree.Element | None, materials: dict[str, Color | None]) -> Color | None:
+def _color(element: ElementTree.Element | None, materials: dict[str, Color | None], path: Path) -> Color | None:
     if element is None:
         return None
     color = element.find("color")
     if color is None:
         return materials.get(element.get("name", ""))
-    r, g, b, a = _numbers(color, "rgba", (0.7, 0.7, 0.7, 1.0))
+    r, g, b, a = _numbers(color, "rgba", (0.7, 0.7, 0.7, 1.0), path)
     return float(r), float(g), float(b), float(a)
 
 
-def _numbers(element: ElementTree.Element | None, key: str, default: tuple[float, ...]) -> NDArray[np.float64]:
+def _numbers(element: ElementTree.Element | None, key: str, default: tuple[float, ...], path: Path) -> NDArray[np.float64]:
+    """The finite numbers of an attribute, as many as its default has."""
     text = element.get(key) if element is not None else None
-    return np.array(default if text is None else [float(part) for part in text.split()], np.float64)
+    if element is None or text is None:
+        return np.array(default, np.float64)
+    try:
+        numbers = np.array([float(part) for part in text.split()], np.float64)
+    except ValueError:
+        numbers = np.array([np.nan])
+    if len(numbers) != len(default) or not np.isfinite(numbers).all():
+        raise ValueError(f"{path}: <{element.tag} {key}={text!r}> must hold {len(default)} finite numbers")
+    return numbers
 
 
-def _origin(element: ElementTree.Element) -> NDArray[np.float64]:
+def _origin(element: ElementTree.Element, path: Path) -> NDArray[np.float64]:
     origin = element.find("origin")
     pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("xyz", _numbers(origin, "rpy", (0.0, 0.0, 0.0))).as_matrix()  # fixed axes, as URDF says
-    pose[:3, 3] = _numbers(origin, "xyz", (0.0, 0.0, 0.0))
+    pose[:3, :3] = Rotation.from_euler("xyz", _numbers(origin, "rpy", (0.0, 0.0, 0.0), path)).as_matrix()  # fixed axes, as URDF says
+    pose[:3, 3] = _numbers(origin, "xyz", (0.0, 0.0, 0.0), path)
     return pose
