@@ -7,6 +7,7 @@ from typing import Annotated, cast
 import typer
 from rich.markup import escape
 
+from pipeline.cli.explain import explain_folder, explain_shard
 from pipeline.cli.request import (
     DataOption,
     ManifestOption,
@@ -45,6 +46,7 @@ def run(
     strict: Annotated[bool, typer.Option(help="Stop at the first object that fails.")] = False,
     retry: Annotated[bool, typer.Option(help="Try objects again that failed in this stage.")] = False,
     dry_run: Annotated[bool, typer.Option(help="Say what would be done, and do nothing.")] = False,
+    explain: Annotated[bool, typer.Option(help="Then say what was modelled and what was left out, and why.")] = False,
 ) -> None:
     """Run one stage: make what is not there yet."""
     if stage not in STAGES:
@@ -61,10 +63,14 @@ def run(
                 fail(f"{stage} looks at all objects at once; run it without --object and --shard")
             asked = cast(Request[SetStage], request)
             _foretell_folder(asked) if dry_run else run_folder(asked)
+            if explain and not dry_run:
+                explain_folder(asked)
             return
         for number in range(shards) if shard is None else [shard]:
             of_objects = cast(Request[ObjectStage], request)
             _foretell_shard(of_objects, number) if dry_run else _run_shard(make_plan(of_objects, number))
+            if explain and not dry_run:
+                explain_shard(make_plan(of_objects, number))
 
 
 def _foretell_folder(request: Request[SetStage]) -> None:

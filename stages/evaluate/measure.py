@@ -24,8 +24,7 @@ THRESHOLDS = (1.0, 2.0)
 
 def measure(name: str, model: Reconstructor, truth: Truth, settings: EvaluationSettings, seed: int, tick: Callable[[], None]) -> Arrays:
     """The arrays of the groups `values` and `predictions` of the model called `name` (see the schema); `tick` after every object."""
-    numbers = [number for number in settings.grasps if number <= truth.grasps] if model.touch else [1]
-    cases = make_cases(truth.grasps, numbers, touch=model.touch, occluded=model.image == "occluded")
+    numbers, cases = cases_of(model, truth.grasps, settings)
     sites = (*truth.touched.shape, settings.rings)
     shape = (len(truth), truth.grasps, len(numbers))
     found: Arrays = {
@@ -51,6 +50,12 @@ def measure(name: str, model: Reconstructor, truth: Truth, settings: EvaluationS
         if number == len(cases) - 1:
             tick()
     return found
+
+
+def cases_of(model: Reconstructor, available: int, settings: EvaluationSettings) -> tuple[list[int], list[Case]]:
+    """The numbers of grasps that a model is evaluated with, of `available` ones an object, and its reconstructions of each object."""
+    numbers = [number for number in settings.grasps if number <= available] if model.touch else [1]
+    return numbers, make_cases(available, numbers, touch=model.touch, occluded=model.image == "occluded")
 
 
 def _reconstructed(model: Reconstructor, truth: Truth, cases: Sequence[Case], batch_size: int) -> Iterator[tuple[int, int, Reconstruction]]:

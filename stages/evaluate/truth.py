@@ -63,11 +63,7 @@ def load_truth(data: Path, models: Sequence[Reconstructor], settings: Evaluation
 
     The same objects for every model: one that failed in what one of them needs is left out for all.
     """
-    arrays = ["points", "sensor_pose", "touch_success", "untouched"]
-    arrays += sorted({model.image for model in models if model.image is not None})
-    if any(model.touch for model in models):
-        arrays += ["vertices", "residual", "iterations", "stop_rule"]
-    split = load_split(data, arrays, SPLIT)
+    split = load_split(data, arrays_of(models), SPLIT)
     points = split.arrays["points"]
     if points.shape[1] < settings.points:
         raise StageError(
@@ -80,3 +76,10 @@ def load_truth(data: Path, models: Sequence[Reconstructor], settings: Evaluation
         touched=split.arrays["touch_success"],
         width=Sensor.model_validate(split.attributes["touch"]["sensor"]).width,
     )
+
+
+def arrays_of(models: Sequence[Reconstructor]) -> list[str]:
+    """The arrays that these models' evaluation reads; of `touch` a small one, for the sensor's description in the attributes."""
+    images = sorted({model.image for model in models if model.image is not None})
+    charts = ["vertices", "residual", "iterations", "stop_rule"] if any(model.touch for model in models) else []
+    return ["points", "sensor_pose", "touch_success", "untouched", *images, *charts]

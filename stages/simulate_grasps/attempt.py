@@ -14,8 +14,7 @@ from pipeline.kernels.hand.inverse import has_room, solve
 from pipeline.kernels.hand.kinematics import forward, sensor_poses
 from pipeline.kernels.hand.placement import tangent_pose
 from pipeline.kernels.hand.reach import ball_points, finger_clearance
-from pipeline.kernels.touch.contact import touch_success
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.contact import is_touched
 from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.rig import Rig, Scene
 from stages.simulate_grasps.settings import GraspSettings
@@ -95,7 +94,7 @@ def _close(
     angles, rests = physics.settle(pose, start, target, (LEAST_STEPS, settings.settle_steps), settings.resting_speed)
     frames = forward(rig.hand, pose, angles)
     sensors = sensor_poses(rig.hand, pose, angles)
-    touched = [touch_success(ray_depth(scene.blocks, sensor, rig.sensor), rig.sensor) for sensor in sensors]
+    touched = [is_touched(scene.blocks, sensor, rig.sensor) for sensor in sensors]
     penetration = deepest(scene.field, rig.dense, frames)
     within = bool(((angles >= rig.hand.lower) & (angles <= rig.hand.upper)).all())
     apart = hand_gap(rig.hand, rig.boxes, frames) >= 0

@@ -27,9 +27,7 @@ class Items:
     """
 
     def __init__(self, data: Path, split: str, config: NetworkConfig, each: int) -> None:
-        images = () if config.image is None else (config.image, "camera")
-        charts = ("vertices", "stop_rule") if config.touch else ()
-        self.split: Split = load_split(data, ("points", *images, *charts), split)
+        self.split: Split = load_split(data, arrays_of(config), split)
         self.config, self.each = config, each
         self.targets = [Target(torch.from_numpy(points)) for points in self.split.arrays["points"]]
 
@@ -77,3 +75,9 @@ class Items:
     def name(self, item: int) -> str:
         """The item in words."""
         return f"{self.split.object_ids[item // self.each]} (first grasp {item % self.each % self.grasps})"
+
+
+def arrays_of(config: NetworkConfig) -> tuple[str, ...]:
+    """The arrays that a network of this configuration is trained on."""
+    images = () if config.image is None else (config.image, "camera")
+    return ("points", *images, *(("vertices", "stop_rule") if config.touch else ()))

@@ -19,6 +19,8 @@ from pipeline.learning.split import Split, load_split
 from pipeline.stage import StageError
 from stages.train_unet.settings import UnetSettings
 
+ARRAYS = ("reading", "depth", "untouched", "touch_success")
+"""What is read of every object."""
 MICROMETRES = 1e6
 
 
@@ -53,7 +55,7 @@ class Touches:
 
 def load_touches(data: Path, split: str) -> Touches:
     """The touches of a split of the data set in `data`; errors as `load_split` and `touches_of`."""
-    return touches_of(load_split(data, ["reading", "depth", "untouched", "touch_success"], split))
+    return touches_of(load_split(data, ARRAYS, split))
 
 
 def touches_of(split: Split) -> Touches:

@@ -73,7 +73,7 @@ def test_the_early_stop_decides_as_the_full_count(rng):
     triangles = mesh.triangles
     points, face = sample_triangles(triangles, 400, rng)
     vectors = face_vectors(triangles)[face]
-    front, back = Sky(mesh).escapes(points, vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+    front, back, _ = Sky(mesh).escapes(points, vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
     np.testing.assert_array_equal(front + back >= ESCAPES, _full_count(mesh, points) >= ESCAPES)
 
 

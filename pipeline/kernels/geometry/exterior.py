@@ -8,6 +8,9 @@ the definition.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
@@ -28,6 +31,17 @@ MAX_DRAWS = 200
 """Give up when fewer than one point in so many is exterior."""
 
 
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """Points (N, 3) drawn from a whole surface, their outward unit normals (N, 3), which of them are exterior (N,), and in how many
+    directions (N,) each was looked."""
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    exterior: NDArray[np.bool_]
+    asked: NDArray[np.intp]
+
+
 class Sky:
     """Tells which points of a mesh's surface see the outside, with rays traced by Embree."""
 
@@ -40,13 +54,16 @@ class Sky:
         self._mesh = TriangleMesh(self._scene, local, mesh.faces)
         self._directions = spread_directions(directions)
 
-    def escapes(self, points: NDArray[np.float64], normals: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def escapes(
+        self, points: NDArray[np.float64], normals: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
         """Count directions that leave unhindered from points (N, 3), in front of and behind their normals (N, 3).
 
-        Counting stops for a point as soon as it is exterior and its side sure (`SURE_OF_SIDE`): whether there are `ESCAPES`
-        is what the full count says, how many there are beyond that is not.
+        Returns both counts, and in how many directions it was looked, each (N,). Counting stops for a point as soon as it is exterior
+        and its side sure (`SURE_OF_SIDE`): whether there are `ESCAPES` is what the full count says, how many there are beyond that is
+        not.
         """
-        front, back = np.zeros(len(points), np.intp), np.zeros(len(points), np.intp)
+        front, back, asked = (np.zeros(len(points), np.intp) for _ in range(3))
         open_points = np.arange(len(points))
         first, size = 0, 8
         while first < len(self._directions) and len(open_points):
@@ -54,10 +71,11 @@ class Sky:
             ahead, behind = self._round(points[open_points], normals[open_points], directions)
             front[open_points] += ahead
             back[open_points] += behind
+            asked[open_points] += len(directions)
             known = (np.maximum(front, back) >= SURE_OF_SIDE) & (np.minimum(front, back) == 0)
             open_points = open_points[~known[open_points]]
             first, size = first + size, max(size, first + size)  # 8, 8, 16, 32, …
-        return front, back
+        return front, back, asked
 
     def _round(
         self, points: NDArray[np.float64], normals: NDArray[np.float64], directions: NDArray[np.float64]
@@ -95,21 +113,25 @@ def sample_exterior(
     ValueError
         Fewer than one point in `MAX_DRAWS` is exterior.
     """
+    batches = [(draw.points[draw.exterior], draw.normals[draw.exterior]) for draw in draws(mesh, count, rng, directions)]
+    points, normals = (np.concatenate(part)[:count] for part in zip(*batches, strict=True))
+    return points, normals
+
+
+def draws(mesh: Mesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> Iterator[Draw]:
+    """Draw from the whole surface, batch by batch, until `count` points are exterior; see `sample_exterior`."""
     triangles = mesh.triangles
     vectors = face_vectors(triangles)
     unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     sky = Sky(mesh, directions)
-    points, normals, drawn, found = [], [], 0, 0
+    drawn = found = 0
     while found < count:
         if drawn >= MAX_DRAWS * count:
             raise ValueError(f"{found} of {drawn} points on the surface are exterior, too few to draw {count}; is it all inside out?")
         share = found / drawn if found else 1.0
         batch = int(min(max((count - found) / share * 1.05, 256), 4 * count))
         places, face = sample_triangles(triangles, batch, rng)
-        front, back = sky.escapes(places, unit[face])
+        front, back, asked = sky.escapes(places, unit[face])
         exterior = front + back >= ESCAPES
-        outward = np.where(back > front, -1.0, 1.0)[:, None] * unit[face]
-        points.append(places[exterior])
-        normals.append(outward[exterior])
+        yield Draw(places, np.where(back > front, -1.0, 1.0)[:, None] * unit[face], exterior, asked)
         drawn, found = drawn + batch, found + int(exterior.sum())
-    return np.concatenate(points)[:count], np.concatenate(normals)[:count]

@@ -132,19 +132,24 @@ def _from_samples(
     hand: Hand, parts: FingerParts, samples: PostureSamples, field: DistanceField, pose: NDArray[np.float64], wanted: Wanted
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The best samples to refine (LINES, J) and those for fingers that cannot touch (AT_REST, J); fingers mix freely."""
-    turned = np.tensordot(pose[:3, :3].astype(np.float32), samples.probes, axes=1) + pose[:3, 3].astype(np.float32)[:, None, None, None]
-    contact, coverage = gel_contact(field, turned, wanted.contact)  # (K, S)
-    excess = np.maximum(np.abs(contact - wanted.contact + NEAR_CONTACT) - NEAR_CONTACT, 0) / MILLIMETRE
-    first = np.where(samples.free, coverage - excess, -np.inf)
-    order = np.argsort(-first, axis=0, kind="stable")[:LOOKED_AT]
-    spread = np.linspace(0, len(first) - 1, SPREAD).astype(np.intp)
-    rows = np.concatenate([order, np.broadcast_to(spread[:, None], (len(spread), order.shape[1]))])  # (N, S)
+    rows = looked_at(samples, field, pose, wanted)
     angles, frames = _mix(hand, samples, rows, pose)
     value, clearance = _value(hand, parts, field, frames, wanted)
     free = np.take_along_axis(samples.free, rows, axis=0)
     value = np.where(free, value, -np.inf)
     calm = np.where(clearance >= wanted.clearance, value, -np.inf)
     return _best(hand, angles, value, LINES), _best(hand, angles, calm, AT_REST)
+
+
+def looked_at(samples: PostureSamples, field: DistanceField, pose: NDArray[np.float64], wanted: Wanted) -> NDArray[np.intp]:
+    """(LOOKED_AT + SPREAD, S) rows of `samples` whose clearance is computed: each finger's with most contact, and some of all."""
+    turned = np.tensordot(pose[:3, :3].astype(np.float32), samples.probes, axes=1) + pose[:3, 3].astype(np.float32)[:, None, None, None]
+    contact, coverage = gel_contact(field, turned, wanted.contact)  # (K, S)
+    excess = np.maximum(np.abs(contact - wanted.contact + NEAR_CONTACT) - NEAR_CONTACT, 0) / MILLIMETRE
+    first = np.where(samples.free, coverage - excess, -np.inf)
+    order = np.argsort(-first, axis=0, kind="stable")[:LOOKED_AT]
+    spread = np.linspace(0, len(first) - 1, SPREAD).astype(np.intp)
+    return np.concatenate([order, np.broadcast_to(spread[:, None], (len(spread), order.shape[1]))])
 
 
 def _mix(

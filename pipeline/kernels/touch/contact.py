@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.touch.prism import FaceBlocks
+from pipeline.kernels.touch.rays import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, place
 
 CONTACT = 1e-4
@@ -18,6 +20,16 @@ def touch_success(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
     """
     nearest = depth.min(axis=(-2, -1)).astype(np.float32).astype(np.float64)
     return np.asarray((nearest > 0) & (nearest < sensor.w - CONTACT))
+
+
+def is_touched(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor) -> bool:
+    """`touch_success` of the depth map of a sensor at `pose` (4, 4), to which only what is in the gel matters: no ray goes farther."""
+    return bool(touch_success(ray_depth(blocks, pose, gel_only(sensor)), sensor))
+
+
+def gel_only(sensor: Sensor) -> Sensor:
+    """The sensor, with rays that end where the gel does."""
+    return sensor.model_copy(update={"range": min(sensor.w, sensor.range)})
 
 
 def local_points(depth: np.ndarray, pose: np.ndarray, sensor: Sensor) -> tuple[NDArray[np.float32], np.int32]:

@@ -44,7 +44,7 @@ def grid_depth(local: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64
     """`ray_depth` of faces (3 axes, 3 corners, N) that are in the sensor's frame already, m."""
     depth = np.full(sensor.rows * sensor.cols, np.inf)
     if local.shape[2]:
-        for faces in _batches(_to_pixels(local, sensor), sensor):
+        for faces in _batches(pixel_faces(local, sensor), sensor):
             _scan(faces, sensor, depth)
     depth[depth > sensor.range] = np.inf
     return depth.reshape(sensor.shape)
@@ -73,8 +73,11 @@ def _batches(faces: NDArray[np.float64], sensor: Sensor) -> Iterator[NDArray[np.
     yield from np.split(faces, np.unique(cuts), axis=2)
 
 
-def _to_pixels(local: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
-    """Faces that may cover a pixel: x in columns, y in rows (pixel centres: integers), z in m; corners in row order."""
+def pixel_faces(local: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
+    """Of faces (3 axes, 3 corners, N) in the sensor's frame, m, those that may cover a pixel's centre.
+
+    x in columns, y in rows (pixel centres: integers), z in m; corners in row order.
+    """
     x = (local[0] / sensor.width + 0.5) * sensor.cols - 0.5
     y = (local[1] / sensor.width + 0.5) * sensor.rows - 0.5
     faces = np.stack([x, y, local[2]])

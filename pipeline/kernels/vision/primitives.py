@@ -41,16 +41,20 @@ def primitives(mesh: Mesh) -> list[Primitive]:
     normals = corner_normals(mesh.vertices, mesh.faces)
     look = mesh.look
     textures = [opaque(shrunk(texture)) for texture in look.textures]
+    made = []
+    for (*color, texture), chosen in looks(look):
+        made.append(_primitive(mesh, look, normals, chosen, color, textures[texture] if texture >= 0 else None))
+    return made
+
+
+def looks(look: Look) -> list[tuple[list[int], NDArray[np.intp]]]:
+    """Every colour with texture that some face wears, as [red, green, blue, number of the texture or -1], and these faces."""
     kinds, kind_of = np.unique(
         np.column_stack([look.base_color[:, :3], look.material_texture]).astype(np.int64), axis=0, return_inverse=True
     )
     kind_of_face = kind_of.reshape(-1)[look.face_material]
-    made = []
-    for kind, (*color, texture) in enumerate(kinds.tolist()):
-        chosen = np.flatnonzero(kind_of_face == kind)
-        if len(chosen):
-            made.append(_primitive(mesh, look, normals, chosen, color, textures[texture] if texture >= 0 else None))
-    return made
+    worn = [(kind, np.flatnonzero(kind_of_face == number)) for number, kind in enumerate(kinds.tolist())]
+    return [(kind, faces) for kind, faces in worn if len(faces)]
 
 
 def _primitive(
