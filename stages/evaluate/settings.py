@@ -26,15 +26,19 @@ class EvaluationSettings(Settings):
     configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = knob(
         ("none", "touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch"),
         "the supplement's five modalities and no input at all; what none of these is shown need not have been made",
+        changes="definition",
     )
     grasps: Annotated[tuple[Annotated[int, Field(ge=1)], ...], AfterValidator(_with_one)] = knob(
-        (1, 2, 3, 4, 5), "Table 3's numbers of grasps; those the data set does not have are left out"
+        (1, 2, 3, 4, 5), "Table 3's numbers of grasps; those the data set does not have are left out", changes="definition"
     )
     points: int = knob(10_000, "points drawn from each surface: as many as S^obj has; the sampling floor falls with them", ge=2)
-    tau: float = knob(1e-4, "squared distance of F1 in Table 4's protocol, in scaled metres squared", gt=0)
+    tau: float = knob(1e-4, "squared distance of F1 in Table 4's protocol, in scaled metres squared", gt=0, changes="definition")
     scale: float = knob(
-        1.14, "Table 4's protocol takes objects of diagonal 1 times 0.57; here their diagonal is 0.5 m, so tau means the same", gt=0
+        1.14,
+        "Table 4's protocol takes objects of diagonal 1 times 0.57; here their diagonal is 0.5 m, so tau means the same",
+        gt=0,
+        changes="definition",
     )
-    rings: int = knob(5, "Table 2's rings, one sensor width after the other", ge=1)
+    rings: int = knob(5, "Table 2's rings, one sensor width after the other", ge=1, changes="definition")
     batch_size: int = knob(16, "as in training; more needs more memory, and sums may differ in their last bit with it", ge=1)
     accelerator: str = knob("auto", "a GPU where there is one", changes="speed")

@@ -18,7 +18,9 @@ class ChartSettings(Settings):
     """How touch charts are fitted to point clouds (supplement 2.3)."""
 
     cloud: Literal["predicted", "true"] = knob(
-        "predicted", "the points a trained U-Net sees in the reading, the supplement's way; `true` are those of the depth map"
+        "predicted",
+        "the points a trained U-Net sees in the reading, the supplement's way; `true` are those of the depth map",
+        changes="definition",
     )
     halt: float = knob(6e-4, "Chamfer distance, sensor widths², below which a chart is done: the supplement's", gt=0)
     residual_limit: float | None = knob(

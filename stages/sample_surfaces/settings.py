@@ -7,6 +7,6 @@ class SurfaceSettings(Settings):
     """The knobs of `sample-surfaces`."""
 
     points: int = knob(10_000, "the supplement's S^obj (1.1)", gt=0)
-    diagonal: float = knob(0.5, "bounding-box diagonal an object is scaled to, m: the authors' 1 × 0.5", gt=0)
+    diagonal: float = knob(0.5, "bounding-box diagonal an object is scaled to, m: the authors' 1 × 0.5", gt=0, changes="definition")
     directions: int = knob(256, "directions a point must see the sky in to be exterior; part of the definition", ge=2)
-    max_faces: int = knob(500_000, "beyond it physics takes minutes an object and says little more", gt=0)
+    max_faces: int = knob(500_000, "beyond it physics takes minutes an object and says little more", gt=0, changes="definition")

@@ -10,8 +10,10 @@ from pipeline.settings import Settings, knob
 class GraspSettings(Settings):
     """How grasps are found (supplement 1.3)."""
 
-    hand: str = knob("allegro_right", "the supplement's hand; another is another hand file, by name or by path ending in .yaml")
-    grasps: int = knob(5, "the best five are kept (supplement 1.3)", ge=1)
+    hand: str = knob(
+        "allegro_right", "the supplement's hand; another is another hand file, by name or by path ending in .yaml", changes="definition"
+    )
+    grasps: int = knob(5, "the best five are kept (supplement 1.3)", ge=1, changes="definition")
     attempts: int = knob(50, "placements tried an object, as many as the authors' later simulator tries", ge=1)
     exhaustive: bool = knob(
         True,
@@ -39,7 +41,9 @@ class GraspSettings(Settings):
     )
     settle_steps: int = knob(400, "steps of 1/240 s that contact may take to settle; what has not is no grasp", ge=20)
     resting_speed: float = knob(2e-3, "rad/s below which a joint rests: at most 1 µm of the sensor's way in one step", gt=0)
-    penetration_limit: float = knob(0.001, "m that a rigid part may stand inside the object in a grasp that is kept", ge=0)
+    penetration_limit: float = knob(
+        0.001, "m that a rigid part may stand inside the object in a grasp that is kept", ge=0, changes="definition"
+    )
     grid_cell: float = knob(0.0025, "m a cell of the distance grid: 1.5 mm finds no more, 5 mm loses 6 % of the kept touches", gt=0)
 
     @model_validator(mode="after")

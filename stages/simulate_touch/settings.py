@@ -9,7 +9,9 @@ from pipeline.settings import Settings, knob
 class TouchSettings(Settings):
     """How touches become depth maps and readings (supplement 1.5)."""
 
-    sensor: str = knob("gel_16mm", "the supplement's sensor; another is another file, by name or by path ending in .yaml")
+    sensor: str = knob(
+        "gel_16mm", "the supplement's sensor; another is another file, by name or by path ending in .yaml", changes="definition"
+    )
     tracer: Literal["ray", "sphere"] = knob(
         "ray",
         "exact, and tens of times faster than the supplement's `sphere`, which stops `sphere_tolerance` too soon",

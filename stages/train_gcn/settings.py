@@ -15,7 +15,7 @@ from pipeline.settings import knob
 class GcnSettings(TrainingSettings):
     """How vision charts learn to close in on the object (supplement 3.1-3.4)."""
 
-    configuration: str = knob("occluded-touch", f"which of the supplement's networks: {', '.join(CONFIGURATIONS)}")
+    configuration: str = knob("occluded-touch", f"which of the supplement's networks: {', '.join(CONFIGURATIONS)}", changes="definition")
     gcn_layers: int | None = knob(8, "for trainings of minutes on a CPU; null is the table's 15 to 25", ge=2)
     gcn_features: int | None = knob(96, "likewise; null is the table's 200 or 250", ge=3)
     encoder_layers: int | None = knob(None, "the table's; 12, 15 or 18 of 3.4's grid", ge=1)

@@ -1,0 +1,96 @@
+"""Every knob that changes results against its cost: `python -m benchmarks.tradeoff [--only STUDY] [--root DATA]`.
+
+Variants are runs of `vt-pipeline` in directories of their own, as many side by side as there are cores, each on one; a second
+run makes only what is missing or stale. Ends with `docs/tradeoff.md`, its plots, and the figures that `vt-pipeline` itself reads.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from benchmarks.tradeoff.shortcuts import measure as measure_shortcuts
+from rich.console import Console
+
+from benchmarks.tradeoff import work
+from benchmarks.tradeoff.end_to_end import end_to_end
+from benchmarks.tradeoff.errors import ERRORS
+from benchmarks.tradeoff.same import same_results
+from benchmarks.tradeoff.variants import Study, Variant, studies
+from benchmarks.tradeoff.write import read_asset, write_asset, write_page
+from pipeline.progress import Meter, console_on
+
+DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
+LEARNING = ("train-unet", "fit-charts", "train-gcn")
+TOUCH = "train-gcn.configuration=touch"
+
+
+def main() -> None:
+    """Measure, and write what was measured."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
+    parser.add_argument("--root", type=Path, default=Path("data/tradeoff"))
+    parser.add_argument("--only", action="append", choices=[study.name for study in studies()], help="again; the rest stays as it was")
+    parser.add_argument("--page", action="store_true", help="only write the page and its plots anew")
+    options = parser.parse_args()
+    console = console_on(sys.stdout)
+    found = read_asset()
+    if not options.page:
+        chosen = [study for study in studies() if not options.only or study.name in options.only]
+        _prepare(options.root, chosen, console)
+        trades = {study.name: _trade(options.root, study, console) for study in chosen}
+        found["trades"] = {study.name: entry for study in studies() if (entry := trades.get(study.name, found["trades"].get(study.name)))}
+        if not options.only:
+            found["same"] = same_results(options.root, console)
+            found["end_to_end"] = end_to_end(options.root, console)
+            found["shortcuts"] = [vars(shortcut) for shortcut in measure_shortcuts()]
+        write_asset(found)
+    write_page(found)
+
+
+def _prepare(root: Path, chosen: list[Study], console: Console) -> None:
+    """The common directories of what is to be measured."""
+    objects = {study.objects for study in chosen}
+    for name, preset, steps in (("few", "standard", DATASET), ("learning", "draft", (*DATASET, *LEARNING))):
+        if name in objects:
+            console.print(f"objects {name}: {', '.join(steps)}")
+            work.prepare(root, name, {step: [TOUCH] if step == "train-gcn" else [] for step in steps}, preset)
+
+
+def _trade(root: Path, study: Study, console: Console) -> dict[str, Any]:
+    """Make a study's variants and measure them."""
+    variants = study.variants()
+    with Meter(console, study.name, len(variants), "settings") as meter, ThreadPoolExecutor(os.cpu_count()) as pool:
+
+        def one(variant: Variant) -> work.Made:
+            made = work.make(root, study, variant)
+            if study.stage == "train-gcn":
+                name = variant.settings(study.stage).model_dump()["configuration"]
+                work.command("evaluate", study.manifest, study.base, made.data, [f"evaluate.configurations=[{name}]"])
+            meter.advance(variant.label)
+            return made
+
+        made = list(zip(variants, pool.map(one, variants), strict=True))
+    against = study.against()
+    reference = next((one.data for variant, one in made if variant == against), Path())
+    with ProcessPoolExecutor(os.cpu_count()) as processes:
+        points = list(processes.map(_point, *zip(*((study, variant, one, reference) for variant, one in made), strict=True)))
+    return {"stage": study.stage, "objects": work.count(study), "costs": study.costs, "skipped": dict(study.skip), "points": points}
+
+
+def _point(study: Study, variant: Variant, made: work.Made, reference: Path) -> dict[str, Any]:
+    return {
+        "label": variant.label,
+        "kind": variant.kind,
+        "settings": variant.settings(study.stage).accuracy(),
+        "seconds": round(made.seconds, 4),
+        "kilobytes": round(made.kilobytes, 2),
+        "figures": {name: float(f"{value:.4g}") for name, value in ERRORS[study.stage](made, reference).items()},
+    }
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,61 @@
+"""What a cheaper data set costs in the end: the Chamfer distance of a network that was trained and tested on it."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from benchmarks.tradeoff import work
+from benchmarks.tradeoff.errors import CHAMFER_SCALE
+from benchmarks.tradeoff.variants import HERE
+from pipeline.progress import Meter
+from pipeline.store.collection import Collection
+from pipeline.store.layout import Layout
+from schemas.catalogue import ARTIFACTS
+
+MANIFEST = HERE / "learning.yaml"
+STAGES = ("sample-surfaces", "simulate-grasps", "simulate-touch", "train-unet", "fit-charts", "train-gcn", "evaluate")
+LEARNT = ["train-gcn.configuration=touch", "evaluate.configurations=[touch]"]
+DATA_SETS: dict[str, list[str]] = {
+    "draft": [],
+    "standard's grasps": ["simulate-grasps.attempts=50"],
+    "hardly searched grasps": ["simulate-grasps.attempts=8", "simulate-grasps.ik_samples=256", "simulate-grasps.ik_refinements=0"],
+    "depth in steps of 61 um": ["simulate-touch.gel_bits=14", "simulate-touch.far_bits=14"],
+    "true depths, no U-Net": ["fit-charts.cloud='true'"],
+}
+"""What each sets beside `draft`; all else is the same, and every one of them is learned from with draft's networks."""
+
+
+def end_to_end(root: Path, console: Console) -> list[dict[str, Any]]:
+    """A row a data set: seconds an object before learning, kilobytes, touches, and the distance in the end."""
+    with Meter(console, "end to end", len(DATA_SETS), "data sets") as meter, ThreadPoolExecutor(os.cpu_count()) as pool:
+
+        def one(label: str) -> dict[str, Any]:
+            data = root / "learning" / "end-to-end" / label.replace(" ", "-").replace("'", "")
+            for stage in STAGES:
+                if stage != "train-unet" or "true" not in label:
+                    work.command(stage, MANIFEST, "draft", data, [*LEARNT, *DATA_SETS[label]])
+            meter.advance(label)
+            return {"label": label, **_row(data)}
+
+        return list(pool.map(one, DATA_SETS))
+
+
+def _row(data: Path) -> dict[str, Any]:
+    made = {name: Collection(Layout(data), ARTIFACTS[name]) for name in ("surfaces", "grasps", "touch")}
+    seconds = [np.mean(shard.attributes["seconds"]) for collection in made.values() for shard in collection.shards]
+    touched = np.mean([made["grasps"].view(name)["touch_success"].mean() for name in made["grasps"]])
+    table = work.load_json(data / "evaluation/metrics.json")["tables"]["table_3"]
+    chamfer, low, high = (round(CHAMFER_SCALE * float(np.mean(table[name][0])), 3) for name in ("chamfer", "low", "high"))
+    return {
+        "seconds": round(float(sum(seconds)), 2),
+        "touches": round(100 * float(touched), 1),
+        "chamfer": chamfer,
+        "low": low,
+        "high": high,
+    }

@@ -1,0 +1,130 @@
+"""Where variants are made: a data directory each, which shares what it does not vary with its study's common one."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.tradeoff.variants import HERE, Study, Variant
+from pipeline.manifest import load_manifest
+from pipeline.store.layout import Layout
+from pipeline.store.record import Record
+from pipeline.store.shard import Shard
+from schemas.catalogue import ARTIFACTS
+from stages.registry import is_set_stage, load_stage
+
+COMMON = "common"
+SHARED = ("surfaces", "grasps", "vision", "touch", "models/unet", "charts", "models/gcn")
+"""What a variant's directory links to, unless it is what the variant makes or follows from it."""
+MADE_BY = {
+    "sample-surfaces": "surfaces",
+    "simulate-grasps": "grasps",
+    "render-vision": "vision",
+    "simulate-touch": "touch",
+    "train-unet": "models/unet",
+    "fit-charts": "charts",
+    "train-gcn": "models/gcn",
+    "evaluate": "evaluation",
+}
+
+
+class CommandError(Exception):
+    """A `vt-pipeline` command failed; the message is what it printed."""
+
+
+def command(
+    stage: str, manifest: Path, preset: str, data: Path, assignments: list[str], seed: int | None = None, more: list[str] | None = None
+) -> None:
+    """`vt-pipeline run`, on one core unless `more` says otherwise; a `CommandError` where it fails."""
+    line = [str(Path(sys.executable).parent / "vt-pipeline"), "run", stage, "--manifest", str(manifest), "--preset", preset]
+    line += ["--data", str(data), *(more or ["--workers", "1"]), *(part for assignment in assignments for part in ("--set", assignment))]
+    line += [] if seed is None else ["--seed", str(seed)]
+    done = subprocess.run(line, capture_output=True, text=True)
+    if done.returncode:
+        raise CommandError(f"{' '.join(line)}\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
+
+
+def prepare(root: Path, objects: str, steps: dict[str, list[str]], preset: str) -> Path:
+    """The common data directory of the studies of some objects: the given stages, each with its assignments."""
+    data = root / objects / COMMON
+    for stage, assignments in steps.items():
+        command(stage, HERE / f"{objects}.yaml", preset, data, assignments)
+    return data
+
+
+@dataclass(frozen=True)
+class Made:
+    """A variant as made.
+
+    `seconds` are an object's, or the whole training's; `kilobytes` an object's, or the whole folder's; `facts` what a set
+    stage recorded.
+    """
+
+    data: Path
+    seconds: float
+    kilobytes: float
+    facts: dict[str, Any]
+
+
+def link_common(objects: Path, data: Path, own: str) -> None:
+    """Make a data directory that shares with the common one of its objects whatever comes before `own`."""
+    for name in SHARED[: SHARED.index(own)] if own in SHARED else SHARED:
+        common, link = (objects / COMMON / name).resolve(), data / name
+        if common.exists() and not link.exists():
+            link.parent.mkdir(parents=True, exist_ok=True)
+            link.symlink_to(common)
+
+
+def make(root: Path, study: Study, variant: Variant) -> Made:
+    """Make a variant unless it stands, and say what it took when it was made."""
+    data = root / study.objects / study.name.replace(" ", "-") / re.sub(r"[^A-Za-z0-9=,._+-]", "_", variant.label)
+    own = MADE_BY[study.stage]
+    link_common(root / study.objects, data, own)
+    command(study.stage, study.manifest, variant.preset, data, variant.assignments(study.stage), variant.seed)
+    return _of_folder(data, study, variant) if is_set_stage(load_stage(study.stage)) else _of_shard(data, own)
+
+
+def _of_shard(data: Path, artifact: str) -> Made:
+    path = Layout(data).shard(artifact, 0)
+    shard = Shard(path, ARTIFACTS[artifact])
+    seconds = [float(value) for value in shard.attributes["seconds"]]
+    return Made(data, sum(seconds) / len(seconds), _bytes(path) / 1e3 / len(seconds), {})
+
+
+def _of_folder(data: Path, study: Study, variant: Variant) -> Made:
+    stage: Any = load_stage(study.stage)
+    record = Record(data / stage.folder(variant.settings(study.stage)))
+    facts = dict(record.content["facts"])
+    weights = sum(path.stat().st_size for path in record.folder.glob("*.safetensors"))
+    return Made(data, float(facts.get("training_seconds", record.content["seconds"])), (weights or _bytes(record.folder)) / 1e3, facts)
+
+
+def _bytes(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def count(study: Study) -> int:
+    """How many objects a study is measured on."""
+    return len(load_manifest(str(study.manifest)).objects(None))
+
+
+def machine() -> str:
+    """The processor, in words."""
+    names = [line.partition(":")[2].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
+    return f"{len(names)} cores of {names[0]}" if names else "unknown processor"
+
+
+def commit() -> str:
+    """The commit that is checked out, marked where files differ from it."""
+    say = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, cwd=HERE)
+    return say.stdout.strip() or "unknown"
+
+
+def load_json(path: Path) -> Any:
+    """A JSON file's content."""
+    return json.loads(path.read_text())

@@ -1,0 +1,121 @@
+"""What was measured, written down: figures that `vt-pipeline` reads, a page with tables, and a plot a study."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.tradeoff.plot import draw
+from benchmarks.tradeoff.work import commit, machine
+from pipeline.tradeoff import ASSET, Point, Trade, load_trades
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "tradeoff.md"
+PLOTS = ROOT / "docs" / "tradeoff"
+COMMAND = "make tradeoff"
+SECTIONS = ("trades", "same", "end_to_end", "shortcuts")
+BEGIN = """# Speed against accuracy
+
+Every knob that changes results, varied alone and with others, and the presets as wholes: what a setting costs and how wrong it is.
+Seconds and kilobytes are an object's on one core; where a stage looks at all objects at once, the whole training's. **•** marks settings
+that none beats in both cost and error (times within {slack:.0f} % count as equal). `vt-pipeline advise` reads these figures.
+"""
+NOTES = {
+    "simulate-touch": "The error of `sphere` is its tolerance; `paper` keeps it because the supplement prescribes it, beaten in cost.",
+    "train-unet": "Seeds differ from the base in nothing but chance: what differs by no more than they do is not told apart here.",
+    "train-gcn": "As above: compare with the seeds before believing a difference.",
+}
+
+
+def read_asset() -> dict[str, Any]:
+    """What was measured last; empty sections where nothing was."""
+    path = ROOT / "pipeline" / ASSET
+    content: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
+    return {"trades": {}, "same": [], "end_to_end": [], "shortcuts": []} | content
+
+
+def write_asset(found: dict[str, Any]) -> None:
+    """Write the figures where the package finds them."""
+    found["made"] = {"command": COMMAND, "commit": commit(), "machine": machine(), "date": datetime.date.today().isoformat()}
+    text = json.dumps({key: found[key] for key in ("made", *SECTIONS)}, indent=1, sort_keys=False, allow_nan=False)
+    (ROOT / "pipeline" / ASSET).write_text(text + "\n")
+    load_trades.cache_clear()
+
+
+def write_page(found: dict[str, Any]) -> None:
+    """Write the page and the plots."""
+    PLOTS.mkdir(parents=True, exist_ok=True)
+    made = found["made"]
+    parts = [BEGIN.format(slack=5), f"`{made['command']}`, commit {made['commit']}, {made['machine']}, {made['date']}.\n"]
+    for trade in load_trades().values():
+        picture = PLOTS / f"{trade.name.replace(' ', '-')}.png"
+        draw(trade, picture)
+        parts.append(_section(trade, picture))
+    parts.append(_end_to_end(found["end_to_end"]))
+    parts.append(_same(found["same"]))
+    parts.append(_shortcuts(found["shortcuts"]))
+    PAGE.write_text("\n".join(parts))
+
+
+def _section(trade: Trade, picture: Path) -> str:
+    front = trade.front()
+    figures = list(trade.points[0].figures)
+    head = ["", "setting", "seconds", "kB", *figures]
+    rows = [
+        _row(point, point in front, figures) for kind in ("preset", "reference", "knob", "together", "seed") for point in _of(trade, kind)
+    ]
+    skipped = [f"Not measured as a whole: `{preset}` ({why})." for preset, why in trade.skipped.items()]
+    notes = [*skipped, *([NOTES[trade.name]] if trade.name in NOTES else [])]
+    text = " ".join(notes) + "\n\n" if notes else ""
+    return f"## {trade.name}\n\n{trade.objects} objects.\n\n![{trade.name}](tradeoff/{picture.name})\n\n{text}{_table(head, rows)}"
+
+
+def _of(trade: Trade, kind: str) -> list[Point]:
+    return [point for point in trade.points if point.kind == kind]
+
+
+def _row(point: Point, best: bool, figures: Sequence[str]) -> list[str]:
+    label = f"**{point.label}**" if point.kind == "preset" else f"`{point.label}`" if point.kind in ("knob", "together") else point.label
+    numbers = [f"{point.seconds:.3g}", f"{point.kilobytes:.4g}", *(f"{point.figures[name]:.4g}" for name in figures)]
+    return ["•" if best else "", label, *numbers]
+
+
+def _end_to_end(rows: list[dict[str, Any]]) -> str:
+    if not rows:
+        return ""
+    head = ["data set", "s an object", "touches, %", "Chamfer x 9000", "95 %"]
+    lines = [[row["label"], row["seconds"], row["touches"], row["chamfer"], f"{row['low']} to {row['high']}"] for row in rows]
+    say = "Data sets that differ from `draft` in one thing, each learned from and tested with draft's U-Net, charts and touch network.\n\n"
+    return f"## What a cheaper data set costs in the end\n\n{say}{_table(head, lines)}"
+
+
+def _same(rows: list[dict[str, Any]]) -> str:
+    if not rows:
+        return ""
+    lines = [[row["stage"], f"`{row['label']}`", row["seconds"], f"`{row['digest'][:16]}`"] for row in rows]
+    say = "The digests of what they made, in directories of their own.\n\n"
+    return f"## What only changes speed\n\n{say}{_table(['stage', 'run with', 'seconds', 'digest'], lines)}"
+
+
+def _shortcuts(rows: list[dict[str, Any]]) -> str:
+    if not rows:
+        return ""
+    head = ["stage", "what is not done", "s with", "s without", "times", "difference of results"]
+    lines = [
+        [
+            *(row["stage"], row["what"], f"{row['seconds_with']:.3g}", f"{row['seconds_without']:.3g}"),
+            *(f"{row['seconds_without'] / row['seconds_with']:.1f}", row["difference"]),
+        ]
+        for row in rows
+    ]
+    say = (
+        "What the scene does not require is left out (`vt-pipeline run STAGE --explain`): the same work with and without each shortcut.\n\n"
+    )
+    return f"## Only what a scene requires\n\n{say}{_table(head, lines)}"
+
+
+def _table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    return "".join(f"| {' | '.join(map(str, line))} |\n" for line in (head, ["---"] * len(head), *rows))

@@ -1,0 +1,110 @@
+"""What settings cost and how wrong they are, as measured by `make tradeoff`: read by whoever has to choose."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any
+
+from pipeline.settings import Settings
+
+ASSET = "assets/tradeoff.json"
+SLACK = {"seconds": 0.05, "kilobytes": 0.02, "error": 0.02}
+"""Shares by which two settings must differ for one to count as better: times are noisy, the others nearly not."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A setting as measured.
+
+    Attributes
+    ----------
+    kind
+        "preset", "knob" (one varied), "together" (several), "reference" (the most accurate) or "seed" (nothing varied).
+    settings
+        All knobs that change results, without those that define what is asked for.
+    seconds, kilobytes
+        On one core: of an object, or of the whole where the stage looks at all objects at once.
+    figures
+        By name with unit; the first is the error.
+    """
+
+    label: str
+    kind: str
+    settings: Mapping[str, Any]
+    seconds: float
+    kilobytes: float
+    figures: Mapping[str, float]
+
+    @property
+    def error(self) -> float:
+        """The first figure."""
+        return next(iter(self.figures.values()))
+
+    def dominates(self, other: Point, costs: Iterable[str]) -> bool:
+        """Whether it is no worse than another in cost and error, and better in one of them, by more than the slack."""
+        ratios = [(getattr(self, name), getattr(other, name), SLACK[name]) for name in (*costs, "error")]
+        no_worse = all(ours <= theirs * (1 + slack) for ours, theirs, slack in ratios)
+        return no_worse and any(ours < theirs * (1 - slack) for ours, theirs, slack in ratios)
+
+
+@dataclass(frozen=True)
+class Trade:
+    """The settings of a stage that were measured, on the same objects in one run.
+
+    Attributes
+    ----------
+    name, stage
+        A stage may have several: "train-gcn" and "train-gcn seeing".
+    objects
+        How many it was measured on.
+    costs
+        What counts beside the error: "seconds", or "kilobytes" too.
+    skipped
+        Presets that were not measured as wholes, and why.
+    """
+
+    name: str
+    stage: str
+    objects: int
+    costs: tuple[str, ...]
+    points: tuple[Point, ...]
+    skipped: Mapping[str, str]
+
+    @property
+    def metric(self) -> str:
+        """What the error is, with its unit."""
+        return next(iter(self.points[0].figures))
+
+    @property
+    def unit(self) -> str:
+        """The unit of the error; the empty string for a number without one."""
+        return self.metric.rpartition(", ")[2] if ", " in self.metric else ""
+
+    def front(self) -> list[Point]:
+        """The settings that no other dominates, the cheapest first."""
+        candidates = [point for point in self.points if point.kind != "seed"]
+        kept = [one for one in candidates if not any(other.dominates(one, self.costs) for other in candidates)]
+        return sorted(kept, key=lambda point: point.seconds)
+
+    def at(self, settings: Settings) -> Point | None:
+        """The measurement at these settings, if there is one; knobs that define what is asked for may be others."""
+        wanted = settings.accuracy()
+        return next((point for point in self.points if point.settings == wanted and point.kind != "seed"), None)
+
+
+@cache
+def load_trades() -> dict[str, Trade]:
+    """Every trade by name, in the order of the stages; none where `make tradeoff` has not been run."""
+    asset = resources.files("pipeline").joinpath(ASSET)
+    if not asset.is_file():
+        return {}
+    return {name: _trade(name, entry) for name, entry in json.loads(asset.read_text())["trades"].items()}
+
+
+def _trade(name: str, entry: Mapping[str, Any]) -> Trade:
+    points = tuple(Point(**point) for point in entry["points"])
+    return Trade(name, entry["stage"], entry["objects"], tuple(entry["costs"]), points, entry["skipped"])
