@@ -15,6 +15,9 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 STAND_IN = trimesh.visual.material.empty_material().image
 """What trimesh puts where a file has texture coordinates and no material."""
 
+LARGEST_UV = 2.0**20
+"""Repeats of a texture beyond which float32 no longer tells its pixels apart: such coordinates are damage, and become 0."""
+
 GREY = (178, 178, 178, 255)
 """The colour of what states none, as 3D Warehouse's default material."""
 
@@ -81,7 +84,8 @@ def _look(visual: Any, vertices: int, faces: int) -> Look:
         uv = np.zeros((vertices, 2), np.float32)
         textured = texture is not None and visual.uv is not None and len(visual.uv) == vertices
         if textured:
-            uv[:] = np.nan_to_num(np.asarray(visual.uv)[:, :2], posinf=0, neginf=0)
+            stated = np.asarray(visual.uv, np.float64)[:, :2]
+            uv[:] = np.where(np.abs(stated) < LARGEST_UV, stated, 0)  # NaN too
         return Look(
             uv=uv,
             face_material=np.zeros(faces, np.int32),

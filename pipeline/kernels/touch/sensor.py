@@ -97,6 +97,8 @@ def check_pose(pose: np.ndarray) -> NDArray[np.float64]:
         raise ValueError(f"sensor pose has shape {pose.shape}; it must be (4, 4), sensor frame to world frame")
     if not np.isfinite(pose).all():
         raise ValueError(f"sensor pose holds NaN or infinity; it must be finite:\n{pose}")
+    if (pose[3] != (0, 0, 0, 1)).any():
+        raise ValueError(f"sensor pose has the last row {pose[3]}; it must be 0 0 0 1 (is the pose transposed?):\n{pose}")
     rotation = pose[:3, :3]
     deviation = np.abs(rotation.T @ rotation - np.eye(3)).max()
     if deviation > POSE_TOLERANCE or np.linalg.det(rotation) < 0:

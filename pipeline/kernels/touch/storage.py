@@ -13,8 +13,5 @@ def stored_depth(depth: NDArray[np.float64], sensor: Sensor, gel_bits: int | Non
 
     The error is at most half a step and half a float32 unit in the last place. None keeps what float32 holds; +inf stays.
     """
-    steps = [0.0 if bits is None else 2.0**-bits for bits in (gel_bits, far_bits)]
-    step = np.where(depth < sensor.w, *steps)
-    with np.errstate(invalid="ignore", divide="ignore"):  # where the step is 0, or the depth +inf
-        rounded = np.rint(depth / step) * step
-    return np.where((step > 0) & np.isfinite(depth), rounded, depth).astype(np.float32)
+    in_gel, beyond = (depth if bits is None else np.ldexp(np.rint(np.ldexp(depth, bits)), -bits) for bits in (gel_bits, far_bits))
+    return np.where(depth < sensor.w, in_gel, beyond).astype(np.float32)

@@ -40,7 +40,9 @@ class Camera(BaseModel):
     resolution: int = Field(gt=0)
 
     def at(self, resolution: int) -> Camera:
-        """The same view in another number of pixels a side: the intrinsics scale with it."""
+        """The same view in another number of pixels a side, 1 or more: the intrinsics scale with it."""
+        if resolution < 1:
+            raise ValueError(f"an image of {resolution} pixels a side shows nothing; ask for 1 or more")
         scale = resolution / self.resolution
         return self.model_copy(
             update={
@@ -79,7 +81,13 @@ def projection_matrix(camera: Camera) -> NDArray[np.float64]:
 
 
 def project(matrix: NDArray[np.float64], points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(..., 2) pixel coordinates (column, row) of world points (..., 3), m; NaN for points at or behind the camera."""
+    """(..., 2) pixel coordinates (column, row) of finite world points (..., 3), m; NaN for points at or behind the camera.
+
+    Right to 1e-15 times the focal length in pixels, times how often a point's distance from the camera goes into the largest
+    coordinate: 1e-9 pixels a kilometre from the origin.
+    """
+    if not np.isfinite(points).all():
+        raise ValueError("NaN or infinite points have no place in an image; drop them first")
     homogeneous = np.asarray(points, np.float64) @ matrix[:, :3].T + matrix[:, 3]  # (..., 3)
     depth = homogeneous[..., 2:]
     return np.where(depth > 0, homogeneous[..., :2] / np.where(depth > 0, depth, 1), np.nan)
@@ -91,8 +99,11 @@ def look_at(camera: Camera, position: Vector, target: Vector) -> Camera:
     Raises
     ------
     ValueError
-        Where the target is straight above or below the position, or the same: then "without roll" says nothing.
+        Where the target is straight above or below the position, or the same: then "without roll" says nothing. Or where
+        one of them is NaN or infinite.
     """
+    if not np.isfinite([position, target]).all():
+        raise ValueError(f"no camera at {position} can look at {target}: both must be finite")
     backward = np.subtract(position, target)
     across = float(np.hypot(backward[0], backward[1]))
     if across == 0:

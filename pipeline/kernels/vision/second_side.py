@@ -72,10 +72,9 @@ def second_side(
     whole: Placed = (thing[0], np.eye(4))
     held: list[Placed] = [(part, frame) for part, _, frame in hand]
     grip = np.vstack([*(mesh.vertices @ frame[:3, :3].T + frame[:3, 3] for _, mesh, frame in hand), squares.reshape(-1, 3)])
-    views = [_zoomed(view, grip) for view in _around(camera, (grip.min(axis=0) + grip.max(axis=0)) / 2)]
+    views = [_zoomed(view, grip) for view in _around(camera, grip)]
     near = max(views, key=lambda view: _shown(renderer, view.at(TRIAL), [whole, *held]) * _across(view, palm))
-    lowest, highest = thing[1].vertices.min(axis=0), thing[1].vertices.max(axis=0)
-    far = _zoomed(_towards(camera, (lowest + highest) / 2, pose(near)[:3, 2]), np.vstack([thing[1].vertices, squares.reshape(-1, 3)]))
+    far = _zoomed(_towards(camera, thing[1].vertices, pose(near)[:3, 2]), np.vstack([thing[1].vertices, squares.reshape(-1, 3)]))
     marks: list[Placed] = [(renderer.add(mesh, Label.HAND), np.eye(4)) for mesh in patches]
     try:
         images = [renderer.render(parts, view, _lamp(scene, view)).rgb for parts, view in (([whole, *held], near), ([whole, *marks], far))]
@@ -111,22 +110,24 @@ def squares_of(poses: NDArray[np.float64], width: float, gel: float) -> NDArray[
     return np.asarray(np.einsum("sij,cj->sci", poses[:, :3, :3], local) + poses[:, None, :3, 3])
 
 
-def _around(camera: Camera, middle: NDArray[np.float64]) -> list[Camera]:
-    """Cameras on all sides of `middle`, as far from it as the first, none near the first."""
-    first = np.array(camera.position) - middle
+def _around(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
+    """Cameras on all sides of `points`, none near the first."""
+    first = np.array(camera.position) - (points.min(axis=0) + points.max(axis=0)) / 2
     found = []
     for elevation in ELEVATIONS:
         for azimuth in AZIMUTHS:
             flat = np.cos(elevation)
             away = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
             if away @ first < np.cos(AWAY) * np.linalg.norm(first):
-                found.append(_towards(camera, middle, away))
+                found.append(_towards(camera, points, away))
     return found
 
 
-def _towards(camera: Camera, target: NDArray[np.float64], away: NDArray[np.float64]) -> Camera:
-    """The camera as far from `target` as it is, in the direction `away` (unit) from it."""
-    distance = np.linalg.norm(np.array(camera.position) - target)
+def _towards(camera: Camera, points: NDArray[np.float64], away: NDArray[np.float64]) -> Camera:
+    """The camera as far from the middle of `points` as it is, but clear of them, in the direction `away` (unit) from it."""
+    lowest, highest = points.min(axis=0), points.max(axis=0)
+    target = (lowest + highest) / 2
+    distance = max(np.linalg.norm(np.array(camera.position) - target), np.linalg.norm(highest - lowest))
     x, y, z = (target + distance * away).tolist()
     return look_at(camera, (x, y, z), (float(target[0]), float(target[1]), float(target[2])))
 

@@ -22,14 +22,15 @@ def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32], crea
 
     A corner's normal is the mean, weighted by the angle at the vertex, of the normals of those faces around the same *place* that
     make less than `crease` (rad) with its own face. Faces wound the other way count as if turned over, so a mesh that is wound
-    inconsistently shades as a consistent one does.
+    inconsistently shades as a consistent one does. A face without area has the normal +z and no say in its neighbours'; that of
+    a sliver of aspect a is right to a units in the last place.
     """
     triangles = vertices[faces]  # (F, 3, 3)
     normal = face_vectors(triangles)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     normal = np.where(length > 0, normal / np.where(length > 0, length, 1), [0.0, 0.0, 1.0])
     normal_of = np.repeat(normal, 3, axis=0)  # (3F, 3), a row a corner
-    weighted = normal_of * _angles(triangles).reshape(-1, 1)
+    weighted = normal_of * (_angles(triangles) * (length > 0)).reshape(-1, 1)
 
     places = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)
     place = places[faces].reshape(-1)  # (3F,)
