@@ -46,7 +46,8 @@ class Sky:
     """Tells which points of a mesh's surface see the outside, with rays traced by Embree."""
 
     def __init__(self, mesh: Mesh, directions: int = DIRECTIONS) -> None:
-        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        corners = mesh.vertices[np.unique(mesh.faces)]
+        low, high = corners.min(axis=0), corners.max(axis=0)
         self._centre = (low + high) / 2
         self._scale = 1 / float(np.linalg.norm(high - low))  # Embree computes in float32: unit size, at the origin
         self._scene = rtcore_scene.EmbreeScene()
@@ -106,12 +107,13 @@ def sample_exterior(
 
     Returns points (count, 3) and normals (count, 3), float64, in the mesh's unit and frame. Open, inside-out and
     self-intersecting meshes are welcome: outside is where the escaping directions point, not what the winding says.
-    Where a sheet is seen from both sides alike, the winding decides.
+    Where a sheet is seen from both sides alike, the winding decides. A wall with a thickness or gap of less than 2e-5 of the
+    object's diagonal may count as a sheet: rays start off the surface, and Embree computes in float32.
 
     Raises
     ------
     ValueError
-        Fewer than one point in `MAX_DRAWS` is exterior.
+        Fewer than one point in `MAX_DRAWS` is exterior, a corner is NaN or infinite, no face has an area, or `count` is below 1.
     """
     batches = [(draw.points[draw.exterior], draw.normals[draw.exterior]) for draw in draws(mesh, count, rng, directions)]
     points, normals = (np.concatenate(part)[:count] for part in zip(*batches, strict=True))
@@ -120,9 +122,11 @@ def sample_exterior(
 
 def draws(mesh: Mesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> Iterator[Draw]:
     """Draw from the whole surface, batch by batch, until `count` points are exterior; see `sample_exterior`."""
+    if count < 1:
+        raise ValueError(f"{count} points are no sample; ask for 1 or more")
     triangles = mesh.triangles
+    sample_triangles(triangles, 0, rng)  # refuses what has no surface, before its size divides anything
     vectors = face_vectors(triangles)
-    unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     sky = Sky(mesh, directions)
     drawn = found = 0
     while found < count:
@@ -131,7 +135,8 @@ def draws(mesh: Mesh, count: int, rng: np.random.Generator, directions: int = DI
         share = found / drawn if found else 1.0
         batch = int(min(max((count - found) / share * 1.05, 256), 4 * count))
         places, face = sample_triangles(triangles, batch, rng)
-        front, back, asked = sky.escapes(places, unit[face])
+        unit = vectors[face] / np.linalg.norm(vectors[face], axis=1, keepdims=True)  # a face that is drawn has an area
+        front, back, asked = sky.escapes(places, unit)
         exterior = front + back >= ESCAPES
-        yield Draw(places, np.where(back > front, -1.0, 1.0)[:, None] * unit[face], exterior, asked)
+        yield Draw(places, np.where(back > front, -1.0, 1.0)[:, None] * unit, exterior, asked)
         drawn, found = drawn + batch, found + int(exterior.sum())

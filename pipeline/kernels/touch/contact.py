@@ -16,8 +16,11 @@ CONTACT = 1e-4
 def touch_success(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
     """Whether 0 < min D < w - 0.1 mm, for depths (..., rows, cols) in m: (...) bool.
 
-    Depth is judged as it is stored, in float32, so that the mask can be had again from the stored arrays.
+    Depth is judged in float32, as it is stored: the stored arrays give the mask again, unless storing moved a depth across
+    the limit, by half a step of `stored_depth`.
     """
+    if np.isnan(depth).any():
+        raise ValueError("depth holds NaN; where nothing is met it must be +inf")
     nearest = depth.min(axis=(-2, -1)).astype(np.float32).astype(np.float64)
     return np.asarray((nearest > 0) & (nearest < sensor.w - CONTACT))
 
@@ -49,10 +52,12 @@ def local_points(depth: np.ndarray, pose: np.ndarray, sensor: Sensor) -> tuple[N
     Returns
     -------
     (rows · cols, 3) float32 world points, m, in row-major order of the pixels, zeros beyond the count; and the count,
-    int32.
+    int32. A coordinate is off by half a unit in its last float32 place: 30 nm in the scene, 30 µm at a kilometre.
     """
     if depth.dtype != np.float32 or depth.shape != sensor.shape:
         raise ValueError(f"depth is {depth.dtype} {depth.shape}; local points come from the stored one, float32 {sensor.shape}")
+    if np.isnan(depth).any():
+        raise ValueError("depth holds NaN; where nothing is met it must be +inf")
     row, col = np.nonzero(depth.astype(np.float64) < sensor.w)
     x, y = pixel_centres(sensor)
     points = np.zeros((sensor.rows * sensor.cols, 3), np.float32)
