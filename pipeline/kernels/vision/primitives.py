@@ -24,9 +24,9 @@ class Primitive:
     """Triangles of one material.
 
     `positions`, `normals` (V, 3), `uv` (V, 2) float32; `indices` (2F, 3) uint32: every face once as it is wound and once turned over,
-    so that it is seen from either side by a renderer that culls back faces. In float32 a position is off by up to half a unit in
-    the last place: 30 nm in the scene, 30 µm at a kilometre, where pixels begin to show it. `color` (3,) is linear RGB; `texture` is an opaque image
-    (height, width, 4) uint8, first row at the top, or None.
+    so that it is seen from either side by a renderer that culls back faces. `color` (3,) is linear RGB; `texture` is an opaque image
+    (height, width, 4) uint8, first row at the top, or None. In float32 a position is off by up to half a unit in its last place: 30 nm
+    in the scene, 30 µm at a kilometre.
     """
 
     positions: NDArray[np.float32]
