@@ -34,7 +34,7 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system dataset summary train train-unet evaluate report reproduce test test-slow lint bench clean FORCE
+.PHONY: help setup system dataset summary train train-unet evaluate report reproduce test test-slow lint bench tradeoff clean FORCE
 FORCE:
 
 help:  ## list the targets
@@ -125,6 +125,9 @@ test-slow: lint  ## run the same suites at full size
 
 bench: $(VENV)/installed-dev  ## measure every stage beside its raw limit, in one run
 	@for name in surfaces grasps vision touch chamfer unet charts gcn; do $(BIN)/python -m benchmarks.$$name || exit 1; done
+
+tradeoff: $(VENV)/installed-dev  ## measure what every knob costs and how wrong it is; writes docs/tradeoff.md (about two hours)
+	@$(BIN)/python -m benchmarks.tradeoff
 
 clean:  ## remove the virtual environment; data is kept
 	rm -rf $(VENV)

@@ -96,6 +96,40 @@ class Trade:
         return next((point for point in self.points if point.settings == wanted and point.kind != "seed"), None)
 
 
+def in_words(stage: str, settings: Settings) -> str:
+    """What is known of the error of a stage at some settings, beside `standard`'s; the empty string where nothing was measured.
+
+    Settings that were not measured together are told apart from `standard` knob by knob.
+    """
+    trades = [trade for trade in load_trades().values() if trade.stage == stage]
+    for trade in trades:
+        if point := trade.at(settings):
+            return f"measured at these settings: {trade.metric}: {point.error:.3g}{_beside(trade, point)}"
+    known = [
+        f"{point.label}: {point.error:.3g}"
+        for trade in trades
+        for point in trade.points
+        if point.kind == "knob" and _apart(point, settings)
+    ]
+    if not known:
+        return ""
+    return f"not measured at these settings; one by one, {trades[0].metric}: {', '.join(known)}"
+
+
+def _beside(trade: Trade, point: Point) -> str:
+    standard = next((one for one in trade.points if one.kind == "preset" and "standard" in one.label.split(", ")), None)
+    if standard is None or standard is point:
+        return ""
+    return f" (standard {standard.error:.3g}, {standard.seconds / point.seconds:.2g} × the time)"
+
+
+def _apart(point: Point, settings: Settings) -> bool:
+    """Whether a single knob was measured at the value that it has in the settings, and that is not its default."""
+    knob = point.label.partition("=")[0]
+    here, default = settings.accuracy().get(knob), type(settings)().accuracy().get(knob)
+    return point.settings.get(knob) == here != default
+
+
 @cache
 def load_trades() -> dict[str, Trade]:
     """Every trade by name, in the order of the stages; none where `make tradeoff` has not been run."""

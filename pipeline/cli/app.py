@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from pipeline.cli import learn, look, run
+from pipeline.cli import advise, learn, look, run
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -12,5 +12,16 @@ app = typer.Typer(
     pretty_exceptions_show_locals=False,
     help="Make a visuotactile data set stage by stage, learn from it, and use what was learned.",
 )
-for command in (run.run, learn.sweep, learn.report, learn.predict, look.stages, look.status, look.validate, look.doctor, look.summary):
+for command in (
+    run.run,
+    advise.advise,
+    learn.sweep,
+    learn.report,
+    learn.predict,
+    look.stages,
+    look.status,
+    look.validate,
+    look.doctor,
+    look.summary,
+):
     app.command()(command)

@@ -1,0 +1,136 @@
+"""`vt-pipeline advise`: which settings a time, or an error, allows."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated, cast
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from pipeline.advice import AdviceError, Choice, Pace, assignments, duration, error_limit, within_error, within_time
+from pipeline.cli.request import ManifestOption, ObjectsOption, failures_as_words, make_request
+from pipeline.cli.talk import console, errors, fail, say
+from pipeline.manifest import Object, load_manifest
+from pipeline.presets import resolve
+from pipeline.probe import probe
+from pipeline.stage import ObjectStage
+from pipeline.tradeoff import Trade, load_trades
+from stages.registry import STAGES, load_stage
+
+PRESET = "standard"
+"""What is advised is said as changes to this preset."""
+DATA_SET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
+TRIED_AN_WORKER = 3
+"""Objects a worker that are tried out to learn how fast this machine is: a few per cent of a data set."""
+ROUNDS = 3
+"""Times a choice is tried out and made anew: the first already differs little."""
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What the options say."""
+
+    manifest: str
+    folder: Path | None
+    budget: str | None
+    error: str | None
+
+    def choose(self, trades: Sequence[Trade], paces: Mapping[str, Pace], objects: int, workers: int) -> list[Choice]:
+        if self.budget is not None:
+            return within_time(trades, paces, objects, workers, duration(self.budget))
+        return within_error(trades, paces, objects, workers, *error_limit(str(self.error)), PRESET)
+
+    def command(self, settings: Sequence[str]) -> str:
+        folder = f" OBJECTS={self.folder}" if self.folder else ""
+        return f"make dataset MANIFEST={self.manifest}{folder} PRESET={PRESET}" + (f' SET="{" ".join(settings)}"' if settings else "")
+
+
+def advise(
+    manifest: ManifestOption = "toy",
+    budget: Annotated[str | None, typer.Option(help="Time for the whole data set, as 90s, 10min or 1.5h.")] = None,
+    error: Annotated[str | None, typer.Option(help="Error in a stage's own unit, as 5um, 2% or 1.5mm: see docs/tradeoff.md.")] = None,
+    objects: ObjectsOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Advise settings for a data set: the most accurate within a time, or the fastest within an error.
+
+    A few of the manifest's objects are made first, so that times are this machine's and these objects'.
+    """
+    started = time.process_time()  # what any command takes to begin
+    if (budget is None) == (error is None):
+        fail("give either --budget or --error")
+    with failures_as_words():
+        trades = [trade for trade in load_trades().values() if trade.stage in DATA_SET]
+        asked = _Asked(manifest, objects, budget, error)
+        everything = load_manifest(manifest).objects(objects)
+        try:
+            chosen = _choose(trades, asked, everything, started)
+        except AdviceError as unable:
+            fail(unable)
+        if as_json:
+            typer.echo(_as_json(chosen, asked, len(everything)))
+        else:
+            _print(chosen, asked, len(everything))
+
+
+def _choose(trades: Sequence[Trade], asked: _Asked, objects: Sequence[Object], started: float) -> list[Choice]:
+    """Choose, try out, and choose again until what was tried is what is chosen."""
+    workers = len(os.sched_getaffinity(0))
+    some = objects[:: max(1, len(objects) // (TRIED_AN_WORKER * workers))]
+    paces: dict[str, Pace] = {}
+    tried: list[list[str]] = []
+    with TemporaryDirectory() as place:
+        while True:
+            chosen = asked.choose(trades, paces, len(objects), workers)
+            labels = [f"{choice.trade.stage} {choice.point.label}" for choice in chosen]
+            if labels in tried or len(tried) == ROUNDS:
+                return chosen
+            errors.print(escape(f"trying out {', '.join(labels)} on {len(some)} objects"))
+            for choice in chosen:
+                stage = cast(ObjectStage, load_stage(choice.trade.stage))
+                data = Path(place) / str(len(tried))
+                request = make_request(stage, asked.manifest, PRESET, data, asked.folder, _settings(chosen), None, workers=workers)
+                seconds, beside = probe(request, some)
+                paces[choice.trade.stage] = Pace(seconds / choice.point.seconds, started + beside)
+            tried.append(labels)
+
+
+def _settings(chosen: Sequence[Choice]) -> list[str]:
+    """What `--set` has to say beside the preset."""
+    standing = {choice.trade.stage: resolve(load_stage(choice.trade.stage), PRESET, [], STAGES).accuracy() for choice in chosen}
+    return [line for choice in chosen for line in assignments(choice, standing[choice.trade.stage])]
+
+
+def _print(chosen: Sequence[Choice], asked: _Asked, objects: int) -> None:
+    table = Table("stage", "setting", "s", "error", "", box=None, padding=(0, 2))
+    for choice in chosen:
+        label, error = escape(choice.point.label), f"{choice.point.error:.3g}"
+        table.add_row(choice.trade.stage, label, f"{choice.seconds:.0f}", error, choice.trade.metric)
+    console.print(table)
+    say(f"{objects} objects in about {sum(choice.seconds for choice in chosen) / 60:.1f} min:")
+    say(f"  {asked.command(_settings(chosen))}")
+
+
+def _as_json(chosen: Sequence[Choice], asked: _Asked, objects: int) -> str:
+    stages = {
+        choice.trade.stage: {
+            "setting": choice.point.label,
+            "seconds": round(choice.seconds, 1),
+            "error": choice.point.error,
+            "metric": choice.trade.metric,
+        }
+        for choice in chosen
+    }
+    settings = _settings(chosen)
+    seconds = round(sum(choice.seconds for choice in chosen), 1)
+    return json.dumps(
+        {"objects": objects, "seconds": seconds, "stages": stages, "set": settings, "command": asked.command(settings)}, indent=2
+    )
