@@ -15,8 +15,8 @@ def sample_triangles(triangles: NDArray[np.float64], count: int, rng: np.random.
     its share of the area, then a point in it by folding the unit square over its diagonal (Osada et al., Shape
     Distributions, 2002, is the same up to a square root).
 
-    A triangle without area is never drawn. A point lies on its triangle to within 4 units in the last place of the
-    triangle's largest coordinate.
+    A triangle without area is never drawn. A point lies on its triangle to within 8 units in the last place of the
+    triangle's largest coordinate. Triangles may be 1e-75 to 1e75 units large: float64 must hold the square of an area.
 
     Raises
     ------
