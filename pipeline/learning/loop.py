@@ -70,11 +70,14 @@ def train(learner: Learner, settings: TrainingSettings, job: SetJob, name: str) 
     Raises
     ------
     StageError
-        A loss is no number, or explodes: with epoch, step, and the items of the batch.
+        There is nothing to train on; or a loss is no number, is refused by a kernel, or explodes: with epoch, step, and the items
+        of the batch.
     """
     from lightning_fabric import Fabric
     from lightning_fabric.loggers.tensorboard import TensorBoardLogger
 
+    if not len(learner):
+        raise StageError(f"{name}: there are no items to train on; take more objects, or look at why theirs failed")
     try:
         accelerator = device_of(settings.accelerator).type
         logger = TensorBoardLogger(job.folder, name=LOGS, version="")
@@ -169,8 +172,11 @@ def _epoch(run: _Run, shown: Meter, began: float) -> None:
             run.save()
             saved = time.perf_counter()
     run.learner.module.eval()
-    with torch.no_grad():
-        metrics = run.learner.validate()
+    try:
+        with torch.no_grad():
+            metrics = run.learner.validate()
+    except ValueError as error:
+        raise StageError(f"{run.name}: the validation of epoch {progress.epoch + 1} failed: {error}") from error
     row = {"train_loss": progress.sums / len(batches), **metrics}
     if not math.isfinite(row["loss"]):
         raise StageError(f"{run.name}: the validation loss of epoch {progress.epoch + 1} is {row['loss']}; lower learning_rate")
@@ -189,7 +195,10 @@ def _step(run: _Run, batch: np.ndarray) -> float:
     items = [int(item) for item in (mine if len(mine) else batch[:1])]
     generator = generator_of(run.seed, run.name, progress.epoch, progress.step, fabric.global_rank)
     run.optimizer.zero_grad()
-    loss = run.learner.loss(items, generator)
+    try:
+        loss = run.learner.loss(items, generator)
+    except ValueError as error:
+        raise StageError(f"{run.name}: {error}; in epoch {progress.epoch + 1}, step {progress.step + 1}, {_named(run, items)}") from error
     value = float(loss.detach())
     _refuse(run, items, value, "loss")
     fabric.backward(loss)
@@ -205,14 +214,18 @@ def _step(run: _Run, batch: np.ndarray) -> float:
 def _refuse(run: _Run, items: Sequence[int], value: float, what: str) -> None:
     """Stop at a value that no later step mends, and say which items gave it."""
     progress = run.progress
-    limit = run.settings.explosion * abs(progress.history[0]["train_loss"]) if progress.history and what == "loss" else math.inf
+    first = abs(progress.history[0]["train_loss"]) if progress.history else 0.0
+    limit = run.settings.explosion * first if first and what == "loss" else math.inf  # nothing is a multiple of 0
     if math.isfinite(value) and abs(value) <= limit:
         return
-    batch = ", ".join(run.learner.describe(item) for item in items)
     raise StageError(
         f"{run.name}: the {what} is {value:g} in epoch {progress.epoch + 1}, step {progress.step + 1} (limit {limit:g}); "
-        f"its batch: {batch}. Lower learning_rate ({run.settings.learning_rate:g}), or look at these items"
+        f"{_named(run, items)}. Lower learning_rate ({run.settings.learning_rate:g}), or look at these items"
     )
+
+
+def _named(run: _Run, items: Sequence[int]) -> str:
+    return f"its batch: {', '.join(run.learner.describe(item) for item in items)}"
 
 
 def _out_of_patience(progress: Progress, settings: TrainingSettings) -> bool:

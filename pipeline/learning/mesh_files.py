@@ -32,12 +32,13 @@ def write_charts(path: Path, made: Reconstruction) -> None:
     """Write a reconstruction's charts apart: every chart has its own vertices, colour and, in OBJ and GLB, its own named object.
 
     Touch charts are orange and called touch_N, vision charts vision_N. Lengths are metres in the world frame; in GLB a node turns
-    it, z up, to glTF's y up.
+    it, z up, to glTF's y up. PLY and GLB hold float32, OBJ eight decimals: 0.03 µm and 5 nm in the scene; a kilometre from the
+    origin, PLY and GLB err by 30 µm.
 
     Raises
     ------
     StageError
-        A suffix other than .obj, .ply and .glb.
+        A suffix other than .obj, .ply and .glb, or a vertex that is NaN or infinite.
     """
     parts: Parts = []
     for name, start, stop in _charts(made):
@@ -77,6 +78,10 @@ def _chart(made: Reconstruction, start: int, stop: int, color: Color) -> trimesh
 
 
 def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color) -> trimesh.Trimesh:
+    if not np.isfinite(vertices).all():
+        raise StageError(
+            f"{np.count_nonzero(~np.isfinite(vertices).all(axis=1))} vertices hold NaN or infinity: no program opens such a mesh"
+        )
     return trimesh.Trimesh(vertices, faces, vertex_colors=np.tile(np.array(color, np.uint8), (len(vertices), 1)), process=False)
 
 

@@ -91,8 +91,10 @@ def assemble(views: Sequence[View], network: DeformationNetwork) -> Batch:
     Raises
     ------
     ValueError
-        A view lacks what the network looks at, or its charts have another number of vertices.
+        There is no view; one lacks what the network looks at, or its charts have another number of vertices.
     """
+    if not views:
+        raise ValueError("there is no view to reconstruct from; one at least")
     config = network.config
     like = next(network.parameters())
     images = touch_vertices = touched = None
@@ -180,17 +182,16 @@ class Reconstructor:
         Raises
         ------
         StageError
-            A view lacks what the network looks at, or has an image of another size than it was trained on.
+            There is no view; or one lacks what the network looks at, holds NaN, or has an image of another size than it was
+            trained on.
         """
         try:
             batch = assemble(views, self.network)
+            if batch.images is not None and list(batch.images.shape[2:]) != self._resolution:
+                raise ValueError(f"it was trained on images of {self._resolution} pixels, these have {list(batch.images.shape[2:])}")
+            deformed = deform(self.network, batch, self._camera)
         except ValueError as error:
             raise StageError(f"{self.configuration}: {error}") from error
-        if batch.images is not None and list(batch.images.shape[2:]) != self._resolution:
-            raise StageError(
-                f"{self.configuration} was trained on images of {self._resolution} pixels, these have {list(batch.images.shape[2:])}"
-            )
-        deformed = deform(self.network, batch, self._camera)
         found = []
         for vertices, faces in self._topology.surfaces(deformed, batch):
             sphere = self._topology.sphere

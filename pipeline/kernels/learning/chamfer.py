@@ -6,6 +6,10 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from pipeline.kernels.learning.precision import check_full
+
+FAR = 1e15
+"""Beyond it float32 no longer holds the sum of the squared distances of a million points."""
 PAIRS_AT_ONCE = 1 << 25
 """Distances a GPU holds at a time: 128 MiB of float32, as much again while they are summed."""
 
@@ -16,12 +20,13 @@ class Target:
     Parameters
     ----------
     points
-        (M, 3) floating, finite, any unit; M >= 1. On a CPU a float64 k-d tree is built; on a GPU none is needed.
+        (M, 3) float32 or float64, any unit, at most 1e15 from the origin along each axis; M >= 1. On a CPU a float64 k-d tree is
+        built; on a GPU none is needed.
 
     Raises
     ------
     ValueError
-        Where the cloud is empty, not (M, 3), or holds NaN or infinity.
+        Where the cloud is empty, not (M, 3), of half precision, farther away, or holds NaN or infinity.
     """
 
     def __init__(self, points: Tensor) -> None:
@@ -50,7 +55,7 @@ def nearest(query: Tensor, points: Tensor | Target) -> Tensor:
     Raises
     ------
     ValueError
-        Where a cloud is empty, not (N, 3), or holds NaN or infinity, or the devices differ.
+        Where a cloud is none, as in `Target`, or the devices differ.
     """
     return _target(points).nearest(query)
 
@@ -60,6 +65,10 @@ def one_way(a: Tensor, b: Tensor | Target) -> Tensor:
 
     Differentiable in both; the gradient is that of the distances with the neighbours held fixed, which is the true one
     wherever the nearest is unique, and zero where points coincide. Errors as `nearest`.
+
+    In float32 a squared distance between points as they are stored errs by less than 6e-7 of itself, however near they are to each
+    other and far from the origin (above 1e-19: less than that squared is no float32). What storing them costs is another matter:
+    0.03 µm at the scene's 0.6 m, 30 µm a kilometre away.
     """
     target = _target(b)
     return _squared(a, target.points, target.nearest(a))
@@ -69,7 +78,8 @@ def chamfer(a: Tensor | Target, b: Tensor | Target) -> Tensor:
     """Chamfer distance of `a` (N, 3) and `b` (M, 3): mean squared nearest distance from a to b plus that from b to a.
 
     A scalar, in the clouds' unit squared; differentiable as `one_way`. Two area-uniform draws of n points from one surface
-    of area A are on average 2A / (π n) apart: no fit of samples gets below that. Errors as `nearest`.
+    of area A are on average 2A / (π n) apart: no fit of samples gets below that. In float32 it errs by less than 1e-6 of itself, see
+    `one_way`. Errors as `nearest`.
     """
     first, second = _target(a), _target(b)
     a_to_b = _squared(first.points, second.points, second.nearest(first.points))
@@ -94,10 +104,14 @@ def _differences(query: Tensor, points: Tensor) -> Tensor:
 
 
 def _check(name: str, points: Tensor) -> None:
-    if points.ndim != 2 or points.shape[1] != 3 or not points.is_floating_point():
-        raise ValueError(f"{name} has shape {tuple(points.shape)} {points.dtype}; a cloud is (N, 3) floating")
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"{name} has shape {tuple(points.shape)}; a cloud is (N, 3)")
+    check_full(name, points)
     if len(points) == 0:
         raise ValueError(f"{name} holds no points, (0, 3); a nearest point needs at least one: leave empty clouds out beforehand")
-    if not bool(torch.isfinite(points).all()):
-        bad = int((~torch.isfinite(points)).any(dim=1).sum())
-        raise ValueError(f"{name} holds NaN or infinity in {bad} of {len(points)} points; leave those out beforehand")
+    near = points.detach().abs() <= FAR  # not of NaN
+    if not bool(near.all()):
+        bad = int((~near).any(dim=1).sum())
+        raise ValueError(
+            f"{name} holds NaN, infinity or coordinates beyond {FAR:g} in {bad} of {len(points)} points; leave those out beforehand"
+        )

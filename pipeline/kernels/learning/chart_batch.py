@@ -12,7 +12,7 @@ from torch import Tensor
 from pipeline.kernels.learning.chamfer import Target, nearest
 from pipeline.kernels.learning.chart_rule import FitRule, StopRule, residual
 from pipeline.kernels.learning.metrics import sampling_floor
-from pipeline.kernels.learning.surface_samples import surface_points
+from pipeline.kernels.learning.surface_samples import doubled_areas, surface_points
 
 CHECK_MARGIN = 2.0
 """The exact loss is looked at once its estimate is below so many halts: in 10 steps it falls by less than that."""
@@ -106,9 +106,7 @@ class Batch:
         return given_back
 
     def _areas(self) -> list[float]:
-        a, b, c = self._state[0][:, self._faces].unbind(dim=2)
-        doubled = torch.linalg.cross(b - a, c - a).square().sum(dim=-1).sqrt()  # (B, F)
-        return [float(row.sum()) / 2 for row in doubled]
+        return [float(row.sum()) / 2 for row in doubled_areas(self._state[0], self._faces)]
 
     def _is_look(self, chart: Chart, area: float) -> bool:
         """Whether the exact loss is due: at the cap, and every so many steps once its estimate comes near the halt."""

@@ -72,12 +72,12 @@ def fit_charts(
     Raises
     ------
     ValueError
-        A cloud that is not (n, 3) or holds NaN or infinity, a width that is not positive, or not one generator a cloud.
+        A cloud that is not (n, 3) or holds NaN or infinity, a width that is not positive and finite, or not one generator a cloud.
     """
     if len(clouds) != len(generators):
         raise ValueError(f"{len(clouds)} clouds, {len(generators)} generators: there must be one a cloud")
-    if not width > 0:
-        raise ValueError(f"sensor width {width} m: it must be positive")
+    if not 0 < width < np.inf:
+        raise ValueError(f"sensor width {width} m: it must be positive and finite")
     rule = rule or FitRule()
     square, faces = chart_square(rule.side)
     fits = ChartFits(

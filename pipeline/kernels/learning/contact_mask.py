@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from fractions import Fraction
+
 import torch
 from torch import Tensor
 
-from pipeline.kernels.learning.images import WHITE
+from pipeline.kernels.learning.images import WHITE, check_intensities
+from pipeline.kernels.learning.precision import FULL
 
 THRESHOLD = 0.001
 """The supplement's: squared distance over colour, of images in [0, 1]."""
@@ -17,7 +21,7 @@ def contact_mask(readings: Tensor, untouched: Tensor, threshold: float = THRESHO
     Parameters
     ----------
     readings
-        (..., H, W, 3), uint8, or float in [0, 1].
+        (..., H, W, 3), uint8, or float32 or float64 in [0, 1].
     untouched
         (H, W, 3) reading of the same sensor with nothing on it, of the same type and on the same device.
     threshold
@@ -30,20 +34,26 @@ def contact_mask(readings: Tensor, untouched: Tensor, threshold: float = THRESHO
 
     Notes
     -----
-    uint8 differences are compared as integers with `threshold` times 255², hence without rounding.
+    uint8 differences are compared as integers with `threshold` times 255², hence without rounding; float32 ones may fall on either
+    side of a threshold that is within 1e-6 of them.
+
+    Raises
+    ------
+    ValueError
+        Shapes or types that do not fit, half precision (its steps are as large as what is looked for), floats outside [0, 1] or
+        NaN, or a threshold that is negative or no number.
     """
     if readings.ndim < 3 or untouched.ndim != 3 or readings.shape[-3:] != untouched.shape or untouched.shape[-1] != 3:
         raise ValueError(
             f"readings of shape {tuple(readings.shape)}, untouched {tuple(untouched.shape)}; they must be (..., H, W, 3) and (H, W, 3)"
         )
-    if readings.dtype != untouched.dtype or not (readings.dtype == torch.uint8 or readings.is_floating_point()):
-        raise ValueError(f"readings are {readings.dtype}, untouched is {untouched.dtype}; both must be uint8, or both one floating type")
-    if not threshold >= 0:
-        raise ValueError(f"threshold {threshold} of a squared norm; it must be at least 0")
+    if readings.dtype != untouched.dtype or readings.dtype not in (torch.uint8, *FULL):
+        raise ValueError(f"readings are {readings.dtype}, untouched is {untouched.dtype}; both must be uint8, float32 or float64")
+    if not 0 <= threshold < math.inf:
+        raise ValueError(f"threshold {threshold} of a squared norm; it must be finite and at least 0")
     if readings.dtype == torch.uint8:
         difference = readings.to(torch.int32) - untouched.to(torch.int32)
-        return difference.square().sum(dim=-1) > threshold * WHITE**2
+        return difference.square().sum(dim=-1) > math.floor(Fraction(threshold) * WHITE**2)  # a float would be rounded
     for name, image in (("readings", readings), ("untouched", untouched)):
-        if image.numel() and not (image.min() >= 0 and image.max() <= 1):
-            raise ValueError(f"{name} reach from {image.min():g} to {image.max():g}; floating images must lie in [0, 1]: divide by {WHITE}")
+        check_intensities(name, image)
     return (readings - untouched).square().sum(dim=-1) > threshold

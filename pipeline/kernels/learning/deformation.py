@@ -10,10 +10,12 @@ from torch.utils.checkpoint import checkpoint
 
 from pipeline.kernels.learning.chart_sphere import chart_sphere
 from pipeline.kernels.learning.configurations import NetworkConfig
-from pipeline.kernels.learning.encoder import COLOURS, ENCODER_PLANS, ImageEncoder
+from pipeline.kernels.learning.encoder import ENCODER_PLANS, ImageEncoder
 from pipeline.kernels.learning.graph import ChartGraph, batch_graph
 from pipeline.kernels.learning.graph_network import GraphNetwork
+from pipeline.kernels.learning.images import COLOURS
 from pipeline.kernels.learning.pooling import pool, see
+from pipeline.kernels.learning.precision import check_full
 
 VISION, TOUCHED, FAILED = 0.0, 1.0, -1.0
 """Mask feature of a vertex: of a vision chart, of a touch chart that touched, of one that did not."""
@@ -79,12 +81,13 @@ class DeformationNetwork(nn.Module):
         Raises
         ------
         ValueError
-            Where an input is missing, one too many, or of the wrong shape.
+            Where an input is missing, one too many, of the wrong shape or not finite, or the parameters are of half precision
+            (under autocast the layers may be).
         """
         self._check(images, camera, touch_vertices, touched, counts)
         start = torch.tensor(self.sphere.vertices).to(self.gcn.last.weight)  # (V, 3) on the parameters' device, in their precision
         graphs = self._graphs(counts, start)
-        maps = [] if images is None or self.encoder is None else self.encoder(images)
+        maps = [] if images is None or self.encoder is None else self.encoder(images.to(start.dtype))
         camera = None if camera is None else camera.to(start)
         touch_features = start.new_zeros((0, self.gcn.in_features))
         if touch_vertices is not None and touched is not None and len(touched):
@@ -145,6 +148,9 @@ class DeformationNetwork(nn.Module):
     def _check(
         self, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor | None, touched: Tensor | None, counts: Sequence[int]
     ) -> None:
+        check_full("a network with parameters", self.gcn.last.weight)
+        if not counts:
+            raise ValueError("counts is empty, but a batch needs one item at least")
         wanted = self.config.image is not None
         if (images is not None) != wanted or (camera is not None) != wanted:
             raise ValueError(
@@ -162,10 +168,10 @@ class DeformationNetwork(nn.Module):
                     "a network with touch takes touch_vertices and touched; with no charts they are of shape (0, S, 3) and (0,)"
                 )
             total, size = sum(counts), self.config.side**2
-            if tuple(touch_vertices.shape) != (total, size, 3) or tuple(touched.shape) != (total,):
+            if tuple(touch_vertices.shape) != (total, size, 3) or tuple(touched.shape) != (total,) or touched.dtype != torch.bool:
                 raise ValueError(
-                    f"touch_vertices are {tuple(touch_vertices.shape)} and touched {tuple(touched.shape)}, but counts sum to {total}: "
-                    f"they must be ({total}, {size}, 3) and ({total},)"
+                    f"touch_vertices are {tuple(touch_vertices.shape)} and touched {tuple(touched.shape)} {touched.dtype}, "
+                    f"but counts sum to {total}: they must be ({total}, {size}, 3) and ({total},) bool"
                 )
         for name, values in (("images", images), ("camera", camera), ("touch_vertices", touch_vertices)):
             if values is not None and not bool(torch.isfinite(values).all()):

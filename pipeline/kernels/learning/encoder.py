@@ -15,9 +15,10 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
+from pipeline.kernels.learning.images import COLOURS, check_intensities
+
 Norm = Literal["batch", "instance"]
 KERNELS = (3, 5)
-COLOURS = 3
 
 
 @dataclass(frozen=True)
@@ -120,13 +121,18 @@ class ImageEncoder(nn.Module):
     def forward(self, images: Tensor) -> list[Tensor]:
         """The tapped maps (B, channels, rows, columns), in the plan's order, of images (B, 3, H, W) in [0, 1].
 
+        A map without contrast, as of a black or white image, is normalised to rounding noise: below 0.01 in float32.
+
         Raises
         ------
         ValueError
-            Where the images have not three channels.
+            Where the images have not three channels, hold NaN, leave [0, 1], or are so small that a layer has nothing left to see,
+            or normalisation a single value a channel.
         """
         if images.ndim != 4 or images.shape[1] != COLOURS:
             raise ValueError(f"images are {tuple(images.shape)}, but an image encoder takes (B, {COLOURS}, H, W)")
+        check_intensities("images", images)
+        self._check_size(images)
         features = images.contiguous(memory_format=torch.channels_last)  # convolutions on a CPU are up to twice as fast
         tapped = []
         for index, layer in enumerate(self.layers, start=1):
@@ -134,3 +140,16 @@ class ImageEncoder(nn.Module):
             if index in self.taps:
                 tapped.append(features)
         return tapped
+
+    def _check_size(self, images: Tensor) -> None:
+        size = tuple(images.shape[2:])
+        for index, layer in enumerate(self.layers, start=1):
+            convolution, normalisation = layer[0], layer[1]  # type: ignore[index]
+            kernel, stride, padding = convolution.kernel_size[0], convolution.stride[0], convolution.padding[0]
+            size = tuple((side + 2 * padding - kernel) // stride + 1 for side in size)
+            alone = isinstance(normalisation, nn.InstanceNorm2d)  # it has one image's map; batch normalisation has the batch's, in training
+            if min(size) < 1 or (size == (1, 1) and (alone or (self.training and len(images) == 1))):
+                raise ValueError(
+                    f"{len(images)} images of {images.shape[2]} x {images.shape[3]} pixels leave layer {index} of {len(self.layers)} "
+                    f"a map of {size[0]} x {size[1]}, too few values to normalise; take larger images"
+                )

@@ -21,7 +21,10 @@ from torch import Tensor
 
 from pipeline.kernels.learning.chart_sphere import ChartSphere
 from pipeline.kernels.learning.chart_square import chart_square
+from pipeline.kernels.learning.precision import FULL
 
+INDICES = np.iinfo(np.int32).max
+"""Pairs of neighbours that 32-bit indices reach."""
 CACHED_PATTERNS = 64
 """Items of as many different numbers of touch charts are kept: about 0.3 MB each."""
 
@@ -73,15 +76,19 @@ def batch_graph(sphere: ChartSphere, side: int, counts: Sequence[int], device: t
     Raises
     ------
     ValueError
-        Where `counts` is empty or has a negative number.
+        Where `counts` is empty or has a negative number, the batch is too large for 32-bit indices, or the type is half precision.
     """
     if not counts or min(counts) < 0:
         raise ValueError(f"counts is {list(counts)}, but a batch needs one item at least and 0 or more touch charts in each")
+    if dtype not in FULL:
+        raise ValueError(f"averages over neighbours in {dtype}: they are taken in float32 or float64; use autocast for half precision")
     items = [_item(sphere, side, count) for count in counts]
     sizes = [len(item.degree) for item in items]
     first = np.cumsum([0, *sizes])
     start = np.cumsum([0, *(len(item.neighbours) for item in items)])
     rows = np.concatenate([[0], *(item.rows[1:] + offset for item, offset in zip(items, start[:-1], strict=True))])
+    if rows[-1] > INDICES:
+        raise ValueError(f"{len(counts)} items have {rows[-1]} pairs of neighbours, a graph {INDICES} at most: take fewer items at once")
     neighbours = np.concatenate([item.neighbours + offset for item, offset in zip(items, first[:-1], strict=True)])
     weight = 1 / np.concatenate([item.degree for item in items])
     # The pattern is symmetric, so the transpose has the same one and only its values differ.
@@ -126,7 +133,7 @@ def _compressed(
 ) -> Tensor:
     """A square sparse CSR tensor; indices are int32, which MKL and cuSPARSE take without converting them at every product."""
     size = len(rows) - 1
-    with warnings.catch_warnings():
+    with warnings.catch_warnings():  # it says that torch may change the interface; nothing about these numbers
         warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
         return torch.sparse_csr_tensor(
             torch.from_numpy(rows.astype(np.int32)),

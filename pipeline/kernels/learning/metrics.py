@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+FAR = 1e150
+"""m; beyond it a squared distance is no float64."""
 TABLE_3_FACTOR = 9000.0
 """Table 3's values are consistent with this multiple of the Chamfer distance in m² (anything from 5,000 to 12,000 would be)."""
 
@@ -18,7 +20,7 @@ def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -
     Raises
     ------
     ValueError
-        A cloud is empty, is not (…, 3), or holds NaN or infinity.
+        A cloud is empty, is not (…, 3), or holds NaN, infinity or coordinates beyond 1e150.
     """
     query, points = _cloud("query", query), _cloud("points", points)
     nearest = cKDTree(points).query(query)[1]
@@ -48,8 +50,11 @@ class Distances:
     def precision_recall(self, tau: float, scale: float = 1.0) -> tuple[float, float]:
         """Shares of predicted and of true points whose squared distance, the clouds scaled by `scale`, is at most `tau`.
 
-        Each is a share of its own cloud's points: precision of the predicted ones, recall of the true ones.
+        Each is a share of its own cloud's points: precision of the predicted ones, recall of the true ones. A `ValueError` where
+        `tau` or `scale` is no number, `tau` is negative, or `scale` not above 0.
         """
+        if not (tau >= 0 and 0 < scale < np.inf):
+            raise ValueError(f"squared distance {tau}, scale {scale}: the distance is at least 0, the scale above it and finite")
         precision, recall = (float(np.mean(squared * scale**2 <= tau)) for squared in (self.predicted, self.truth))
         return precision, recall
 
@@ -69,8 +74,10 @@ def sampling_floor(area: float, count: int) -> float:
 
     For points scattered at random over a plane, n on an area A, the squared distance to the nearest has mean A / (π n).
     """
-    if area < 0 or count < 1:
-        raise ValueError(f"an area of {area} m² with {count} points has no sampling floor: the area is at least 0, the points at least 1")
+    if not 0 <= area < np.inf or count < 1:
+        raise ValueError(
+            f"an area of {area} m² with {count} points has no sampling floor: the area is finite and at least 0, the points at least 1"
+        )
     return 2 * area / (np.pi * count)
 
 
@@ -93,6 +100,7 @@ def _cloud(name: str, points: NDArray[np.floating]) -> NDArray[np.float64]:
         raise ValueError(f"{name} has shape {cloud.shape}; a cloud is (number, 3)")
     if not len(cloud):
         raise ValueError(f"{name} is an empty cloud: nothing has a nearest point in it; check what it was drawn from")
-    if not np.isfinite(cloud).all():
-        raise ValueError(f"{name} holds {np.count_nonzero(~np.isfinite(cloud).all(axis=1))} points with NaN or infinity")
+    near = (np.abs(cloud) <= FAR).all(axis=1)  # not where there is a NaN
+    if not near.all():
+        raise ValueError(f"{name} holds {np.count_nonzero(~near)} points with NaN, infinity or coordinates beyond {FAR:g}")
     return cloud

@@ -14,6 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from pipeline.kernels.learning.encoder import MapGrid
+from pipeline.kernels.learning.precision import check_full
 
 NEAREST = 0.01
 """Depth, m, at which points nearer than it, or behind the camera, are seen; the scene starts at 0.5 m."""
@@ -30,17 +31,28 @@ def see(camera: Tensor, points: Tensor) -> Tensor:
     camera
         (3, 4) projection matrix of world points to pixels, or one for each item, (B, 3, 4). Its third row measures depth in m.
     points
-        (B, N, 3) world, m.
+        (B, N, 3) world, m; float32 or float64.
 
     Raises
     ------
     ValueError
-        Where shapes do not fit.
+        Where shapes or types do not fit, or a point or the camera holds NaN or infinity.
+
+    Notes
+    -----
+    In float32 a coordinate errs by at most 1e-6 of what is summed for it over the depth, Σ |camera| |point| / depth: 1e-3 pixels
+    in the scene, and a pixel where camera and object are both a kilometre from the origin.
     """
     if camera.shape not in {(3, 4), (len(points), 3, 4)} or points.ndim != 3 or points.shape[2] != 3:
         raise ValueError(
             f"camera is {tuple(camera.shape)} and points {tuple(points.shape)}: they must be (3, 4) or (B, 3, 4), and (B, N, 3)"
         )
+    check_full("points", points)
+    if camera.dtype != points.dtype:
+        raise ValueError(f"camera is {camera.dtype}, points are {points.dtype}: they must be of one type")
+    for name, values in (("camera", camera), ("points", points)):
+        if not bool(torch.isfinite(values).all()):
+            raise ValueError(f"{name} hold NaN or infinity: if a network moved them there, it has diverged; lower the learning rate")
     rotation, offset = camera[..., :3], camera[..., None, :, 3]
     with torch.autocast(points.device.type, enabled=False):  # in half precision a vertex would be seen pixels beside its place
         homogeneous = points @ rotation.mT + offset  # (B, N, 3): column · depth, row · depth, depth
@@ -65,8 +77,10 @@ def pool(maps: Sequence[Tensor], grids: Sequence[MapGrid], pixels: Tensor) -> Te
     Raises
     ------
     ValueError
-        Where shapes do not fit.
+        Where shapes do not fit, or pixels hold NaN.
     """
+    if bool(torch.isnan(pixels).any()):
+        raise ValueError("pixels hold NaN, which is at no place of an image; where is what is seen there?")
     if len(maps) != len(grids):
         raise ValueError(f"there are {len(maps)} maps, but {len(grids)} grids to place them in the image")
     for features in maps:

@@ -26,11 +26,18 @@ def ring_of(points: NDArray[np.floating], pose: NDArray[np.float64], width: floa
     Returns
     -------
     (N,) ring index, 0 for the ring ×1.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, no ring, a width that is not positive and finite, or NaN or infinity in points or pose.
     """
     if points.ndim != 2 or points.shape[1] != 3 or pose.shape != (4, 4):
         raise ValueError(f"points {points.shape} and pose {pose.shape}: they must be (number, 3) and (4, 4)")
-    if not width > 0 or rings < 1:
-        raise ValueError(f"{rings} rings of a sensor {width} m wide: both must be above 0")
+    if not 0 < width < np.inf or rings < 1:
+        raise ValueError(f"{rings} rings of a sensor {width} m wide: both must be above 0 and finite")
+    if not (np.isfinite(points).all() and np.isfinite(pose).all()):
+        raise ValueError("points or pose hold NaN or infinity: that lies in no ring, but is not outside either")
     local = (np.asarray(points, np.float64) - pose[:3, 3]) @ pose[:3, :3]  # (N, 3) sensor frame
     across = np.abs(local[:, :2]).max(axis=1)
     multiple = np.searchsorted(np.arange(1, rings + 1) * (width / 2), across, side="left")  # an edge belongs to the inner ring
@@ -41,11 +48,16 @@ def ring_of(points: NDArray[np.floating], pose: NDArray[np.float64], width: floa
 def ring_means(squared: NDArray[np.float64], ring: NDArray[np.int64], rings: int = 5) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Mean of `squared` (N,) over the points of every ring, and how many there are: both (rings,).
 
-    A ring without a point has count 0 and the mean 0: it has no value, and must be left out by its count.
+    A ring without a point has count 0 and the mean 0: it has no value, and must be left out by its count. A `ValueError` where
+    shapes do not fit, a ring is not among -1..rings - 1, or a distance that counts is NaN or infinite.
     """
     if squared.shape != ring.shape or squared.ndim != 1:
         raise ValueError(f"squared distances {squared.shape} and rings {ring.shape}: they must be (number,) and the same")
+    if len(ring) and not (ring.min() >= -1 and ring.max() < rings):
+        raise ValueError(f"rings reach from {ring.min()} to {ring.max()}: there are rings 0 to {rings - 1}, and -1 for none")
     inside = ring >= 0
+    if not np.isfinite(squared[inside]).all():
+        raise ValueError(f"squared distances hold NaN or infinity in {np.count_nonzero(~np.isfinite(squared[inside]))} points of a ring")
     count = np.bincount(ring[inside], minlength=rings)
     total = np.bincount(ring[inside], weights=squared[inside], minlength=rings)
     return total / np.maximum(count, 1), count

@@ -5,6 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from pipeline.kernels.learning.precision import check_full
+
 
 def sample_surface(vertices: Tensor, faces: Tensor, count: int, generator: torch.Generator) -> Tensor:
     """Draw points from a surface, (count, 3), in the vertices' unit.
@@ -13,10 +15,14 @@ def sample_surface(vertices: Tensor, faces: Tensor, count: int, generator: torch
     gradients reach the vertices through it, not through the choice of the face (as in Smith et al., GEOMetrics, 2019).
     The result depends on the generator's state and the arguments alone.
 
+    Faces are chosen by areas in float64, also for float32 vertices; the point itself is computed in the vertices' type, and lies
+    within 4 units in the last place of the largest coordinate of where it would be without rounding: in float32 0.3 µm at 0.6 m,
+    0.3 mm a kilometre away.
+
     Parameters
     ----------
     vertices
-        (V, 3) floating.
+        (V, 3) float32 or float64.
     faces
         (F, 3) int64, rows of `vertices`.
     count
@@ -27,7 +33,8 @@ def sample_surface(vertices: Tensor, faces: Tensor, count: int, generator: torch
     Raises
     ------
     ValueError
-        Wrong shapes, a vertex that is NaN or infinite, a count below 1, or no face with an area.
+        Wrong shapes, half precision, a vertex that is NaN or infinite, a face of vertices that are not there, a count below 1, or no
+        face with an area between 0 and infinity: edges shorter than 1e-80 have none, edges longer than 1e75 too large a one.
     """
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise ValueError(f"vertices have shape {tuple(vertices.shape)}, faces {tuple(faces.shape)}; they must be (V, 3) and (F, 3)")
@@ -50,7 +57,8 @@ def surface_points(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:
     """
     _check(vertices, faces, uniform)
     with torch.no_grad():
-        chosen = _choose(_cumulative_areas(vertices, faces), uniform[..., 0].to(vertices.device))  # (B, n)
+        areas = doubled_areas(vertices.double(), faces.to(vertices.device))
+        chosen = _choose(areas.cumsum(dim=-1), uniform[..., 0].to(vertices.device))  # (B, n)
         root, along = uniform[..., 1].sqrt(), uniform[..., 2]
         weights = torch.stack([1 - root, root * (1 - along), root * along], dim=-1).to(vertices)  # (B, n, 3)
         first = torch.arange(len(vertices), device=vertices.device)[:, None, None] * vertices.shape[1]
@@ -60,20 +68,23 @@ def surface_points(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:
     return mixed + weights[..., 2, None] * placed[..., 2, :]
 
 
-def _cumulative_areas(vertices: Tensor, faces: Tensor) -> Tensor:
-    """(B, F) float64: twice the area of all faces up to and with each one."""
-    a, b, c = vertices.detach().double()[:, faces.to(vertices.device)].unbind(dim=2)  # (B, F, 3) each
-    across = torch.linalg.cross(b - a, c - a)
-    doubled: Tensor = across.square().sum(dim=-1).sqrt()
-    return doubled.cumsum(dim=-1)
+def doubled_areas(vertices: Tensor, faces: Tensor) -> Tensor:
+    """(B, F) twice the areas of faces (F, 3) of vertices (B, V, 3); exactly 0 where two corners are one.
+
+    By components: torch's cross product fuses multiplications and additions, which leaves such faces a rounding error for an area.
+    """
+    a, b, c = vertices[:, faces].unbind(dim=2)  # (B, F, 3) each
+    (x, y, z), (u, v, w) = (b - a).unbind(dim=-1), (c - a).unbind(dim=-1)
+    return ((y * w - z * v).square() + (z * u - x * w).square() + (x * v - y * u).square()).sqrt()
 
 
 def _choose(cumulative: Tensor, uniform: Tensor) -> Tensor:
     """(B, n) the first face whose cumulative area exceeds `uniform` of the whole: one with an area of its own."""
     total = cumulative[:, -1:]
-    if not bool((total > 0).all()):
-        empty = torch.nonzero(total[:, 0] <= 0)[:, 0].tolist()
-        raise ValueError(f"no face of surface {empty[:5]} (of {len(total)}) has an area to draw points from")
+    usable = (total > 0) & torch.isfinite(total)
+    if not bool(usable.all()):
+        bad = torch.nonzero(~usable[:, 0])[:, 0].tolist()
+        raise ValueError(f"no face of surface {bad[:5]} (of {len(total)}) has an area, not 0 and not infinite, to draw points from")
     below = torch.nextafter(total, torch.zeros_like(total))  # rounding may reach the whole itself
     return torch.searchsorted(cumulative, torch.minimum(uniform * total, below), right=True)
 
@@ -83,5 +94,8 @@ def _check(vertices: Tensor, faces: Tensor, uniform: Tensor) -> None:
         raise ValueError(f"vertices have shape {tuple(vertices.shape)}, faces {tuple(faces.shape)}; they must be (B, V, 3) and (F, 3)")
     if uniform.ndim != 3 or uniform.shape[::2] != (len(vertices), 3):
         raise ValueError(f"uniform has shape {tuple(uniform.shape)}, vertices {tuple(vertices.shape)}; uniform must be (B, n, 3)")
+    check_full("vertices", vertices)
+    if not bool(((faces >= 0) & (faces < vertices.shape[1])).all()):
+        raise ValueError(f"faces reach from {int(faces.min())} to {int(faces.max())}; there are vertices 0 to {vertices.shape[1] - 1}")
     if not bool(torch.isfinite(vertices).all()):
         raise ValueError(f"vertices hold NaN or infinity in {int((~torch.isfinite(vertices)).sum())} of {vertices.numel()} coordinates")

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
 from pipeline.kernels.learning.chamfer import Target, one_way
+from pipeline.kernels.learning.precision import check_full
 
 
 def visible_depth(depth: Tensor, gel: float) -> Tensor:
-    """Depth as far as a reading can show it: min(D, w), shape and unit of `depth`; a `ValueError` for NaN.
+    """Depth as far as a reading can show it: min(D, w), shape and unit of `depth`; a `ValueError` for NaN and -inf.
 
     A reading is a function of ReLU(w - D) alone (equation 1). Pixels at the rim of a contact differ from the untouched ones by
     the slope to their neighbours and may have any D >= w, +inf too; what they show is the gel's undeformed surface, w.
     """
-    if bool(torch.isnan(depth).any()):
-        raise ValueError("depth holds NaN; where nothing is met it must be +inf")
+    if not bool((depth > -math.inf).all()):
+        raise ValueError("depth holds NaN or -inf; where nothing is met it must be +inf")
     return depth.clamp(max=gel)
 
 
@@ -25,7 +28,7 @@ def masked_depth_loss(predicted: Tensor, depth: Tensor, mask: Tensor, width: flo
     Parameters
     ----------
     predicted
-        (B, H, W) depth, m; floating.
+        (B, H, W) depth, m; float32 or float64, finite.
     depth
         (B, H, W) true depth D, m, +inf where nothing is met.
     mask
@@ -35,12 +38,14 @@ def masked_depth_loss(predicted: Tensor, depth: Tensor, mask: Tensor, width: flo
 
     Returns
     -------
-    A scalar of `predicted`'s type, differentiable in it.
+    A scalar of `predicted`'s type, differentiable in it. In float32 its root errs by less than 1e-6 of itself and 3e-7 sensor
+    widths, 5 nm (beyond a width, 3e-7 of the largest depth).
 
     Raises
     ------
     ValueError
-        Shapes or types that do not fit, an empty batch, or NaN in either depth.
+        Shapes or types that do not fit, half precision, an empty batch, a width or gel that is not positive and finite, NaN or
+        infinity in the prediction, NaN or -inf in the truth.
     """
     _check(predicted, depth, mask, width, gel)
     error = torch.where(mask, predicted - visible_depth(depth, gel).to(predicted.dtype), 0) / width  # (B, H, W)
@@ -106,9 +111,10 @@ def _check(predicted: Tensor, depth: Tensor, mask: Tensor, width: float, gel: fl
         raise ValueError(f"predicted, depth and mask have shapes {shapes}; all must be one (B, H, W) with B >= 1")
     if mask.dtype != torch.bool or not (predicted.is_floating_point() and depth.is_floating_point()):
         raise ValueError(f"predicted is {predicted.dtype}, depth {depth.dtype}, mask {mask.dtype}; they must be floating, floating, bool")
-    if not (width > 0 and gel > 0):
-        raise ValueError(f"sensor width {width} m, gel thickness {gel} m; both must be > 0")
-    if bad := int(torch.isnan(predicted).flatten(1).any(dim=1).sum()):
+    check_full("predicted depth", predicted)
+    if not (0 < width < math.inf and 0 < gel < math.inf):
+        raise ValueError(f"sensor width {width} m, gel thickness {gel} m; both must be > 0 and finite")
+    if bad := int((~torch.isfinite(predicted)).flatten(1).any(dim=1).sum()):
         raise ValueError(
-            f"predicted depth holds NaN in {bad} of {len(predicted)} touches: the network has diverged; lower the learning rate"
+            f"predicted depth holds infinity or NaN in {bad} of {len(predicted)} touches: the network has diverged; lower the learning rate"
         )

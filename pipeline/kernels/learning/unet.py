@@ -9,6 +9,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from pipeline.kernels.learning.images import check_intensities
+from pipeline.kernels.learning.precision import check_full
+
 LEVELS = 4
 """Poolings on the way down, and deconvolutions on the way up."""
 SMALLEST = 2**LEVELS
@@ -55,13 +58,14 @@ class UNet(nn.Module):
 
         Returns
         -------
-        (B, H, W) in (0, 1), by a sigmoid; times w it is D, the distance from the sensor plane.
+        (B, H, W) in [0, 1], by a sigmoid; times w it is D, the distance from the sensor plane.
 
         Raises
         ------
         ValueError
-            The shape is another one; or, in training, batch normalisation meets a single value a channel, as for one
-            reading of less than 32 pixels a side: take a larger batch.
+            The shape is another one; readings hold NaN or leave [0, 1]; the parameters are of half precision, in which depths
+            would have steps of tens of micrometres (autocast keeps them); or, in training, batch normalisation meets a single
+            value a channel, as for one reading of less than 32 pixels a side: take a larger batch.
         """
         logits = deque(self.layers(readings), maxlen=1).pop()  # evaluation keeps no layer it no longer needs
         return torch.sigmoid(logits[:, 0])
@@ -97,6 +101,8 @@ class UNet(nn.Module):
         batch, _, rows, cols = readings.shape
         if min(rows, cols) < SMALLEST:
             raise ValueError(f"readings of {rows} x {cols} pixels; {LEVELS} poolings need at least {SMALLEST} a side")
+        check_full("a U-Net with parameters", self.head.weight)
+        check_intensities("readings", readings)
         if self.training and batch * (rows // SMALLEST) * (cols // SMALLEST) < 2:
             raise ValueError(
                 f"{batch} reading of {rows} x {cols} pixels has one value a channel at the lowest level, which batch normalisation "
