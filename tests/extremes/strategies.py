@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 seeds = st.integers(0, 2**32 - 1)
 scales = st.floats(-3, 3).map(lambda exponent: 10.0**exponent)
+aspects = st.floats(0.5, 8).map(lambda exponent: 10.0**exponent)
 offsets = st.tuples(*[st.floats(-1e3, 1e3)] * 3).map(np.array)
 EPS = float(np.finfo(np.float64).eps)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-import igl
 import numpy as np
 import pytest
 import trimesh
@@ -12,13 +11,13 @@ from hypothesis import strategies as st
 
 from pipeline.kernels.geometry.exterior import START, Sky, sample_exterior
 from pipeline.kernels.geometry.gate import FLAT, coincident, gate
-from pipeline.kernels.geometry.mesh import Mesh, face_vectors
+from pipeline.kernels.geometry.mesh import Mesh, face_vectors, flatness
 from pipeline.kernels.geometry.normalise import POSITION, normalise
 from pipeline.kernels.geometry.rows import mesh_row, read_mesh
 from pipeline.kernels.geometry.sampling import sample_triangles
 from tests.conftest import mesh_of
 from tests.extremes.profile import for_all
-from tests.extremes.strategies import EPS, offsets, scales, seeds, sliver, turn
+from tests.extremes.strategies import EPS, aspects, offsets, scales, seeds, sliver, turn
 
 BOX = trimesh.creation.box((0.3, 0.2, 0.4))
 BALL = trimesh.creation.icosphere(subdivisions=2)
@@ -31,7 +30,7 @@ def exact_vector(triangle: np.ndarray) -> list[Fraction]:
     return [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 
 
-@for_all(few=50, many=3000, seed=seeds, scale=scales, offset=offsets, aspect=st.floats(0, 12).map(lambda e: 10.0**e))
+@for_all(few=50, many=3000, seed=seeds, scale=scales, offset=offsets, aspect=aspects)
 def test_face_vectors_err_by_a_few_units_of_the_edges_product(seed, scale, offset, aspect) -> None:
     triangle = sliver(aspect, np.random.default_rng(seed)) * scale + offset
     error = [Fraction(float(got)) - true for got, true in zip(face_vectors(triangle[None])[0], exact_vector(triangle), strict=True)]
@@ -100,13 +99,28 @@ def test_rows_give_back_the_mesh_to_the_bit() -> None:
     assert again.look.textures == ()
 
 
-@for_all(few=30, many=1000, seed=seeds, scale=scales, offset=offsets, aspect=st.floats(0, 8).map(lambda e: 10.0**e))
+@for_all(few=30, many=1000, seed=seeds, scale=scales, offset=offsets, aspect=aspects)
 def test_points_lie_on_their_triangle(seed, scale, offset, aspect) -> None:
     rng = np.random.default_rng(seed)
     triangle = sliver(aspect, rng) * scale + offset
-    points, _ = sample_triangles(triangle[None], 100, rng)
-    distance = np.sqrt(igl.point_mesh_squared_distance(points, triangle, np.array([[0, 1, 2]]))[0])
-    assert distance.max() <= 8 * EPS * np.abs(triangle).max()
+    normal = exact_vector(triangle)
+    length = float(sum(n * n for n in normal)) ** 0.5
+    for point in sample_triangles(triangle[None], 10, rng)[0]:
+        above = sum(n * (Fraction(float(p)) - Fraction(float(a))) for n, p, a in zip(normal, point, triangle[0], strict=True))
+        beyond = []
+        for k in range(3):
+            start, end = triangle[k], triangle[(k + 1) % 3]
+            doubled = sum(m * n for m, n in zip(exact_vector(np.array([start, end, point])), normal, strict=True))
+            beyond.append(-float(doubled) / length / np.linalg.norm(end - start))
+        assert max(abs(float(above)) / length, *beyond) <= 8 * EPS * np.abs(triangle).max()
+
+
+@for_all(few=50, many=3000, seed=seeds, scale=st.floats(-100, 100).map(lambda e: 10.0**e), offset=offsets, aspect=aspects)
+def test_flatness_is_one_over_the_aspect_at_any_size_and_place(seed, scale, offset, aspect) -> None:
+    triangle = sliver(aspect, np.random.default_rng(seed))
+    assert flatness(triangle[None] * scale)[0] == pytest.approx(1 / aspect, rel=1e-6)
+    assert flatness(triangle[None] + offset)[0] == pytest.approx(1 / aspect, rel=1e-6, abs=8 * EPS * (np.abs(offset).max() + 1))
+    assert flatness(np.array([triangle[[0, 0, 0]], triangle[[0, 1, 1]]])).tolist() == [0, 0]
 
 
 class Last:

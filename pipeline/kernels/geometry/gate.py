@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.geometry.mesh import Look, Mesh, face_vectors
+from pipeline.kernels.geometry.mesh import Look, Mesh, flatness
 
 FLAT = 1e-14
-"""A face is degenerate when its doubled area is below this share of its longest edge squared: zero, but for rounding."""
+"""A face is degenerate when it is flatter than this, its height over its longest edge: zero, but for rounding."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def gate(mesh: Mesh, max_faces: int) -> tuple[Mesh, GateReport]:
     if not 1e-150 < scale < 1e150:
         raise ValueError(f"the mesh is {scale:g} units across; areas need 1e-150 to 1e150: rescale it")
 
-    flat = _degenerate(mesh)
+    flat = flatness(mesh.triangles) <= FLAT
     mesh = _keep_faces(mesh, ~flat)
     if len(mesh.faces) == 0:
         raise ValueError(f"all {faces} faces have zero area; the mesh has no surface")
@@ -60,13 +60,6 @@ def gate(mesh: Mesh, max_faces: int) -> tuple[Mesh, GateReport]:
 def coincident(vertices: NDArray[np.float64]) -> NDArray[np.intp]:
     """(V,) a number for every vertex, equal where positions are equal to the bit."""
     return np.unique(vertices + 0.0, axis=0, return_inverse=True)[1].reshape(-1)  # + 0.0 makes -0 and 0 the same
-
-
-def _degenerate(mesh: Mesh) -> NDArray[np.bool_]:
-    triangles = mesh.triangles - mesh.triangles[:, :1]  # far from the origin, products of coordinates would cancel
-    edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
-    area = np.linalg.norm(face_vectors(triangles / np.where(edges > 0, edges, 1)[:, None, None]), axis=1)
-    return np.asarray((area <= FLAT) | (edges == 0))
 
 
 def _closed(places: NDArray[np.intp]) -> bool:

@@ -12,6 +12,8 @@ from pipeline.kernels.touch.sensor import Sensor
 
 START = 1e-9
 """m behind the sensor plane within which a surface still counts as lying on it (depth 0): rounding must not open it."""
+ASIDE = 1e-15
+"""Sensor widths: so far beside its own ray float64 may decide on rims and take depths, for a face in the sensor's frame."""
 BATCH = 1_000_000
 """Pixels of faces' boxes at a time, about 100 MB: thousands of faces on top of each other may not fill the memory."""
 
@@ -34,8 +36,9 @@ def ray_depth(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor) -> NDArray[n
 
     Notes
     -----
-    Front and back of a face count alike, its rim belongs to it. A face that is seen exactly edge-on is not met itself;
-    the rims of its neighbours are.
+    Front and back of a face count alike, its rim belongs to it. A face that is seen exactly edge-on may be met at its
+    nearest point or not; the rims of its neighbours are. A depth is that of a ray at most `ASIDE` widths beside its own,
+    for faces of any shape; a scene far from the origin has the digits that float64 leaves there, 2e-13 m at a kilometre.
     """
     return grid_depth(faces_seen(blocks, pose, sensor), sensor)
 

@@ -97,8 +97,6 @@ def check_pose(pose: np.ndarray) -> NDArray[np.float64]:
         raise ValueError(f"sensor pose has shape {pose.shape}; it must be (4, 4), sensor frame to world frame")
     if not np.isfinite(pose).all():
         raise ValueError(f"sensor pose holds NaN or infinity; it must be finite:\n{pose}")
-    if (pose[3] != (0, 0, 0, 1)).any():
-        raise ValueError(f"sensor pose has the last row {pose[3]}; it must be 0 0 0 1 (is the pose transposed?):\n{pose}")
     rotation = pose[:3, :3]
     deviation = np.abs(rotation.T @ rotation - np.eye(3)).max()
     if deviation > POSE_TOLERANCE or np.linalg.det(rotation) < 0:
@@ -106,6 +104,8 @@ def check_pose(pose: np.ndarray) -> NDArray[np.float64]:
             f"sensor pose is no rigid motion: its axes are {deviation:.3g} from orthonormal "
             f"(at most {POSE_TOLERANCE:g}, determinant +1); scale belongs into the mesh, not the pose:\n{pose}"
         )
+    if (pose[3] != (0, 0, 0, 1)).any():
+        raise ValueError(f"sensor pose has the last row {pose[3]}; it must be 0 0 0 1 (is the pose transposed?):\n{pose}")
     return pose
 
 
