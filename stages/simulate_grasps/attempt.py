@@ -11,7 +11,7 @@ from pipeline.kernels.hand.approach import draw_back
 from pipeline.kernels.hand.choice import hand_gap
 from pipeline.kernels.hand.clearance import deepest
 from pipeline.kernels.hand.inverse import has_room, solve
-from pipeline.kernels.hand.kinematics import forward, sensor_poses
+from pipeline.kernels.hand.kinematics import forward, sensors_on
 from pipeline.kernels.hand.placement import tangent_pose
 from pipeline.kernels.hand.reach import ball_points, finger_clearance
 from pipeline.kernels.touch.contact import is_touched
@@ -29,7 +29,10 @@ LEAST_STEPS = 20
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """A grasp as simulated; `sound` when it rests, keeps its joint limits and stands neither in the object nor in itself."""
+    """A grasp as simulated; `sound` when it rests, keeps its joint limits and stands neither in the object nor in itself.
+
+    Of one that cannot be kept anyway only its touches count: it is not called sound, and its penetration is NaN where nobody asked.
+    """
 
     hand_pose: NDArray[np.float64]
     joint_angles: NDArray[np.float64]
@@ -39,16 +42,21 @@ class Grasp:
     sound: bool
 
 
-def attempt(rig: Rig, scene: Scene, physics: Simulation, settings: GraspSettings, rng: np.random.Generator) -> Grasp | None:
-    """A grasp that depends on its arguments alone, or None where the hand found no room around the object."""
+def attempt(
+    rig: Rig, scene: Scene, physics: Simulation, settings: GraspSettings, rng: np.random.Generator, fewest: int = 0
+) -> Grasp | None:
+    """A grasp that depends on its arguments alone, or None where the hand found no room around the object.
+
+    `fewest` touches it must have to be kept: of one with fewer nothing else is measured.
+    """
     searches = 0
     for _ in range(PLACEMENTS):
         pose = _draw_pose(rig, scene, settings, rng)
         if not _has_room(rig, scene, pose, settings.clearance):
             continue
-        target = solve(rig.hand, rig.parts, rig.boxes, rig.samples, scene.field, pose, rig.wanted, settings.ik_refinements, rng)
-        if target is not None:
-            return _close(rig, scene, physics, settings, pose, target)
+        solved = solve(rig.hand, rig.parts, rig.boxes, rig.samples, scene.field, pose, rig.wanted, settings.ik_refinements, rng)
+        if solved.joint_angles is not None:
+            return _close(rig, scene, physics, settings, pose, solved.joint_angles, fewest)
         searches += 1
         if searches == SEARCHES:
             break
@@ -60,6 +68,11 @@ def keep_best(kept: list[Grasp], grasp: Grasp | None, count: int) -> list[Grasp]
     if grasp is None or not grasp.sound:
         return kept
     return sorted([*kept, grasp], key=lambda one: -int(one.touched.sum()))[:count]  # a stable sort
+
+
+def fewest_to_keep(kept: list[Grasp], count: int) -> int:
+    """Touches with which a sound grasp still comes among the `count` best, beside those `kept` so far."""
+    return int(kept[-1].touched.sum()) + 1 if len(kept) == count else 0
 
 
 def _draw_pose(rig: Rig, scene: Scene, settings: GraspSettings, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -78,7 +91,7 @@ def _has_room(rig: Rig, scene: Scene, pose: NDArray[np.float64], clearance: floa
 
 def _opened(rig: Rig, scene: Scene, pose: NDArray[np.float64], target: NDArray[np.float64], opening: float) -> NDArray[np.float64]:
     """Where the fingers close from: drawn back as far as there is room behind each of them."""
-    ways = np.stack([draw_back(rig.hand, target, share * opening) for share in (1.0, 0.5, 0.0)])
+    ways = draw_back(rig.hand, target, [share * opening for share in (1.0, 0.5, 0.0)])
     clear = finger_clearance(scene.field, rig.parts, forward(rig.hand, pose, ways)) >= 0  # (3, S)
     start = target.copy()
     for s, finger in enumerate(rig.hand.fingers):
@@ -88,15 +101,21 @@ def _opened(rig: Rig, scene: Scene, pose: NDArray[np.float64], target: NDArray[n
 
 
 def _close(
-    rig: Rig, scene: Scene, physics: Simulation, settings: GraspSettings, pose: NDArray[np.float64], target: NDArray[np.float64]
+    rig: Rig,
+    scene: Scene,
+    physics: Simulation,
+    settings: GraspSettings,
+    pose: NDArray[np.float64],
+    target: NDArray[np.float64],
+    fewest: int,
 ) -> Grasp:
     start = _opened(rig, scene, pose, target, settings.opening)
     angles, rests = physics.settle(pose, start, target, (LEAST_STEPS, settings.settle_steps), settings.resting_speed)
     frames = forward(rig.hand, pose, angles)
-    sensors = sensor_poses(rig.hand, pose, angles)
-    touched = [is_touched(scene.blocks, sensor, rig.sensor) for sensor in sensors]
-    penetration = deepest(scene.field, rig.dense, frames)
+    sensors = sensors_on(rig.hand, frames)
+    touched = np.array([is_touched(scene.blocks, sensor, rig.sensor) for sensor in sensors])
     within = bool(((angles >= rig.hand.lower) & (angles <= rig.hand.upper)).all())
-    apart = hand_gap(rig.hand, rig.boxes, frames) >= 0
-    sound = rests and within and apart and penetration <= settings.penetration_limit
-    return Grasp(pose, angles, sensors, np.array(touched), penetration, sound)
+    if not (rests and within and touched.sum() >= fewest and hand_gap(rig.hand, rig.boxes, frames) >= 0):
+        return Grasp(pose, angles, sensors, touched, np.nan, sound=False)
+    penetration = deepest(scene.field, rig.dense, frames)
+    return Grasp(pose, angles, sensors, touched, penetration, sound=penetration <= settings.penetration_limit)

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.explain import Part
 from pipeline.kernels.hand.clearance import doubtful
-from pipeline.kernels.hand.inverse import looked_at
+from pipeline.kernels.hand.inverse import looked_at, solve
 from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.hand.reach import ball_points
 from pipeline.kernels.touch.contact import gel_only
@@ -31,6 +31,10 @@ def explain(settings: GraspSettings, models: Mapping[str, Path], tasks: Sequence
         cells = len(scene.field.records)
         yield Part("grid cells measured", exact, cells - exact, "farther from the object than any part of a hand is asked about")
         for pose, angles, sensors in zip(row["hand_pose"], row["joint_angles"], row["sensor_pose"], strict=True):
+            rng = task.rng("explain")
+            found = solve(rig.hand, rig.parts, rig.boxes, rig.samples, scene.field, pose, rig.wanted, settings.ik_refinements, rng)
+            why = "its contact or its tip already keeps the posture from being the best"
+            yield Part("fingers measured whole, a posture", found.measured, found.spared, why, "bounds first")
             yield from _grasp(rig, scene, pose, angles, sensors)
 
 
@@ -38,7 +42,7 @@ def _grasp(rig: Rig, scene: Scene, pose: np.ndarray, angles: np.ndarray, sensors
     """What was looked at for one kept grasp."""
     postures = rig.samples.free.size
     looked = looked_at(rig.samples, scene.field, pose, rig.wanted).size
-    yield Part("sampled postures judged whole", looked, postures - looked, "others of the same finger press in farther")
+    yield Part("sampled postures told apart by room", looked, postures - looked, "others of the same finger press in farther")
     points = ball_points(rig.dense, forward(rig.hand, pose, angles)[None])[:, 0]
     balls = len(rig.dense.radii)
     measured = len(doubtful(scene.field, rig.dense, points))

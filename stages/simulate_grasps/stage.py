@@ -15,7 +15,7 @@ from pipeline.stage import Cost, ObjectError, Row, Task
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
-from stages.simulate_grasps.attempt import Grasp, attempt, keep_best
+from stages.simulate_grasps.attempt import Grasp, attempt, fewest_to_keep, keep_best
 from stages.simulate_grasps.physics import Simulation, simulation
 from stages.simulate_grasps.rig import Rig, make_rig, make_scene
 from stages.simulate_grasps.settings import GraspSettings
@@ -78,7 +78,8 @@ def _grasp(rig: Rig, physics: Simulation, settings: GraspSettings, task: Task) -
             break
         if not settings.exhaustive and len(kept) == settings.grasps and all(grasp.touched.all() for grasp in kept):
             break
-        grasp = attempt(rig, scene, physics, settings, task.rng("simulate-grasps", number))
+        fewest = fewest_to_keep(kept, settings.grasps)
+        grasp = attempt(rig, scene, physics, settings, task.rng("simulate-grasps", number), fewest)
         touched.append(grasp.touched if grasp else np.zeros(len(rig.hand.fingers), bool))
         kept = keep_best(kept, grasp, settings.grasps)
     if len(kept) < settings.grasps:

@@ -12,7 +12,7 @@ from pipeline.kernels.hand.clearance import deepest
 from pipeline.kernels.hand.inverse import has_room, solve
 from pipeline.kernels.hand.kinematics import forward, sensor_poses
 from pipeline.kernels.hand.placement import tangent_pose
-from pipeline.kernels.hand.reach import judge
+from pipeline.kernels.hand.reach import gel_contact, gel_probes
 from stages.simulate_grasps.rig import Rig, Scene, make_scene
 from tests.grasps.conftest import placed
 
@@ -30,7 +30,7 @@ def above_plate(rig: Rig, height: float) -> np.ndarray:
 
 def test_fingers_reach_a_plate_and_stay_out_of_it(rig: Rig, plate: Scene, rng: np.random.Generator) -> None:
     pose = above_plate(rig, 0.05)
-    angles = solve(rig.hand, rig.parts, rig.boxes, rig.samples, plate.field, pose, rig.wanted, 3, rng)
+    angles = solve(rig.hand, rig.parts, rig.boxes, rig.samples, plate.field, pose, rig.wanted, 3, rng).joint_angles
     assert angles is not None
     assert ((angles >= rig.hand.lower) & (angles <= rig.hand.upper)).all()
     sensors = sensor_poses(rig.hand, pose, angles)
@@ -45,9 +45,10 @@ def test_more_rounds_find_no_less(rig: Rig, plate: Scene) -> None:
     pose = above_plate(rig, 0.05)
     coverage = []
     for rounds in (0, 3):
-        angles = solve(rig.hand, rig.parts, rig.boxes, rig.samples, plate.field, pose, rig.wanted, rounds, np.random.default_rng(0))
-        assert angles is not None
-        coverage.append(float(judge(rig.hand, rig.parts, plate.field, forward(rig.hand, pose, angles)[None], 0.0).coverage.mean()))
+        found = solve(rig.hand, rig.parts, rig.boxes, rig.samples, plate.field, pose, rig.wanted, rounds, np.random.default_rng(0))
+        assert found.joint_angles is not None
+        probes = gel_probes(rig.hand, rig.parts, forward(rig.hand, pose, found.joint_angles)[None])
+        coverage.append(float(gel_contact(plate.field, probes, 0.0)[1].mean()))
     assert coverage[1] > coverage[0]
 
 
@@ -70,6 +71,6 @@ def test_depth_in_the_plate(rig: Rig, plate: Scene) -> None:
 def test_drawing_back_moves_sensors_against_their_normals(rig: Rig, rng: np.random.Generator) -> None:
     middle = (rig.hand.lower + rig.hand.upper) / 2
     angles = middle + rng.uniform(-0.2, 0.2, 16)
-    before, after = (sensor_poses(rig.hand, np.eye(4), q) for q in (angles, draw_back(rig.hand, angles, 0.002)))
+    before, after = (sensor_poses(rig.hand, np.eye(4), q) for q in (angles, draw_back(rig.hand, angles, [0.002])[0]))
     moved = after[:, :3, 3] - before[:, :3, 3]
     np.testing.assert_allclose(moved, -0.002 * before[:, :3, 2], atol=3e-4)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,8 +16,8 @@ DAMPING = 1e-3
 """m, of the damped least squares (Wampler 1986): below it a direction counts as one that the finger cannot move in."""
 
 
-def draw_back(hand: Hand, joint_angles: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
-    """Joint angles (J,) from which closing moves every sensor about `distance` along its outward normal, to `joint_angles` (J,).
+def draw_back(hand: Hand, joint_angles: NDArray[np.float64], distances: Sequence[float]) -> NDArray[np.float64]:
+    """Joint angles (N, J) from which closing moves every sensor about one of N `distances`, m, along its normal, to `joint_angles` (J,).
 
     A single damped step with the Jacobian of the sensors' positions, clipped to the limits: sideways it is right to first order only.
     """
@@ -23,9 +25,10 @@ def draw_back(hand: Hand, joint_angles: NDArray[np.float64], distance: float) ->
     rest = sensor_poses(hand, home, joint_angles)  # (S, 4, 4)
     moved = sensor_poses(hand, home, joint_angles + DIFFERENCE * np.eye(len(joint_angles)))  # (J, S, 4, 4)
     jacobian = np.moveaxis(moved[..., :3, 3] - rest[:, :3, 3], 0, -1) / DIFFERENCE  # (S, 3, J)
-    opened = joint_angles.copy()
+    opened = np.repeat(joint_angles[None], len(distances), axis=0)
     for s, finger in enumerate(hand.fingers):
         joints = list(finger.joints)
         own = jacobian[s][:, joints]
-        opened[joints] -= own.T @ np.linalg.solve(own @ own.T + DAMPING**2 * np.eye(3), distance * rest[s, :3, 2])
+        for row, distance in enumerate(distances):
+            opened[row, joints] -= own.T @ np.linalg.solve(own @ own.T + DAMPING**2 * np.eye(3), distance * rest[s, :3, 2])
     return np.clip(opened, hand.lower, hand.upper)

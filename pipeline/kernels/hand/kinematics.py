@@ -54,7 +54,11 @@ def chain_forward(hand: Hand, frames: NDArray[np.float64], joint_angles: NDArray
 
 def sensor_poses(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
     """(..., S, 4, 4) float64 sensor frames P in the world; arguments as for `forward`."""
-    frames = forward(hand, hand_pose, joint_angles)
+    return sensors_on(hand, forward(hand, hand_pose, joint_angles))
+
+
+def sensors_on(hand: Hand, frames: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., S, 4, 4) float64 sensor frames P in the world, of a hand whose link frames are (..., L, 4, 4)."""
     return np.stack([frames[..., f.tip, :, :] @ f.sensor_pose for f in hand.fingers], axis=-3)
 
 

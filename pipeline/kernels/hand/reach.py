@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -21,48 +22,35 @@ PROBES = 4
 
 @dataclass(frozen=True, eq=False)
 class FingerParts:
-    """What `judge` looks at, prepared once a hand.
+    """What a look at a posture takes, prepared once a hand.
 
     Attributes
     ----------
-    balls
-        Of all links that a finger moves, finger by finger.
-    starts
-        (S,) first ball of every finger.
+    tips, others
+        Balls of each finger's tip link, which is most in the way, and of the other links that it moves.
     probes
         (S, PROBES², 3) points in the gel at `PROBE_DEPTH`, in the frame of the finger's tip link, m.
     """
 
-    balls: Balls
-    starts: NDArray[np.intp]
+    tips: tuple[Balls, ...]
+    others: tuple[Balls, ...]
     probes: NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Judgement:
-    """(..., S) each: `contact`, the least signed distance of a gel's probes from the object (negative: it presses in as far as wanted),
-    `coverage`, the share of its probes inside or at the object, `clearance`, of the finger's rigid parts; m."""
-
-    contact: NDArray[np.float32]
-    coverage: NDArray[np.float32]
-    clearance: NDArray[np.float32]
 
 
 def finger_parts(hand: Hand, balls: Balls, width: float, thickness: float) -> FingerParts:
     """Sort `balls` by finger and lay probes into gels of the given width and thickness, m."""
-    own = [balls.of(finger.links) for finger in hand.fingers]
-    bodiless = [finger.name for finger, part in zip(hand.fingers, own, strict=True) if not len(part.radii)]
+    bodiless = [finger.name for finger in hand.fingers if not len(balls.of(finger.links).radii)]
     if bodiless:
         raise ValueError(
             f"{hand.urdf}: no link of {', '.join(bodiless)} has a collision shape; a finger needs one not to reach through things"
         )
-    joined = Balls(*(np.concatenate([getattr(part, name) for part in own]) for name in ("centres", "radii", "link")))
-    starts = np.cumsum([0, *(len(part.radii) for part in own)])[:-1]
+    tips = tuple(balls.of([finger.tip]) for finger in hand.fingers)
+    others = tuple(balls.of([link for link in finger.links if link != finger.tip]) for finger in hand.fingers)
     steps = ((np.arange(PROBES) + 0.5) / PROBES - 0.5) * width
     x, y = (axis.ravel() for axis in np.meshgrid(steps, steps))
     points = np.stack([x, y, np.full_like(x, PROBE_DEPTH * thickness), np.ones_like(x)])
     probes = np.stack([(finger.sensor_pose @ points)[:3].T for finger in hand.fingers])
-    return FingerParts(joined, starts, probes)
+    return FingerParts(tips, others, probes)
 
 
 def gel_probes(hand: Hand, parts: FingerParts, frames: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -81,8 +69,21 @@ def gel_contact(field: DistanceField, probes: NDArray[np.float32], reach: float)
 
 def finger_clearance(field: DistanceField, parts: FingerParts, frames: NDArray[np.float64]) -> NDArray[np.float32]:
     """(N, S) least distance of every finger's rigid parts from the object, m, negative inside; frames (N, L, 4, 4)."""
-    distance = field.lookup(ball_points(parts.balls, frames.astype(np.float32))) - parts.balls.radii.astype(np.float32)
-    return np.minimum.reduceat(distance, parts.starts, axis=1)
+    return np.minimum(clearance_of(parts.tips, field, frames), clearance_of(parts.others, field, frames))
+
+
+def clearance_of(
+    balls: Sequence[Balls], field: DistanceField, frames: NDArray[np.float64], asked: NDArray[np.bool_] | None = None
+) -> NDArray[np.float32]:
+    """(N, S) least distance of each finger's `balls` from the object, m; of those `asked` for, (N, S), +inf elsewhere; else of all."""
+    single = frames.astype(np.float32)
+    clearance = np.full((len(frames), len(balls)), np.inf, np.float32)
+    for s, own in enumerate(balls):
+        rows = np.arange(len(frames)) if asked is None else np.flatnonzero(asked[:, s])
+        if len(rows) and len(own.radii):
+            distance = field.lookup(ball_points(own, single[rows])) - own.radii.astype(np.float32)
+            clearance[rows, s] = distance.min(axis=1)
+    return clearance
 
 
 def ball_points(balls: Balls, frames: NDArray[Any]) -> NDArray[Any]:
@@ -93,9 +94,3 @@ def ball_points(balls: Balls, frames: NDArray[Any]) -> NDArray[Any]:
     for first, last in pairwise(edges):
         points[:, :, first:last] = np.moveaxis(frames[:, balls.link[first], :3] @ centres[:, first:last], 1, 0)
     return points
-
-
-def judge(hand: Hand, parts: FingerParts, field: DistanceField, frames: NDArray[np.float64], reach: float) -> Judgement:
-    """Contact, coverage and clearance of every finger in postures whose link frames in the world are (N, L, 4, 4)."""
-    contact, coverage = gel_contact(field, gel_probes(hand, parts, frames), reach)
-    return Judgement(contact, coverage, finger_clearance(field, parts, frames))
