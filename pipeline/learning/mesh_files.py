@@ -79,9 +79,8 @@ def _chart(made: Reconstruction, start: int, stop: int, color: Color) -> trimesh
 
 def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color) -> trimesh.Trimesh:
     if not np.isfinite(vertices).all():
-        raise StageError(
-            f"{np.count_nonzero(~np.isfinite(vertices).all(axis=1))} vertices hold NaN or infinity: no program opens such a mesh"
-        )
+        bad = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
+        raise StageError(f"{bad} of {len(vertices)} vertices hold NaN or infinity: no program opens such a mesh")
     return trimesh.Trimesh(vertices, faces, vertex_colors=np.tile(np.array(color, np.uint8), (len(vertices), 1)), process=False)
 
 

@@ -53,11 +53,13 @@ class Chart:
     steps: int = 0
     loss: float = float("inf")
     near: bool = False
+    residual: float = float("inf")
     recent: list[float] = field(default_factory=list)
 
-    def residual(self, vertices: Tensor, faces: Tensor) -> float:
-        """See `chart_rule.residual`; sensor widths."""
-        return residual(vertices.cpu().numpy(), faces.cpu().numpy(), self.cloud.points.cpu().numpy())
+    def measure(self, vertices: Tensor, faces: Tensor) -> float:
+        """See `chart_rule.residual`; sensor widths. It is noted, since who ends by it is asked for it again."""
+        self.residual = residual(vertices.cpu().numpy(), faces.cpu().numpy(), self.cloud.points.cpu().numpy())
+        return self.residual
 
 
 @dataclass(frozen=True)
@@ -146,13 +148,15 @@ class Batch:
             return None
         chart.loss, chart.recent = loss, []
         limit = rule.residual_limit
-        if loss < rule.halt and (limit is None or chart.residual(self._state[0, i], self._faces) <= limit):
+        if loss < rule.halt and (limit is None or chart.measure(self._state[0, i], self._faces) <= limit):
             return StopRule.threshold
         return StopRule.cap if chart.steps >= rule.max_iterations else None
 
     def _ended(self, i: int, why: StopRule) -> Ended:
-        vertices = self._state[0, i]
-        return Ended(self.charts[i], vertices.cpu().numpy().copy(), self.charts[i].residual(vertices, self._faces), why)
+        vertices, chart = self._state[0, i], self.charts[i]
+        if why is not StopRule.threshold or self._rule.residual_limit is None:  # else it has just been measured
+            chart.measure(vertices, self._faces)
+        return Ended(chart, vertices.cpu().numpy().copy(), chart.residual, why)
 
     def _descend(self, gradient: Tensor) -> None:
         """Adam's step (Kingma and Ba, 2015, algorithm 1), each chart with its own count of steps."""

@@ -14,7 +14,21 @@ TABLE_3_FACTOR = 9000.0
 """Table 3's values are consistent with this multiple of the Chamfer distance in m² (anything from 5,000 to 12,000 would be)."""
 
 
-def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -> NDArray[np.float64]:
+class Cloud:
+    """Points (M, 3) with their search tree, built once: for a truth that many predictions are held against.
+
+    Raises
+    ------
+    ValueError
+        The cloud is empty, is not (…, 3), or holds NaN, infinity or coordinates beyond 1e150.
+    """
+
+    def __init__(self, points: NDArray[np.floating]) -> None:
+        self.points = _cloud("points", points)
+        self.tree = cKDTree(self.points)
+
+
+def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating] | Cloud) -> NDArray[np.float64]:
     """Squared distance of every query point (N, 3) to the nearest of `points` (M, 3): (N,), the input's unit squared.
 
     Raises
@@ -22,9 +36,9 @@ def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -
     ValueError
         A cloud is empty, is not (…, 3), or holds NaN, infinity or coordinates beyond 1e150.
     """
-    query, points = _cloud("query", query), _cloud("points", points)
-    nearest = cKDTree(points).query(query)[1]
-    return np.asarray(np.square(query - points[nearest]).sum(axis=1))
+    query, cloud = _cloud("query", query), points if isinstance(points, Cloud) else Cloud(points)
+    nearest = cloud.tree.query(query)[1]
+    return np.asarray(np.square(query - cloud.points[nearest]).sum(axis=1))
 
 
 @dataclass(frozen=True)
@@ -64,9 +78,10 @@ class Distances:
         return 2 * precision * recall / (precision + recall) if precision + recall else 0.0
 
 
-def distances(predicted: NDArray[np.floating], truth: NDArray[np.floating]) -> Distances:
+def distances(predicted: NDArray[np.floating], truth: NDArray[np.floating] | Cloud) -> Distances:
     """The squared nearest distances between a predicted (P, 3) and a true (T, 3) cloud, both ways; errors as `nearest_squared`."""
-    return Distances(nearest_squared(predicted, truth), nearest_squared(truth, predicted))
+    known = truth if isinstance(truth, Cloud) else Cloud(truth)
+    return Distances(nearest_squared(predicted, known), nearest_squared(known.points, predicted))
 
 
 def sampling_floor(area: float, count: int) -> float:

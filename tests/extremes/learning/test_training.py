@@ -1,0 +1,103 @@
+"""What a training refuses, and says so with the items that caused it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from pipeline.kernels.learning.chamfer import chamfer
+from pipeline.learning.loop import read_metrics, train
+from pipeline.stage import StageError
+from tests.learning.regression import Regression, job, settings
+
+
+class Perfect(Regression):
+    """Starts where its loss is 0 and stays so for an epoch; then it is `later`."""
+
+    def __init__(self, later: float) -> None:
+        super().__init__(plain=True)
+        self.later = later
+
+    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+        nothing = 0 * super().loss(items, generator)
+        return nothing + (self.later if self.steps > len(self) / settings().batch_size else 0)
+
+
+class Steep(Regression):
+    """A finite loss whose gradient is none: the root of 0."""
+
+    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+        return 1 + (0 * super().loss(items, generator)).sqrt()
+
+
+class Refused(Regression):
+    """Its loss, or its validation, asks a kernel for the distance to a point that is nowhere."""
+
+    def __init__(self, where: str) -> None:
+        super().__init__(plain=True)
+        self.where = where
+
+    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+        return super().loss(items, generator) + self._distance("loss")
+
+    def validate(self) -> dict[str, float]:
+        return {"loss": super().validate()["loss"] + float(self._distance("validation"))}
+
+    def _distance(self, where: str) -> Tensor:
+        return chamfer(torch.zeros(1, 3), torch.full((1, 3), math.nan if self.where == where else 0.0))
+
+
+class Unmeasured(Regression):
+    """Validates to no number."""
+
+    def validate(self) -> dict[str, float]:
+        return {"loss": math.nan}
+
+
+class Few(Regression):
+    """So many items."""
+
+    def __init__(self, count: int, plain: bool = False) -> None:
+        super().__init__(plain=plain)
+        self.x = self.x[:count]
+
+
+def test_nothing_to_learn_from(tmp_path: Path) -> None:
+    with pytest.raises(StageError, match="regression: there are no items to train on"):
+        train(Few(0), settings(), job(tmp_path), "regression")
+
+
+def test_one_item_is_enough_without_batch_normalisation_and_named_with_it(tmp_path: Path) -> None:
+    facts = train(Few(1, plain=True), settings(epochs=2), job(tmp_path / "plain"), "regression")
+    assert (facts["items"], facts["epochs"]) == (1, 2)
+    with pytest.raises(StageError, match=r"more than 1 value per channel.*epoch 1, step 1, its batch: point-0"):
+        train(Few(1), settings(), job(tmp_path / "normalised"), "regression")
+
+
+def test_after_an_epoch_without_loss_any_finite_loss_is_no_explosion(tmp_path: Path) -> None:
+    train(Perfect(later=0.5), settings(epochs=2), job(tmp_path), "regression")
+    assert [row["train_loss"] for row in read_metrics(tmp_path)] == [0, 0.5]
+
+
+def test_a_gradient_that_is_no_number_stops_it(tmp_path: Path) -> None:
+    with pytest.raises(StageError, match=r"the gradient's norm is nan in epoch 1, step 1 \(limit inf\); its batch: point-"):
+        train(Steep(plain=True), settings(), job(tmp_path), "regression")
+
+
+def test_a_validation_that_is_no_number_stops_it(tmp_path: Path) -> None:
+    with pytest.raises(StageError, match="validation loss of epoch 1 is nan; lower learning_rate"):
+        train(Unmeasured(plain=True), settings(), job(tmp_path), "regression")
+
+
+@pytest.mark.parametrize(
+    ("where", "message"),
+    [("loss", r"NaN.*; in epoch 1, step 1, its batch: point-"), ("validation", "the validation of epoch 1 failed: .*NaN")],
+)
+def test_what_a_kernel_refuses_stops_it_with_the_items(tmp_path: Path, where: str, message: str) -> None:
+    with pytest.raises(StageError, match=message):
+        train(Refused(where), settings(), job(tmp_path), "regression")
