@@ -34,7 +34,7 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system dataset summary train train-unet evaluate report reproduce test test-slow lint bench tradeoff clean FORCE
+.PHONY: help setup system dataset summary train train-unet evaluate report reproduce test test-slow lint bench bench-peers tradeoff clean FORCE
 FORCE:
 
 help:  ## list the targets
@@ -128,6 +128,24 @@ bench: $(VENV)/installed-dev  ## measure every stage beside its raw limit, in on
 
 tradeoff: $(VENV)/installed-dev  ## measure what every knob costs and how wrong it is; writes docs/tradeoff.md (about two hours)
 	@$(BIN)/python -m benchmarks.tradeoff
+
+PEERS    := .venv-peers
+
+bench-peers: $(PEERS)/installed $(PEERS)-tacto/installed simulate-touch.0  ## measure TACTO, Taxim, KeOps, HDF5 … beside ours; writes docs/peers.md
+	@KEOPS_CACHE_FOLDER=$(abspath $(PEERS))/keops OMP_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.peers --data $(DATA) --write docs/peers.md
+
+# The peers that get on with our packages see those of $(VENV), and are installed beside them; TACTO gets an environment of its own.
+$(PEERS)/installed: $(VENV)/installed-dev benchmarks/peers/requirements.txt
+	@test -x $(PEERS)/bin/python || $(BIN)/python -m venv $(PEERS)
+	@$(BIN)/python -c 'import site; print("import site; site.addsitedir(%r)" % site.getsitepackages()[0])' \
+	    > "$$($(PEERS)/bin/python -c 'import site; print(site.getsitepackages()[0])')/vt-pipeline.pth"
+	@$(PEERS)/bin/pip install --quiet --disable-pip-version-check -c constraints.txt -r benchmarks/peers/requirements.txt
+	@touch $@
+
+$(PEERS)-tacto/installed: benchmarks/peers/requirements-tacto.txt | system
+	@test -x $(PEERS)-tacto/bin/python || $(PYTHON) -m venv $(PEERS)-tacto
+	@$(PEERS)-tacto/bin/pip install --quiet --disable-pip-version-check --no-deps -r $<
+	@touch $@
 
 clean:  ## remove the virtual environment; data is kept
 	rm -rf $(VENV)

@@ -1,0 +1,148 @@
+"""One sensor, depth and reading: beside TACTO and Taxim."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import igl
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.peers.cases import Case
+from benchmarks.peers.table import ROOT, Table
+from benchmarks.peers.taxim_shim import load_taxim
+from benchmarks.peers.worker import PeerError, Worker
+from benchmarks.timing import Round, Times, each, side_by_side, three_digits
+from pipeline.kernels.touch.contact import local_points
+from pipeline.kernels.touch.prism import face_blocks
+from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.sensor import Sensor, load_sensor
+from pipeline.kernels.touch.shading import reading
+from pipeline.kernels.touch.storage import stored_depth
+from stages.simulate_touch.settings import TouchSettings
+
+TACTO = ROOT / ".venv-peers-tacto" / "bin" / "python"
+SIZES = {"TACTO 0.0.3, 100 × 100": (100, 100), "TACTO 0.0.3, 120 × 160 (its default)": (120, 160)}
+TAXIM_SHAPE = (480, 640)
+"""Rows and columns of the images that Taxim was calibrated on."""
+OURS = "vt-pipeline, 100 × 100"
+MM = 1e3
+UM = 1e6
+Depth = Callable[[int, NDArray[np.float64]], NDArray[np.float32]]
+
+
+def measure(cases: Sequence[Case], turns: int) -> Table:
+    """The table; `turns` rounds of all sensors of all cases."""
+    sensor = load_sensor("gel_16mm")
+    table = Table(
+        "Touch: depth and reading of one sensor",
+        ["ms, least / median", "frames/s", "time ÷ ours", "depth's points off the mesh, µm: median / 99 % / most"],
+        [
+            f"{sum(len(case.poses) for case in cases)} sensors that touch, of {', '.join(case.name for case in cases)} "
+            f"({min(len(case.mesh.faces) for case in cases)} to {max(len(case.mesh.faces) for case in cases)} faces). Processor "
+            "milliseconds of one core, rounds in turns; frames/s and ratios from the least. What is done once an object is in no time: "
+            "sorting its faces here, uploading them in TACTO.",
+            "Ours is what `simulate-touch` stores: exact orthographic depth, rounded as stored, and the reading made from it.",
+            "Not comparable with TACTO: it rasterises a DIGIT (perspective camera of 60°, curved gel of 20 × 30 mm, its own lamps and "
+            "noise) by pyrender, here placed so that its gel's middle is ours; and with every image comes a shaded gel. Its points come "
+            "from its depth with its camera taken into account, where the object stands in its gel.",
+            "TACTO does not import as published on Python 3.11 (urdfpy pins networkx 2.2). Run with current networkx, PyOpenGL and numpy, "
+            "and `np.float`, `np.infty` put back by `tacto_shim.py`; no file of it is changed. PyBullet is not asked for poses and forces.",
+            "Not comparable with Taxim: it makes no depth. It is given ours, and its time is our depth and its shading, which blurs the "
+            "gel softly around the contact and looks colours up in a table calibrated on a GelSight. `torchvision.resize`, used once, and "
+            "`torch_scatter.scatter_min`, used for shadows, are replaced by torch's own (`taxim_shim.py`).",
+        ],
+    )
+    ours = our_depth(cases, sensor)
+    rounds: dict[str, Round] = {OURS: over_cases(cases, lambda number, pose: reading(ours(number, pose), sensor))}
+    errors = {OURS: np.concatenate([_off(case, our_points(case, number, ours, sensor)) for number, case in enumerate(cases)])}
+    add_taxim(table, rounds, cases, sensor)
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            with Worker(TACTO, "benchmarks.peers.tacto_worker", _saved(cases, sensor, Path(folder)), Path(folder) / "log") as tacto:
+                for name, size in SIZES.items():
+                    rounds[name] = _asking(tacto, size, len(cases))
+                    errors[name] = np.concatenate([_off(case, _tacto_points(tacto, size, i, folder)) for i, case in enumerate(cases)])
+                times = side_by_side(rounds, turns)
+        except PeerError as error:
+            times = side_by_side({name: once for name, once in rounds.items() if name not in SIZES}, turns)
+            for name in SIZES:
+                table.could_not_run(name, error)
+    for name, time in times.items():
+        table.add(name, *_cells(time, times[OURS], errors.get(name)))
+    return table
+
+
+def our_depth(cases: Sequence[Case], sensor: Sensor) -> Depth:
+    """Depth as the stage stores it, of a case's number and a pose."""
+    settings = TouchSettings()
+    blocks = [face_blocks(case.mesh.triangles) for case in cases]
+    return lambda number, pose: stored_depth(ray_depth(blocks[number], pose, sensor), sensor, settings.gel_bits, settings.far_bits)
+
+
+def over_cases(cases: Sequence[Case], call: Callable[[int, NDArray[np.float64]], object]) -> Round:
+    """A round over all sensors of all cases."""
+    return each(lambda item: call(*item), [(number, pose) for number, case in enumerate(cases) for pose in case.poses])
+
+
+def our_points(case: Case, number: int, depth: Depth, sensor: Sensor) -> NDArray[np.float64]:
+    """(N, 3) world points in the gel, m, of all sensors of a case: in float64, so that only the depth's error counts."""
+    points = [local_points(depth(number, pose), pose, sensor) for pose in case.poses]
+    return np.concatenate([found[:count] for found, count in points]).astype(np.float64)
+
+
+def add_taxim(table: Table, rounds: dict[str, Round], cases: Sequence[Case], sensor: Sensor) -> None:
+    """Taxim's rounds at our size and at its own, with and without shadows; or the rows that say why not."""
+    rows, cols = TAXIM_SHAPE
+    large = sensor.model_copy(update={"rows": rows, "cols": cols})
+    large_depth = our_depth(cases, large)
+    rounds[f"vt-pipeline, {rows} × {cols}"] = over_cases(cases, lambda number, pose: reading(large_depth(number, pose), large))
+    ways = [(sensor, False), (large, False), (large, True)]
+    try:
+        taxim = load_taxim()
+    except ImportError as error:
+        table.could_not_run("Taxim on our depth", f"{error}; `make bench-peers` installs it")
+        return
+    for size, shadow in ways:
+        name = f"Taxim on our depth, {size.rows} × {size.cols}{', shadows' if shadow else ''}"
+        rounds[name] = over_cases(cases, _taxim_call(taxim, our_depth(cases, size), size, shadow))
+
+
+def _taxim_call(taxim: Any, depth: Depth, sensor: Sensor, shadow: bool) -> Callable[[int, NDArray[np.float64]], object]:
+    def call(number: int, pose: NDArray[np.float64]) -> object:
+        height = np.minimum(depth(number, pose), sensor.range) - sensor.w  # above the gel's face, as Taxim has it
+        return taxim.render((height * MM).astype(np.float32), with_shadow=shadow)
+
+    return call
+
+
+def _saved(cases: Sequence[Case], sensor: Sensor, folder: Path) -> list[str]:
+    paths = [folder / f"{number}.npz" for number in range(len(cases))]
+    for case, path in zip(cases, paths, strict=True):
+        case.save(path, sensor.w)
+    return [str(path) for path in paths]
+
+
+def _asking(tacto: Worker, size: tuple[int, int], count: int) -> Round:
+    return lambda: float(np.mean([tacto.ask(size=size, case=number)["ms"] for number in range(count)]))
+
+
+def _tacto_points(tacto: Worker, size: tuple[int, int], number: int, folder: str) -> NDArray[np.float64]:
+    path = Path(folder) / "points.npy"
+    tacto.ask(size=size, case=number, points=str(path))
+    points: NDArray[np.float64] = np.load(path)
+    return points
+
+
+def _off(case: Case, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distances from the mesh, µm."""
+    squared = igl.point_mesh_squared_distance(points, case.mesh.vertices, case.mesh.faces.astype(np.int64))[0]
+    return np.asarray(UM * np.sqrt(squared))
+
+
+def _cells(time: Times, ours: Times, errors: NDArray[np.float64] | None) -> tuple[str, ...]:
+    error = "–" if errors is None else " / ".join(three_digits(float(np.quantile(errors, q))) for q in (0.5, 0.99, 1))
+    return str(time), f"{1e3 / time.least:.0f}", f"{time.least / ours.least:.2f}", error
