@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pipeline.kernels.geometry.mesh import flatness
+from pipeline.kernels.geometry.mesh import face_vectors, flatness
 
 BLOCK = 4
 """Cells along the side of a block that is judged near or far by one exact distance."""
@@ -19,6 +19,8 @@ PROBE = 1.5
 """Cells from the surface at which a point's side is looked up: just beyond the cells that the surface itself may cross."""
 SLIVER = 3e-6
 """A flatter face counts as its longest edge, 3e-6 of its length beside it at most. libigl's distance to it would err by more."""
+ON_SURFACE = 1e-6
+"""Cells from the surface below which rounding may decide on which side of it a point lies."""
 WALK = 4
 """Steps away from the nearest surface until a side is known: one beside a face, two or three in the corner of a solid."""
 
@@ -85,7 +87,7 @@ class DistanceField:
             raise ValueError("no distance of points that are NaN or infinite; drop them first")
         squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
         distance: NDArray[np.float64] = np.sqrt(squared)
-        distance[_is_inside(self, points, distance, closest)] *= -1
+        distance[_is_inside(self, closest, _unit(points - closest), distance)] *= -1
         return distance
 
 
@@ -135,12 +137,9 @@ def distance_field(vertices: NDArray[np.float64], faces: np.ndarray, cell: float
     inside = np.where(free, (~outside).astype(np.int8), np.int8(-1))
     field = DistanceField(vertices, faces, tree, low + cell / 2, cell, shape, np.empty((0, 4), np.float32), inside)  # type: ignore[arg-type]
 
-    near_inside = _is_inside(field, centres, distance[flat], closest)
-    away = centres - closest
-    corners = vertices[faces[face]]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    away = np.where(distance[flat, None] > 1e-9, away, normal)  # a centre on the surface itself has no direction away from it
-    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), np.finfo(float).tiny)
+    on_surface = distance[flat, None] <= ON_SURFACE * cell  # has no direction away from it: either side will do
+    away = _unit(np.where(on_surface, face_vectors(vertices[faces[face]]), centres - closest))
+    near_inside = _is_inside(field, closest, away, distance[flat])
     sign = np.where(inside == 1, -1.0, 1.0)
     sign[flat] = np.where(near_inside, -1.0, 1.0)
     gradient[flat] = away * sign[flat, None]
@@ -169,14 +168,22 @@ def _layout(extent: NDArray[np.float64], cell: float, band: float) -> tuple[floa
         cell *= 1.05  # a few dozen rounds for the largest objects
 
 
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 3) vectors with length 1; zero stays zero."""
+    unit: NDArray[np.float64] = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    return unit
+
+
 def _is_inside(
-    field: DistanceField, points: NDArray[np.float64], distance: NDArray[np.float64], closest: NDArray[np.float64]
+    field: DistanceField, closest: NDArray[np.float64], direction: NDArray[np.float64], distance: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Whether points are inside: walk away from the surface until the grid knows the side."""
-    found = np.full(len(points), -1, np.int8)
-    open_ = np.arange(len(points))
+    """Whether points are inside, given by the closest point of the surface, unit direction and distance from there.
+
+    Walks away from the surface until the grid knows the side.
+    """
+    found = np.full(len(closest), -1, np.int8)
+    open_ = np.arange(len(closest))
     for _ in range(WALK):
-        direction = (points - closest) / np.maximum(distance, np.finfo(float).tiny)[:, None]
         points = closest + direction * np.maximum(distance, PROBE * field.cell)[:, None]
         index = np.clip(np.rint((points - field.origin) / field.cell).astype(np.int64), 0, np.array(field.shape) - 1)
         side = field.inside[(index[:, 0] * field.shape[1] + index[:, 1]) * field.shape[2] + index[:, 2]]
@@ -185,7 +192,7 @@ def _is_inside(
         if not len(open_):
             break
         squared, _, closest = field.tree.squared_distance(field.vertices, field.faces, points)
-        distance = np.sqrt(squared)
+        distance, direction = np.sqrt(squared), _unit(points - closest)
     inside: NDArray[np.bool_] = found == 1
     return inside  # what stays undecided lies in a narrow gap or a thin part: outside
 
