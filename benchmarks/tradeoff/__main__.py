@@ -17,6 +17,7 @@ from benchmarks.tradeoff.shortcuts import measure as measure_shortcuts
 from rich.console import Console
 
 from benchmarks.tradeoff import work
+from benchmarks.tradeoff.alternatives import alternatives
 from benchmarks.tradeoff.end_to_end import end_to_end
 from benchmarks.tradeoff.errors import ERRORS
 from benchmarks.tradeoff.same import same_results
@@ -46,6 +47,7 @@ def main() -> None:
         if not options.only:
             found["same"] = same_results(options.root, console)
             found["end_to_end"] = end_to_end(options.root, console)
+            found["alternatives"] = alternatives(options.root / "few" / work.COMMON)
             found["shortcuts"] = [vars(shortcut) for shortcut in measure_shortcuts()]
         write_asset(found)
     write_page(found)

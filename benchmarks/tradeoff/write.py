@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "tradeoff.md"
 PLOTS = ROOT / "docs" / "tradeoff"
 COMMAND = "make tradeoff"
-SECTIONS = ("trades", "same", "end_to_end", "shortcuts")
+SECTIONS = ("trades", "same", "end_to_end", "alternatives", "shortcuts")
 BEGIN = """# Speed against accuracy
 
 Every knob that changes results, varied alone and with others, and the presets as wholes: what a setting costs and how wrong it is.
@@ -34,7 +34,7 @@ def read_asset() -> dict[str, Any]:
     """What was measured last; empty sections where nothing was."""
     path = ROOT / "pipeline" / ASSET
     content: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
-    return {"trades": {}, "same": [], "end_to_end": [], "shortcuts": []} | content
+    return {"trades": {}} | {name: [] for name in SECTIONS[1:]} | content
 
 
 def write_asset(found: dict[str, Any]) -> None:
@@ -55,6 +55,7 @@ def write_page(found: dict[str, Any]) -> None:
         draw(trade, picture)
         parts.append(_section(trade, picture))
     parts.append(_end_to_end(found["end_to_end"]))
+    parts.append(_alternatives(found["alternatives"]))
     parts.append(_same(found["same"]))
     parts.append(_shortcuts(found["shortcuts"]))
     PAGE.write_text("\n".join(parts))
@@ -90,6 +91,19 @@ def _end_to_end(rows: list[dict[str, Any]]) -> str:
     lines = [[row["label"], row["seconds"], row["touches"], row["chamfer"], f"{row['low']} to {row['high']}"] for row in rows]
     say = "Data sets that differ from `draft` in one thing, each learned from and tested with draft's U-Net, charts and touch network.\n\n"
     return f"## What a cheaper data set costs in the end\n\n{say}{_table(head, lines)}"
+
+
+def _alternatives(rows: list[dict[str, Any]]) -> str:
+    if not rows:
+        return ""
+    head = ["choice", "", "seconds", "figures"]
+    lines = [[row["what"], row["label"], row["seconds"], _words(row["figures"])] for row in rows]
+    say = "Choices that are no knob, because one of them serves. Seconds of a sensor's depth map, or of an attempt at a grasp.\n\n"
+    return f"## What could be built otherwise\n\n{say}{_table(head, lines)}"
+
+
+def _words(figures: dict[str, float]) -> str:
+    return "; ".join(f"{name}: {value:.4g}" for name, value in figures.items())
 
 
 def _same(rows: list[dict[str, Any]]) -> str:

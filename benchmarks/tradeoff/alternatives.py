@@ -1,0 +1,164 @@
+"""What could be built otherwise: choices that are no knob, because one of them serves, measured all the same.
+
+How many pixels a sensor has, what traces its rays in which precision, and what an object is to physics.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import igl
+import numpy as np
+import trimesh
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import NDArray
+from skimage.transform import resize
+
+from benchmarks.grasps import independent_depth
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.rows import read_mesh
+from pipeline.kernels.touch.prism import FaceBlocks, face_blocks
+from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.sensor import Sensor, load_sensor, ray_origins
+from pipeline.stage import rng_of
+from pipeline.store.collection import Collection
+from pipeline.store.layout import Layout
+from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+from stages.simulate_grasps.attempt import attempt
+from stages.simulate_grasps.physics import simulation
+from stages.simulate_grasps.rig import make_rig, make_scene
+from stages.simulate_grasps.settings import GraspSettings
+
+PIXELS = (25, 50, 100, 200)
+FINEST = 400
+ATTEMPTS = 6
+"""An object, with each of the shapes that physics may take it for."""
+FEW_FACES = 500
+Depths = NDArray[np.float64]
+MISSED = 1e30
+"""What Embree calls a ray that hits nothing is 1e37."""
+
+
+class Object:
+    """A grasped object of a data set."""
+
+    def __init__(self, surface: Any, grasps: Any) -> None:
+        self.mesh = read_mesh(surface)
+        self.points, self.normals = surface["points"], surface["normals"]
+        self.poses: NDArray[np.float64] = grasps["sensor_pose"][grasps["touch_success"]]
+
+    @cached_property
+    def blocks(self) -> FaceBlocks:
+        return face_blocks(self.mesh.triangles)
+
+
+def alternatives(data: Path) -> list[dict[str, Any]]:
+    """A row an alternative: what it is, seconds, and its figures."""
+    surfaces, grasps = Collection(Layout(data), SURFACES), Collection(Layout(data), GRASPS)
+    objects = [Object(surfaces.view(name), grasps.view(name)) for name in grasps]
+    return [*_pixels(objects), *_tracers(objects), *_shapes(objects)]
+
+
+def _pixels(objects: list[Object]) -> Iterator[dict[str, Any]]:
+    """Depth maps with fewer or more pixels, enlarged to the finest and compared where both see the gel's contents."""
+    sensor = load_sensor("gel_16mm")
+    fine = sensor.model_copy(update={"rows": FINEST, "cols": FINEST})
+    truth = [ray_depth(one.blocks, pose, fine) for one in objects for pose in one.poses]
+    for pixels in PIXELS:
+        coarse = sensor.model_copy(update={"rows": pixels, "cols": pixels})
+        depths, seconds = _timed(objects, lambda one, pose, coarse=coarse: ray_depth(one.blocks, pose, coarse))
+        squares = []
+        for depth, exact in zip(depths, truth, strict=True):
+            ours = resize(np.minimum(depth, sensor.w), exact.shape, order=1, mode="edge")
+            squares.append(np.mean((ours - np.minimum(exact, sensor.w))[exact < sensor.w] ** 2))
+        yield _row(
+            "pixels of a sensor", f"{pixels} x {pixels}", seconds, {"depth in the gel RMS, um": 1e6 * float(np.sqrt(np.mean(squares)))}
+        )
+
+
+def _tracers(objects: list[Object]) -> Iterator[dict[str, Any]]:
+    """The same rays in float64, as scan conversion, and in float32, as Embree's first hits."""
+    sensor = load_sensor("gel_16mm")
+    exact, seconds = _timed(objects, lambda one, pose: ray_depth(one.blocks, pose, sensor))
+    yield _row("precision of rays", "float64 (ours)", seconds, {"worst in the gel, um": 0.0})
+    scenes = {id(one): EmbreeScene() for one in objects}
+    held = [TriangleMesh(scenes[id(one)], one.mesh.triangles.astype(np.float32)) for one in objects]
+    rough, seconds = _timed(objects, lambda one, pose: _embree(scenes[id(one)], pose, sensor))
+    del held
+    worst = max(
+        float(np.abs(ours - theirs)[(theirs < sensor.w) & (ours < MISSED)].max(initial=0))
+        for ours, theirs in zip(rough, exact, strict=True)
+    )
+    yield _row("precision of rays", "float32 (Embree)", seconds, {"worst in the gel, um": 1e6 * worst})
+
+
+def _embree(scene: EmbreeScene, pose: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
+    origins = ray_origins(pose, sensor).reshape(-1, 3).astype(np.float32)
+    found = scene.run(origins, np.tile(pose[:3, 2].astype(np.float32), (len(origins), 1)), query="DISTANCE")
+    return np.asarray(found, np.float64).reshape(sensor.shape)
+
+
+def _shapes(objects: list[Object]) -> Iterator[dict[str, Any]]:
+    """Attempts at grasps where physics takes the object for itself, for itself with few faces, and for its convex hull."""
+    settings = GraspSettings()
+    rig = make_rig(settings)
+    shapes: dict[str, Callable[[Mesh], Mesh]] = {
+        "the mesh (ours)": lambda mesh: mesh,
+        f"{FEW_FACES} faces": _few,
+        "convex hull": _hull,
+    }
+    with simulation(rig.hand) as physics:
+        for label, shape in shapes.items():
+            touched, depths, spent = [], [], 0.0
+            for number, one in enumerate(objects):
+                scene = make_scene(one.mesh, one.points, one.normals, settings.grid_cell)
+                physics.load(shape(one.mesh))
+                for tried in range(ATTEMPTS):
+                    start = time.perf_counter()
+                    grasp = attempt(rig, scene, physics, settings, rng_of(0, "alternatives", number, tried))
+                    spent += time.perf_counter() - start
+                    if grasp is not None:
+                        touched.append(grasp.touched.mean() if grasp.sound else 0.0)
+                        depths.append(independent_depth(rig, one.mesh, grasp, rng_of(0, "depth", number, tried)))
+            figures = {"touches missing or unsound, %": 100 * (1 - float(np.mean(touched))), "deepest, mm": 1e3 * max(depths)}
+            yield _row("the object in physics", label, spent / (ATTEMPTS * len(objects)), figures)
+
+
+def _few(mesh: Mesh) -> Mesh:
+    if len(mesh.faces) <= FEW_FACES:
+        return mesh
+    vertices, faces, *_ = igl.decimate(mesh.vertices, mesh.faces.astype(np.int64), FEW_FACES, True)
+    return Mesh.bare(vertices, faces) if len(faces) else mesh
+
+
+def _hull(mesh: Mesh) -> Mesh:
+    hull = trimesh.convex.convex_hull(mesh.vertices)
+    return Mesh.bare(hull.vertices, hull.faces)
+
+
+def _timed(
+    objects: list[Object], trace: Callable[[Object, NDArray[np.float64]], NDArray[np.float64]]
+) -> tuple[list[NDArray[np.float64]], float]:
+    """What is traced of every touch, and the mean seconds of one."""
+    found = []
+    for one in objects:
+        _ = one.blocks
+    start = time.perf_counter()
+    for one in objects:
+        found += [trace(one, pose) for pose in one.poses]
+    return found, (time.perf_counter() - start) / len(found)
+
+
+def _row(what: str, label: str, seconds: float, figures: dict[str, float]) -> dict[str, Any]:
+    return {
+        "what": what,
+        "label": label,
+        "seconds": float(f"{seconds:.4g}"),
+        "figures": {name: float(f"{x:.4g}") for name, x in figures.items()},
+    }

@@ -1,0 +1,102 @@
+"""Choosing among measured settings: what fits a time or an error, and what is said where nothing does."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from pipeline.advice import AdviceError, Pace, assignments, duration, error_limit, within_error, within_time
+from pipeline.tradeoff import Point, Trade
+
+
+def point(label: str, seconds: float, error: float, metric: str = "depth, um", kind: str = "knob", **settings: object) -> Point:
+    return Point(label, kind, settings, seconds, 1.0, {metric: error})
+
+
+def trade(stage: str, *points: Point) -> Trade:
+    return Trade(stage, stage, 4, ("seconds",), points, {})
+
+
+FEEL = trade(
+    "feel", point("coarse", 1, 100), point("standard", 4, 10, kind="preset"), point("fine", 20, 0, depth=3), point("silly", 30, 50)
+)
+HOLD = trade("hold", point("standard", 10, 8, "missing, %", "preset"), point("fast", 2, 64, "missing, %"))
+
+
+def test_of_all_combinations_within_the_time_the_one_with_the_least_product_of_errors_is_chosen(rng: np.random.Generator) -> None:
+    for _ in range(50):
+        trades = [
+            trade(str(n), *(point(str(k), *np.exp(rng.uniform(0, 3, 2)).tolist()) for k in range(rng.integers(1, 5)))) for n in range(3)
+        ]
+        budget = float(rng.uniform(20, 200))
+        pace = {"1": Pace(2.0, 5.0)}
+        combinations = [
+            (np.prod([one.error for one in row]), row)
+            for row in itertools.product(*(one.points for one in trades))
+            if sum(6 * one.seconds * (2 if n == 1 else 1) / 2 for n, one in enumerate(row)) + 5 <= budget
+        ]
+        if not combinations:
+            with pytest.raises(AdviceError, match="6 objects"):
+                within_time(trades, pace, 6, 2, budget)
+            continue
+        chosen = within_time(trades, pace, 6, 2, budget)
+        least = min(combinations, key=lambda entry: entry[0])[0]
+        assert sum(one.seconds for one in chosen) <= budget
+        assert np.prod([one.point.error for one in chosen]) <= least * 1.1  # the front takes 2 % apart for equal
+
+
+def test_more_time_is_never_more_error():
+    errors = [np.prod([max(one.point.error, 1) for one in within_time([FEEL, HOLD], {}, 1, 1, time)]) for time in (4, 7, 15, 40)]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[0] > errors[-1]
+
+
+def test_too_little_time_is_refused_with_what_it_takes():
+    with pytest.raises(AdviceError, match=r"take 30 s for 10 objects, 5 s were given"):
+        within_time([FEEL, HOLD], {}, 10, 1, 5)
+
+
+def test_the_fastest_setting_within_an_error_and_the_preset_where_the_unit_is_another():
+    chosen = within_error([FEEL, HOLD], {}, 3, 1, 20, "um", "standard")
+    assert [one.point.label for one in chosen] == ["standard", "standard"]
+    assert [one.seconds for one in chosen] == [12, 30]
+    assert within_error([FEEL], {}, 1, 1, 200, "um", "standard")[0].point.label == "coarse"
+
+
+def test_an_error_that_nothing_reaches_and_a_unit_that_nothing_has_are_refused():
+    with pytest.raises(AdviceError, match=r"hold: missing, %, is 8 at best, not 1"):
+        within_error([FEEL, HOLD], {}, 1, 1, 1, "%", "standard")
+    with pytest.raises(AdviceError, match=r"measured in kg; there are %, um"):
+        within_error([FEEL, HOLD], {}, 1, 1, 1, "kg", "standard")
+
+
+def test_assignments_name_what_stands_otherwise():
+    fine = within_error([FEEL], {}, 1, 1, 0, "um", "standard")[0]
+    assert assignments(fine, {"depth": 1}) == ["feel.depth=3"]
+    assert assignments(fine, {"depth": 3}) == []
+
+
+@pytest.mark.parametrize(("text", "seconds"), [("90s", 90), ("10min", 600), ("1.5 h", 5400)])
+def test_times(text, seconds):
+    assert duration(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["", "10", "min", "0s", "1..2s", "-3min", "10 days"])
+def test_what_is_no_time(text):
+    with pytest.raises(AdviceError, match="write 90s, 10min"):
+        duration(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "limit"), [("5um", (5, "um")), ("5 µm", (5, "um")), ("2%", (2, "%")), ("1.5mm", (1.5, "mm")), ("1e-3um", (1e-3, "um"))]
+)
+def test_limits(text, limit):
+    assert error_limit(text) == limit
+
+
+@pytest.mark.parametrize("text", ["", "um", "5", "1..2um"])
+def test_what_is_no_limit(text):
+    with pytest.raises(AdviceError, match="5um or 2%"):
+        error_limit(text)

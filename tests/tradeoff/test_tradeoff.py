@@ -1,0 +1,75 @@
+"""The figures that came of `make tradeoff`: whole, of today's knobs, and read right."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.tradeoff.variants import studies
+from pipeline.presets import load_presets, resolve
+from pipeline.tradeoff import Point, Trade, in_words, load_trades
+from stages.registry import STAGES, load_settings_type, load_stage
+
+UNMEASURED = {
+    "train-unet": {"loss_points"},  # of the other loss: measured together with it
+    "simulate-touch": {"sphere_tolerance", "sphere_steps"},  # of the other tracer, likewise
+    "fit-charts": {"device"},  # needs a GPU
+    "evaluate": set(),
+}
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_every_knob_that_changes_results_is_varied(stage):
+    varied = {knob for study in studies() if study.stage == stage for knob in study.knobs}
+    together = {knob for study in studies() if study.stage == stage for values in study.together for knob in values}
+    wanted = {knob for knob in load_settings_type(stage).model_fields if load_settings_type(stage).changes(knob) == "results"}
+    assert wanted == varied | (UNMEASURED.get(stage, set()) & wanted)
+    assert UNMEASURED.get(stage, set()) - {"device"} <= together
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_what_was_measured_is_what_is_varied(stage):
+    for study in (one for one in studies() if one.stage == stage):
+        measured = load_trades()[study.name]
+        assert [point.label for point in measured.points] == [variant.label for variant in study.variants()]
+        for point, variant in zip(measured.points, study.variants(), strict=True):
+            assert point.settings == variant.settings(stage).accuracy()
+            assert point.seconds > 0
+            assert point.error >= 0
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_three_settings_are_beaten_by_none(stage):
+    fronts = [trade.front() for trade in load_trades().values() if trade.stage == stage]
+    assert max(map(len, fronts)) >= 3
+
+
+@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("preset", load_presets())
+def test_a_run_says_what_its_preset_costs_in_error(stage, preset):
+    skipped = {name for trade in load_trades().values() if trade.stage == stage for name in trade.skipped}
+    words = in_words(stage, resolve(load_stage(stage), preset, [], STAGES))
+    assert words.startswith("measured at these settings") or preset in skipped
+
+
+def test_settings_that_were_not_measured_are_told_apart_knob_by_knob():
+    words = in_words("simulate-grasps", resolve(load_stage("simulate-grasps"), "standard", ["grid_cell=0.005", "attempts=8"], STAGES))
+    assert words.startswith("not measured at these settings; one by one, touches missing or unsound, %: attempts=8: ")
+    assert "grid_cell=0.005: " in words
+
+
+def test_a_stage_that_was_not_measured_says_nothing(monkeypatch):
+    monkeypatch.setattr("pipeline.tradeoff.load_trades", lambda: {})
+    assert in_words("evaluate", load_settings_type("evaluate")()) == ""
+
+
+def test_the_front_holds_what_none_beats_by_more_than_noise():
+    def point(label: str, seconds: float, error: float, kind: str = "knob") -> Point:
+        return Point(label, kind, {}, seconds, 1.0, {"depth, um": error})
+
+    points = (
+        *(point("cheap", 1, 9), point("dear", 8, 1), point("as dear", 8.2, 1), point("beaten", 9, 2)),
+        *(point("exact", 20, 0), point("noise", 0.1, 0.1, "seed")),
+    )
+    trade = Trade("a", "a", 1, ("seconds",), points, {})
+    assert [one.label for one in trade.front()] == ["cheap", "dear", "as dear", "exact"]
+    assert (trade.metric, trade.unit) == ("depth, um", "um")
