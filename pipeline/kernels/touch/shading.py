@@ -64,13 +64,12 @@ def _shade(z: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:
     steepness = slope_x * slope_x + slope_y * slope_y + 1.0  # |n|²
     x = (np.arange(sensor.cols) + 0.5) / sensor.cols
     y = ((np.arange(sensor.rows) + 0.5) / sensor.rows)[:, None]
-    highest = z.max()
     image = np.empty((*sensor.shape, 3), np.uint8)
     for channel, (lamp_x, lamp_y, lamp_z) in enumerate((sensor.lights.red, sensor.lights.green, sensor.lights.blue)):
         to_x, to_y, to_z = lamp_x - x, lamp_y - y, lamp_z - z
         dot = to_z - slope_x * to_x - slope_y * to_y  # n · (P - S)
         squared = to_x * to_x + to_y * to_y + to_z * to_z
-        if lamp_z <= highest:  # else the lamp is clear of the surface, and the distance is not 0
+        if not squared.all():  # the lamp stands on the surface, or so near that its distance's square is 0
             squared[squared == 0] = 1
         dot *= sensor.diffuse / np.sqrt(steepness * squared)
         image[..., channel] = np.rint(np.clip(dot, 0.0, 1.0) * WHITE)

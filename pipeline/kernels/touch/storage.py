@@ -13,5 +13,7 @@ def stored_depth(depth: NDArray[np.float64], sensor: Sensor, gel_bits: int | Non
 
     The error is at most half a step and half a float32 unit in the last place. None keeps what float32 holds; +inf stays.
     """
+    if np.isnan(depth).any():
+        raise ValueError("depth holds NaN; where nothing is met it must be +inf")
     in_gel, beyond = (depth if bits is None else np.ldexp(np.rint(np.ldexp(depth, bits)), -bits) for bits in (gel_bits, far_bits))
     return np.where(depth < sensor.w, in_gel, beyond).astype(np.float32)
