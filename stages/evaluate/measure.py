@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.sampling import sample_triangles
-from pipeline.kernels.learning.metrics import Distances, distances
+from pipeline.kernels.learning.metrics import Cloud, Distances, distances
 from pipeline.kernels.learning.rings import ring_means, ring_of
 from pipeline.learning.reconstruct import Reconstruction, Reconstructor
 from pipeline.stage import StageError, rng_of
@@ -36,10 +36,11 @@ def measure(name: str, model: Reconstructor, truth: Truth, settings: EvaluationS
         "first_grasp": np.array([case.first for case in cases], np.int32),
         "case_grasps": np.array([len(case.grasps) for case in cases], np.int32),
     }
+    cloud_of = lru_cache(maxsize=1)(lambda row: Cloud(truth.points[row]))  # an object's cases come one after the other
     for row, number, made in _reconstructed(model, truth, cases, settings.batch_size):
         case = cases[number]
         identity = ("evaluate", truth.split.object_ids[row], name, case.first, len(case.grasps))
-        apart = _distances(made, truth.points[row], settings.points, rng_of(seed, *identity), " ".join(map(str, identity[1:])))
+        apart = _distances(made, cloud_of(row), settings.points, rng_of(seed, *identity), " ".join(map(str, identity[1:])))
         _note(found, row, case, apart, settings)
         if numbers[case.given] == 1:
             for first in case.firsts:
@@ -66,7 +67,7 @@ def _reconstructed(model: Reconstructor, truth: Truth, cases: Sequence[Case], ba
         yield from ((row, number, one) for (row, number), one in zip(batch, made, strict=True))
 
 
-def _distances(made: Reconstruction, points: NDArray[np.float64], count: int, rng: np.random.Generator, name: str) -> Distances:
+def _distances(made: Reconstruction, points: Cloud, count: int, rng: np.random.Generator, name: str) -> Distances:
     """How far points drawn from a reconstruction and points of the truth are apart."""
     if not np.isfinite(made.vertices).all():
         raise StageError(f"the reconstruction of {name} holds NaN or infinity; was the model trained to the end?")
