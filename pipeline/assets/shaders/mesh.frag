@@ -44,8 +44,10 @@ void main()
     n *= dot(n, facing) < 0.0 ? -1.0 : 1.0;
 
     vec3 to_lamp = point_lights[0].position - at;
-    vec3 light = point_lights[0].color * point_lights[0].intensity / dot(to_lamp, to_lamp);
-    vec3 l = normalize(to_lamp);
+    float squared = dot(to_lamp, to_lamp);
+    bool apart = squared > 0.0;  // else the lamp stands here, and its light has no direction
+    vec3 light = apart ? point_lights[0].color * point_lights[0].intensity / squared : vec3(0.0);
+    vec3 l = apart ? normalize(to_lamp) : n;
     float diffuse = max(dot(n, l), 0.0);
     float highlight = diffuse > 0.0 ? pow(max(dot(n, normalize(l + normalize(to_eye))), 0.0), SHARPNESS) : 0.0;
     vec3 color = albedo * (ambient_light + light * diffuse) + light * GLOSS * highlight;

@@ -83,8 +83,8 @@ def projection_matrix(camera: Camera) -> NDArray[np.float64]:
 def project(matrix: NDArray[np.float64], points: NDArray[np.floating]) -> NDArray[np.float64]:
     """(..., 2) pixel coordinates (column, row) of finite world points (..., 3), m; NaN for points at or behind the camera.
 
-    Right to 1e-15 times the focal length in pixels, times how often a point's distance from the camera goes into the largest
-    coordinate: 1e-9 pixels a kilometre from the origin.
+    Right to 1.5e-14 times the focal length in pixels, times how often a point's distance from the camera goes into the largest
+    coordinate: 6e-9 pixels a kilometre from the origin.
     """
     if not np.isfinite(points).all():
         raise ValueError("NaN or infinite points have no place in an image; drop them first")

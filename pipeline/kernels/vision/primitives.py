@@ -38,7 +38,15 @@ class Primitive:
 
 
 def primitives(mesh: Mesh) -> list[Primitive]:
-    """The mesh's faces, gathered by what they look like: materials of one colour and texture are one primitive."""
+    """The mesh's faces, gathered by what they look like: materials of one colour and texture are one primitive.
+
+    Raises
+    ------
+    ValueError
+        A corner or texture coordinate is NaN or infinite: a graphics card would draw something else, or nothing, and not say so.
+    """
+    if not (np.isfinite(mesh.triangles).all() and np.isfinite(mesh.look.uv).all()):
+        raise ValueError(f"of {len(mesh.faces)} faces some have NaN or infinite corners or texture coordinates; gate the mesh first")
     normals = corner_normals(mesh.vertices, mesh.faces)
     look = mesh.look
     textures = [opaque(shrunk(texture)) for texture in look.textures]

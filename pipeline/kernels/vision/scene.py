@@ -23,7 +23,8 @@ class Lamp(_Model):
     """A point light whose light falls off with the square of the distance.
 
     `position` in the world, m; a white surface that faces it at d metres shows `intensity` / d² (linear, 1 is white); `color`
-    linear RGB. It casts no shadow.
+    linear RGB. It casts no shadow. What it would light brighter than white is white; the point of a surface that it stands on
+    it does not light.
     """
 
     position: Vector

@@ -23,7 +23,7 @@ def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32], crea
     A corner's normal is the mean, weighted by the angle at the vertex, of the normals of those faces around the same *place* that
     make less than `crease` (rad) with its own face. Faces wound the other way count as if turned over, so a mesh that is wound
     inconsistently shades as a consistent one does. A face without area has the normal +z and no say in its neighbours'; that of
-    a sliver of aspect a is right to a units in the last place.
+    a sliver of aspect a is right to 8 a units in the last place.
     """
     triangles = vertices[faces]  # (F, 3, 3)
     normal = face_vectors(triangles)
