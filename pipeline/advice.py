@@ -21,7 +21,7 @@ class AdviceError(ValueError):
 
 @dataclass(frozen=True)
 class Pace:
-    """How fast this machine is at a stage: seconds an object over those of the table, and seconds a run beside the objects."""
+    """How fast this machine is at a stage: its seconds over those that were measured, and seconds a run beside the objects."""
 
     factor: float = 1.0
     start: float = 0.0
@@ -52,9 +52,12 @@ def error_limit(text: str) -> tuple[float, str]:
     return value, match[2].replace("µm", "um")
 
 
-def within_time(trades: Sequence[Trade], paces: Mapping[str, Pace], objects: int, workers: int, seconds: float) -> list[Choice]:
+def within_time(
+    trades: Sequence[Trade], paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int, seconds: float
+) -> list[Choice]:
     """Of every stage one setting, all together within a time, so that the product of their errors is least.
 
+    `objects` are how many each stage has to do with, `workers` the processes that share them where they are done one by one.
     Errors have units of their own, so they are compared by ratios: to halve one counts as much as to halve another.
 
     Raises
@@ -62,15 +65,19 @@ def within_time(trades: Sequence[Trade], paces: Mapping[str, Pace], objects: int
     AdviceError
         The cheapest settings take longer: with how long.
     """
-    options = [[_choice(trade, point, paces, objects, workers) for point in trade.front()] for trade in trades]
-    if (least := sum(min(choice.seconds for choice in row) for row in options)) > seconds:
-        raise AdviceError(f"the fastest measured settings take {least:.0f} s for {objects} objects, {seconds:.0f} s were given")
-    possible = (row for row in itertools.product(*options) if sum(choice.seconds for choice in row) <= seconds)
-    return list(min(possible, key=lambda row: (sum(_log_error(choice) for choice in row), sum(choice.seconds for choice in row))))
+    plans: list[_Plan] = [(0.0, 0.0, ())]
+    for trade in trades:
+        options = [_choice(trade, point, paces, objects, workers) for point in trade.front()]
+        plans = _undominated(
+            [(t + one.seconds, e + _log_error(one), (*row, one)) for (t, e, row), one in itertools.product(plans, options)]
+        )
+    if plans[0][0] > seconds:
+        raise AdviceError(f"the fastest measured settings take {plans[0][0]:.0f} s, {seconds:.0f} s were given; take fewer objects")
+    return list([plan for plan in plans if plan[0] <= seconds][-1][2])  # the slowest of them is the most accurate
 
 
 def within_error(
-    trades: Sequence[Trade], paces: Mapping[str, Pace], objects: int, workers: int, limit: float, unit: str, otherwise: str
+    trades: Sequence[Trade], paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int, limit: float, unit: str, otherwise: str
 ) -> list[Choice]:
     """Of every stage whose error is measured in `unit` the fastest setting within the limit, of the others the preset `otherwise`.
 
@@ -98,9 +105,23 @@ def assignments(choice: Choice, standing: Mapping[str, object]) -> list[str]:
     return [f"{choice.trade.stage}.{knob}={'null' if value is None else str(value).lower()}" for knob, value in changed.items()]
 
 
-def _choice(trade: Trade, point: Point, paces: Mapping[str, Pace], objects: int, workers: int) -> Choice:
-    pace = paces.get(trade.stage, Pace())
-    return Choice(trade, point, pace.start + objects * point.seconds * pace.factor / workers)
+_Plan = tuple[float, float, tuple[Choice, ...]]
+"""Seconds, logarithm of the product of errors, and the settings of some stages."""
+
+
+def _undominated(plans: list[_Plan]) -> list[_Plan]:
+    """Those than which none is both faster and more accurate, the fastest first."""
+    kept: list[_Plan] = []
+    for plan in sorted(plans, key=lambda plan: plan[:2]):
+        if not kept or plan[1] < kept[-1][1]:
+            kept.append(plan)
+    return kept
+
+
+def _choice(trade: Trade, point: Point, paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int) -> Choice:
+    pace, count = paces.get(trade.stage, Pace()), objects[trade.stage]
+    share = count / trade.objects if trade.whole else count / workers
+    return Choice(trade, point, pace.start + share * point.seconds * pace.factor)
 
 
 def _log_error(choice: Choice) -> float:

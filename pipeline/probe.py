@@ -1,15 +1,20 @@
-"""How fast this machine makes a stage's rows: a few objects, made for real in a directory of their own."""
+"""How fast this machine is at a stage: a few objects made for real, in a directory of their own, or one epoch learned from them."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
+from rich.console import Console
+
+from pipeline.folders import fill, plan_folder
 from pipeline.manifest import Object
 from pipeline.plan import Request, make_plan
 from pipeline.runner import execute
-from pipeline.stage import ObjectStage
+from pipeline.stage import ObjectStage, SetStage
+from pipeline.store.record import Record
 from pipeline.store.shard import Shard, StoreError
 
 
@@ -34,3 +39,20 @@ def probe(request: Request[ObjectStage], objects: Sequence[Object]) -> tuple[flo
     seconds = [float(value) for value in shard.attributes["seconds"]]
     busy = sum(seconds) / min(request.workers, len(objects))
     return sum(seconds) / len(seconds), max(0.0, wall - busy)
+
+
+def probe_training(request: Request[SetStage], objects: Sequence[Object], console: Console) -> tuple[float, float]:
+    """Train for one epoch on some objects; seconds of it for each that is learned from, and the seconds of the run beside."""
+    began = time.perf_counter()
+    settings: Any = request.settings.model_copy(update={"epochs": 1})
+    plan = plan_folder(replace(request, objects=objects, settings=settings))
+    fill(plan, console)
+    seconds = float(Record(plan.path).content["facts"]["training_seconds"])
+    return seconds / sum(item.split == "train" for item in objects), time.perf_counter() - began - seconds
+
+
+def some_of(objects: Sequence[Object], count: int) -> list[Object]:
+    """About so many objects, spread evenly, the last of them to validate on and the others to learn from."""
+    chosen = objects[:: max(1, len(objects) // count)]
+    splits = ["train"] * (len(chosen) - 1) + ["valid"]
+    return [Object(one.object_id, one.category, split, one.source) for one, split in zip(chosen, splits, strict=True)]

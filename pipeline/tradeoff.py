@@ -60,7 +60,9 @@ class Trade:
     name, stage
         A stage may have several: "train-gcn" and "train-gcn seeing".
     objects
-        How many it was measured on.
+        How many it was measured on; of a training, how many it learned from.
+    whole
+        Whether the stage looks at all objects at once, so that seconds are those of all of them.
     costs
         What counts beside the error: "seconds", or "kilobytes" too.
     skipped
@@ -70,6 +72,7 @@ class Trade:
     name: str
     stage: str
     objects: int
+    whole: bool
     costs: tuple[str, ...]
     points: tuple[Point, ...]
     skipped: Mapping[str, str]
@@ -141,4 +144,4 @@ def load_trades() -> dict[str, Trade]:
 
 def _trade(name: str, entry: Mapping[str, Any]) -> Trade:
     points = tuple(Point(**point) for point in entry["points"])
-    return Trade(name, entry["stage"], entry["objects"], tuple(entry["costs"]), points, entry["skipped"])
+    return Trade(name, entry["stage"], entry["objects"], entry["whole"], tuple(entry["costs"]), points, entry["skipped"])

@@ -80,7 +80,7 @@ def _trade(root: Path, study: Study, console: Console) -> dict[str, Any]:
     reference = next((one.data for variant, one in made if variant == against), Path())
     with ProcessPoolExecutor(os.cpu_count()) as processes:
         points = list(processes.map(_point, *zip(*((study, variant, one, reference) for variant, one in made), strict=True)))
-    return {"stage": study.stage, "objects": work.count(study), "costs": study.costs, "skipped": dict(study.skip), "points": points}
+    return {"stage": study.stage, **work.extent(study), "costs": study.costs, "skipped": dict(study.skip), "points": points}
 
 
 def _point(study: Study, variant: Variant, made: work.Made, reference: Path) -> dict[str, Any]:

@@ -108,9 +108,12 @@ def _bytes(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
-def count(study: Study) -> int:
-    """How many objects a study is measured on."""
-    return len(load_manifest(str(study.manifest)).objects(None))
+def extent(study: Study) -> dict[str, Any]:
+    """How many objects a study is measured on, those that are learned from or tested, and whether all of them at once."""
+    whole = is_set_stage(load_stage(study.stage))
+    items = load_manifest(str(study.manifest)).objects(None)
+    split = "test" if study.stage == "evaluate" else "train"
+    return {"objects": sum(item.split == split for item in items) if whole else len(items), "whole": whole}
 
 
 def machine() -> str:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, cast
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -19,15 +21,20 @@ from pipeline.advice import AdviceError, Choice, Pace, assignments, duration, er
 from pipeline.cli.request import ManifestOption, ObjectsOption, failures_as_words, make_request
 from pipeline.cli.talk import console, errors, fail, say
 from pipeline.manifest import Object, load_manifest
+from pipeline.plan import Request
 from pipeline.presets import resolve
-from pipeline.probe import probe
-from pipeline.stage import ObjectStage
+from pipeline.probe import probe, probe_training, some_of
 from pipeline.tradeoff import Trade, load_trades
-from stages.registry import STAGES, load_stage
+from stages.registry import STAGES, is_set_stage, load_stage
 
 PRESET = "standard"
 """What is advised is said as changes to this preset."""
-DATA_SET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
+AIMS = {
+    "dataset": ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch"),
+    "train": ("sample-surfaces", "simulate-grasps", "simulate-touch", "train-unet", "fit-charts", "train-gcn"),
+}
+"""By target of make: the stages that settings are chosen for. What is trained is the network that only feels, and needs no image."""
+FELT = "train-gcn.configuration=touch"
 TRIED_AN_WORKER = 3
 """Objects a worker that are tried out to learn how fast this machine is: a few per cent of a data set."""
 ROUNDS = 3
@@ -38,38 +45,47 @@ ROUNDS = 3
 class _Asked:
     """What the options say."""
 
+    aim: str
     manifest: str
     folder: Path | None
     budget: str | None
     error: str | None
 
-    def choose(self, trades: Sequence[Trade], paces: Mapping[str, Pace], objects: int, workers: int) -> list[Choice]:
+    def choose(self, trades: Sequence[Trade], paces: Mapping[str, Pace], objects: Sequence[Object], workers: int) -> list[Choice]:
+        learned = sum(item.split == "train" for item in objects)
+        counts = {trade.stage: learned if trade.whole else len(objects) for trade in trades}
         if self.budget is not None:
-            return within_time(trades, paces, objects, workers, duration(self.budget))
-        return within_error(trades, paces, objects, workers, *error_limit(str(self.error)), PRESET)
+            return within_time(trades, paces, counts, workers, duration(self.budget))
+        return within_error(trades, paces, counts, workers, *error_limit(str(self.error)), PRESET)
 
     def command(self, settings: Sequence[str]) -> str:
         folder = f" OBJECTS={self.folder}" if self.folder else ""
-        return f"make dataset MANIFEST={self.manifest}{folder} PRESET={PRESET}" + (f' SET="{" ".join(settings)}"' if settings else "")
+        network = " CONFIGURATIONS=touch" if self.aim == "train" else ""
+        return f"make {self.aim} MANIFEST={self.manifest}{folder} PRESET={PRESET}{network}" + (
+            f' SET="{" ".join(settings)}"' if settings else ""
+        )
 
 
 def advise(
     manifest: ManifestOption = "toy",
-    budget: Annotated[str | None, typer.Option(help="Time for the whole data set, as 90s, 10min or 1.5h.")] = None,
+    aim: Annotated[str, typer.Option("--for", help="dataset, or train: the data and the network that only feels.")] = "dataset",
+    budget: Annotated[str | None, typer.Option(help="Time for all of it, as 90s, 10min or 1.5h.")] = None,
     error: Annotated[str | None, typer.Option(help="Error in a stage's own unit, as 5um, 2% or 1.5mm: see docs/tradeoff.md.")] = None,
     objects: ObjectsOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
-    """Advise settings for a data set: the most accurate within a time, or the fastest within an error.
+    """Advise settings: the most accurate within a time, or the fastest within an error.
 
     A few of the manifest's objects are made first, so that times are this machine's and these objects'.
     """
     started = time.process_time()  # what any command takes to begin
     if (budget is None) == (error is None):
         fail("give either --budget or --error")
+    if aim not in AIMS:
+        fail(f"--for {aim}: it is {' or '.join(AIMS)}")
     with failures_as_words():
-        trades = [trade for trade in load_trades().values() if trade.stage in DATA_SET]
-        asked = _Asked(manifest, objects, budget, error)
+        trades = [load_trades()[stage] for stage in AIMS[aim]]
+        asked = _Asked(aim, manifest, objects, budget, error)
         everything = load_manifest(manifest).objects(objects)
         try:
             chosen = _choose(trades, asked, everything, started)
@@ -84,23 +100,32 @@ def advise(
 def _choose(trades: Sequence[Trade], asked: _Asked, objects: Sequence[Object], started: float) -> list[Choice]:
     """Choose, try out, and choose again until what was tried is what is chosen."""
     workers = len(os.sched_getaffinity(0))
-    some = objects[:: max(1, len(objects) // (TRIED_AN_WORKER * workers))]
+    some = some_of(objects, TRIED_AN_WORKER * workers)
     paces: dict[str, Pace] = {}
     tried: list[list[str]] = []
-    with TemporaryDirectory() as place:
+    with TemporaryDirectory() as place, redirect_stdout(sys.stderr):  # standard output is for the advice
         while True:
-            chosen = asked.choose(trades, paces, len(objects), workers)
+            chosen = asked.choose(trades, paces, objects, workers)
             labels = [f"{choice.trade.stage} {choice.point.label}" for choice in chosen]
             if labels in tried or len(tried) == ROUNDS:
                 return chosen
             errors.print(escape(f"trying out {', '.join(labels)} on {len(some)} objects"))
+            data, settings = Path(place) / str(len(tried)), [*_settings(chosen), FELT]
             for choice in chosen:
-                stage = cast(ObjectStage, load_stage(choice.trade.stage))
-                data = Path(place) / str(len(tried))
-                request = make_request(stage, asked.manifest, PRESET, data, asked.folder, _settings(chosen), None, workers=workers)
-                seconds, beside = probe(request, some)
-                paces[choice.trade.stage] = Pace(seconds / choice.point.seconds, started + beside)
+                stage = load_stage(choice.trade.stage)
+                request = make_request(stage, asked.manifest, PRESET, data, asked.folder, settings, None, workers=workers)
+                paces[choice.trade.stage] = _pace(request, some, choice, started)
             tried.append(labels)
+
+
+def _pace(request: Request[Any], some: Sequence[Object], choice: Choice, started: float) -> Pace:
+    """How fast this machine is at a choice; of a training, by one of its epochs."""
+    if is_set_stage(request.stage):
+        seconds, beside = probe_training(request, some, errors)
+        epochs = int(request.settings.results()["epochs"])
+        return Pace(seconds * epochs * choice.trade.objects / choice.point.seconds, started + beside)
+    seconds, beside = probe(request, some)
+    return Pace(seconds / choice.point.seconds, started + beside)
 
 
 def _settings(chosen: Sequence[Choice]) -> list[str]:

@@ -16,13 +16,14 @@ def point(label: str, seconds: float, error: float, metric: str = "depth, um", k
 
 
 def trade(stage: str, *points: Point) -> Trade:
-    return Trade(stage, stage, 4, ("seconds",), points, {})
+    return Trade(stage, stage, 4, False, ("seconds",), points, {})
 
 
 FEEL = trade(
     "feel", point("coarse", 1, 100), point("standard", 4, 10, kind="preset"), point("fine", 20, 0, depth=3), point("silly", 30, 50)
 )
 HOLD = trade("hold", point("standard", 10, 8, "missing, %", "preset"), point("fast", 2, 64, "missing, %"))
+ONE = {"feel": 1, "hold": 1}
 
 
 def test_of_all_combinations_within_the_time_the_one_with_the_least_product_of_errors_is_chosen(rng: np.random.Generator) -> None:
@@ -38,44 +39,51 @@ def test_of_all_combinations_within_the_time_the_one_with_the_least_product_of_e
             if sum(6 * one.seconds * (2 if n == 1 else 1) / 2 for n, one in enumerate(row)) + 5 <= budget
         ]
         if not combinations:
-            with pytest.raises(AdviceError, match="6 objects"):
-                within_time(trades, pace, 6, 2, budget)
+            with pytest.raises(AdviceError, match="fastest measured settings"):
+                within_time(trades, pace, {"0": 6, "1": 6, "2": 6}, 2, budget)
             continue
-        chosen = within_time(trades, pace, 6, 2, budget)
+        chosen = within_time(trades, pace, {"0": 6, "1": 6, "2": 6}, 2, budget)
         least = min(combinations, key=lambda entry: entry[0])[0]
         assert sum(one.seconds for one in chosen) <= budget
         assert np.prod([one.point.error for one in chosen]) <= least * 1.1  # the front takes 2 % apart for equal
 
 
 def test_more_time_is_never_more_error():
-    errors = [np.prod([max(one.point.error, 1) for one in within_time([FEEL, HOLD], {}, 1, 1, time)]) for time in (4, 7, 15, 40)]
+    errors = [np.prod([max(one.point.error, 1) for one in within_time([FEEL, HOLD], {}, ONE, 1, time)]) for time in (4, 7, 15, 40)]
     assert errors == sorted(errors, reverse=True)
     assert errors[0] > errors[-1]
 
 
 def test_too_little_time_is_refused_with_what_it_takes():
-    with pytest.raises(AdviceError, match=r"take 30 s for 10 objects, 5 s were given"):
-        within_time([FEEL, HOLD], {}, 10, 1, 5)
+    with pytest.raises(AdviceError, match=r"take 30 s, 5 s were given; take fewer objects"):
+        within_time([FEEL, HOLD], {}, {"feel": 10, "hold": 10}, 1, 5)
 
 
 def test_the_fastest_setting_within_an_error_and_the_preset_where_the_unit_is_another():
-    chosen = within_error([FEEL, HOLD], {}, 3, 1, 20, "um", "standard")
+    chosen = within_error([FEEL, HOLD], {}, {"feel": 3, "hold": 3}, 1, 20, "um", "standard")
     assert [one.point.label for one in chosen] == ["standard", "standard"]
     assert [one.seconds for one in chosen] == [12, 30]
-    assert within_error([FEEL], {}, 1, 1, 200, "um", "standard")[0].point.label == "coarse"
+    assert within_error([FEEL], {}, ONE, 1, 200, "um", "standard")[0].point.label == "coarse"
 
 
 def test_an_error_that_nothing_reaches_and_a_unit_that_nothing_has_are_refused():
     with pytest.raises(AdviceError, match=r"hold: missing, %, is 8 at best, not 1"):
-        within_error([FEEL, HOLD], {}, 1, 1, 1, "%", "standard")
+        within_error([FEEL, HOLD], {}, ONE, 1, 1, "%", "standard")
     with pytest.raises(AdviceError, match=r"measured in kg; there are %, um"):
-        within_error([FEEL, HOLD], {}, 1, 1, 1, "kg", "standard")
+        within_error([FEEL, HOLD], {}, ONE, 1, 1, "kg", "standard")
 
 
 def test_assignments_name_what_stands_otherwise():
-    fine = within_error([FEEL], {}, 1, 1, 0, "um", "standard")[0]
+    fine = within_error([FEEL], {}, ONE, 1, 0, "um", "standard")[0]
     assert assignments(fine, {"depth": 1}) == ["feel.depth=3"]
     assert assignments(fine, {"depth": 3}) == []
+
+
+def test_a_stage_that_looks_at_all_objects_at_once_takes_as_long_on_many_workers():
+    learn = Trade("learn", "learn", 20, True, ("seconds",), (point("short", 100, 4), point("long", 300, 2)), {})
+    for workers in (1, 8):
+        chosen = within_time([learn], {"learn": Pace(0.5, 3)}, {"learn": 60}, workers, 200)
+        assert [(one.point.label, one.seconds) for one in chosen] == [("short", 153)]
 
 
 @pytest.mark.parametrize(("text", "seconds"), [("90s", 90), ("10min", 600), ("1.5 h", 5400)])

@@ -70,6 +70,6 @@ def test_the_front_holds_what_none_beats_by_more_than_noise():
         *(point("cheap", 1, 9), point("dear", 8, 1), point("as dear", 8.2, 1), point("beaten", 9, 2)),
         *(point("exact", 20, 0), point("noise", 0.1, 0.1, "seed")),
     )
-    trade = Trade("a", "a", 1, ("seconds",), points, {})
+    trade = Trade("a", "a", 1, False, ("seconds",), points, {})
     assert [one.label for one in trade.front()] == ["cheap", "dear", "as dear", "exact"]
     assert (trade.metric, trade.unit) == ("depth, um", "um")
