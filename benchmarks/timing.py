@@ -29,9 +29,9 @@ class Times:
 
 
 def three_digits(value: float) -> str:
-    """A number with three digits that count, without an exponent: 0.0123, 1.23, 12.3, 1230."""
-    if value == 0 or not math.isfinite(value):
-        return f"{value:g}"
+    """A number with three digits that count: 0.0123, 1.23, 12.3, 1230; what is below a thousandth as 1e-05."""
+    if abs(value) < 1e-3 or not math.isfinite(value):
+        return f"{value:.0e}" if value else "0"
     decimals = 2 - math.floor(math.log10(abs(value)))
     return f"{round(value, decimals):.{max(decimals, 0)}f}"
 

@@ -132,6 +132,8 @@ def test_times_are_taken_in_turns_after_warming_up() -> None:
     assert each(lambda n: sum(range(n)), [200_000, 200_000])() > 0
 
 
-@pytest.mark.parametrize(("value", "text"), [(0.012345, "0.0123"), (1.2345, "1.23"), (12.34, "12.3"), (1234.5, "1230"), (0.0, "0")])
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.012345, "0.0123"), (1.2345, "1.23"), (12.34, "12.3"), (1234.5, "1230"), (0.0, "0"), (1.2e-5, "1e-05")]
+)
 def test_three_digits(value: float, text: str) -> None:
     assert three_digits(value) == text

@@ -129,9 +129,7 @@ def _brute_errors(cases: Sequence[Case], of: list[DepthOf], sensor: Sensor) -> t
 
 def _off(pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]], sensor: Sensor) -> tuple[str, str]:
     """Depth differences in the gel, and the share of pixels that are in the gel in one map only."""
-    off = UM * np.concatenate(
-        [np.abs(a - b, where=(a < sensor.w) & (b < sensor.w), out=np.full(a.shape, np.nan)).ravel() for a, b in pairs]
-    )
-    off = off[~np.isnan(off)]
+    both = [(a < sensor.w) & (b < sensor.w) for a, b in pairs]
+    off = UM * np.concatenate([np.abs(a[met] - b[met]) for (a, b), met in zip(pairs, both, strict=True)])
     one_only = np.mean([(a < sensor.w) != (b < sensor.w) for a, b in pairs])
     return " / ".join(three_digits(float(np.quantile(off, q))) for q in (0.5, 0.99, 1)), three_digits(1e3 * float(one_only))
