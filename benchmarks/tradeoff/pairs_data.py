@@ -1,0 +1,278 @@
+"""Shortcuts of the stages that make the data set, on one modelled object."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import cached_property
+from unittest.mock import patch
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.touch import press
+from benchmarks.tradeoff.pairs import Pair, Results
+from benchmarks.tradeoff.plain_search import has_room as plain_has_room
+from benchmarks.tradeoff.plain_search import measuring_all
+from pipeline.kernels.geometry import exterior
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.normalise import normalise
+from pipeline.kernels.hand import clearance
+from pipeline.kernels.hand.inverse import has_room, solve
+from pipeline.kernels.hand.kinematics import forward, sensor_poses
+from pipeline.kernels.hand.visuals import visual_meshes
+from pipeline.kernels.touch import shading
+from pipeline.kernels.touch.contact import is_touched, local_points, touch_success
+from pipeline.kernels.touch.prism import face_blocks
+from pipeline.kernels.touch.rays import grid_depth, ray_depth
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.vision.raster import RasterRenderer
+from pipeline.kernels.vision.scene import load_scene
+from pipeline.kernels.vision.view import Label
+from pipeline.stage import Task
+from stages.sample_surfaces.procedural import generate
+from stages.simulate_grasps import stage as grasping
+from stages.simulate_grasps.attempt import _draw_pose
+from stages.simulate_grasps.rig import Rig, Scene, make_rig, make_scene
+from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_touch.settings import TouchSettings
+from stages.simulate_touch.stage import SimulateTouch
+
+
+class Bench:
+    """An object, a hand, and hands around the object; `size` says how many."""
+
+    def __init__(self, size: int, attempts: int, points: int = 10_000, samples: int = 1024) -> None:
+        self.size, self.points = size, points
+        self.settings = GraspSettings(attempts=attempts, ik_samples=samples)
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        return normalise(generate("bottle", np.random.default_rng(0)), "z", 0.5)
+
+    @cached_property
+    def surface(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return exterior.sample_exterior(self.mesh, self.points, np.random.default_rng(0))
+
+    @cached_property
+    def rig(self) -> Rig:
+        return make_rig(self.settings)
+
+    @cached_property
+    def scene(self) -> Scene:
+        return make_scene(self.mesh, *self.surface, self.settings.grid_cell)
+
+    @cached_property
+    def poses(self) -> list[NDArray[np.float64]]:
+        """(4, 4) hands near the object, with room for their fingers or not."""
+        return [_draw_pose(self.rig, self.scene, self.settings, np.random.default_rng(k)) for k in range(4 * self.size)]
+
+    @cached_property
+    def frames(self) -> list[NDArray[np.float64]]:
+        """(L, 4, 4) link frames of hands at these poses, half closed."""
+        middle = (self.rig.hand.lower + self.rig.hand.upper) / 2
+        return [forward(self.rig.hand, pose, middle) for pose in self.poses]
+
+    @cached_property
+    def sensors(self) -> list[NDArray[np.float64]]:
+        """(4, 4) sensors pressed into the object."""
+        rng = np.random.default_rng(0)
+        return [press(self.mesh.triangles, rng) for _ in range(8 * self.size)]
+
+    @property
+    def sensor(self) -> Sensor:
+        return self.rig.sensor
+
+
+def pairs(bench: Bench) -> list[Pair]:
+    """Every shortcut of these stages."""
+    return [
+        Pair("sample-surfaces", "sure of side", "rays whose answer is known", lambda: _exterior(bench), lambda: _all_rays(bench)),
+        Pair(
+            "simulate-grasps",
+            "bounds first",
+            "distances of postures that cannot be the best",
+            lambda: _postures(bench, has_room),
+            lambda: _all_postures(bench),
+        ),
+        Pair(
+            "simulate-grasps",
+            "doubtful balls",
+            "exact distances of balls clear of the object",
+            lambda: _depths(bench),
+            lambda: _all_balls(bench),
+        ),
+        Pair("simulate-grasps", "gel only", "rays beyond the gel", lambda: _touches(bench), lambda: _far_touches(bench)),
+        Pair("simulate-grasps", "kept only", "soundness of what cannot be kept", lambda: _grasps(bench), lambda: _all_grasps(bench)),
+        Pair(
+            "simulate-grasps",
+            "enough attempts",
+            "attempts none of which could be kept (`exhaustive=false`, in `draft`)",
+            lambda: _grasps(bench, exhaustive=False),
+            lambda: _grasps(bench),
+        ),
+        Pair(
+            "render-vision",
+            "hand kept",
+            "the hand's shapes, prepared anew for every object",
+            lambda: _images(bench),
+            lambda: _all_images(bench),
+        ),
+        Pair("simulate-touch", "prism", "faces that no ray of the sensor meets", lambda: _depth(bench), lambda: _all_faces(bench)),
+        Pair(
+            "simulate-touch",
+            "untouched reading",
+            "shading where nothing is in the gel",
+            lambda: _readings(bench),
+            lambda: _all_readings(bench),
+        ),
+        Pair(
+            "simulate-touch",
+            "points from depth",
+            "local points, which the reader recomputes (two thirds of the bytes)",
+            lambda: _felt(bench, store=False),
+            lambda: _felt(bench, store=True),
+        ),
+    ]
+
+
+def _exterior(bench: Bench) -> Results:
+    points, normals = exterior.sample_exterior(bench.mesh, bench.points, np.random.default_rng(0))
+    return {"points": points, "normals": normals}
+
+
+def _all_rays(bench: Bench) -> Results:
+    with patch.object(exterior, "SURE_OF_SIDE", exterior.DIRECTIONS + 1):
+        return _exterior(bench)
+
+
+def _postures(bench: Bench, room: type(has_room)) -> Results:
+    rig, field, found = bench.rig, bench.scene.field, {}
+    for k, pose in enumerate(bench.poses):
+        fits = room(rig.hand, rig.parts, rig.samples, field, pose, bench.settings.clearance)
+        solved = solve(rig.hand, rig.parts, rig.boxes, rig.samples, field, pose, rig.wanted, 3, np.random.default_rng(k)).joint_angles
+        found[f"{k}"] = np.zeros(0) if solved is None else np.append(solved, fits)
+    return found
+
+
+def _all_postures(bench: Bench) -> Results:
+    with measuring_all():
+        return _postures(bench, plain_has_room)
+
+
+def _depths(bench: Bench) -> Results:
+    return {"depth": np.array([clearance.deepest(bench.scene.field, bench.rig.dense, frames) for frames in bench.frames])}
+
+
+def _all_balls(bench: Bench) -> Results:
+    with patch.object(clearance, "doubtful", lambda field, balls, points: np.arange(len(balls.radii))):
+        return _depths(bench)
+
+
+def _touches(bench: Bench) -> Results:
+    return {"touched": np.array([is_touched(bench.scene.blocks, pose, bench.sensor) for pose in bench.sensors])}
+
+
+def _far_touches(bench: Bench) -> Results:
+    blocks, sensor = bench.scene.blocks, bench.sensor
+    return {"touched": np.array([bool(touch_success(ray_depth(blocks, pose, sensor), sensor)) for pose in bench.sensors])}
+
+
+def _task(bench: Bench) -> Task:
+    points, normals = bench.surface
+    surface = {"points": points.astype(np.float32), "normals": normals.astype(np.float32)}
+    angles = np.zeros(len(bench.rig.hand.joint_names))
+    poses = np.stack([sensor_poses(bench.rig.hand, pose, angles) for pose in bench.poses])
+    poses[:, 0] = bench.sensors[: len(poses)]
+    return Task(
+        object_id="bottle",
+        category="bottle",
+        seed=0,
+        inputs={"surfaces": surface, "grasps": {"sensor_pose": poses}},
+        attributes={"grasps": {"hand": {"sensor": "gel_16mm"}}},
+        load_mesh=lambda: bench.mesh,
+    )
+
+
+def _grasps(bench: Bench, exhaustive: bool = True) -> Results:
+    settings = bench.settings.model_copy(update={"exhaustive": exhaustive, "grasps": 2})
+    with patch.object(grasping, "make_rig", lambda _: bench.rig), grasping.SimulateGrasps().session(settings, {}) as process:
+        row = process(_task(bench))
+    return {name: row[name] for name in ("hand_pose", "joint_angles", "sensor_pose", "touch_success", "penetration")}
+
+
+def _all_grasps(bench: Bench) -> Results:
+    with patch.object(grasping, "fewest_to_keep", lambda kept, count: 0):
+        return _grasps(bench)
+
+
+@contextmanager
+def _renderer(bench: Bench) -> Iterator[RasterRenderer]:
+    with RasterRenderer(load_scene("supplement"), 128) as renderer:
+        yield renderer
+
+
+def _images(bench: Bench, again: bool = False) -> Results:
+    """The object with the hand, `size` + 1 times as if they were several objects."""
+    found = {}
+    shapes = visual_meshes(bench.rig.hand)
+    with _renderer(bench) as renderer:
+        hand = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in shapes]
+        for number in range(bench.size + 1):
+            if again:
+                for _, part in hand:
+                    renderer.remove(part)
+                hand = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in shapes]
+            thing = renderer.add(bench.mesh, Label.OBJECT)
+            frames = bench.frames[number]
+            view = renderer.render([(thing, np.eye(4)), *((part, frames[link]) for link, part in hand)])
+            renderer.remove(thing)
+            found |= {f"rgb {number}": view.rgb, f"segmentation {number}": view.segmentation}
+    return found
+
+
+def _all_images(bench: Bench) -> Results:
+    return _images(bench, again=True)
+
+
+def _depth(bench: Bench) -> Results:
+    return {f"{k}": ray_depth(bench.scene.blocks, pose, bench.sensor) for k, pose in enumerate(bench.sensors)}
+
+
+def _all_faces(bench: Bench) -> Results:
+    """Every face is taken to the sensor's frame and looked at by the tracer."""
+    found = {}
+    corners = face_blocks(bench.mesh.triangles).corners.reshape(3, 3, -1)
+    for k, pose in enumerate(bench.sensors):
+        rotation, offset = pose[:3, :3], corners - pose[:3, 3][:, None, None]
+        local = np.stack([r[0] * offset[0] + r[1] * offset[1] + r[2] * offset[2] for r in rotation.T])
+        found[f"{k}"] = grid_depth(local, bench.sensor)
+    return found
+
+
+def _nothing(bench: Bench) -> NDArray[np.float32]:
+    return np.full(bench.sensor.shape, np.inf, np.float32)
+
+
+def _readings(bench: Bench) -> Results:
+    return {f"{k}": shading.reading(_nothing(bench), bench.sensor) for k in range(8 * bench.size)}
+
+
+def _all_readings(bench: Bench) -> Results:
+    depth, sensor = _nothing(bench), bench.sensor
+    return {f"{k}": shading._shade(shading.impression(depth, sensor) / sensor.width, sensor) for k in range(8 * bench.size)}
+
+
+def _felt(bench: Bench, store: bool) -> Results:
+    """Depths and readings; the local points of all sensors as stored, or those that a reader makes of one grasp's depths."""
+    task = _task(bench)
+    with ExitStack() as stack:
+        process = stack.enter_context(SimulateTouch().session(TouchSettings(store_points=store), {}))
+        row = process(task)
+    if not store:
+        poses = task.inputs["grasps"]["sensor_pose"]
+        made = [local_points(depth, pose, bench.sensor) for depth, pose in zip(row["depth"][0], poses[0], strict=True)]
+        row["local_points"] = np.stack([points for points, _ in made])
+    else:
+        row["local_points"] = row["local_points"][0]
+    return {name: row[name] for name in ("depth", "reading", "local_points")}

@@ -1,0 +1,210 @@
+"""Shortcuts of the stages that learn, on random inputs of the usual sizes and untrained networks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from benchmarks.charts import SENSOR, press
+from benchmarks.gcn import batch
+from benchmarks.tradeoff.pairs import Pair, Results
+from pipeline.kernels.learning import zero_neighbour
+from pipeline.kernels.learning.chart_fitting import fit_charts
+from pipeline.kernels.learning.chart_rule import FitRule
+from pipeline.kernels.learning.configurations import CONFIGURATIONS
+from pipeline.kernels.learning.deformation import DeformationNetwork
+from pipeline.kernels.learning.metrics import Cloud, distances
+from pipeline.kernels.learning.touch_losses import projected_chamfer_loss
+from pipeline.kernels.learning.unet import UNet
+from pipeline.kernels.touch.sensor import pixel_centres
+from pipeline.kernels.touch.shading import reading, untouched
+from pipeline.learning.touch_model import TouchModel
+
+GRASPS, SENSORS = 5, 4
+Given = tuple[Tensor, Tensor, Tensor, Tensor, list[int]]
+
+
+class Bench:
+    """Networks of the default sizes, or smaller ones, and what they are given."""
+
+    def __init__(
+        self,
+        items: int = 2,
+        layers: int = 8,
+        features: int = 96,
+        width: float = 0.5,
+        unet: int = 8,
+        points: int = 10_000,
+        steps: int = 1000,
+    ) -> None:
+        self.items, self.points, self.steps = items, points, steps
+        self._sizes = {"gcn_layers": layers, "gcn_features": features, "encoder_width": width}
+        self._unet = unet
+
+    @cached_property
+    def network(self) -> DeformationNetwork:
+        config = CONFIGURATIONS["occluded-touch"].model_copy(update=self._sizes)
+        return DeformationNetwork(config, torch.Generator().manual_seed(0)).eval()
+
+    @cached_property
+    def felt(self) -> DeformationNetwork:
+        config = CONFIGURATIONS["touch"].model_copy(update=self._sizes)
+        return DeformationNetwork(config, torch.Generator().manual_seed(0)).eval()
+
+    @cached_property
+    def given(self) -> Given:
+        return batch(self.items, GRASPS)
+
+    @cached_property
+    def model(self) -> TouchModel:
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(0)
+            return TouchModel(UNet(self._unet).eval(), SENSOR, untouched(SENSOR), 0.001)
+
+    @cached_property
+    def depths(self) -> NDArray[np.float32]:
+        """(20, H, W) of shapes pressed in, m; +inf where nothing is in the gel."""
+        rng = np.random.default_rng(0)
+        found = np.full((GRASPS * SENSORS, *SENSOR.shape), np.inf, np.float32)
+        x, y = pixel_centres(SENSOR)
+        for depth in found:
+            points = press("cap", rng)
+            depth[np.searchsorted(y, points[:, 1]), np.searchsorted(x, points[:, 0])] = points[:, 2]
+        return found
+
+    @cached_property
+    def readings(self) -> NDArray[np.uint8]:
+        return np.stack([reading(depth, SENSOR) for depth in self.depths])
+
+    @cached_property
+    def clouds(self) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+        """A truth (points, 3), and predictions of it."""
+        rng = np.random.default_rng(0)
+        truth = rng.normal(size=(self.points, 3))
+        truth *= 0.25 / np.linalg.norm(truth, axis=1, keepdims=True)
+        return truth, [truth[rng.permutation(self.points)] + rng.normal(scale=0.01, size=truth.shape) for _ in range(3)]
+
+
+def pairs(bench: Bench) -> list[Pair]:
+    """Every shortcut of these stages."""
+    return [
+        Pair(
+            *("train-unet", "fewer loss points", "points of a touch's Chamfer loss beyond 2000 (unbiased; one draw is compared)"),
+            *(lambda: _loss(bench, 2000), lambda: _loss(bench, None), 1e-5, "sensor widths²"),
+        ),
+        Pair(
+            *("fit-charts", "touched readings", "readings of sensors that touched nothing, here half of them"),
+            *(lambda: _clouds(bench, half=True), lambda: _clouds(bench, half=False), 1e-8, "m"),
+        ),
+        Pair(
+            *("fit-charts", "fewer samples a step", "samples and points beyond 500 in a step's loss; what halts is exact"),
+            *(lambda: _fits(bench, FitRule()), lambda: _fits(bench, FitRule(step_samples=4000, cloud_points=None)), 1e-4, "m RMS"),
+        ),
+        Pair(
+            *("train-gcn", "encoder once", "the image encoder in the second and third pass"),
+            *(lambda: _deformed(bench), lambda: _encoding_each_pass(bench)),
+        ),
+        Pair(
+            *("train-gcn", "touch features once", "image features of touch vertices in the second and third pass"),
+            *(lambda: _deformed(bench), lambda: _touching_each_pass(bench)),
+        ),
+        Pair(
+            *("train-gcn", "sparse neighbours", "products with pairs of vertices that are no neighbours"),
+            *(lambda: _deformed(bench), lambda: _dense(bench), 1e-6, "m"),
+        ),
+        Pair(
+            *("evaluate", "each case once", "all grasps given once more for every first grasp"),
+            *(lambda: _reconstructed(bench, 1), lambda: _reconstructed(bench, GRASPS), 1e-6, "m"),
+        ),
+        Pair(
+            *("evaluate", "one tree a truth", "the search tree of the true points for every reconstruction"),
+            *(lambda: _measured(bench, Cloud(bench.clouds[0])), lambda: _measured(bench, bench.clouds[0])),
+        ),
+    ]
+
+
+def _loss(bench: Bench, points: int | None) -> Results:
+    true = torch.from_numpy(bench.depths[:8])
+    mask = torch.isfinite(true)
+    predicted = torch.where(mask, true, 0) + 1e-4 * torch.randn(true.shape, generator=torch.Generator().manual_seed(0))
+    generator = torch.Generator().manual_seed(1)
+    loss = projected_chamfer_loss(predicted, true, mask, SENSOR.width, SENSOR.w, points, generator)
+    return {"loss": np.array(float(loss))}
+
+
+def _clouds(bench: Bench, half: bool) -> Results:
+    chosen = np.arange(0, len(bench.readings), 2)
+    clouds = bench.model.clouds(bench.readings[chosen]) if half else [bench.model.clouds(bench.readings)[at] for at in chosen]
+    return {f"{k}": cloud for k, cloud in enumerate(clouds)}
+
+
+def _fits(bench: Bench, rule: FitRule) -> Results:
+    cloud, generator = press("flat", np.random.default_rng(0)), torch.Generator().manual_seed(0)
+    fits = fit_charts([cloud], SENSOR.width, [generator], replace(rule, max_iterations=bench.steps))
+    return {"residual": fits.residual}
+
+
+def _deformed(bench: Bench) -> Results:
+    with torch.no_grad():
+        return {"vertices": bench.network(*bench.given).numpy()}
+
+
+def _encoding_each_pass(bench: Bench) -> Results:
+    images = bench.given[0]
+    genuine = DeformationNetwork._step
+
+    def step(self: DeformationNetwork, positions: Tensor, touch: Tensor, maps: list[Tensor], *rest: Any) -> Tensor:
+        assert self.encoder is not None
+        again = maps if positions.stride(0) == 0 else self.encoder(images)  # the first pass has the maps made for it
+        return genuine(self, positions, touch, again, *rest)
+
+    with patch.object(DeformationNetwork, "_step", step):
+        return _deformed(bench)
+
+
+def _touching_each_pass(bench: Bench) -> Results:
+    _, _, vertices, touched, counts = bench.given
+    genuine = DeformationNetwork._step
+
+    def step(self: DeformationNetwork, positions: Tensor, touch: Tensor, maps: list[Tensor], camera: Tensor, graphs: Any) -> Tensor:
+        again = touch if positions.stride(0) == 0 else self._touch_features(vertices, touched, counts, maps, camera)
+        return genuine(self, positions, again, maps, camera, graphs)
+
+    with patch.object(DeformationNetwork, "_step", step):
+        return _deformed(bench)
+
+
+def _dense(bench: Bench) -> Results:
+    dense: dict[int, Tensor] = {}
+
+    def product(matrix: Tensor, columns: Tensor) -> Tensor:
+        if id(matrix) not in dense:
+            dense[id(matrix)] = matrix.to_dense()
+        return dense[id(matrix)] @ columns
+
+    with patch.object(zero_neighbour, "_product", product):
+        return _deformed(bench)
+
+
+def _reconstructed(bench: Bench, firsts: int) -> Results:
+    """One item with all grasps, as they come, or once for every first grasp; what they have in common is compared."""
+    _, _, vertices, touched, _ = bench.given
+    count = GRASPS * SENSORS
+    found = []
+    with torch.no_grad():
+        for first in range(firsts):
+            order = torch.arange(count).roll(-first * SENSORS)
+            found.append(bench.felt(None, None, vertices[order], touched[order], [count])[0].numpy())
+    return {f"{k}": found[k if firsts > 1 else 0] for k in range(GRASPS)}
+
+
+def _measured(bench: Bench, truth: Cloud | NDArray[np.float64]) -> Results:
+    apart = [distances(predicted, truth) for predicted in bench.clouds[1]]
+    return {"predicted": np.stack([one.predicted for one in apart]), "truth": np.stack([one.truth for one in apart])}

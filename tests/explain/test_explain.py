@@ -1,0 +1,167 @@
+"""`run STAGE --explain`, of all stages, on a tiny data set: the counts are those of the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.cli import explain as command
+from pipeline.explain import Part, arrays_read, shards_opened, total
+from pipeline.kernels.touch.prism import BLOCK, face_blocks
+from pipeline.store.collection import Collection
+from pipeline.store.layout import Layout
+from schemas.charts import CHARTS
+from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+from schemas.touch import TOUCH
+from stages.registry import STAGES, load_stage
+from tests.explain.test_shortcuts import small
+from tests.learning.tiny_data import KNOBS
+
+SETS = [
+    *KNOBS,
+    *("train-unet.width=2", "train-unet.epochs=1", "fit-charts.max_iterations=5", "train-gcn.epochs=1", "train-gcn.gcn_layers=3"),
+    *("train-gcn.gcn_features=12", "train-gcn.encoder_width=0.25", "train-gcn.loss_points=300", "evaluate.points=500"),
+    *("evaluate.configurations=[touch]", "configuration=touch", "simulate-grasps.attempts=5"),
+]
+OBJECTS, SENSORS = 3, 20
+Explained = dict[str, list[Part]]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("explained")
+
+
+@pytest.fixture(scope="module")
+def explained(data) -> Explained:
+    """Make every stage, and what it then says of itself."""
+    source = {"kind": "procedural", "licence": "MIT", "seed": 0, "count": {"bottle": OBJECTS}}
+    splits = {"train": 1, "valid": 1, "test": 1}
+    manifest = data / "tiny.yaml"
+    manifest.write_text(yaml.safe_dump({"name": "tiny", "description": "d", "seed": 0, "splits": splits, "sources": [source]}))
+    sets = [part for knob in SETS for part in ("--set", knob)]
+    found: Explained = {}
+    genuine = command._show
+
+    def show(title: str, parts: list[Part]) -> None:
+        found[title.split()[0]] = total(parts)
+        genuine(title, parts)
+
+    with patch.object(command, "_show", show):
+        for stage in STAGES:
+            asked = ["run", stage, "--manifest", str(manifest), "--data", str(data), "--workers", "1", "--explain", *sets]
+            result = CliRunner().invoke(app, asked)
+            assert result.exit_code == 0, result.output
+            assert "why it was left out" in result.output
+    return found
+
+
+def of(parts: list[Part], what: str, shortcut: str = "") -> Part:
+    (found,) = (part for part in parts if part.what == what and part.shortcut == shortcut)
+    return found
+
+
+def rows(data: Path, artifact) -> Iterator:
+    collection = Collection(Layout(data), artifact)
+    return (collection.view(object_id) for object_id in collection)
+
+
+def test_every_stage_says_what_it_left_out_and_every_shortcut_it_names_is_measured(explained):
+    assert list(explained) == list(STAGES)
+    named = {part.shortcut for parts in explained.values() for part in parts} - {""}
+    assert named <= set(small())
+    assert len(named) >= 10
+    for stage, parts in explained.items():
+        assert any(part.left_out for part in parts), stage
+        assert all(part.modelled >= 0 and part.left_out >= 0 and part.why for part in parts), stage
+
+
+def test_rays_and_points_of_surfaces_add_up(explained):
+    parts = explained["sample-surfaces"]
+    points, rays = of(parts, "points drawn"), of(parts, "rays traced", "sure of side")
+    assert points.modelled >= OBJECTS * 2000
+    assert rays.modelled + rays.left_out == 256 * (points.modelled + points.left_out)
+    assert 0 < rays.modelled < rays.left_out
+
+
+def test_attempts_and_faces_of_grasps_are_those_of_the_rows(explained, data):
+    parts = explained["simulate-grasps"]
+    assert of(parts, "attempts", "enough attempts").modelled == sum(int(row["attempts"]) for row in rows(data, GRASPS))
+    faces = of(parts, "faces taken to a sensor", "gel only")
+    assert faces.modelled + faces.left_out == SENSORS * _faces(data)
+    whole = of(parts, "fingers measured whole, a posture", "bounds first")
+    assert 0 < whole.modelled < 0.5 * whole.left_out
+
+
+def _faces(data: Path) -> int:
+    """Of all objects, in whole blocks."""
+    triangles = [row["meshes/vertices"][row["meshes/faces"]] for row in rows(data, SURFACES)]
+    return sum(face_blocks(one).corners.shape[2] * BLOCK for one in triangles)
+
+
+def test_images_and_hands_are_counted(explained):
+    parts = explained["render-vision"]
+    assert (of(parts, "images").modelled, of(parts, "images").left_out) == (OBJECTS * 6, 0)
+    shapes = of(parts, "hand shapes prepared", "hand kept")
+    assert shapes.left_out == (OBJECTS - 1) * shapes.modelled
+
+
+def test_sensors_and_readings_of_touch_are_those_of_the_depths(explained, data):
+    parts = explained["simulate-touch"]
+    depth = np.concatenate([row["depth"].reshape(-1, 100, 100) for row in rows(data, TOUCH)])
+    assert of(parts, "readings shaded", "untouched reading").modelled == int((depth < 6.8e-3).any(axis=(1, 2)).sum())
+    assert of(parts, "sensors traced").modelled >= int(np.isfinite(depth).any(axis=(1, 2)).sum())
+    stored = of(parts, "local points stored", "points from depth")
+    assert (stored.modelled, stored.left_out) == (0, OBJECTS * SENSORS * 10_000)
+
+
+def test_touches_learnt_from_and_charts_fitted_are_those_that_touched(explained, data):
+    touched = [int(row["touch_success"].sum()) for row in rows(data, GRASPS)]
+    charts = of(explained["fit-charts"], "charts fitted")
+    assert (charts.modelled, charts.modelled + charts.left_out) == (sum(touched), OBJECTS * SENSORS)
+    assert of(explained["fit-charts"], "steps").modelled == sum(int(row["iterations"].sum()) for row in rows(data, CHARTS))
+    learnt = of(explained["train-unet"], "readings learnt from")
+    assert learnt.modelled + learnt.left_out == 2 * SENSORS  # train and valid
+
+
+def test_what_touch_alone_does_not_see_is_not_opened(explained):
+    parts = explained["train-gcn"]
+    assert not [part for part in parts if part.shortcut == "encoder once"]
+    assert "vision" in of(parts, "shards opened").why
+    assert of(parts, "arrays read").modelled == 3  # points, vertices, stop_rule
+    pairs = of(parts, "pairs of vertices averaged, an item", "sparse neighbours")
+    assert pairs.modelled + pairs.left_out == (1824 + 20 * 81) ** 2
+
+
+def test_reconstructions_are_the_cases_of_one_test_object(explained):
+    made = of(explained["evaluate"], "reconstructions", "each case once")
+    assert (made.modelled, made.left_out) == (21, 4)
+
+
+def test_alike_parts_are_added_up_in_order():
+    parts = [Part("a", 1, 2, "w"), Part("b", 1, 0, "w"), Part("a", 3, 4, "w"), Part("a", 1, 1, "other")]
+    assert total(parts) == [Part("a", 4, 6, "w"), Part("b", 1, 0, "w"), Part("a", 1, 1, "other")]
+
+
+def test_shards_and_arrays_that_are_no_input_are_left_out(tmp_path):
+    for name in ("surfaces", "grasps", "vision", "touch"):
+        (tmp_path / name / "0000.zarr").mkdir(parents=True)
+    stage = load_stage("render-vision")
+    part = shards_opened(stage, stage.settings_type(), tmp_path)
+    assert (part.modelled, part.left_out) == (2, 1)
+    assert part.why.endswith(": touch")
+    assert arrays_read(["points"], [SURFACES]).left_out == 4
+
+
+def test_a_dry_run_explains_nothing(tmp_path):
+    result = CliRunner().invoke(app, ["run", "sample-surfaces", "--data", str(tmp_path / "d"), "--dry-run", "--explain"])
+    assert result.exit_code == 0
+    assert "left out" not in result.output
