@@ -59,6 +59,14 @@ class FitRule:
     learning_rate: float = 3e-3
     side: int = SIDE
 
+    def __post_init__(self) -> None:
+        for name in ("halt", "samples", "step_samples", "check_every", "learning_rate", "residual_limit", "cloud_points"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise ValueError(f"{name} is {value}: a fit needs a finite number above 0")
+        if self.max_iterations < 0:
+            raise ValueError(f"max_iterations is {self.max_iterations}: 0 at least, which leaves the square")
+
     @property
     def always_exact(self) -> bool:
         """Whether every step has all samples and points."""

@@ -68,7 +68,7 @@ def pool(maps: Sequence[Tensor], grids: Sequence[MapGrid], pixels: Tensor) -> Te
     Parameters
     ----------
     maps
-        (B, channels, rows, columns) each.
+        (B, channels, rows, columns) each; what they hold is not looked at.
     grids
         Where the elements of each map are centred in the image.
     pixels

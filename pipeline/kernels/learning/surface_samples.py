@@ -52,7 +52,7 @@ def sample_surfaces(vertices: Tensor, faces: Tensor, count: int, generator: torc
 def surface_points(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:
     """Map the unit cube to surfaces, volume to area: `vertices` (B, V, 3), `faces` (F, 3), `uniform` (B, n, 3) to (B, n, 3).
 
-    The first coordinate of `uniform`, in [0, 1) float64, chooses the face by its share of the area; the others, u and v,
+    The first coordinate of `uniform`, float64, all in [0, 1], chooses the face by its share of the area; the others, u and v,
     the point (1 - √u) A + √u (1 - v) B + √u v C in it (Osada et al., Shape Distributions, 2002). No row depends on another.
     """
     _check(vertices, faces, uniform)
@@ -95,6 +95,9 @@ def _check(vertices: Tensor, faces: Tensor, uniform: Tensor) -> None:
     if uniform.ndim != 3 or uniform.shape[::2] != (len(vertices), 3):
         raise ValueError(f"uniform has shape {tuple(uniform.shape)}, vertices {tuple(vertices.shape)}; uniform must be (B, n, 3)")
     check_full("vertices", vertices)
+    low, high = uniform.aminmax() if uniform.numel() else (uniform.new_zeros(()), uniform.new_ones(()))
+    if not bool((low >= 0) & (high <= 1)):  # NaN is neither
+        raise ValueError(f"uniform reaches from {low:g} to {high:g}; it is to lie in [0, 1]")
     if not bool(((faces >= 0) & (faces < vertices.shape[1])).all()):
         raise ValueError(f"faces reach from {int(faces.min())} to {int(faces.max())}; there are vertices 0 to {vertices.shape[1] - 1}")
     if not bool(torch.isfinite(vertices).all()):

@@ -74,6 +74,8 @@ class ZeroNeighbourLayer(nn.Module):
     def forward(self, features: Tensor, graph: ChartGraph) -> Tensor:
         """(N, out_features) from (N, in_features) of the graph's vertices.
 
+        What is not finite spreads to the neighbours: `DeformationNetwork` lets no such input in, and trainings stop at such a loss.
+
         Raises
         ------
         ValueError

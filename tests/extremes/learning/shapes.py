@@ -7,13 +7,12 @@ from collections.abc import Callable
 import numpy as np
 from hypothesis import strategies as st
 
+from tests.extremes.strategies import offsets
+
 Array = np.ndarray
 
-SCALES = st.floats(-3, 3).map(lambda exponent: float(10**exponent))
-"""A millimetre to a kilometre."""
-OFFSETS = st.tuples(*[st.sampled_from([0.0, 0.6, -1e3, 1e3]) | st.floats(-1e3, 1e3)] * 3).map(np.array)
-"""m, from the origin."""
-SEEDS = st.integers(0, 2**32 - 1)
+OFFSETS = st.sampled_from([np.zeros(3), np.array([0, 0, 0.6]), np.full(3, 1e3), np.array([-1e3, 1e3, 0])]) | offsets
+"""m, from the origin: where things are, and anywhere within a kilometre."""
 
 CLOUDS: dict[str, Callable[[np.random.Generator], Array]] = {
     "spread": lambda rng: rng.normal(size=(24, 3)),
@@ -36,13 +35,13 @@ def cloud(kind: str, seed: int, scale: float, offset: Array) -> Array:
     return np.asarray(CLOUDS[kind](np.random.default_rng(seed)) * scale + offset, np.float64)
 
 
-def soup(seed: int, faces: int = 6) -> tuple[Array, Array]:
+def soup(seed: int) -> tuple[Array, Array]:
     """Triangles with nothing in common, a sliver of aspect 1e8, one twice and one inside out among them, segments and points too."""
     rng = np.random.default_rng(seed)
-    corners = rng.normal(size=(faces, 3, 3))
+    corners = rng.normal(size=(6, 3, 3))
     corners[0, 2] = (corners[0, 0] + corners[0, 1]) / 2 + 1e-8 * rng.normal(size=3)  # a sliver
     corners[1, 2] = corners[1, 1]  # a segment
     corners[2] = corners[2, :1]  # a point
     corners[4] = corners[3, ::-1]  # inside out
     corners[5] = corners[3]  # a duplicate
-    return corners.reshape(-1, 3), np.arange(3 * faces).reshape(-1, 3)
+    return corners.reshape(-1, 3), np.arange(18).reshape(-1, 3)

@@ -12,8 +12,9 @@ from torch import Tensor
 
 from pipeline.kernels.learning.chamfer import FAR, Target, chamfer, nearest, one_way
 from tests.extremes.learning import exact
-from tests.extremes.learning.shapes import CLOUDS, KINDS, OFFSETS, SCALES, SEEDS, cloud
+from tests.extremes.learning.shapes import CLOUDS, KINDS, OFFSETS, cloud
 from tests.extremes.profile import for_all
+from tests.extremes.strategies import scales, seeds
 
 BOUND = {torch.float32: 1e-6, torch.float64: 1e-14}
 """Of itself, whatever the scale and the offset: what the docstring promises, and the same in float64."""
@@ -29,7 +30,7 @@ def pair(first: str, second: str, seed: int, scale: float, offset: np.ndarray, d
 
 
 @TYPES
-@for_all(few=12, many=400, first=KINDS, second=KINDS, seed=SEEDS, scale=SCALES, offset=OFFSETS)
+@for_all(few=12, many=400, first=KINDS, second=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
 def test_it_is_that_of_exact_arithmetic(dtype: torch.dtype, first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
     a, b = pair(first, second, seed, scale, offset, dtype)
     found, true = float(chamfer(a, b)), exact.chamfer(a.numpy(), b.numpy())
@@ -38,7 +39,7 @@ def test_it_is_that_of_exact_arithmetic(dtype: torch.dtype, first: str, second: 
     assert (np.abs(one_way(a, b).double().numpy() - each) <= BOUND[dtype] * each).all()
 
 
-@for_all(few=8, many=200, kind=KINDS, seed=SEEDS, scale=SCALES, offset=OFFSETS, apart=OFFSETS)
+@for_all(few=8, many=200, kind=KINDS, seed=seeds, scale=scales, offset=OFFSETS, apart=OFFSETS)
 def test_clouds_far_apart(kind: str, seed: int, scale: float, offset: np.ndarray, apart: np.ndarray) -> None:
     a = torch.from_numpy(cloud(kind, seed, scale, offset)).float()
     b = torch.from_numpy(cloud("spread", seed, scale, apart)).float()
@@ -47,7 +48,7 @@ def test_clouds_far_apart(kind: str, seed: int, scale: float, offset: np.ndarray
 
 
 @TYPES
-@for_all(few=8, many=200, kind=KINDS, seed=SEEDS, scale=SCALES, offset=OFFSETS)
+@for_all(few=8, many=200, kind=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
 def test_a_cloud_and_itself_are_zero_apart_with_zero_gradient(
     dtype: torch.dtype, kind: str, seed: int, scale: float, offset: np.ndarray
 ) -> None:
@@ -59,7 +60,7 @@ def test_a_cloud_and_itself_are_zero_apart_with_zero_gradient(
     assert all(bool((gradient == 0).all()) for gradient in gradients)
 
 
-@for_all(few=10, many=400, first=KINDS, second=KINDS, seed=SEEDS, scale=SCALES, offset=OFFSETS)
+@for_all(few=10, many=400, first=KINDS, second=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
 def test_gradients_in_float32_are_those_of_float64(first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
     a, b = (points.requires_grad_() for points in pair(first, second, seed, scale, offset, torch.float32))
     exactly = [points.detach().double().requires_grad_() for points in (a, b)]
@@ -86,7 +87,7 @@ def test_differences_hold_where_the_expanded_square_does_not(apart: float, error
     assert rms(expanded) > error
 
 
-@for_all(few=8, many=200, first=KINDS, second=KINDS, seed=SEEDS, scale=SCALES, offset=OFFSETS)
+@for_all(few=8, many=200, first=KINDS, second=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
 def test_all_pairs_as_on_a_gpu_find_one_as_near(first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
     """Of float32 differences the least may be another point's, but one whose distance is within a millionth of the least."""
     a, b = pair(first, second, seed, scale, offset, torch.float32)
@@ -106,7 +107,7 @@ def test_doubling_lengths_doubles_them_to_the_bit(dtype: torch.dtype, kind: str,
     assert float(chamfer(a * 2.0**power, b * 2.0**power)) == 4.0**power * float(chamfer(a, b))
 
 
-@for_all(few=8, many=100, kind=KINDS, seed=SEEDS, scale=SCALES, copies=st.integers(2, 5))
+@for_all(few=8, many=100, kind=KINDS, seed=seeds, scale=scales, copies=st.integers(2, 5))
 def test_copies_of_a_cloud_change_nothing(kind: str, seed: int, scale: float, copies: int) -> None:
     a, b = pair(kind, "spread", seed, scale, np.zeros(3), torch.float64)
     many = a.repeat(copies, 1)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +14,9 @@ from pipeline.kernels.learning.chart_fitting import ChartFits, fit_charts
 from pipeline.kernels.learning.chart_rule import FitRule, StopRule, residual
 from pipeline.kernels.learning.chart_square import chart_square
 from tests.extremes.learning import exact
-from tests.extremes.learning.shapes import KINDS, OFFSETS, SCALES, SEEDS, cloud, soup
+from tests.extremes.learning.shapes import KINDS, OFFSETS, cloud, soup
 from tests.extremes.profile import for_all
+from tests.extremes.strategies import scales, seeds
 
 WIDTH = 2.0**-6
 """m, about a sensor's: a power of two, so that lengths over it are exact."""
@@ -32,7 +35,7 @@ def fit(points: np.ndarray, width: float = WIDTH) -> ChartFits:
     return fit_charts([points], width, generators(1), BRIEF)
 
 
-@for_all(few=4, many=300, seed=SEEDS, scale=SCALES, offset=OFFSETS)
+@for_all(few=4, many=300, seed=seeds, scale=scales, offset=OFFSETS)
 def test_the_residual_is_the_exact_distance_also_beside_slivers(seed: int, scale: float, offset: np.ndarray) -> None:
     vertices, faces = soup(seed)
     vertices = vertices * scale + offset
@@ -44,7 +47,7 @@ def test_the_residual_is_the_exact_distance_also_beside_slivers(seed: int, scale
         assert abs(residual(vertices, faced, points) - true) <= bound
 
 
-@for_all(few=6, many=200, kind=KINDS, seed=SEEDS, scale=SCALES, offset=OFFSETS)
+@for_all(few=6, many=200, kind=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
 def test_any_cloud_ends_in_a_finite_record(kind: str, seed: int, scale: float, offset: np.ndarray) -> None:
     """From a speck to one of a kilometre, and from the sensor's plane to a kilometre away."""
     points = cloud(kind, seed, scale, offset)
@@ -93,6 +96,35 @@ def test_no_distance_from_nothing(points: np.ndarray, faces: list[list[int]], me
 def test_no_distance_to_a_chart_that_is_nowhere() -> None:
     with pytest.raises(ValueError, match="vertices hold NaN"):
         residual(np.full((3, 3), np.nan), np.array([[0, 1, 2]]), np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize(
+    "changes", [{"halt": np.nan}, {"learning_rate": np.inf}, {"samples": 0}, {"cloud_points": 0}, {"residual_limit": 0.0}]
+)
+def test_a_rule_that_ends_nowhere_is_refused(changes: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=f"{next(iter(changes))} is .*above 0"):
+        FitRule(**changes)
+
+
+def test_without_a_step_the_square_is_measured_and_kept() -> None:
+    fits = fit_charts([np.array([[0.0, 0, WIDTH]])], WIDTH, generators(1), FitRule(max_iterations=0))
+    assert fits.stop_rule.tolist() == [StopRule.cap]
+    assert fits.residual.tolist() == [WIDTH]
+    with pytest.raises(ValueError, match="max_iterations is -1"):
+        FitRule(max_iterations=-1)
+
+
+@pytest.mark.parametrize("rate", [1e-300, 1e3, 1e100])
+def test_a_rate_out_of_proportion_still_ends_in_words(rate: float) -> None:
+    """Charts thrown out of float64's reach are refused, not kept."""
+    rule = replace(BRIEF, learning_rate=rate)
+    try:
+        fits = fit_charts([cloud("spread", 0, WIDTH / 4, np.zeros(3))], WIDTH, generators(1), rule)
+    except ValueError as error:
+        assert "area" in str(error)  # noqa: PT017
+        assert rate > 1e75
+        return
+    assert np.isfinite(fits.vertices).all()
 
 
 @pytest.mark.parametrize("width", [np.inf, np.nan, -1.0])

@@ -15,8 +15,9 @@ from pipeline.kernels.learning.chart_sphere import chart_sphere
 from pipeline.kernels.learning.configurations import CONFIGURATIONS, NetworkConfig
 from pipeline.kernels.learning.deformation import DeformationNetwork
 from tests.extremes.learning.pictures import KINDS, given
-from tests.extremes.learning.shapes import CLOUDS, OFFSETS, SCALES, SEEDS, cloud
+from tests.extremes.learning.shapes import CLOUDS, OFFSETS, cloud
 from tests.extremes.profile import for_all
+from tests.extremes.strategies import scales, seeds
 from tests.learning.test_deformation import SMALL, inputs, small
 from tests.learning.test_pooling import scene_camera
 
@@ -29,7 +30,7 @@ def charts(kind: str, seed: int, scale: float, offset: np.ndarray) -> Tensor:
     return torch.from_numpy(points[np.arange(SMALL.side**2) % len(points)])[None]
 
 
-@for_all(few=8, many=200, kind=st.sampled_from(sorted(CLOUDS)), seed=SEEDS, scale=SCALES, offset=OFFSETS, felt=st.booleans())
+@for_all(few=8, many=200, kind=st.sampled_from(sorted(CLOUDS)), seed=seeds, scale=scales, offset=OFFSETS, felt=st.booleans())
 def test_touch_charts_of_any_shape_move_the_sphere_somewhere(kind: str, seed: int, scale: float, offset: np.ndarray, felt: bool) -> None:
     """A kilometre large or away, collapsed to a point or a line: vertices and gradients are finite."""
     network = small(**TOUCH).float()

@@ -16,8 +16,8 @@ from pipeline.kernels.learning.chart_sphere import chart_sphere
 from pipeline.kernels.learning.graph import ChartGraph, batch_graph
 from pipeline.kernels.learning.graph_network import GraphNetwork
 from pipeline.kernels.learning.zero_neighbour import ZeroNeighbourLayer
-from tests.extremes.learning.shapes import SEEDS
 from tests.extremes.profile import for_all
+from tests.extremes.strategies import seeds
 from tests.learning.graph_twin import dense_mean
 
 CPU = torch.device("cpu")
@@ -48,7 +48,7 @@ def test_twenty_touch_charts_and_none_are_the_dense_average(counts: list[int]) -
 
 
 @TYPES
-@for_all(few=8, many=100, counts=COUNTS, seed=SEEDS, exponent=st.integers(-30, 30))
+@for_all(few=8, many=100, counts=COUNTS, seed=seeds, exponent=st.integers(-30, 30))
 def test_averages_lie_between_the_least_and_the_largest(dtype: torch.dtype, counts: list[int], seed: int, exponent: int) -> None:
     graph = graph_of(counts, dtype)
     values = torch.randn(sum(graph.sizes), 3, generator=torch.Generator().manual_seed(seed % 2**31), dtype=torch.float64)
@@ -60,7 +60,7 @@ def test_averages_lie_between_the_least_and_the_largest(dtype: torch.dtype, coun
 
 
 @TYPES
-@for_all(few=8, many=100, seed=SEEDS, power=st.integers(-60, 60), mixed=st.sampled_from([0.0, 1 / 3, 1.0]))
+@for_all(few=8, many=100, seed=seeds, power=st.integers(-60, 60), mixed=st.sampled_from([0.0, 1 / 3, 1.0]))
 def test_a_layer_without_bias_scales_with_its_features_to_the_bit(dtype: torch.dtype, seed: int, power: int, mixed: float) -> None:
     """From 1e-18 to 1e18, value and gradient: nothing in it is added that has a size of its own."""
     graph, layer = graph_of([1, 0], dtype), layer_of(mixed, dtype)
@@ -73,7 +73,7 @@ def test_a_layer_without_bias_scales_with_its_features_to_the_bit(dtype: torch.d
     assert all(torch.equal(one, other) for one, other in zip(*found, strict=True))
 
 
-@for_all(few=8, many=100, counts=COUNTS, seed=SEEDS)
+@for_all(few=8, many=100, counts=COUNTS, seed=seeds)
 def test_gradients_in_float32_are_those_of_float64(counts: list[int], seed: int) -> None:
     """Through six layers: within 1e-5 of the largest."""
     network = GraphNetwork(5, 6, 24)
@@ -103,6 +103,15 @@ def test_a_nan_reaches_the_neighbours_and_nobody_else() -> None:
     features[7] = math.nan
     spoilt = layer(features, graph).isnan().any(dim=1)
     assert torch.equal(spoilt, graph.mean.to_dense()[:, 7] > 0)
+
+
+def test_autocast_leaves_displacements_their_digits() -> None:
+    """The last layer maps in float32: bfloat16 would move vertices in steps of a millimetre."""
+    features = torch.randn(sum(graph_of([1]).sizes), 5, generator=torch.Generator().manual_seed(0))
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        moved = GraphNetwork(5, 4, 24)(features, graph_of([1], torch.float32))
+    assert moved.dtype == torch.float32
+    assert float((moved.bfloat16().float() != moved).float().mean()) > 0.9
 
 
 @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])

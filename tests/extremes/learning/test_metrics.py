@@ -12,14 +12,15 @@ from pipeline.kernels.learning.bootstrap import difference_interval, mean_interv
 from pipeline.kernels.learning.metrics import FAR, Distances, distances, nearest_squared, sampled_area, sampling_floor
 from pipeline.kernels.learning.rings import ring_means, ring_of
 from tests.extremes.learning import exact
-from tests.extremes.learning.shapes import CLOUDS, KINDS, OFFSETS, SCALES, SEEDS, cloud
+from tests.extremes.learning.shapes import CLOUDS, KINDS, OFFSETS, cloud
 from tests.extremes.profile import for_all
+from tests.extremes.strategies import scales, seeds
 from tests.learning.test_rings import a_pose, slow_ring
 
 ROUNDING = 1e-15
 
 
-@for_all(few=8, many=300, first=KINDS, second=KINDS, seed=SEEDS, scale=SCALES, offset=OFFSETS)
+@for_all(few=8, many=300, first=KINDS, second=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
 def test_distances_are_those_of_exact_arithmetic(first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
     a, b = cloud(first, seed, scale, offset), cloud(second, seed + 1, scale, offset)
     found = distances(a, b)
@@ -38,7 +39,7 @@ def test_a_cloud_and_itself_agree_perfectly_in_any_type(kind: str, dtype: type[n
     assert found.f1(0.0) == 1
 
 
-@for_all(few=20, many=500, kind=KINDS, seed=SEEDS, power=st.integers(-400, 400))
+@for_all(few=20, many=500, kind=KINDS, seed=seeds, power=st.integers(-400, 400))
 def test_doubling_lengths_quadruples_distances_and_areas_to_the_bit(kind: str, seed: int, power: int) -> None:
     """Far beyond any scene: from 1e-120 to 1e120."""
     a, b = cloud(kind, seed, 1.0, np.zeros(3)), cloud("spread", seed, 1.0, np.zeros(3))
@@ -93,7 +94,7 @@ def test_no_floor_of_no_area(area: float) -> None:
 # ---- rings
 
 
-@for_all(few=15, many=300, seed=SEEDS, scale=SCALES, offset=OFFSETS)
+@for_all(few=15, many=300, seed=seeds, scale=scales, offset=OFFSETS)
 def test_rings_are_the_same_at_any_scale_and_place(seed: int, scale: float, offset: np.ndarray) -> None:
     """But for points that rounding at that place may carry over an edge."""
     rng = np.random.default_rng(seed)
@@ -164,7 +165,7 @@ def test_an_interval_of_a_constant_is_that_constant(value: float, count: int) ->
     assert (same.mean, same.low, same.high) == (0, 0, 0)
 
 
-@for_all(few=20, many=500, seed=SEEDS, power=st.integers(-900, 900), sign=st.sampled_from([-1, 1]))
+@for_all(few=20, many=500, seed=seeds, power=st.integers(-900, 900), sign=st.sampled_from([-1, 1]))
 def test_intervals_scale_to_the_bit_and_turn_with_their_sign(seed: int, power: int, sign: int) -> None:
     values, factor = np.random.default_rng(seed).normal(size=9), sign * 2.0**power
     here, there = (mean_interval(given, np.random.default_rng(1), resamples=200) for given in (values, values * factor))

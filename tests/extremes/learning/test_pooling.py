@@ -10,8 +10,8 @@ from torch import Tensor
 
 from pipeline.kernels.learning.encoder import MapGrid
 from pipeline.kernels.learning.pooling import NEAREST, pool, see
-from tests.extremes.learning.shapes import SEEDS
 from tests.extremes.profile import for_all
+from tests.extremes.strategies import seeds
 from tests.learning.test_pooling import SCENE, scene_camera, slow_pool
 
 EYE = np.array(SCENE.position)
@@ -67,7 +67,7 @@ PLACES = st.tuples(BORDER | st.floats(-300, 600), BORDER | st.floats(-300, 600),
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-@for_all(few=60, many=3000, place=PLACES, seed=SEEDS)
+@for_all(few=60, many=3000, place=PLACES, seed=seeds)
 def test_at_and_beyond_the_border_pooling_is_plain_arithmetic(dtype: torch.dtype, place: tuple[float, float, int], seed: int) -> None:
     """Places are taken as floats of the type, and the ones next to them."""
     column, row = (np.nextafter(np.float32(value), np.float32(place[2] * np.inf)) if place[2] else np.float32(value) for value in place[:2])

@@ -11,8 +11,9 @@ from torch import Tensor
 
 from pipeline.kernels.learning.surface_samples import sample_surface, sample_surfaces, surface_points
 from tests.extremes.learning import exact
-from tests.extremes.learning.shapes import OFFSETS, SCALES, SEEDS, soup
+from tests.extremes.learning.shapes import OFFSETS, soup
 from tests.extremes.profile import for_all
+from tests.extremes.strategies import scales, seeds
 
 STEPS = 500
 """Places along the areas: a face's share of them is its share of the area, to one place."""
@@ -28,7 +29,7 @@ def random_places(seed: int, count: int = 60) -> Tensor:
     return torch.rand(1, count, 3, generator=torch.Generator().manual_seed(seed % 2**31), dtype=torch.float64)
 
 
-@for_all(few=10, many=300, seed=SEEDS, scale=SCALES, offset=OFFSETS)
+@for_all(few=10, many=300, seed=seeds, scale=scales, offset=OFFSETS)
 def test_faces_are_chosen_by_their_exact_areas(seed: int, scale: float, offset: np.ndarray) -> None:
     vertices, faces = soup(seed)
     vertices = vertices * scale + offset
@@ -43,7 +44,7 @@ def test_faces_are_chosen_by_their_exact_areas(seed: int, scale: float, offset: 
     assert not chosen[:, 1:3].any()  # two corners of the second are one, all of the third
 
 
-@for_all(few=10, many=300, seed=SEEDS, scale=SCALES, offset=OFFSETS)
+@for_all(few=10, many=300, seed=seeds, scale=scales, offset=OFFSETS)
 def test_float32_is_within_four_units_in_the_last_place(seed: int, scale: float, offset: np.ndarray) -> None:
     """0.3 µm at 0.6 m, 0.3 mm a kilometre away; against the same vertices in float64, and against the surface itself."""
     vertices, faces = soup(seed)
@@ -57,7 +58,7 @@ def test_float32_is_within_four_units_in_the_last_place(seed: int, scale: float,
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-@for_all(few=10, many=200, seed=SEEDS, scale=SCALES, offset=OFFSETS)
+@for_all(few=10, many=200, seed=seeds, scale=scales, offset=OFFSETS)
 def test_the_gradient_of_a_points_place_is_shared_by_corners(dtype: torch.dtype, seed: int, scale: float, offset: np.ndarray) -> None:
     """Weights sum to one, also on slivers: the gradients of all corners together are those of the points."""
     vertices, faces = soup(seed)
@@ -68,13 +69,21 @@ def test_the_gradient_of_a_points_place_is_shared_by_corners(dtype: torch.dtype,
     assert bool((gradient[0, 3:9] == 0).all())  # a segment and a point are never chosen
 
 
-@for_all(few=10, many=200, seed=SEEDS, scale=SCALES)
+@for_all(few=10, many=200, seed=seeds, scale=scales)
 def test_doubling_lengths_doubles_points_to_the_bit(seed: int, scale: float) -> None:
     vertices, faces = soup(seed)
     given, triangles = torch.from_numpy(vertices * scale), torch.from_numpy(faces)
     power = 2.0 ** (seed % 20 - 10)
     points, larger = (sample_surface(given * factor, triangles, 50, torch.Generator().manual_seed(1)) for factor in (1, power))
     assert bool((larger == points * power).all())
+
+
+@pytest.mark.parametrize("value", [np.nan, -0.1, 1.1])
+def test_places_outside_the_unit_cube_are_refused(value: float) -> None:
+    uniform = evenly(3)
+    uniform[0, 1, 2] = value
+    with pytest.raises(ValueError, match=r"uniform reaches from .*\[0, 1\]"):
+        surface_points(torch.eye(3).double()[None], torch.tensor([[0, 1, 2]]), uniform)
 
 
 def test_inside_out_changes_no_area() -> None:
@@ -107,7 +116,7 @@ def test_without_an_area_there_is_nothing_to_draw_from(kind: str) -> None:
         sample_surfaces(several, faces, 5, torch.Generator())
 
 
-@for_all(few=10, many=200, seed=SEEDS, scale=SCALES, offset=OFFSETS)
+@for_all(few=10, many=200, seed=seeds, scale=scales, offset=OFFSETS)
 def test_a_segment_that_rounding_gave_an_area_is_drawn_from_as_a_segment(seed: int, scale: float, offset: np.ndarray) -> None:
     """Corners in a row, but for rounding: no area, or one that keeps every point on the segment."""
     rng = np.random.default_rng(seed)
