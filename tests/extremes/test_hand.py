@@ -20,6 +20,7 @@ from pipeline.kernels.hand.distance import distance_field
 from pipeline.kernels.hand.kinematics import forward, sensor_poses
 from pipeline.kernels.hand.model import Hand, load_hand
 from pipeline.kernels.hand.placement import tangent_pose
+from pipeline.kernels.hand.reach import ball_points, finger_clearance, finger_parts, gel_contact, gel_probes
 from pipeline.kernels.hand.urdf import parse_urdf
 from tests.extremes.profile import for_all
 from tests.extremes.strategies import EPS, offsets, scales, seeds, turn
@@ -170,6 +171,26 @@ def test_depth_in_an_object_whose_cells_are_larger_than_the_hand() -> None:
         pose = tangent_pose(HAND, np.zeros(3), np.array([0, 0, 1.0]), height, 0.3)
         lowest = (palm.centres @ pose[2, :3] + pose[2, 3] - palm.radii).min()
         assert deepest(field, palm, np.tile(pose, (len(HAND.links), 1, 1))) == pytest.approx(max(0, -lowest), abs=1e-12)
+
+
+@for_all(few=8, many=300, seed=seeds, offset=offsets)
+def test_contact_and_clearance_far_away_lose_what_float32_loses(seed, offset) -> None:
+    """A hand over the upper side of a block four metres wide, where distance is height."""
+    pose, angles = posture(np.random.default_rng(seed), offset + [0, 0, 0.1])
+    frames = forward(HAND, pose[None], angles[None])
+    block = trimesh.creation.box((4.0, 4.0, 4.0)).apply_translation(offset - [0, 0, 2.0])
+    field = distance_field(block.vertices, block.faces, 0.3, 0.6)
+    balls = collision_balls(HAND, 0.02)
+    parts, lost = finger_parts(HAND, balls, 0.016, 0.007), 2.0**-20 * (np.abs(offset).max() + 1)
+    exact = ball_points(balls, frames)
+    assert np.abs(ball_points(balls, frames.astype(np.float32)) - exact).max() <= lost / 4
+    clearance, (contact, _) = finger_clearance(field, parts, frames), gel_contact(field, gel_probes(HAND, parts, frames), 0.0)
+    for number, finger in enumerate(HAND.fingers):
+        own = np.isin(balls.link, finger.links)
+        lowest = (exact[2, 0, own] - offset[2] - balls.radii[own]).min()
+        assert abs(clearance[0, number] - lowest) <= lost
+        probes = (frames[0, finger.tip] @ np.vstack([parts.probes[number].T, np.ones(parts.probes.shape[1])]))[2] - offset[2]
+        assert abs(contact[0, number] - probes.min()) <= lost
 
 
 def test_nothing_to_choose_from() -> None:

@@ -87,7 +87,8 @@ def clearance_of(
 
 
 def ball_points(balls: Balls, frames: NDArray[Any]) -> NDArray[Any]:
-    """(3, N, B) centres of balls carried by link frames (N, L, 4, 4), in the frames' precision."""
+    """(3, N, B) centres of balls carried by link frames (N, L, 4, 4), in the frames' precision: 2^-22 of the largest coordinate in
+    float32, 0.2 µm a metre from the origin."""
     points = np.empty((3, len(frames), len(balls.link)), frames.dtype)
     centres = np.concatenate([balls.centres.T, np.ones((1, len(balls.link)))]).astype(frames.dtype)
     edges = np.flatnonzero(np.diff(balls.link, prepend=-1, append=-1))
