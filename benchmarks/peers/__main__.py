@@ -9,6 +9,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import torch
+
 from benchmarks.peers import chamfer, depth, store, surfaces, touch
 from benchmarks.peers.cases import touched_objects
 from benchmarks.peers.table import Table, provenance
@@ -40,6 +42,7 @@ def main() -> None:
     if chosen.write and set(chosen.only) != set(tables):
         parser.error(f"--write wants every table, {', '.join(tables)}; --only names {', '.join(chosen.only)}")
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})  # of threads, those of Mesa too, only one runs at a time
+    torch.set_num_threads(1)
     above = provenance(shlex.join(["python", "-m", "benchmarks.peers", *sys.argv[1:]]))
     measured = []
     for name in chosen.only:

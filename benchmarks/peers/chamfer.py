@@ -24,7 +24,6 @@ Distance = Callable[[Tensor, Tensor], Tensor]
 
 def measure(cases: Sequence[Case], turns: int) -> Table:
     """The table; `turns` rounds of every way, of each pair of clouds."""
-    torch.set_num_threads(1)
     table = Table(
         f"Chamfer distance, {POINTS:,} × {POINTS:,}",
         ["one surface, ms", "÷ ours", "5 cm apart, ms", "÷ ours", "relative error, float32"],

@@ -16,10 +16,9 @@ from benchmarks.peers.table import ROOT, Table
 from benchmarks.peers.taxim_shim import load_taxim
 from benchmarks.peers.worker import PeerError, Worker
 from benchmarks.timing import Round, Times, each, side_by_side, three_digits
-from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.prism import face_blocks
 from pipeline.kernels.touch.rays import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, load_sensor
+from pipeline.kernels.touch.sensor import Sensor, load_sensor, pixel_centres, place
 from pipeline.kernels.touch.shading import reading
 from pipeline.kernels.touch.storage import stored_depth
 from stages.simulate_touch.settings import TouchSettings
@@ -49,8 +48,8 @@ def measure(cases: Sequence[Case], turns: int) -> Table:
             "sorting its faces here, uploading them in TACTO.",
             "Ours is what `simulate-touch` stores: exact orthographic depth, rounded as stored, and the reading made from it.",
             "Not comparable with TACTO: it rasterises a DIGIT (perspective camera of 60°, curved gel of 20 × 30 mm, its own lamps and "
-            "noise) by pyrender, here placed so that its gel's middle is ours; and with every image comes a shaded gel. Its points come "
-            "from its depth with its camera taken into account, where the object stands in its gel.",
+            "noise) by pyrender, here placed so that its gel's middle is ours. Its points come from its depth with its camera taken into "
+            "account, where the object stands in its gel.",
             "TACTO does not import as published on Python 3.11 (urdfpy pins networkx 2.2). Run with current networkx, PyOpenGL and numpy, "
             "and `np.float`, `np.infty` put back by `tacto_shim.py`; no file of it is changed. PyBullet is not asked for poses and forces.",
             "Not comparable with Taxim: it makes no depth. It is given ours, and its time is our depth and its shading, which blurs the "
@@ -92,9 +91,14 @@ def over_cases(cases: Sequence[Case], call: Callable[[int, NDArray[np.float64]],
 
 
 def our_points(case: Case, number: int, depth: Depth, sensor: Sensor) -> NDArray[np.float64]:
-    """(N, 3) world points in the gel, m, of all sensors of a case: in float64, so that only the depth's error counts."""
-    points = [local_points(depth(number, pose), pose, sensor) for pose in case.poses]
-    return np.concatenate([found[:count] for found, count in points]).astype(np.float64)
+    """(N, 3) world points in the gel, m, of all sensors of a case: placed in float64, so that only the depth's error counts."""
+    x, y = np.meshgrid(*pixel_centres(sensor))
+    points = []
+    for pose in case.poses:
+        found = depth(number, pose)
+        met = found < sensor.w
+        points.append(place(pose, x[met], y[met], found[met].astype(np.float64)))
+    return np.concatenate(points)
 
 
 def add_taxim(table: Table, rounds: dict[str, Round], cases: Sequence[Case], sensor: Sensor) -> None:
