@@ -104,11 +104,11 @@ def _grasp(
     return seconds
 
 
-def independent_depth(rig: Rig, mesh: Mesh, grasp: Grasp, rng: np.random.Generator) -> float:
-    """Deepest of random points on the collision boxes in the object, or on the object in the boxes, m; 0 where there is none."""
+def independent_depth(rig: Rig, mesh: Mesh, grasp: Grasp, rng: np.random.Generator, points: int = POINTS) -> float:
+    """Deepest of so many random points on the collision boxes in the object, or on the object in the boxes, m; 0 where there is none."""
     frames = forward(rig.hand, grasp.hand_pose, grasp.joint_angles)[rig.boxes.link] @ rig.boxes.frames  # (C, 4, 4)
     half = rig.boxes.half
-    share = POINTS // len(half)
+    share = points // len(half)
     unit = rng.uniform(-1, 1, (len(half), share, 3))
     axis = rng.integers(3, size=(len(half), share, 1))
     np.put_along_axis(unit, axis, np.sign(rng.uniform(-1, 1, axis.shape)), axis=2)
@@ -121,7 +121,7 @@ def independent_depth(rig: Rig, mesh: Mesh, grasp: Grasp, rng: np.random.Generat
             on_hand, mesh.vertices, mesh.faces.astype(np.int64), sign_type=igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
         )
         deepest = max(deepest, -float(np.min(signed)))
-    on_object = np.concatenate([sample_triangles(mesh.triangles, POINTS, rng)[0], mesh.vertices])
+    on_object = np.concatenate([sample_triangles(mesh.triangles, points, rng)[0], mesh.vertices])
     for frame, extent in zip(frames, half, strict=True):
         inside = (extent - np.abs((on_object - frame[:3, 3]) @ frame[:3, :3])).min(axis=1)
         deepest = max(deepest, float(inside.max()))

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.grasps import MORE_STEPS, independent_depth
+from benchmarks.grasps import MORE_STEPS, POINTS, independent_depth
 from pipeline.kernels.geometry.rows import read_mesh
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.touch.contact import touch_success
@@ -40,8 +40,8 @@ class Seen:
     watertight: bool
 
 
-def examine(data: Path) -> list[Seen]:
-    """Measure every grasp of a data set."""
+def examine(data: Path, points: int = POINTS) -> list[Seen]:
+    """Measure every grasp of a data set, with so many points on hand and object."""
     surfaces, grasps = Collection(Layout(data), SURFACES), Collection(Layout(data), GRASPS)
     rig = make_rig(GraspSettings())
     found: list[Seen] = []
@@ -56,7 +56,7 @@ def examine(data: Path) -> list[Seen]:
             for g, (pose, angles) in enumerate(zip(row["hand_pose"], row["joint_angles"], strict=True)):
                 touched, recorded = row["touch_success"][g], float(row["penetration"][g])
                 grasp = Grasp(pose, angles, row["sensor_pose"][g], touched, recorded, True)
-                depth = independent_depth(rig, mesh, grasp, np.random.default_rng(g))
+                depth = independent_depth(rig, mesh, grasp, np.random.default_rng(g), points)
                 physics.settle(pose, angles, angles, (0, 0), 0.0)
                 later, _ = physics.advance((MORE_STEPS, MORE_STEPS), 0.0)
                 after = [touch_success(ray_depth(blocks, sensor, rig.sensor), rig.sensor) for sensor in sensor_poses(rig.hand, pose, later)]

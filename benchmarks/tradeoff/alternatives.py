@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from skimage.transform import resize
 
 from benchmarks.grasps import independent_depth
+from benchmarks.tradeoff.errors import POINTS
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.rows import read_mesh
 from pipeline.kernels.touch.prism import FaceBlocks, face_blocks
@@ -125,7 +126,7 @@ def _shapes(objects: list[Object]) -> Iterator[dict[str, Any]]:
                     spent += time.perf_counter() - start
                     if grasp is not None:
                         touched.append(grasp.touched.mean() if grasp.sound else 0.0)
-                        depths.append(independent_depth(rig, one.mesh, grasp, rng_of(0, "depth", number, tried)))
+                        depths.append(independent_depth(rig, one.mesh, grasp, rng_of(0, "depth", number, tried), POINTS))
             figures = {"touches missing or unsound, %": 100 * (1 - float(np.mean(touched))), "deepest, mm": 1e3 * max(depths)}
             yield _row("the object in physics", label, spent / (ATTEMPTS * len(objects)), figures)
 
