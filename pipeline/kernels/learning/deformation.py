@@ -80,8 +80,8 @@ class DeformationNetwork(nn.Module):
 
         Notes
         -----
-        In evaluation, with initial weights, float32 places vertices within 1 µm of where float64 does, and bfloat16 under autocast
-        within 10 mm; with instance normalisation, which magnifies rounding, within 10 µm and 50 mm.
+        In evaluation on a CPU, with initial weights, float32 places vertices within 1 µm of where float64 does, and bfloat16 under
+        autocast within 10 mm; with instance normalisation, which magnifies rounding, within 10 µm and 50 mm.
 
         Raises
         ------

@@ -121,8 +121,8 @@ class ImageEncoder(nn.Module):
     def forward(self, images: Tensor) -> list[Tensor]:
         """The tapped maps (B, channels, rows, columns), in the plan's order, of images (B, 3, H, W) in [0, 1].
 
-        In float32 maps err by at most 1e-4 of the largest value of theirs. Under bfloat16's autocast it is up to 5 % in evaluation with
-        batch normalisation, but half of it after 25 layers of instance normalisation.
+        In float32 maps err by at most 1e-4 of the largest value of theirs, on a CPU. Under bfloat16's autocast it is up to 5 % in
+        evaluation with batch normalisation, but half of it after 25 layers of instance normalisation.
 
         A map without contrast, as of a black image, is normalised to rounding noise, which every further layer magnifies (batch
         normalisation in training, instance normalisation always). Such maps are finite, no value exceeds the root of how many

@@ -52,7 +52,7 @@ def see(camera: Tensor, points: Tensor) -> Tensor:
         raise ValueError(f"camera is {camera.dtype}, points are {points.dtype}: they must be of one type")
     for name, values in (("camera", camera), ("points", points)):
         if not bool(torch.isfinite(values).all()):
-            raise ValueError(f"{name} hold NaN or infinity: if a network moved them there, it has diverged; lower the learning rate")
+            raise ValueError(f"NaN or infinity in {name}: if a network moved points there, it has diverged; lower the learning rate")
     rotation, offset = camera[..., :3], camera[..., None, :, 3]
     with torch.autocast(points.device.type, enabled=False):  # in half precision a vertex would be seen pixels beside its place
         homogeneous = points @ rotation.mT + offset  # (B, N, 3): column · depth, row · depth, depth

@@ -132,7 +132,7 @@ def test_what_moved_to_infinity_is_not_looked_at() -> None:
     network = small()
     with torch.no_grad():
         network.gcn.last.bias.fill_(math.inf)
-    with pytest.raises(ValueError, match="points hold NaN or infinity: if a network moved them there, it has diverged"):
+    with pytest.raises(ValueError, match="NaN or infinity in points: if a network moved points there, it has diverged"):
         network(*inputs([1]))
 
 

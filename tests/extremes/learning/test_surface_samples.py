@@ -78,6 +78,17 @@ def test_doubling_lengths_doubles_points_to_the_bit(seed: int, scale: float) -> 
     assert bool((larger == points * power).all())
 
 
+@for_all(few=10, many=200, seed=seeds, scale=scales)
+def test_the_ends_of_the_areas_choose_faces_that_have_one(seed: int, scale: float) -> None:
+    """Also 1, the end of the last: segments and points before and behind are never chosen."""
+    vertices, faces = soup(seed)
+    order = faces[[1, 2, 0, 3, 2, 1]]
+    ends = torch.tensor([[[0.0, 4 / 9, 0.5], [np.nextafter(1, 0), 4 / 9, 0.5], [1.0, 4 / 9, 0.5]]], dtype=torch.float64)
+    points = surface_points(torch.from_numpy(vertices * scale)[None], torch.from_numpy(order), ends)[0].numpy()
+    first, last = (vertices[face].mean(axis=0) * scale for face in order[[2, 3]])
+    np.testing.assert_allclose(points, [first, last, last], rtol=0, atol=1e-13 * scale)
+
+
 @pytest.mark.parametrize("value", [np.nan, -0.1, 1.1])
 def test_places_outside_the_unit_cube_are_refused(value: float) -> None:
     uniform = evenly(3)
