@@ -23,7 +23,6 @@ from pipeline.kernels.hand.kinematics import forward, sensor_poses
 from pipeline.kernels.hand.visuals import visual_meshes
 from pipeline.kernels.touch import shading
 from pipeline.kernels.touch.contact import is_touched, local_points, touch_success
-from pipeline.kernels.touch.prism import face_blocks
 from pipeline.kernels.touch.rays import grid_depth, ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.raster import RasterRenderer
@@ -242,7 +241,7 @@ def _depth(bench: Bench) -> Results:
 def _all_faces(bench: Bench) -> Results:
     """Every face is taken to the sensor's frame and looked at by the tracer."""
     found = {}
-    corners = face_blocks(bench.mesh.triangles).corners.reshape(3, 3, -1)
+    corners = bench.scene.blocks.corners.reshape(3, 3, -1)
     for k, pose in enumerate(bench.sensors):
         rotation, offset = pose[:3, :3], corners - pose[:3, 3][:, None, None]
         local = np.stack([r[0] * offset[0] + r[1] * offset[1] + r[2] * offset[2] for r in rotation.T])

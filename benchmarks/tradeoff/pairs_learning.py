@@ -141,8 +141,8 @@ def _loss(bench: Bench, points: int | None) -> Results:
 
 def _clouds(bench: Bench, half: bool) -> Results:
     chosen = np.arange(0, len(bench.readings), 2)
-    clouds = bench.model.clouds(bench.readings[chosen]) if half else [bench.model.clouds(bench.readings)[at] for at in chosen]
-    return {f"{k}": cloud for k, cloud in enumerate(clouds)}
+    clouds = bench.model.clouds(bench.readings[chosen] if half else bench.readings)
+    return {f"{k}": clouds[k if half else at] for k, at in enumerate(chosen)}
 
 
 def _fits(bench: Bench, rule: FitRule) -> Results:
