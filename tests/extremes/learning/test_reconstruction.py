@@ -9,7 +9,9 @@ import pytest
 import torch
 import trimesh
 
+from pipeline.kernels.learning.chart_rule import StopRule
 from pipeline.kernels.learning.chart_sphere import chart_sphere
+from pipeline.kernels.learning.chart_square import chart_square
 from pipeline.kernels.learning.metrics import distances
 from pipeline.learning.mesh_files import joined, write_charts, write_joined
 from pipeline.learning.reconstruct import Reconstruction, Reconstructor, View
@@ -39,11 +41,24 @@ def test_a_surface_has_the_charts_of_all_touches_and_of_no_failed_one(models: di
     assert found[0].faces.max() == len(found[0].vertices) - 1
 
 
+def test_charts_without_a_fit_are_given_as_touches_that_failed() -> None:
+    """Whatever ended a fit is a surface; the square of a sensor that met nothing is none."""
+    rules = np.array([list(StopRule)])  # one grasp of a hand with that many sensors
+    view = View.felt(None, np.zeros((*rules.shape, SIZE, 3), np.float32), rules)
+    assert dict(zip(StopRule, view.touched.tolist(), strict=True)) == {
+        StopRule.no_touch: False,
+        StopRule.threshold: True,
+        StopRule.cap: True,
+        StopRule.too_few_points: False,
+        StopRule.collapsed: False,
+    }
+
+
 def test_views_that_are_none_are_refused(models: dict[str, Reconstructor]) -> None:
     nowhere = felt(2)
     nowhere.touch_vertices[1, 3, 0] = np.nan
     image = np.zeros((1, 1, 3), np.uint8)
-    size = models["unoccluded"]._resolution[0]
+    size = spheres.CAMERA.resolution
     for name, views, message in (
         ("touch", [], "touch: there is no view"),
         ("touch", [nowhere], "touch: touch_vertices has values that are not finite"),
@@ -56,14 +71,14 @@ def test_views_that_are_none_are_refused(models: dict[str, Reconstructor]) -> No
 
 @pytest.mark.parametrize("value", [0, 255])
 def test_a_black_or_white_view_still_gives_a_surface(models: dict[str, Reconstructor], value: int) -> None:
-    size = models["unoccluded"]._resolution[0]
+    size = spheres.CAMERA.resolution
     (made,) = models["unoccluded"].reconstruct([View.unfelt(np.full((size, size, 3), value, np.uint8))])
     assert np.isfinite(made.vertices).all()
 
 
 def surface(scale: float, offset: float, touches: int = 1) -> Reconstruction:
     """The sphere, and so many triangles' worth of squares, in one place."""
-    _, square = spheres.chart_square(spheres.SIDE)
+    _, square = chart_square(spheres.SIDE)
     rng = np.random.default_rng(0)
     vertices = np.concatenate([SPHERE.vertices, rng.uniform(-1, 1, (touches * SIZE, 3))]) * scale + offset
     first = len(SPHERE.vertices) + SIZE * np.arange(touches)
