@@ -20,7 +20,7 @@ INTRODUCTION = """# Side by side with what one would pick instead
 Written by the command above each table, `make bench-peers`: every peer in one run, on one core of the same machine, with the same meshes
 and sensor poses. Times are the processor's, in turns; below each table stands what is not comparable. A ratio above 1 is in our favour.
 """
-TURNS = 7
+TURNS = 3
 """Rounds of every table, the first, which warms up, not counted."""
 
 
