@@ -20,6 +20,8 @@ from pipeline.kernels.learning.chart_fitting import fit_charts
 from pipeline.kernels.learning.chart_rule import FitRule
 from pipeline.kernels.learning.configurations import CONFIGURATIONS
 from pipeline.kernels.learning.deformation import DeformationNetwork
+from pipeline.kernels.learning.graph import ChartGraph
+from pipeline.kernels.learning.graph_network import GraphNetwork
 from pipeline.kernels.learning.metrics import Cloud, distances
 from pipeline.kernels.learning.touch_losses import projected_chamfer_loss
 from pipeline.kernels.learning.unet import UNet
@@ -120,6 +122,10 @@ def pairs(bench: Bench) -> list[Pair]:
             *(lambda: _deformed(bench), lambda: _dense(bench), 1e-6, "m"),
         ),
         Pair(
+            *("train-gcn", "what reaches vision", "vertices in the last layers from which nothing comes to a vertex that moves"),
+            *(lambda: _step(bench), lambda: _whole_step(bench), 1e-6, "m"),
+        ),
+        Pair(
             *("evaluate", "each case once", "all grasps given once more for every first grasp"),
             *(lambda: _reconstructed(bench, 1), lambda: _reconstructed(bench, GRASPS), 1e-6, "m"),
         ),
@@ -182,15 +188,32 @@ def _touching_each_pass(bench: Bench) -> Results:
 
 
 def _dense(bench: Bench) -> Results:
-    dense: dict[int, Tensor] = {}
+    dense: dict[int, tuple[Tensor, Tensor]] = {}  # each with what it was made of, which keeps its id taken
 
     def product(matrix: Tensor, columns: Tensor) -> Tensor:
         if id(matrix) not in dense:
-            dense[id(matrix)] = matrix.to_dense()
-        return dense[id(matrix)] @ columns
+            dense[id(matrix)] = matrix, matrix.to_dense()
+        return dense[id(matrix)][1] @ columns
 
     with patch.object(zero_neighbour, "_product", product):
         return _deformed(bench)
+
+
+def _step(bench: Bench) -> Results:
+    """A training step but for its Chamfer loss."""
+    bench.felt.zero_grad()
+    _, _, vertices, touched, counts = bench.given
+    moved = bench.felt(None, None, vertices, touched, counts)
+    moved.square().mean().backward()
+    return {"vertices": moved.detach().numpy()}
+
+
+def _whole_step(bench: Bench) -> Results:
+    def of_vision(self: GraphNetwork, features: Tensor, graph: ChartGraph) -> Tensor:
+        return graph.of_vision(self(features, graph))
+
+    with patch.object(GraphNetwork, "of_vision", of_vision):
+        return _step(bench)
 
 
 def _reconstructed(bench: Bench, firsts: int) -> Results:

@@ -47,6 +47,11 @@ def explain(job: SetJob) -> Iterator[Part]:
     neighbours = graph.mean.values().numel()
     size = sum(graph.sizes)
     yield Part("pairs of vertices averaged, an item", neighbours, size**2 - neighbours, "no neighbours", "sparse neighbours")
+    if graph.cuts:
+        layers = min(len(graph.cuts), config.gcn_layers - 1)
+        entering = sum(len(cut.entering) for cut in graph.cuts[:layers])
+        why = "no vertex that moves is near enough to learn of them"
+        yield Part(f"vertices in the last {layers} layers, an item", entering, layers * size - entering, why, "what reaches vision")
     points = load_split(job.data, ["points"], "valid").arrays["points"].shape[1]
     asked = min(settings.loss_points, points)
     yield Part("points of the object asked, an item", asked, points - asked, "drawn anew each step; all are there to be near", "")

@@ -124,7 +124,7 @@ class DeformationNetwork(nn.Module):
         vision_parts = torch.split(vision_features, [len(graph.counts) for graph in graphs])
         touch_parts = torch.split(touch_features, [sum(graph.counts) * self.config.side**2 for graph in graphs])
         parts = zip(graphs, vision_parts, touch_parts, strict=True)
-        return torch.cat([graph.of_vision(self.gcn(graph.join(vision, touch), graph)) for graph, vision, touch in parts])
+        return torch.cat([self.gcn.of_vision(graph.join(vision, touch), graph) for graph, vision, touch in parts])
 
     def _features(self, positions: Tensor, kind: Tensor | None, maps: list[Tensor], camera: Tensor | None) -> Tensor:
         """(B, N, F) features of vertices at positions (B, N, 3), radii from the centre."""

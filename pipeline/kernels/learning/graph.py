@@ -5,11 +5,13 @@ centre of a touch chart and the other the centre of a vision chart. Every vertex
 
 A batch is one graph: item b has its V vision vertices, then its `counts[b]` touch charts of side · side vertices, then comes item b + 1.
 Averages are products with a sparse matrix in compressed rows; a dense adjacency costs some 30 times more, index_add more still.
+
+Only vision vertices move, and a layer carries features one edge far. Of the last layer's touch vertices only centres matter to them, of
+the one before only centres and their neighbours, and so on: the last layers have graphs of their own, without the rest.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,14 +21,37 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from pipeline.kernels.learning.block_diagonal import Rows, block_diagonal
 from pipeline.kernels.learning.chart_sphere import ChartSphere
 from pipeline.kernels.learning.chart_square import chart_square
 from pipeline.kernels.learning.precision import FULL
 
-INDICES = np.iinfo(np.int32).max
-"""Pairs of neighbours that 32-bit indices reach."""
 CACHED_PATTERNS = 64
-"""Items of as many different numbers of touch charts are kept: about 0.3 MB each."""
+"""Items of as many different numbers of touch charts are kept: about 1 MB each."""
+CUTS = 5
+"""Last layers with a graph of their own: five edges from its centre, hardly a vertex of the supplement's touch chart is missing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """What a layer takes where only some vertices matter after it: m of a graph's vertices go in, n of these come out.
+
+    Attributes
+    ----------
+    mean
+        (n, m) sparse CSR: averages over neighbours, as a graph's.
+    transposed
+        (m, n) sparse CSR.
+    entering
+        (m,) int64: the vertices that go in, of those of the graph.
+    leaving
+        (n,) int64: the vertices that come out, of those that go in.
+    """
+
+    mean: Tensor
+    transposed: Tensor
+    entering: Tensor
+    leaving: Tensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +70,8 @@ class ChartGraph:
         Vertices of each item: V + counts[b] · side · side.
     vision
         V, the vision vertices an item starts with.
+    cuts
+        Of the last layer, the one before, …: what comes out of the last are vision vertices. None where there is no touch chart.
     """
 
     mean: Tensor
@@ -52,6 +79,7 @@ class ChartGraph:
     counts: tuple[int, ...]
     sizes: tuple[int, ...]
     vision: int
+    cuts: tuple[Cut, ...]
 
     def join(self, vision: Tensor, touch: Tensor) -> Tensor:
         """(N, F) features in the graph's order from the vision vertices' (B, V, F) and the touch vertices' (N - B·V, F)."""
@@ -83,28 +111,40 @@ def batch_graph(sphere: ChartSphere, side: int, counts: Sequence[int], device: t
     if dtype not in FULL:
         raise ValueError(f"averages over neighbours in {dtype}: they are taken in float32 or float64; use autocast for half precision")
     items = [_item(sphere, side, count) for count in counts]
-    sizes = [len(item.degree) for item in items]
-    first = np.cumsum([0, *sizes])
-    start = np.cumsum([0, *(len(item.neighbours) for item in items)])
-    rows = np.concatenate([[0], *(item.rows[1:] + offset for item, offset in zip(items, start[:-1], strict=True))])
-    if rows[-1] > INDICES:
-        raise ValueError(f"{len(counts)} items have {rows[-1]} pairs of neighbours, a graph {INDICES} at most: take fewer items at once")
-    neighbours = np.concatenate([item.neighbours + offset for item, offset in zip(items, first[:-1], strict=True)])
-    weight = 1 / np.concatenate([item.degree for item in items])
-    # The pattern is symmetric, so the transpose has the same one and only its values differ.
-    forward, backward = (
-        _compressed(rows, neighbours, values, device, dtype) for values in (np.repeat(weight, np.diff(rows)), weight[neighbours])
-    )
-    return ChartGraph(forward, backward, tuple(counts), tuple(sizes), len(sphere.vertices))
+    sizes = [len(item.hops) for item in items]
+    mean, transposed = (block_diagonal([getattr(item, name) for item in items], device, dtype) for name in ("mean", "transposed"))
+    cuts = tuple(_cut([item.cuts[k] for item in items], sizes, device, dtype) for k in range(CUTS if any(counts) else 0))
+    return ChartGraph(mean, transposed, tuple(counts), tuple(sizes), len(sphere.vertices), cuts)
+
+
+@dataclass(frozen=True, eq=False)
+class _ItemCut:
+    """A `Cut` of one item."""
+
+    mean: Rows
+    transposed: Rows
+    entering: NDArray[np.int64]
+    leaving: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class _Item:
-    """Compressed rows of one item's neighbourhoods: those of vertex i are neighbours[rows[i]:rows[i + 1]], degree[i] many."""
+    """One item's averages, their transpose, how many edges each vertex is from a vision vertex (CUTS + 1 where farther), and cuts."""
 
-    rows: NDArray[np.int64]
-    neighbours: NDArray[np.int64]
-    degree: NDArray[np.int64]
+    mean: Rows
+    transposed: Rows
+    hops: NDArray[np.int64]
+    cuts: tuple[_ItemCut, ...]
+
+
+def _cut(cuts: Sequence[_ItemCut], sizes: Sequence[int], device: torch.device, dtype: torch.dtype) -> Cut:
+    """The cuts of a batch's items, which have so many vertices, as one."""
+    mean, transposed = (block_diagonal([getattr(cut, name) for cut in cuts], device, dtype) for name in ("mean", "transposed"))
+    before = np.cumsum([0, *sizes])
+    entered = np.cumsum([0, *(len(cut.entering) for cut in cuts)])
+    entering = np.concatenate([cut.entering + first for cut, first in zip(cuts, before[:-1], strict=True)])
+    leaving = np.concatenate([cut.leaving + first for cut, first in zip(cuts, entered[:-1], strict=True)])
+    return Cut(mean, transposed, torch.from_numpy(entering).to(device), torch.from_numpy(leaving).to(device))
 
 
 @lru_cache(maxsize=CACHED_PATTERNS)
@@ -120,26 +160,21 @@ def _item(sphere: ChartSphere, side: int, count: int) -> _Item:
     both = np.concatenate([pairs, pairs[:, ::-1], loops])
     first, second = np.divmod(np.unique(both[:, 0] * size + both[:, 1]), size)
     degree = np.bincount(first, minlength=size)
-    return _Item(np.concatenate([[0], np.cumsum(degree)]), second, degree)
+    starts = np.concatenate([[0], np.cumsum(degree)])
+    # The pattern is symmetric, so the transpose has the same one and only its values differ.
+    mean, transposed = Rows(starts, second, 1 / degree[first], size), Rows(starts, second, 1 / degree[second], size)
+    hops = np.where(np.arange(size) < vision, 0, CUTS + 1)
+    for k in range(CUTS):
+        near = second[hops[first] == k]
+        hops[near] = np.minimum(hops[near], k + 1)
+    cuts = []
+    for k in range(CUTS):
+        out, into = hops <= k, hops <= k + 1
+        places = np.flatnonzero(into)
+        cuts.append(_ItemCut(mean.part(out, into), transposed.part(into, out), places, np.flatnonzero(out[places])))
+    return _Item(mean, transposed, hops, tuple(cuts))
 
 
 def _edges(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     """(3 F, 2) the sides of faces (F, 3)."""
     return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-
-
-def _compressed(
-    rows: NDArray[np.int64], columns: NDArray[np.int64], values: NDArray[np.float64], device: torch.device, dtype: torch.dtype
-) -> Tensor:
-    """A square sparse CSR tensor; indices are int32, which MKL and cuSPARSE take without converting them at every product."""
-    size = len(rows) - 1
-    with warnings.catch_warnings():  # it says that torch may change the interface; nothing about these numbers
-        warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
-        return torch.sparse_csr_tensor(
-            torch.from_numpy(rows.astype(np.int32)),
-            torch.from_numpy(columns.astype(np.int32)),
-            torch.from_numpy(values).to(dtype),
-            (size, size),
-            device=device,
-            check_invariants=False,
-        )

@@ -40,6 +40,22 @@ class GraphNetwork(nn.Module):
         """(N, 3) from the features (N, in_features) of the graph's vertices."""
         for layer in self.hidden:
             features = cast(ZeroNeighbourLayer, layer).aligned(features, graph)
+        return self._moved(features)
+
+    def of_vision(self, features: Tensor, graph: ChartGraph) -> Tensor:
+        """(B, V, 3) of the vision vertices alone: what none of them depends on is not computed."""
+        whole = max(0, len(self.hidden) - len(graph.cuts))
+        for layer in self.hidden[:whole]:
+            features = cast(ZeroNeighbourLayer, layer).aligned(features, graph)
+        if not graph.cuts:
+            return graph.of_vision(self._moved(features))
+        cuts = graph.cuts[: len(self.hidden) - whole][::-1]
+        features = features.index_select(0, cuts[0].entering)
+        for layer, cut in zip(self.hidden[whole:], cuts, strict=True):
+            features = cast(ZeroNeighbourLayer, layer).aligned(features, cut)
+        return self._moved(features).reshape(len(graph.counts), graph.vision, 3)
+
+    def _moved(self, features: Tensor) -> Tensor:
         features = features[:, : self.last.in_features]
         with torch.autocast(features.device.type, enabled=False):  # half precision would move vertices in steps of a millimetre
             moved: Tensor = self.last(features.to(self.last.weight.dtype))

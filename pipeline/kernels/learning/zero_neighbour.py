@@ -9,13 +9,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import linear, pad
 
-from pipeline.kernels.learning.graph import ChartGraph
+from pipeline.kernels.learning.graph import ChartGraph, Cut
 
 ALIGNED = 16
 """Columns: a CPU multiplies matrices of 256 columns in two thirds of the time of the tables' 250."""
 
 
-class _AverageAndCut(torch.autograd.Function):
+class _AverageAll(torch.autograd.Function):
     """Averages the first `mixed` columns over neighbours, then ReLU, all in place: a layer then keeps one array for the gradient."""
 
     @staticmethod
@@ -38,16 +38,48 @@ class _AverageAndCut(torch.autograd.Function):
         return gradient, None, None, None
 
 
+class _AverageOfSome(torch.autograd.Function):
+    """The same for a `Cut`: of the rows that go in those that leave come out."""
+
+    @staticmethod
+    def forward(ctx: Any, features: Tensor, mean: Tensor, transposed: Tensor, leaving: Tensor, mixed: int) -> Tensor:
+        ctx.mixed, ctx.entering = mixed, len(features)
+        kept = features.index_select(0, leaving)
+        if mixed:
+            kept[:, :mixed] = _product(mean, features[:, :mixed])
+        kept.relu_()
+        ctx.save_for_backward(kept, transposed, leaving)
+        return kept
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None, None, None]:
+        kept, transposed, leaving = ctx.saved_tensors
+        gradient = torch.ops.aten.threshold_backward(gradient, kept, 0)
+        spread = gradient.new_zeros(ctx.entering, gradient.shape[1])
+        spread[leaving] = gradient
+        if ctx.mixed:
+            spread[:, : ctx.mixed] = _product(transposed, gradient[:, : ctx.mixed])
+        return spread, None, None, None, None
+
+
 def _product(matrix: Tensor, columns: Tensor) -> Tensor:
     """The matrix times columns, in the matrix's precision: sparse products know no half precision on a CPU."""
     with torch.autocast(columns.device.type, enabled=False):
         return (matrix @ columns.to(matrix.dtype)).to(columns.dtype)
 
 
-def zero_neighbour(features: Tensor, weight: Tensor, bias: Tensor, graph: ChartGraph, mixed: int) -> Tensor:
-    """(N, out) features from (N, in): mapped by weight (out, in) and bias (out,), the first `mixed` averaged over neighbours, ReLU."""
+def zero_neighbour(features: Tensor, weight: Tensor, bias: Tensor, graph: ChartGraph | Cut, mixed: int) -> Tensor:
+    """(N, out) features from (N, in): mapped by weight (out, in) and bias (out,), the first `mixed` averaged over neighbours, ReLU.
+
+    With a `Cut`, (n, out) from (m, in).
+    """
     mapped = linear(features, weight, bias)
-    averaged: Tensor = _AverageAndCut.apply(mapped, graph.mean, graph.transposed, mixed)  # type: ignore[no-untyped-call]
+    averaged: Tensor
+    if isinstance(graph, Cut):
+        averaged = _AverageOfSome.apply(mapped, graph.mean, graph.transposed, graph.leaving, mixed)  # type: ignore[no-untyped-call]
+    else:
+        averaged = _AverageAll.apply(mapped, graph.mean, graph.transposed, mixed)  # type: ignore[no-untyped-call]
     return averaged
 
 
@@ -86,7 +118,7 @@ class ZeroNeighbourLayer(nn.Module):
             raise ValueError(f"features are {tuple(features.shape)}, but graph and layer take {expected}: vertices, features")
         return zero_neighbour(features, self.linear.weight, self.linear.bias, graph, self.mixed)
 
-    def aligned(self, features: Tensor, graph: ChartGraph) -> Tensor:
+    def aligned(self, features: Tensor, graph: ChartGraph | Cut) -> Tensor:
         """The same for features that may have columns of zeros at their end, and with such columns up to a multiple of `ALIGNED`."""
         out_features, in_features = self.linear.weight.shape
         beyond = features.shape[1] - in_features, -out_features % ALIGNED

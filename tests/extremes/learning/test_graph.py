@@ -11,7 +11,6 @@ import torch
 from hypothesis import strategies as st
 from torch import Tensor, nn
 
-from pipeline.kernels.learning import graph as module
 from pipeline.kernels.learning.chart_sphere import chart_sphere
 from pipeline.kernels.learning.graph import ChartGraph, batch_graph
 from pipeline.kernels.learning.graph_network import GraphNetwork
@@ -122,8 +121,8 @@ def test_averages_in_half_precision_are_refused(dtype: torch.dtype) -> None:
 
 def test_a_batch_beyond_32_bit_indices_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     pairs = graph_of([1, 1]).mean.values().numel()
-    monkeypatch.setattr(module, "INDICES", pairs - 1)
+    monkeypatch.setattr("pipeline.kernels.learning.block_diagonal.INDICES", pairs - 1)
     with pytest.raises(ValueError, match=f"2 items have {pairs} pairs of neighbours, a graph {pairs - 1} at most"):
         graph_of([1, 1])
-    monkeypatch.setattr(module, "INDICES", pairs)
+    monkeypatch.setattr("pipeline.kernels.learning.block_diagonal.INDICES", pairs)
     assert graph_of([1, 1]).counts == (1, 1)
