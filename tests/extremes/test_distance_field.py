@@ -8,8 +8,10 @@ import trimesh
 from hypothesis import strategies as st
 
 from pipeline.kernels.hand import distance
+from pipeline.kernels.hand.bodies import Balls
+from pipeline.kernels.hand.clearance import deepest
 from pipeline.kernels.hand.distance import SLIVER, DistanceField, distance_field
-from tests.extremes.profile import for_all
+from tests.extremes.profile import at_size, for_all
 from tests.extremes.strategies import EPS, aspects, offsets, scales, seeds, sliver, turn
 
 CELL, BAND = 0.02, 0.05
@@ -97,17 +99,17 @@ def spiky(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         return body.vertices @ turn(rng).T, body.faces
     if kind == "triangle":
         return rng.normal(size=(3, 3)) * 3 * CELL, np.array([[0, 1, 2]])
-    if kind == "plate":
-        body = trimesh.creation.box((9 * CELL, 2.6 * CELL, 6 * CELL))
+    if kind in ("plate", "thin plate"):
+        body = trimesh.creation.box((9 * CELL, (3 if kind == "plate" else rng.uniform(0.5, 3)) * CELL, 6 * CELL))
         return body.vertices @ turn(rng).T, body.faces
     faces = rng.integers(0, 9, (12, 3))
     return rng.normal(size=(9, 3)) * 3 * CELL, faces[[len(set(face)) == 3 for face in faces.tolist()]]
 
 
-@pytest.mark.parametrize("kind", ["cone", "triangle", "plate", "soup"])
+@pytest.mark.parametrize("kind", ["cone", "triangle", "plate", "thin plate", "soup"])
 @for_all(few=3, many=100, seed=seeds)
 def test_a_look_up_errs_by_two_cells_at_most(kind, seed) -> None:
-    """Edges, tips, sheets and parts thinner than a cell, all within the grid's band."""
+    """Edges, tips, sheets and parts thinner than a cell, all within the grid's band; and on the right side from 3 cells on."""
     rng = np.random.default_rng(seed)
     vertices, faces = spiky(kind, rng)
     field = distance_field(vertices, faces, CELL, BAND)
@@ -119,6 +121,22 @@ def test_a_look_up_errs_by_two_cells_at_most(kind, seed) -> None:
     assert seen[exact < 0].max(initial=-np.inf) <= 2 * CELL
     if kind == "plate":
         assert np.abs(seen - exact)[near].max() <= 1.8 * CELL
+
+
+@at_size("attitudes", few=6, many=100)
+def test_no_depth_in_a_thin_part_is_overlooked(attitudes, rng) -> None:
+    """The grid takes points in a plate for points beside it; they are measured all the same."""
+    mistaken = 0
+    for _ in range(attitudes):
+        body = trimesh.creation.box((9 * CELL, 2 * CELL, 6 * CELL))
+        field = distance_field(body.vertices @ turn(rng).T, body.faces, CELL, BAND)
+        points = rng.dirichlet([1] * 8, 1000) @ field.vertices
+        exact, seen = field.exact(points), field.lookup(points.T.astype(np.float32))
+        worst = int(np.where(exact < 0, seen, -np.inf).argmax())
+        ball = Balls(points[[worst]], np.zeros(1), np.zeros(1, np.intp))
+        assert deepest(field, ball, np.eye(4)[None]) == pytest.approx(max(0, -exact[worst]), abs=1e-12)
+        mistaken += bool(seen[worst] > CELL / 4)
+    assert mistaken > 0
 
 
 @for_all(few=4, many=100, offset=offsets, exponent=st.integers(-3, 0))

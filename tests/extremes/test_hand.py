@@ -104,10 +104,10 @@ def test_the_gap_between_boxes_is_no_more_than_their_distance_and_moves_with_the
     gap = box_gap(frames[0], half[0], frames[1], half[1])
     a, b = (in_box(rng, frame, size) for frame, size in zip(frames, half, strict=True))
     assert gap <= np.linalg.norm(a[:, None] - b, axis=2).min() + 8 * EPS
-    assert box_gap(frames[1], half[1], frames[0], half[0]) == pytest.approx(gap, abs=32 * EPS)
+    assert box_gap(frames[1], half[1], frames[0], half[0]) == pytest.approx(gap, abs=128 * EPS)
     moved = frames.copy()
     moved[:, :3, 3] = frames[:, :3, 3] * scale + offset
-    assert np.abs(box_gap(moved[0], half[0] * scale, moved[1], half[1] * scale) - gap * scale) <= 16 * EPS * (
+    assert np.abs(box_gap(moved[0], half[0] * scale, moved[1], half[1] * scale) - gap * scale) <= 32 * EPS * (
         np.abs(offset).max() + 8 * scale
     )
 

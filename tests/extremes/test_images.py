@@ -81,9 +81,9 @@ def test_a_slivers_normal_is_as_right_as_stated(seed, aspect) -> None:
 
 def test_faces_without_area_bend_no_normal() -> None:
     """A roof of two gentle slopes, with a line and a point on it that would pull its normals to +z."""
-    roof = np.array([[0, -1, 0], [0, 1, 0], [1, 0, -0.2], [-1, 0, -0.2], [0, 0, 0]])
+    roof = np.array([[0, -1, 0], [0, 1, 0], [1, 0, -0.2], [-1, 0, -0.4], [0, 0, 0], [0, -2, 0]])
     slopes = np.array([[0, 2, 1], [1, 3, 0]], np.int32)
-    flat = np.array([[0, 4, 1], [1, 1, 1], [0, 0, 1]], np.int32)
+    flat = np.array([[4, 0, 5], [1, 1, 1], [0, 0, 1]], np.int32)  # the angle of the first, at 0, is two right ones
     np.testing.assert_array_equal(corner_normals(roof, np.vstack([slopes, flat]))[:2], corner_normals(roof, slopes))
     assert (np.linalg.norm(corner_normals(roof, flat), axis=2) == 1).all()
 

@@ -30,7 +30,7 @@ class DistanceField:
     """Distance to a mesh, m: positive outside, negative inside.
 
     A point is *outside* when a path leads from it out of the bounding box through gaps wider than a cell. So winding does not matter,
-    and both sides of an open sheet are outside. Solid parts thinner than 2.5 cells may count as sheets.
+    and both sides of an open sheet are outside. Solid parts thinner than 3 cells may count as sheets.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class DistanceField:
         """Approximate signed distance, m, of finite points (3, ...) float32 in world coordinates: first order in the nearest cell.
 
         Within the grid's band it is right to about a quarter of a cell, at edges and across sheets to 1.8 cells, and a lower bound
-        beyond it; points off the grid get its rim's value. In solid parts thinner than 2.5 cells the sign may be wrong, but no
+        beyond it; points off the grid get its rim's value. In solid parts thinner than 3 cells the sign may be wrong, but no
         point inside gets more than 2 cells. Coordinates in float32 add 2^-21 of the largest: half a micrometre a metre from
         the origin, half a millimetre at a kilometre.
         """
