@@ -43,6 +43,8 @@ STEP = 0.16
 SHRINK = 0.4
 AT_REST = 4
 """Postures without contact a finger, among which the joint choice may take one."""
+A_FEW = 4
+"""Sampled postures that are looked at before it is asked whether every finger has room: most often they do."""
 AT_ONCE = 24
 """Sampled postures a finger that are measured before it is asked whether others have a chance: twice as many as are kept."""
 
@@ -94,7 +96,7 @@ def has_room(
     """Whether every finger of a hand at `pose` (4, 4) has, among some samples, one that keeps `clearance` from the object, m."""
     rows = np.linspace(0, len(samples.joint_angles) - 1, SPREAD).astype(np.intp)
     without = np.ones(samples.free.shape[1], bool)
-    for some in np.array_split(rows, SPREAD // AT_REST):
+    for some in np.array_split(rows, SPREAD // A_FEW):
         asked = samples.free[some] & without
         frames = pose @ samples.frames[some]
         asked &= clearance_of(parts.tips, field, frames, asked) >= clearance
