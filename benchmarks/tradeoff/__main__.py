@@ -13,7 +13,6 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from benchmarks.tradeoff.shortcuts import measure as measure_shortcuts
 from rich.console import Console
 
 from benchmarks.tradeoff import work
@@ -21,11 +20,13 @@ from benchmarks.tradeoff.alternatives import alternatives
 from benchmarks.tradeoff.end_to_end import end_to_end
 from benchmarks.tradeoff.errors import ERRORS
 from benchmarks.tradeoff.same import same_results
+from benchmarks.tradeoff.shortcuts import measure as measure_shortcuts
 from benchmarks.tradeoff.variants import Study, Variant, studies
 from benchmarks.tradeoff.write import read_asset, write_asset, write_page
 from pipeline.progress import Meter, console_on
 
 DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
+FELT = ("sample-surfaces", "simulate-grasps", "simulate-touch")
 LEARNING = ("train-unet", "fit-charts", "train-gcn")
 TOUCH = "train-gcn.configuration=touch"
 
@@ -42,21 +43,24 @@ def main() -> None:
     if not options.page:
         chosen = [study for study in studies() if not options.only or study.name in options.only]
         _prepare(options.root, chosen, console)
-        trades = {study.name: _trade(options.root, study, console) for study in chosen}
-        found["trades"] = {study.name: entry for study in studies() if (entry := trades.get(study.name, found["trades"].get(study.name)))}
+        for study in chosen:  # written one by one: a killed run keeps what it has measured
+            trades = found["trades"] | {study.name: _trade(options.root, study, console)}
+            found["trades"] = {one.name: trades[one.name] for one in studies() if one.name in trades}
+            write_asset(found)
         if not options.only:
             found["same"] = same_results(options.root, console)
             found["end_to_end"] = end_to_end(options.root, console)
             found["alternatives"] = alternatives(options.root / "few" / work.COMMON)
             found["shortcuts"] = [vars(shortcut) for shortcut in measure_shortcuts()]
-        write_asset(found)
+            write_asset(found)
     write_page(found)
 
 
 def _prepare(root: Path, chosen: list[Study], console: Console) -> None:
     """The common directories of what is to be measured."""
     objects = {study.objects for study in chosen}
-    for name, preset, steps in (("few", "standard", DATASET), ("learning", "draft", (*DATASET, *LEARNING))):
+    wanted = {"few": ("standard", DATASET), "four": ("standard", FELT), "learning": ("draft", (*DATASET, *LEARNING))}
+    for name, (preset, steps) in wanted.items():
         if name in objects:
             console.print(f"objects {name}: {', '.join(steps)}")
             work.prepare(root, name, {step: [TOUCH] if step == "train-gcn" else [] for step in steps}, preset)
