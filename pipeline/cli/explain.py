@@ -29,7 +29,8 @@ def explain_shard(plan: Plan) -> None:
     request, stage = plan.request, plan.request.stage
     tasks = _tasks(plan)
     if not tasks:
-        say(f"{stage.name} {plan.path}: no object here to explain")
+        if request.only is None:  # else it is in another shard, or failed, and that has been said
+            say(f"{stage.name} {plan.path}: every object failed, there is nothing to explain")
         return
     chosen = [tasks[place] for place in np.unique(np.linspace(0, len(tasks) - 1, OBJECTS).astype(int))]
     models = {name: record.folder for name, record in plan.records.items()}

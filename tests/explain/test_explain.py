@@ -165,3 +165,12 @@ def test_a_dry_run_explains_nothing(tmp_path):
     result = CliRunner().invoke(app, ["run", "sample-surfaces", "--data", str(tmp_path / "d"), "--dry-run", "--explain"])
     assert result.exit_code == 0
     assert "left out" not in result.output
+
+
+def test_one_object_is_explained_before_its_shard_is_packed(tmp_path):
+    asked = ["run", "sample-surfaces", "--data", str(tmp_path), "--object", "duck", "--shards", "2", "--set", "points=100", "--explain"]
+    result = CliRunner().invoke(app, asked)
+    assert result.exit_code == 0, result.output
+    assert result.output.count("counted on 1 of") == 1
+    assert "objects (duck)" in result.output
+    assert not (tmp_path / "surfaces").exists()
