@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.tradeoff.errors import ERRORS
-from benchmarks.tradeoff.variants import Variant, studies
+from benchmarks.tradeoff.variants import studies
 from benchmarks.tradeoff.work import MADE_BY, Made, link_common
 
 VT = str(Path(sys.executable).parent / "vt-pipeline")
@@ -41,12 +41,11 @@ def _error(stage: str, manifest: str, place: Path, data: Path) -> float:
     """The error of a stage's output, against its reference made from the same inputs."""
     study = next(study for study in studies() if study.stage == stage)
     reference = place / f"{stage}-reference"
-    if study.reference is not None:
+    if exact := study.against():
         link_common(place, reference, MADE_BY[stage])
-        values = [
-            part for line in Variant("reference", "reference", "standard", study.reference).assignments(stage) for part in ("--set", line)
-        ]
-        _output([VT, "run", stage, "--manifest", manifest, "--preset", "standard", "--data", str(reference), *values])
+        values = [part for line in exact.assignments(stage) for part in ("--set", line)]
+        line = [VT, "run", stage, "--manifest", manifest, "--preset", exact.preset, "--data", str(reference), "--seed", str(exact.seed)]
+        _output([*line, *values])
     figures: dict[str, Any] = ERRORS[stage](Made(data, 0.0, 0.0, {}), reference)
     return float(next(iter(figures.values())))
 

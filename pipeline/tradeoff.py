@@ -23,7 +23,7 @@ class Point:
     Attributes
     ----------
     kind
-        "preset", "knob" (one varied), "together" (several), "reference" (the most accurate) or "seed" (nothing varied).
+        "preset", "knob" (one varied), "together" (several) or "seed" (nothing varied).
     settings
         All knobs that change results, without those that define what is asked for.
     seconds, kilobytes

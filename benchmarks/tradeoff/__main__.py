@@ -10,6 +10,7 @@ import argparse
 import os
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +69,7 @@ def _prepare(root: Path, chosen: list[Study], console: Console) -> None:
 
 def _trade(root: Path, study: Study, console: Console) -> dict[str, Any]:
     """Make a study's variants and measure them."""
-    variants = study.variants()
+    variants, against = study.variants(), study.against()
     with Meter(console, study.name, len(variants), "settings") as meter, ThreadPoolExecutor(os.cpu_count()) as pool:
 
         def one(variant: Variant) -> work.Made:
@@ -79,15 +80,15 @@ def _trade(root: Path, study: Study, console: Console) -> dict[str, Any]:
             meter.advance(variant.label)
             return made
 
-        made = list(zip(variants, pool.map(one, variants), strict=True))
-    against = study.against()
-    reference = next((one.data for variant, one in made if variant == against), Path())
+        exact = pool.submit(one, against) if against else None
+        made = list(pool.map(one, variants))
+        reference = exact.result().data if exact else Path()
     with ProcessPoolExecutor(os.cpu_count()) as processes:
-        points = list(processes.map(_point, *zip(*((study, variant, one, reference) for variant, one in made), strict=True)))
+        points = list(processes.map(partial(_point, study, reference), variants, made))
     return {"stage": study.stage, **work.extent(study), "costs": study.costs, "skipped": dict(study.skip), "points": points}
 
 
-def _point(study: Study, variant: Variant, made: work.Made, reference: Path) -> dict[str, Any]:
+def _point(study: Study, reference: Path, variant: Variant, made: work.Made) -> dict[str, Any]:
     return {
         "label": variant.label,
         "kind": variant.kind,

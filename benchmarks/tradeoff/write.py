@@ -65,9 +65,7 @@ def _section(trade: Trade, picture: Path) -> str:
     front = trade.front()
     figures = list(trade.points[0].figures)
     head = ["", "setting", "seconds", "kB", *figures]
-    rows = [
-        _row(point, point in front, figures) for kind in ("preset", "reference", "knob", "together", "seed") for point in _of(trade, kind)
-    ]
+    rows = [_row(point, point in front, figures) for kind in ("preset", "knob", "together", "seed") for point in _of(trade, kind)]
     skipped = [f"Not measured as a whole: `{preset}` ({why})." for preset, why in trade.skipped.items()]
     notes = [*skipped, *([NOTES[trade.name]] if trade.name in NOTES else [])]
     text = " ".join(notes) + "\n\n" if notes else ""
