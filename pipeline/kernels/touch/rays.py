@@ -16,6 +16,10 @@ ASIDE = 1e-15
 """Sensor widths: so far beside its own ray float64 may decide on rims and take depths, for a face in the sensor's frame."""
 BATCH = 1_000_000
 """Pixels of faces' boxes at a time, about 100 MB: thousands of faces on top of each other may not fill the memory."""
+LAYERS = 20
+"""Times that faces' boxes cover the sensor from which on the nearest are taken first: below it sorting costs more than it saves."""
+FRONT = 8
+"""So many of those times are taken first, and hide of the rest what lies behind them."""
 
 
 def ray_depth(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
@@ -45,34 +49,66 @@ def ray_depth(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor) -> NDArray[n
 
 def grid_depth(local: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
     """`ray_depth` of faces (3 axes, 3 corners, N) that are in the sensor's frame already, m."""
-    depth = np.full(sensor.rows * sensor.cols, np.inf)
+    depth = np.full(sensor.shape, np.inf)
     if local.shape[2]:
-        for faces in _batches(pixel_faces(local, sensor), sensor):
-            _scan(faces, sensor, depth)
+        for number, faces in enumerate(_batches(pixel_faces(local, sensor), sensor)):
+            _scan(faces, depth, hiding=number > 0)
     depth[depth > sensor.range] = np.inf
-    return depth.reshape(sensor.shape)
+    return depth
 
 
-def _scan(faces: NDArray[np.float64], sensor: Sensor, depth: NDArray[np.float64]) -> None:
-    """Lower `depth` (pixels,) to these faces where they are nearer: faces to spans of a row, spans to pixels."""
-    face, row = _expand(np.maximum(np.ceil(faces[1, 0]), 0), np.minimum(np.floor(faces[1, 2]), sensor.rows - 1))
+def _scan(faces: NDArray[np.float64], depth: NDArray[np.float64], hiding: bool) -> None:
+    """Lower `depth` (rows, cols) to these faces where they are nearer: faces to spans of a row, spans to pixels.
+
+    With `hiding`, spans behind all that `depth` shows there are left out before they become pixels.
+    """
+    rows, cols = depth.shape
+    face, row = _expand(np.maximum(np.ceil(faces[1, 0]), 0), np.minimum(np.floor(faces[1, 2]), rows - 1))
     left, right, z_left, z_right = _cross(faces, face, row.astype(np.float64))
-    span, col = _expand(np.maximum(np.ceil(left), 0), np.minimum(np.floor(right), sensor.cols - 1))
+    first, last = np.maximum(np.ceil(left), 0), np.minimum(np.floor(right), cols - 1)
+    if hiding:
+        kept = _in_sight(row, first, last, np.minimum(z_left, z_right), depth)
+        row, left, right, z_left, z_right, first, last = (a[kept] for a in (row, left, right, z_left, z_right, first, last))
     width = right - left
     slope = np.divide(z_right - z_left, width, out=np.zeros_like(width), where=width > 0)
     z_left = np.where(width > 0, z_left, np.minimum(z_left, z_right))
-    z = z_left[span] + slope[span] * (col - left[span])
-    pixel = row[span] * sensor.cols + col
-    ahead = z >= -START
-    np.minimum.at(depth, pixel[ahead], np.maximum(z[ahead], 0.0))
+    span, col = _expand(first, last)
+    z = col - left[span]
+    z *= slope[span]
+    z += z_left[span]
+    pixel = col
+    pixel += (row * cols)[span]
+    if faces[2].min(initial=0.0) < 0:  # some lie behind the sensor plane
+        ahead = z >= -START
+        pixel, z = pixel[ahead], z[ahead]
+    np.minimum.at(depth.reshape(-1), pixel, np.maximum(z, 0.0, out=z))
+
+
+def _in_sight(
+    row: NDArray[np.intp], first: NDArray[np.float64], last: NDArray[np.float64], near: NDArray[np.float64], depth: NDArray[np.float64]
+) -> NDArray[np.intp]:
+    """Which spans may lower a pixel: those not behind all that their row shows, and those with a pixel still open."""
+    still_open = np.isinf(depth)
+    farthest = np.where(still_open, -np.inf, depth).max(axis=1)
+    opened = np.zeros((depth.shape[0], depth.shape[1] + 1), np.intp)
+    np.cumsum(still_open, axis=1, out=opened[:, 1:])
+    hold = np.flatnonzero(first <= last)
+    row, near = row[hold], near[hold]
+    ends = opened[row, last[hold].astype(np.intp) + 1] - opened[row, first[hold].astype(np.intp)]
+    return hold[(near <= farthest[row]) | (ends > 0)]
 
 
 def _batches(faces: NDArray[np.float64], sensor: Sensor) -> Iterator[NDArray[np.float64]]:
-    """Runs of faces whose boxes hold about `BATCH` pixels: nearly always all at once."""
-    most = np.array([sensor.cols, sensor.rows])[:, None]
-    pixels = np.minimum(np.ptp(faces[:2], axis=1) + 1, most).prod(axis=0)
+    """Runs of faces whose boxes hold about `BATCH` pixels; where many lie behind each other, the nearest first."""
+    last = np.array([sensor.cols - 1, sensor.rows - 1])[:, None]
+    sides = np.minimum(faces[:2].max(axis=1), last) - np.maximum(faces[:2].min(axis=1), 0) + 1
+    pixels = np.maximum(sides, 0).prod(axis=0)
+    size, begin = sensor.rows * sensor.cols, BATCH
+    if pixels.sum() > LAYERS * size:
+        order = np.argsort(faces[2].min(axis=0), kind="stable")
+        faces, pixels, begin = faces[:, :, order], pixels[order], FRONT * size
     ends = np.cumsum(pixels)
-    cuts = np.searchsorted(ends, np.arange(BATCH, ends[-1] if len(ends) else 0, BATCH))
+    cuts = np.searchsorted(ends, np.arange(begin, ends[-1] if len(ends) else 0, BATCH))
     yield from np.split(faces, np.unique(cuts), axis=2)
 
 
