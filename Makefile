@@ -147,5 +147,5 @@ $(PEERS)-tacto/installed: benchmarks/peers/requirements-tacto.txt | system
 	@$(PEERS)-tacto/bin/pip install --quiet --disable-pip-version-check --no-deps -r $<
 	@touch $@
 
-clean:  ## remove the virtual environment; data is kept
-	rm -rf $(VENV)
+clean:  ## remove the virtual environments; data is kept
+	rm -rf $(VENV) .venv-peers .venv-peers-tacto
