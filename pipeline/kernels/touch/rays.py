@@ -68,7 +68,8 @@ def _scan(faces: NDArray[np.float64], depth: NDArray[np.float64], hiding: bool) 
     first, last = np.maximum(np.ceil(left), 0), np.minimum(np.floor(right), cols - 1)
     if hiding:
         kept = _in_sight(row, first, last, np.minimum(z_left, z_right), depth)
-        row, left, right, z_left, z_right, first, last = (a[kept] for a in (row, left, right, z_left, z_right, first, last))
+        row, first, last = row[kept], first[kept], last[kept]
+        left, right, z_left, z_right = left[kept], right[kept], z_left[kept], z_right[kept]
     width = right - left
     slope = np.divide(z_right - z_left, width, out=np.zeros_like(width), where=width > 0)
     z_left = np.where(width > 0, z_left, np.minimum(z_left, z_right))
@@ -95,7 +96,8 @@ def _in_sight(
     hold = np.flatnonzero(first <= last)
     row, near = row[hold], near[hold]
     ends = opened[row, last[hold].astype(np.intp) + 1] - opened[row, first[hold].astype(np.intp)]
-    return hold[(near <= farthest[row]) | (ends > 0)]
+    kept: NDArray[np.intp] = hold[(near <= farthest[row]) | (ends > 0)]
+    return kept
 
 
 def _batches(faces: NDArray[np.float64], sensor: Sensor) -> Iterator[NDArray[np.float64]]:
