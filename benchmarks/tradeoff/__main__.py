@@ -70,7 +70,7 @@ def _prepare(root: Path, chosen: list[Study], console: Console) -> None:
 def _trade(root: Path, study: Study, console: Console) -> dict[str, Any]:
     """Make a study's variants and measure them."""
     variants, against = study.variants(), study.against()
-    with Meter(console, study.name, len(variants), "settings") as meter, ThreadPoolExecutor(os.cpu_count()) as pool:
+    with Meter(console, study.name, len(variants) + bool(against), "settings") as meter, ThreadPoolExecutor(os.cpu_count()) as pool:
 
         def one(variant: Variant) -> work.Made:
             made = work.make(root, study, variant)
