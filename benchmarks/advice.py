@@ -16,20 +16,18 @@ from typing import Any
 
 from benchmarks.tradeoff.errors import ERRORS
 from benchmarks.tradeoff.variants import studies
-from benchmarks.tradeoff.work import MADE_BY, Made, link_common
-
-VT = str(Path(sys.executable).parent / "vt-pipeline")
+from benchmarks.tradeoff.work import MADE_BY, VT_PIPELINE, Made, link_common
 
 
 def main() -> None:
     """Ask, do, and compare."""
     manifest, *question = sys.argv[1:]
-    advice = json.loads(_output([VT, "advise", "--manifest", manifest, *question, "--json"]))
+    advice = json.loads(_output([VT_PIPELINE, "advise", "--manifest", manifest, *question, "--json"]))
     settings = [part for line in advice["set"] for part in ("--set", line)]
     with tempfile.TemporaryDirectory() as place:
         data, began = Path(place) / "common", time.perf_counter()
         for stage in advice["stages"]:
-            _output([VT, "run", stage, "--manifest", manifest, "--preset", "standard", "--data", str(data), *settings])
+            _output([VT_PIPELINE, "run", stage, "--manifest", manifest, "--preset", "standard", "--data", str(data), *settings])
         took, promised = time.perf_counter() - began, advice["seconds"]
         print(f"{advice['command']}\n{advice['objects']} objects: promised {promised:.0f} s, took {took:.0f} s ({took / promised:.2f} x)")
         for stage, entry in advice["stages"].items():
@@ -44,7 +42,19 @@ def _error(stage: str, manifest: str, place: Path, data: Path) -> float:
     if exact := study.against():
         link_common(place, reference, MADE_BY[stage])
         values = [part for line in exact.assignments(stage) for part in ("--set", line)]
-        line = [VT, "run", stage, "--manifest", manifest, "--preset", exact.preset, "--data", str(reference), "--seed", str(exact.seed)]
+        line = [
+            VT_PIPELINE,
+            "run",
+            stage,
+            "--manifest",
+            manifest,
+            "--preset",
+            exact.preset,
+            "--data",
+            str(reference),
+            "--seed",
+            str(exact.seed),
+        ]
         _output([*line, *values])
     figures: dict[str, Any] = ERRORS[stage](Made(data, 0.0, 0.0, {}), reference)
     return float(next(iter(figures.values())))

@@ -90,10 +90,9 @@ def within_error(
         raise AdviceError(f"no stage's error is measured in {unit}; there are {', '.join(units)}")
     chosen = []
     for trade in trades:
-        points = [point for point in trade.points if point.kind != "seed"]
-        if trade.unit == unit and not (fits := [point for point in points if point.error <= limit]):
-            raise AdviceError(f"{trade.name}: {trade.metric}, is {min(point.error for point in points):.3g} at best, not {limit:g}")
-        candidates = fits if trade.unit == unit else [point for point in points if otherwise in point.label.split(", ")]
+        if trade.unit == unit and not (fits := [point for point in trade.choices if point.error <= limit]):
+            raise AdviceError(f"{trade.name}: {trade.metric}, is {min(point.error for point in trade.choices):.3g} at best, not {limit:g}")
+        candidates = fits if trade.unit == unit else [point for point in trade.points if point.is_preset(otherwise)]
         row = [_choice(trade, point, paces, objects, workers) for point in candidates]
         chosen.append(min(row, key=lambda choice: (round(choice.seconds, 1), choice.point.kilobytes, choice.point.error)))
     return chosen

@@ -22,7 +22,12 @@ def points(grid: Mapping[str, Iterable[Any]]) -> Iterator[dict[str, Any]]:
 def place(stage: str, folder: str, point: Mapping[str, Any]) -> str:
     """The folder of a point, below the data directory: named by what it varies."""
     name = ",".join(f"{knob}={value}" for knob, value in point.items())
-    return f"sweeps/{stage}/{folder.rpartition('/')[2]}/{re.sub(r'[^A-Za-z0-9=,._+-]', '_', name)}"
+    return f"sweeps/{stage}/{folder.rpartition('/')[2]}/{file_name(name)}"
+
+
+def file_name(label: str) -> str:
+    """A label of knobs and values as the name of a folder."""
+    return re.sub(r"[^A-Za-z0-9=,._+-]", "_", label)
 
 
 def show(found: list[tuple[dict[str, Any], Record]], console: Console) -> None:

@@ -44,6 +44,10 @@ class Point:
         """The first figure."""
         return next(iter(self.figures.values()))
 
+    def is_preset(self, name: str) -> bool:
+        """Whether it is the preset of that name as a whole; presets of the same settings share a point."""
+        return self.kind == "preset" and name in self.label.split(", ")
+
     def dominates(self, other: Point, costs: Iterable[str]) -> bool:
         """Whether it is no worse than another in cost and error, and better in one of them, by more than the slack."""
         ratios = [(getattr(self, name), getattr(other, name), SLACK[name]) for name in (*costs, "error")]
@@ -87,16 +91,20 @@ class Trade:
         """The unit of the error; the empty string for a number without one."""
         return self.metric.rpartition(", ")[2] if ", " in self.metric else ""
 
+    @property
+    def choices(self) -> list[Point]:
+        """The points that one can choose among: other seeds are none."""
+        return [point for point in self.points if point.kind != "seed"]
+
     def front(self) -> list[Point]:
         """The settings that no other dominates, the cheapest first."""
-        candidates = [point for point in self.points if point.kind != "seed"]
-        kept = [one for one in candidates if not any(other.dominates(one, self.costs) for other in candidates)]
+        kept = [one for one in self.choices if not any(other.dominates(one, self.costs) for other in self.choices)]
         return sorted(kept, key=lambda point: point.seconds)
 
     def at(self, settings: Settings) -> Point | None:
         """The measurement at these settings, if there is one; knobs that define what is asked for may be others."""
         wanted = settings.accuracy()
-        return next((point for point in self.points if point.settings == wanted and point.kind != "seed"), None)
+        return next((point for point in self.choices if point.settings == wanted), None)
 
 
 def in_words(stage: str, settings: Settings) -> str:
@@ -120,7 +128,7 @@ def in_words(stage: str, settings: Settings) -> str:
 
 
 def _beside(trade: Trade, point: Point) -> str:
-    standard = next((one for one in trade.points if one.kind == "preset" and "standard" in one.label.split(", ")), None)
+    standard = next((one for one in trade.points if one.is_preset("standard")), None)
     if standard is None or standard is point:
         return ""
     return f" (standard {standard.error:.3g}, {standard.seconds / point.seconds:.2g} × the time)"

@@ -11,8 +11,8 @@ import numpy as np
 from rich.console import Console
 
 from benchmarks.tradeoff import work
-from benchmarks.tradeoff.errors import CHAMFER_SCALE
 from benchmarks.tradeoff.variants import HERE
+from pipeline.kernels.learning.metrics import TABLE_3_FACTOR
 from pipeline.progress import Meter
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
@@ -51,7 +51,7 @@ def _row(data: Path) -> dict[str, Any]:
     seconds = [np.mean(shard.attributes["seconds"]) for collection in made.values() for shard in collection.shards]
     touched = np.mean([made["grasps"].view(name)["touch_success"].mean() for name in made["grasps"]])
     table = work.load_json(data / "evaluation/metrics.json")["tables"]["table_3"]
-    chamfer, low, high = (round(CHAMFER_SCALE * float(np.mean(table[name][0])), 3) for name in ("chamfer", "low", "high"))
+    chamfer, low, high = (round(TABLE_3_FACTOR * float(np.mean(table[name][0])), 3) for name in ("chamfer", "low", "high"))
     return {
         "seconds": round(float(sum(seconds)), 2),
         "touches": round(100 * float(touched), 1),

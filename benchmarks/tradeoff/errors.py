@@ -16,7 +16,8 @@ from skimage.transform import resize
 
 from benchmarks.stored_grasps import examine
 from benchmarks.tradeoff.work import Made, load_json
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.learning.metrics import TABLE_3_FACTOR
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.learning.split import load_split
 from pipeline.learning.touch_model import load_touch_model
 from pipeline.store.collection import Collection
@@ -37,8 +38,6 @@ SOUND = 1e-3
 """m that a rigid part may stand inside the object."""
 POINTS = 20_000
 """On the hand, and on the object, that look for penetration: about 3 mm apart."""
-CHAMFER_SCALE = 9000
-"""The supplement prints Chamfer distances times this."""
 
 
 def _pairs(made: Made, reference: Path, artifact: Artifact, *arrays: str) -> Iterator[tuple[list[np.ndarray], list[np.ndarray]]]:
@@ -123,8 +122,7 @@ def unet(made: Made, reference: Path) -> Figures:
     mask = model.mask(readings)
     predicted = model.depth(readings)
     distance = []
-    x = (np.arange(touches.sensor.cols) + 0.5) / touches.sensor.cols * touches.sensor.width
-    y = (np.arange(touches.sensor.rows) + 0.5) / touches.sensor.rows * touches.sensor.width
+    x, y = pixel_centres(touches.sensor)
     for ours, seen, theirs, felt in zip(predicted, mask, depth, contact, strict=True):
         clouds = [np.stack([x[np.nonzero(at)[1]], y[np.nonzero(at)[0]], map_[at]], axis=1) for map_, at in ((ours, seen), (theirs, felt))]
         if all(map(len, clouds)):
@@ -157,10 +155,10 @@ def gcn(made: Made, reference: Path) -> Figures:
     by_grasps = np.array(tables["table_3"]["chamfer"][0])
     ends = [np.array(tables["table_3"][name][0]).mean() for name in ("low", "high")]
     return {
-        "Chamfer x 9000": CHAMFER_SCALE * float(by_grasps.mean()),
-        "with one grasp": CHAMFER_SCALE * float(by_grasps[0]),
-        "95 % from": CHAMFER_SCALE * float(ends[0]),
-        "to": CHAMFER_SCALE * float(ends[1]),
+        "Chamfer x 9000": TABLE_3_FACTOR * float(by_grasps.mean()),
+        "with one grasp": TABLE_3_FACTOR * float(by_grasps[0]),
+        "95 % from": TABLE_3_FACTOR * float(ends[0]),
+        "to": TABLE_3_FACTOR * float(ends[1]),
     }
 
 

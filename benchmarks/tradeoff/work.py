@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -15,10 +14,12 @@ from pipeline.manifest import load_manifest
 from pipeline.store.layout import Layout
 from pipeline.store.record import Record
 from pipeline.store.shard import Shard
+from pipeline.sweep import file_name
 from schemas.catalogue import ARTIFACTS
 from stages.registry import is_set_stage, load_stage
 
 COMMON = "common"
+VT_PIPELINE = str(Path(sys.executable).parent / "vt-pipeline")
 SHARED = ("surfaces", "grasps", "vision", "touch", "models/unet", "charts", "models/gcn")
 """What a variant's directory links to, unless it is what the variant makes or follows from it."""
 MADE_BY = {
@@ -41,7 +42,7 @@ def command(
     stage: str, manifest: Path, preset: str, data: Path, assignments: list[str], seed: int | None = None, more: list[str] | None = None
 ) -> None:
     """`vt-pipeline run`, on one core unless `more` says otherwise; a `CommandError` where it fails."""
-    line = [str(Path(sys.executable).parent / "vt-pipeline"), "run", stage, "--manifest", str(manifest), "--preset", preset]
+    line = [VT_PIPELINE, "run", stage, "--manifest", str(manifest), "--preset", preset]
     line += ["--data", str(data), *(more or ["--workers", "1"]), *(part for assignment in assignments for part in ("--set", assignment))]
     line += [] if seed is None else ["--seed", str(seed)]
     done = subprocess.run(line, capture_output=True, text=True)
@@ -82,7 +83,7 @@ def link_common(objects: Path, data: Path, own: str) -> None:
 
 def make(root: Path, study: Study, variant: Variant) -> Made:
     """Make a variant unless it stands, and say what it took when it was made."""
-    data = root / study.objects / study.name.replace(" ", "-") / re.sub(r"[^A-Za-z0-9=,._+-]", "_", variant.label)
+    data = root / study.objects / study.name.replace(" ", "-") / file_name(variant.label)
     own = MADE_BY[study.stage]
     link_common(root / study.objects, data, own)
     command(study.stage, study.manifest, variant.preset, data, variant.assignments(study.stage), variant.seed)
