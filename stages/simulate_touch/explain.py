@@ -9,7 +9,6 @@ import numpy as np
 
 from pipeline.explain import Part
 from pipeline.kernels.touch.prism import BLOCK, face_blocks, faces_seen
-from pipeline.kernels.touch.rays import pixel_faces
 from pipeline.kernels.touch.sensor import Sensor, load_sensor
 from pipeline.kernels.touch.shading import impression
 from pipeline.kernels.touch.spheres import march
@@ -26,9 +25,7 @@ def explain(settings: TouchSettings, models: Mapping[str, Path], tasks: Sequence
         poses = task.inputs["grasps"]["sensor_pose"].reshape(-1, 4, 4)
         seen = [faces_seen(blocks, pose, sensor) for pose in poses]
         for local in seen:
-            met = pixel_faces(local, sensor).shape[2]
             yield Part("faces taken to a sensor", local.shape[2], faces - local.shape[2], "outside the prism of the sensor's rays", "prism")
-            yield Part("faces intersected", met, local.shape[2] - met, "they lie between the rays, or edge-on")
             if settings.tracer == "sphere":
                 yield _marched(local, sensor, settings)
         blind = sum(local.shape[2] == 0 for local in seen)

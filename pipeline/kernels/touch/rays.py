@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.prism import FaceBlocks, faces_seen
 from pipeline.kernels.touch.sensor import Sensor
 
@@ -14,12 +15,8 @@ START = 1e-9
 """m behind the sensor plane within which a surface still counts as lying on it (depth 0): rounding must not open it."""
 ASIDE = 1e-15
 """Sensor widths: so far beside its own ray float64 may decide on rims and take depths, for a face in the sensor's frame."""
-BATCH = 1_000_000
-"""Pixels of faces' boxes at a time, about 100 MB: thousands of faces on top of each other may not fill the memory."""
-LAYERS = 20
-"""Times that faces' boxes cover the sensor from which on the nearest are taken first: below it sorting costs more than it saves."""
-FRONT = 8
-"""So many of those times are taken first, and hide of the rest what lies behind them."""
+Point = tuple[float, float, float]
+"""x in columns, y in rows (pixel centres: integers), z in m."""
 
 
 def ray_depth(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
@@ -50,110 +47,66 @@ def ray_depth(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor) -> NDArray[n
 def grid_depth(local: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
     """`ray_depth` of faces (3 axes, 3 corners, N) that are in the sensor's frame already, m."""
     depth = np.full(sensor.shape, np.inf)
-    if local.shape[2]:
-        for number, faces in enumerate(_batches(pixel_faces(local, sensor), sensor)):
-            _scan(faces, depth, hiding=number > 0)
+    _scan(local, sensor.width, depth)
     depth[depth > sensor.range] = np.inf
     return depth
 
 
-def _scan(faces: NDArray[np.float64], depth: NDArray[np.float64], hiding: bool) -> None:
-    """Lower `depth` (rows, cols) to these faces where they are nearer: faces to spans of a row, spans to pixels.
-
-    With `hiding`, spans behind all that `depth` shows there are left out before they become pixels.
-    """
+@compiled
+def _scan(faces: NDArray[np.float64], width: float, depth: NDArray[np.float64]) -> None:
+    """Lower `depth` (rows, cols) to these faces where they are nearer: a face to spans of a row, a span to pixels."""
     rows, cols = depth.shape
-    face, row = _expand(np.maximum(np.ceil(faces[1, 0]), 0), np.minimum(np.floor(faces[1, 2]), rows - 1))
-    left, right, z_left, z_right = _cross(faces, face, row.astype(np.float64))
-    first, last = np.maximum(np.ceil(left), 0), np.minimum(np.floor(right), cols - 1)
-    if hiding:
-        kept = _in_sight(row, first, last, np.minimum(z_left, z_right), depth)
-        row, first, last = row[kept], first[kept], last[kept]
-        left, right, z_left, z_right = left[kept], right[kept], z_left[kept], z_right[kept]
-    width = right - left
-    slope = np.divide(z_right - z_left, width, out=np.zeros_like(width), where=width > 0)
-    z_left = np.where(width > 0, z_left, np.minimum(z_left, z_right))
-    span, col = _expand(first, last)
-    z = col - left[span]
-    z *= slope[span]
-    z += z_left[span]
-    pixel = col
-    pixel += (row * cols)[span]
-    if faces[2].min(initial=0.0) < 0:  # some lie behind the sensor plane
-        ahead = z >= -START
-        pixel, z = pixel[ahead], z[ahead]
-    np.minimum.at(depth.reshape(-1), pixel, np.maximum(z, 0.0, out=z))
+    for face in range(faces.shape[2]):
+        a, b, c = _by_row(faces, face, width, rows, cols)
+        if a[1] == c[1]:
+            continue
+        for row in range(int(max(math.ceil(a[1]), 0.0)), int(min(math.floor(c[1]), rows - 1.0)) + 1):
+            left, z_left, right, z_right = _cross(a, b, c, float(row))
+            if right > left:
+                slope = (z_right - z_left) / (right - left)
+            else:
+                slope, z_left = 0.0, min(z_left, z_right)
+            line = depth[row]
+            for col in range(int(max(math.ceil(left), 0.0)), int(min(math.floor(right), cols - 1.0)) + 1):
+                z = z_left + slope * (col - left)
+                line[col] = min(line[col], max(0.0, z) if z >= -START else math.inf)
 
 
-def _in_sight(
-    row: NDArray[np.intp], first: NDArray[np.float64], last: NDArray[np.float64], near: NDArray[np.float64], depth: NDArray[np.float64]
-) -> NDArray[np.intp]:
-    """Which spans may lower a pixel: those not behind all that their row shows, and those with a pixel still open."""
-    still_open = np.isinf(depth)
-    farthest = np.where(still_open, -np.inf, depth).max(axis=1)
-    opened = np.zeros((depth.shape[0], depth.shape[1] + 1), np.intp)
-    np.cumsum(still_open, axis=1, out=opened[:, 1:])
-    hold = np.flatnonzero(first <= last)
-    row, near = row[hold], near[hold]
-    ends = opened[row, last[hold].astype(np.intp) + 1] - opened[row, first[hold].astype(np.intp)]
-    kept: NDArray[np.intp] = hold[(near <= farthest[row]) | (ends > 0)]
-    return kept
+@compiled
+def _by_row(faces: NDArray[np.float64], face: int, width: float, rows: int, cols: int) -> tuple[Point, Point, Point]:
+    """A face's corners in the order of their rows."""
+    a, b, c = [_in_pixels(faces, face, corner, width, rows, cols) for corner in (0, 1, 2)]
+    if b[1] < a[1]:
+        a, b = b, a
+    if c[1] < b[1]:
+        b, c = c, b
+        if b[1] < a[1]:
+            a, b = b, a
+    return a, b, c
 
 
-def _batches(faces: NDArray[np.float64], sensor: Sensor) -> Iterator[NDArray[np.float64]]:
-    """Runs of faces whose boxes hold about `BATCH` pixels; where many lie behind each other, the nearest first."""
-    last = np.array([sensor.cols - 1, sensor.rows - 1])[:, None]
-    sides = np.minimum(faces[:2].max(axis=1), last) - np.maximum(faces[:2].min(axis=1), 0) + 1
-    pixels = np.maximum(sides, 0).prod(axis=0)
-    size, begin = sensor.rows * sensor.cols, BATCH
-    if pixels.sum() > LAYERS * size:
-        order = np.argsort(faces[2].min(axis=0), kind="stable")
-        faces, pixels, begin = faces[:, :, order], pixels[order], FRONT * size
-    ends = np.cumsum(pixels)
-    cuts = np.searchsorted(ends, np.arange(begin, ends[-1] if len(ends) else 0, BATCH))
-    yield from np.split(faces, np.unique(cuts), axis=2)
+@compiled
+def _in_pixels(faces: NDArray[np.float64], face: int, corner: int, width: float, rows: int, cols: int) -> Point:
+    x, y, z = faces[0, corner, face], faces[1, corner, face], faces[2, corner, face]
+    return (x / width + 0.5) * cols - 0.5, (y / width + 0.5) * rows - 0.5, z
 
 
-def pixel_faces(local: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
-    """Of faces (3 axes, 3 corners, N) in the sensor's frame, m, those that may cover a pixel's centre.
-
-    x in columns, y in rows (pixel centres: integers), z in m; corners in row order.
-    """
-    x = (local[0] / sensor.width + 0.5) * sensor.cols - 0.5
-    y = (local[1] / sensor.width + 0.5) * sensor.rows - 0.5
-    faces = np.stack([x, y, local[2]])
-    low, high = np.ceil(faces.min(axis=1)), np.floor(faces.max(axis=1))  # (3, N)
-    covers = (low[0] <= high[0]) & (low[1] <= high[1]) & (faces[1].min(axis=0) < faces[1].max(axis=0))
-    faces = faces[:, :, covers]
-    order = np.argsort(faces[1], axis=0, kind="stable")
-    return np.take_along_axis(faces, order[None], axis=1)
-
-
-def _expand(first: NDArray[np.float64], last: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """All integers first..last (inclusive) of every interval: the interval's index and the integer."""
-    count = np.maximum(last - first + 1, 0).astype(np.intp)
-    owner = np.repeat(np.arange(len(count)), count)
-    ends = np.cumsum(count)
-    return owner, np.arange(len(owner)) + (first.astype(np.intp) - ends + count)[owner]
-
-
-def _cross(faces: NDArray[np.float64], face: NDArray[np.intp], row: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Where a row of pixel centres enters and leaves a face: columns left <= right, and the depths there.
+@compiled
+def _cross(a: Point, b: Point, c: Point, row: float) -> tuple[float, float, float, float]:
+    """Where a row of pixel centres enters and leaves a face: columns left <= right, each with its depth.
 
     An edge is always run through from its lower to its upper row and meets its corners exactly. So two faces that share
     an edge cross it at the same column to the last bit: no ray slips between them.
     """
-    a, b, c = (faces[:, k, face] for k in range(3))  # each (xyz, spans), rows a <= b <= c
-    upper = row > b[1]
     long = _along(a, c, row)
-    short = _along(np.where(upper, b, a), np.where(upper, c, b), row)
-    swap = short[0] < long[0]
-    (left, z_left), (right, z_right) = np.where(swap, short, long), np.where(swap, long, short)
-    return left, right, z_left, z_right
+    short = _along(b, c, row) if row > b[1] else _along(a, b, row)
+    return (*short, *long) if short[0] < long[0] else (*long, *short)
 
 
-def _along(low: NDArray[np.float64], high: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(2, spans): column and depth at which an edge crosses a row."""
-    rise = high[1] - low[1]
-    share = np.divide(row - low[1], rise, out=np.zeros_like(rise), where=rise > 0)
-    return np.where(row == high[1], high[::2], low[::2] + share * (high[::2] - low[::2]))
+@compiled
+def _along(low: Point, high: Point, row: float) -> tuple[float, float]:
+    """Column and depth at which an edge crosses a row."""
+    if row == high[1]:
+        return high[0], high[2]
+    share = (row - low[1]) / (high[1] - low[1])
+    return low[0] + share * (high[0] - low[0]), low[2] + share * (high[2] - low[2])
