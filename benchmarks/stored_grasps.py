@@ -40,11 +40,11 @@ class Seen:
     watertight: bool
 
 
-def examine(data: Path, points: int = POINTS) -> list[Seen]:
-    """Measure every grasp of a data set, with so many points on hand and object."""
+def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
+    """Measure every grasp of a data set, by object, with so many points on hand and object."""
     surfaces, grasps = Collection(Layout(data), SURFACES), Collection(Layout(data), GRASPS)
     rig = make_rig(GraspSettings())
-    found: list[Seen] = []
+    found: dict[str, list[Seen]] = {}
     with simulation(rig.hand) as physics:
         for object_id in grasps:
             if not grasps.view(object_id)["ok"]:
@@ -60,13 +60,15 @@ def examine(data: Path, points: int = POINTS) -> list[Seen]:
                 physics.settle(pose, angles, angles, (0, 0), 0.0)
                 later, _ = physics.advance((MORE_STEPS, MORE_STEPS), 0.0)
                 after = [touch_success(ray_depth(blocks, sensor, rig.sensor), rig.sensor) for sensor in sensor_poses(rig.hand, pose, later)]
-                found.append(Seen(depth, recorded, touched, touched != np.array(after), bool(surface["watertight"])))
+                found.setdefault(object_id, []).append(
+                    Seen(depth, recorded, touched, touched != np.array(after), bool(surface["watertight"]))
+                )
     return found
 
 
 def main() -> None:
     """Print the figures."""
-    seen = examine(Path(sys.argv[1]))
+    seen = [one for found in examine(Path(sys.argv[1])).values() for one in found]
     for name, chosen in (("watertight", [one for one in seen if one.watertight]), ("other", [one for one in seen if not one.watertight])):
         if chosen:
             mm = 1e3 * np.array([one.depth for one in chosen])

@@ -79,7 +79,7 @@ def within_time(
 def within_error(
     trades: Sequence[Trade], paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int, limit: float, unit: str, otherwise: str
 ) -> list[Choice]:
-    """Of every stage whose error is measured in `unit` the fastest setting within the limit, of the others the preset `otherwise`.
+    """Of every stage whose error is measured in `unit` the fastest setting whose bound is within the limit, else the preset `otherwise`.
 
     Raises
     ------
@@ -90,8 +90,8 @@ def within_error(
         raise AdviceError(f"no stage's error is measured in {unit}; there are {', '.join(units)}")
     chosen = []
     for trade in trades:
-        if trade.unit == unit and not (fits := [point for point in trade.choices if point.error <= limit]):
-            raise AdviceError(f"{trade.name}: {trade.metric}, is {min(point.error for point in trade.choices):.3g} at best, not {limit:g}")
+        if trade.unit == unit and not (fits := [point for point in trade.choices if point.bound <= limit]):
+            raise AdviceError(f"{trade.name}: {trade.metric}, is {min(point.bound for point in trade.choices):.3g} at best, not {limit:g}")
         candidates = fits if trade.unit == unit else [point for point in trade.points if point.is_preset(otherwise)]
         row = [_choice(trade, point, paces, objects, workers) for point in candidates]
         chosen.append(min(row, key=lambda choice: (round(choice.seconds, 1), choice.point.kilobytes, choice.point.error)))

@@ -76,9 +76,9 @@ class GraspDataset(Dataset[Item]):
     def _read(self, name: str, object_id: str, grasp: int) -> np.ndarray:
         artifact = self._owner[name]
         shard = self._collections[artifact.name].shard(object_id)
-        if name in DERIVED and name not in shard.group:
+        if name in DERIVED and not shard.has(name):
             return self._local(shard, object_id, grasp)[name]
-        if name not in shard.group:
+        if not shard.has(name):
             raise StoreError(f"{shard.path} has no {name}: it was made without; set the stage's knob for it and run again")
         declared: Array = artifact.arrays[name]
         array = shard.array(name)

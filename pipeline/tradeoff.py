@@ -30,6 +30,8 @@ class Point:
         On one core: of an object, or of the whole where the stage looks at all objects at once.
     figures
         By name with unit; the first is the error.
+    bound
+        What the error of another data set like those that were measured stays below, 19 times in 20.
     """
 
     label: str
@@ -38,6 +40,7 @@ class Point:
     seconds: float
     kilobytes: float
     figures: Mapping[str, float]
+    bound: float
 
     @property
     def error(self) -> float:

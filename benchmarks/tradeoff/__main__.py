@@ -10,7 +10,7 @@ import argparse
 import os
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from functools import partial
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from rich.console import Console
 from benchmarks.tradeoff import work
 from benchmarks.tradeoff.alternatives import alternatives
 from benchmarks.tradeoff.end_to_end import end_to_end
-from benchmarks.tradeoff.errors import ERRORS
+from benchmarks.tradeoff.errors import ERRORS, Errors
 from benchmarks.tradeoff.same import same_results
 from benchmarks.tradeoff.shortcuts import measure as measure_shortcuts
 from benchmarks.tradeoff.variants import Study, Variant, studies
@@ -84,18 +84,25 @@ def _trade(root: Path, study: Study, console: Console) -> dict[str, Any]:
         made = list(pool.map(one, variants))
         reference = exact.result().data if exact else Path()
     with ProcessPoolExecutor(os.cpu_count()) as processes:
-        points = list(processes.map(partial(_point, study, reference), variants, made))
+        errors = list(processes.map(ERRORS[study.stage], made, repeat(reference)))
+    again = [error.error for variant, error in zip(variants, errors, strict=True) if variant.kind == "seed" or _is_base(study, variant)]
+    points = [_point(study, *of, again) for of in zip(variants, made, errors, strict=True)]
     return {"stage": study.stage, **work.extent(study), "costs": study.costs, "skipped": dict(study.skip), "points": points}
 
 
-def _point(study: Study, reference: Path, variant: Variant, made: work.Made) -> dict[str, Any]:
+def _is_base(study: Study, variant: Variant) -> bool:
+    return variant.kind == "preset" and study.base in variant.label.split(", ")
+
+
+def _point(study: Study, variant: Variant, made: work.Made, error: Errors, seeds: list[float]) -> dict[str, Any]:
     return {
         "label": variant.label,
         "kind": variant.kind,
         "settings": variant.settings(study.stage).accuracy(),
         "seconds": round(made.seconds, 4),
         "kilobytes": round(made.kilobytes, 2),
-        "figures": {name: float(f"{value:.4g}") for name, value in ERRORS[study.stage](made, reference).items()},
+        "figures": {name: float(f"{value:.4g}") for name, value in error.figures.items()},
+        "bound": float(f"{error.bound(seeds):.4g}"),
     }
 
 

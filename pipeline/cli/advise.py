@@ -135,10 +135,11 @@ def _settings(chosen: Sequence[Choice]) -> list[str]:
 
 
 def _print(chosen: Sequence[Choice], asked: _Asked, objects: int) -> None:
-    table = Table("stage", "setting", "s", "error", "", box=None, padding=(0, 2))
+    table = Table("stage", "setting", "s", "error", "at most", "", box=None, padding=(0, 2))
     for choice in chosen:
-        label, error = escape(choice.point.label), f"{choice.point.error:.3g}"
-        table.add_row(choice.trade.stage, label, f"{choice.seconds:.0f}", error, choice.trade.metric)
+        point = choice.point
+        numbers = (f"{choice.seconds:.0f}", f"{point.error:.3g}", f"{point.bound:.3g}")
+        table.add_row(choice.trade.stage, escape(point.label), *numbers, choice.trade.metric)
     console.print(table)
     say(f"{objects} objects in about {sum(choice.seconds for choice in chosen) / 60:.1f} min:")
     say(f"  {asked.command(_settings(chosen))}")
@@ -150,6 +151,7 @@ def _as_json(chosen: Sequence[Choice], asked: _Asked, objects: int) -> str:
             "setting": choice.point.label,
             "seconds": round(choice.seconds, 1),
             "error": choice.point.error,
+            "bound": choice.point.bound,
             "metric": choice.trade.metric,
         }
         for choice in chosen

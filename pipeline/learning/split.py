@@ -76,7 +76,7 @@ def load_split(data: Path, arrays: Sequence[str], split: str) -> Split:
 
 def _read(collection: Collection, name: str, object_ids: Sequence[str]) -> np.ndarray:
     shard = collection.shard(object_ids[0])
-    if name not in shard.group:
+    if not shard.has(name):
         raise StoreError(f"{shard.path} has no {name}: it was made without; set the stage's knob for it and run again")
     if not ARTIFACTS[collection.artifact.name].arrays[name].per_object:
         return np.asarray(shard.array(name)[...])

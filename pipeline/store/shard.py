@@ -54,8 +54,16 @@ class Shard:
         return {name: row for row, name in enumerate(self.object_ids)}
 
     def array(self, name: str) -> Any:
-        """A stored array, by its path below the root."""
-        return self.group[name]
+        """A stored array, by its path below the root; those of the root itself are opened once."""
+        return self.group[name] if "/" in name else self._root_arrays[name]
+
+    def has(self, name: str) -> bool:
+        """Whether an array stands at the root: not every artifact has all that its schema allows."""
+        return name in self._root_arrays
+
+    @cached_property
+    def _root_arrays(self) -> dict[str, Any]:
+        return dict(self.group.arrays())
 
     @cached_property
     def _splits(self) -> list[str]:
@@ -89,13 +97,19 @@ class Shard:
 
 
 class RowView(Mapping[str, np.ndarray]):
-    """One object's row as a mapping from array names to arrays; ragged ones as `meshes/vertices`."""
+    """One object's row as a mapping from array names to arrays; ragged ones as `meshes/vertices`.
+
+    Arrays are read when asked for; once the row's digest was taken, they are those that it was taken of.
+    """
 
     def __init__(self, shard: Shard, object_id: str) -> None:
         self.shard = shard
         self.object_id = object_id
+        self._held: dict[str, np.ndarray] = {}
 
     def __getitem__(self, name: str) -> np.ndarray:
+        if name in self._held:
+            return self._held[name]
         declared = self.shard.artifact.of(name)
         if declared is None:
             raise KeyError(f"{self.shard.artifact.name} has no array {name}")
@@ -112,18 +126,19 @@ class RowView(Mapping[str, np.ndarray]):
         return {name: self[name] for name in self if name not in COMMON}
 
     def digest(self) -> str:
-        """The digest of the row as it is stored; a StoreError where it cannot be read."""
+        """The digest of the row as it is stored, which is read anew and then held; a StoreError where it cannot be read."""
+        self._held = {}
         try:
             row = self.row()
         except Exception as error:  # whatever a codec raises on bytes that changed
             raise StoreError(
                 f"{self.shard.path}: {self.object_id} cannot be read ({error}); delete the shard and run its stage again"
             ) from error
+        self._held = row
         return row_digest(row, self.shard.failure(self.object_id), str(self["category"]))
 
     def __iter__(self) -> Iterator[str]:
-        stored = (name for name, array in self.shard.artifact.arrays.items() if array.per_object)
-        yield from (name for name in stored if name in self.shard.group)
+        yield from (name for name, array in self.shard.artifact.arrays.items() if array.per_object and self.shard.has(name))
         for name in {pattern.split("/")[0] for pattern in self.shard.artifact.ragged}:
             parent = self.shard.group.get(f"{name}/{self.object_id}")
             if isinstance(parent, zarr.Group):

@@ -53,7 +53,7 @@ def problems(path: Path, artifact: Artifact) -> list[str]:
 def _wrong_values(shard: Shard) -> list[str]:
     found = []
     arrays = shard.artifact.arrays
-    names = [name for name in arrays if name in shard.group]
+    names = [name for name in arrays if shard.has(name)]
     damaged = [line for name in names if (line := _unreadable(shard, name))]
     if damaged:
         return damaged

@@ -12,7 +12,7 @@ from pipeline.tradeoff import Point, Trade
 
 
 def point(label: str, seconds: float, error: float, metric: str = "depth, um", kind: str = "knob", **settings: object) -> Point:
-    return Point(label, kind, settings, seconds, 1.0, {metric: error})
+    return Point(label, kind, settings, seconds, 1.0, {metric: error}, 1.5 * error)
 
 
 def trade(stage: str, *points: Point) -> Trade:
@@ -67,7 +67,7 @@ def test_the_fastest_setting_within_an_error_and_the_preset_where_the_unit_is_an
 
 
 def test_an_error_that_nothing_reaches_and_a_unit_that_nothing_has_are_refused():
-    with pytest.raises(AdviceError, match=r"hold: missing, %, is 8 at best, not 1"):
+    with pytest.raises(AdviceError, match=r"hold: missing, %, is 12 at best, not 1"):
         within_error([FEEL, HOLD], {}, ONE, 1, 1, "%", "standard")
     with pytest.raises(AdviceError, match=r"measured in kg; there are %, um"):
         within_error([FEEL, HOLD], {}, ONE, 1, 1, "kg", "standard")

@@ -36,7 +36,7 @@ def test_what_was_measured_is_what_is_varied(name):
     for point, variant in zip(measured.points, study.variants(), strict=True):
         assert point.settings == variant.settings(study.stage).accuracy()
         assert point.seconds > 0
-        assert point.error >= 0
+        assert 0 <= point.error <= point.bound
 
 
 @pytest.mark.parametrize("name", [name for name, study in STUDIES.items() if name == study.stage and name in load_trades()])
@@ -65,7 +65,7 @@ def test_a_stage_that_was_not_measured_says_nothing(monkeypatch):
 
 def test_the_front_holds_what_none_beats_by_more_than_noise():
     def point(label: str, seconds: float, error: float, kind: str = "knob") -> Point:
-        return Point(label, kind, {}, seconds, 1.0, {"depth, um": error})
+        return Point(label, kind, {}, seconds, 1.0, {"depth, um": error}, error)
 
     points = (
         *(point("cheap", 1, 9), point("dear", 8, 1), point("as dear", 8.2, 1), point("beaten", 9, 2)),
