@@ -52,6 +52,8 @@ class Study:
         The manifest, beside this file, that it is measured on.
     base
         The preset from which single knobs are varied.
+    at
+        What stands beside a single knob: settings at which its error shows.
     always
         What every variant sets: which network is trained, for instance.
     skip
@@ -69,6 +71,7 @@ class Study:
     knobs: Mapping[str, list[Any]]
     together: list[Values] = field(default_factory=list)
     reference: Values | None = None
+    at: Values = field(default_factory=dict)
     always: Values = field(default_factory=dict)
     skip: Mapping[str, str] = field(default_factory=dict)
     seeds: tuple[int, ...] = ()
@@ -103,7 +106,7 @@ class Study:
                 yield Variant("preset", preset, preset, self.always)
         for knob, values in self.knobs.items():
             for value in values:
-                yield Variant("knob", _label({knob: value}), self.base, {**self.always, knob: value})
+                yield Variant("knob", _label({knob: value}), self.base, {**self.always, **self.at, knob: value})
         for values in self.together:
             yield Variant("together", _label(values), self.base, {**self.always, **values})
         for seed in self.seeds:

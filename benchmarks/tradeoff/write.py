@@ -24,6 +24,7 @@ Seconds and kilobytes are an object's on one core; where a stage looks at all ob
 that none beats in both cost and error (times within {slack:.0f} % count as equal). `vt-pipeline advise` reads these figures.
 """
 NOTES = {
+    "simulate-grasps": "Single knobs are varied at `attempts=12`: with 50 nearly every sensor touches whatever the others are.",
     "simulate-touch": "The error of `sphere` is its tolerance; `paper` keeps it because the supplement prescribes it, beaten in cost.",
     "train-unet": "Seeds differ from the base in nothing but chance: what differs by no more than they do is not told apart here.",
     "train-gcn": "As above: compare with the seeds before believing a difference.",
