@@ -22,6 +22,7 @@ from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from stages.registry import STAGES, load_stage
+from stages.sample_surfaces.settings import SurfaceSettings
 from tests.explain.test_shortcuts import small
 from tests.learning.tiny_data import KNOBS
 
@@ -88,7 +89,7 @@ def test_rays_and_points_of_surfaces_add_up(explained):
     parts = explained["sample-surfaces"]
     points, rays = of(parts, "points drawn"), of(parts, "rays traced", "sure of side")
     assert points.modelled >= OBJECTS * 2000
-    assert rays.modelled + rays.left_out == 256 * (points.modelled + points.left_out)
+    assert rays.modelled + rays.left_out == SurfaceSettings().directions * (points.modelled + points.left_out)
     assert 0 < rays.modelled < rays.left_out
 
 
