@@ -1,15 +1,18 @@
 """What could be built otherwise: choices that are no knob, because one of them serves, measured all the same.
 
-How many pixels a sensor has, what traces its rays in which precision, and what an object is to physics.
+How many pixels a sensor has, what traces its rays in which precision, what draws images, and what object and hand are to physics.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from functools import cached_property
+from dataclasses import replace
+from functools import cached_property, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+from xml.etree import ElementTree
 
 import igl
 import numpy as np
@@ -21,11 +24,16 @@ from skimage.transform import resize
 
 from benchmarks.grasps import independent_depth
 from benchmarks.tradeoff.errors import POINTS
+from benchmarks.tradeoff.tiny import tiny_renderer
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.rows import read_mesh
+from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.prism import FaceBlocks, face_blocks
 from pipeline.kernels.touch.rays import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, load_sensor, ray_origins
+from pipeline.kernels.vision.raster import RasterRenderer
+from pipeline.kernels.vision.scene import load_scene
+from pipeline.kernels.vision.view import Label
 from pipeline.stage import rng_of
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
@@ -33,14 +41,16 @@ from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from stages.simulate_grasps.attempt import attempt
 from stages.simulate_grasps.physics import simulation
-from stages.simulate_grasps.rig import make_rig, make_scene
+from stages.simulate_grasps.rig import Rig, make_rig, make_scene
 from stages.simulate_grasps.settings import GraspSettings
+from tests.vision.twins import cast
 
 PIXELS = (25, 50, 100, 200)
 FINEST = 400
 ATTEMPTS = 6
 """An object, with each of the shapes that physics may take it for."""
 FEW_FACES = 500
+RESOLUTION = 256
 Depths = NDArray[np.float64]
 MISSED = 1e30
 """What Embree calls a ray that hits nothing is 1e37."""
@@ -63,7 +73,7 @@ def alternatives(data: Path) -> list[dict[str, Any]]:
     """A row an alternative: what it is, seconds, and its figures."""
     surfaces, grasps = Collection(Layout(data), SURFACES), Collection(Layout(data), GRASPS)
     objects = [Object(surfaces.view(name), grasps.view(name)) for name in grasps]
-    return [*_pixels(objects), *_tracers(objects), *_shapes(objects)]
+    return [*_pixels(objects), *_tracers(objects), *_renderers(objects), *_shapes(objects)]
 
 
 def _pixels(objects: list[Object]) -> Iterator[dict[str, Any]]:
@@ -106,29 +116,79 @@ def _embree(scene: EmbreeScene, pose: NDArray[np.float64], sensor: Sensor) -> ND
 
 
 def _shapes(objects: list[Object]) -> Iterator[dict[str, Any]]:
-    """Attempts at grasps where physics takes the object for itself, for itself with few faces, and for its convex hull."""
-    settings = GraspSettings()
-    rig = make_rig(settings)
+    """Attempts at grasps where physics takes object and hand for themselves, or for something simpler or finer."""
+    rig = make_rig(GraspSettings())
     shapes: dict[str, Callable[[Mesh], Mesh]] = {
         "the mesh (ours)": lambda mesh: mesh,
         f"{FEW_FACES} faces": _few,
         "convex hull": _hull,
     }
-    with simulation(rig.hand) as physics:
-        for label, shape in shapes.items():
-            touched, depths, spent = [], [], 0.0
-            for number, one in enumerate(objects):
-                scene = make_scene(one.mesh, one.points, one.normals, settings.grid_cell)
-                physics.load(shape(one.mesh))
-                for tried in range(ATTEMPTS):
-                    start = time.perf_counter()
-                    grasp = attempt(rig, scene, physics, settings, rng_of(0, "alternatives", number, tried))
-                    spent += time.perf_counter() - start
-                    if grasp is not None:
-                        touched.append(grasp.touched.mean() if grasp.sound else 0.0)
-                        depths.append(independent_depth(rig, one.mesh, grasp, rng_of(0, "depth", number, tried), POINTS))
-            figures = {"touches missing or unsound, %": 100 * (1 - float(np.mean(touched))), "deepest, mm": 1e3 * max(depths)}
-            yield _row("the object in physics", label, spent / (ATTEMPTS * len(objects)), figures)
+    for label, shape in shapes.items():
+        yield _attempts("the object in physics", label, objects, rig, rig.hand, shape)
+    with TemporaryDirectory() as place:
+        drawn = replace(rig.hand, urdf=_as_drawn(rig.hand.urdf, Path(place)))
+        yield _attempts("the hand in physics", "the URDF's boxes (ours)", objects, rig, rig.hand, shapes["the mesh (ours)"])
+        yield _attempts("the hand in physics", "hulls of what is drawn", objects, rig, drawn, shapes["the mesh (ours)"])
+
+
+def _attempts(what: str, label: str, objects: list[Object], rig: Rig, hand: Hand, shape: Callable[[Mesh], Mesh]) -> dict[str, Any]:
+    """The same attempts with other shapes in physics; what touches and how deep it stands is told from the true ones."""
+    settings = GraspSettings()
+    touched, depths, spent = [], [], 0.0
+    with simulation(hand) as physics:
+        for number, one in enumerate(objects):
+            scene = make_scene(one.mesh, one.points, one.normals, settings.grid_cell)
+            physics.load(shape(one.mesh))
+            for tried in range(ATTEMPTS):
+                start = time.perf_counter()
+                grasp = attempt(rig, scene, physics, settings, rng_of(0, "alternatives", number, tried))
+                spent += time.perf_counter() - start
+                touched.append(grasp.touched.mean() if grasp is not None and grasp.sound else 0.0)
+                if grasp is not None:
+                    depths.append(independent_depth(rig, one.mesh, grasp, rng_of(0, "depth", number, tried), POINTS))
+    figures = {"touches missing or unsound, %": 100 * (1 - float(np.mean(touched))), "deepest, mm": 1e3 * max(depths)}
+    return _row(what, label, spent / (ATTEMPTS * len(objects)), figures)
+
+
+def _as_drawn(urdf: Path, place: Path) -> Path:
+    """A URDF whose links collide as the convex hulls of what is drawn of them; gels, which are soft, do not collide."""
+    tree = ElementTree.parse(urdf)
+    for link in tree.iter("link"):
+        for box in link.findall("collision"):
+            link.remove(box)
+        for visual in link.findall("visual"):
+            material = visual.find("material")
+            if material is None or material.get("name") != "gel":
+                rigid = ElementTree.SubElement(link, "collision")
+                rigid.extend(part for part in visual if part.tag != "material")
+    for mesh in tree.iter("mesh"):
+        mesh.set("filename", str(urdf.parent / str(mesh.get("filename"))))
+    tree.write(place / urdf.name)
+    return place / urdf.name
+
+
+def _renderers(objects: list[Object]) -> Iterator[dict[str, Any]]:
+    """Silhouettes of the objects against rays through the pixels' centres."""
+    scene = load_scene("supplement")
+    camera = scene.camera.at(RESOLUTION)
+    truth = [cast(camera, one.mesh) == Label.OBJECT for one in objects]
+    with RasterRenderer(scene, RESOLUTION) as ours, tiny_renderer(camera) as theirs:
+        ways = {"pyrender (ours)": partial(_drawn, ours), "PyBullet's TinyRenderer": theirs}
+        for label, draw in ways.items():
+            draw(objects[0].mesh)  # what is compiled once is in no time
+            start = time.perf_counter()
+            masks = [draw(one.mesh) for one in objects]
+            seconds = (time.perf_counter() - start) / len(objects)
+            wrong = [100 * (mask != true).sum() / true.sum() for mask, true in zip(masks, truth, strict=True)]
+            yield _row("the renderer, 256 x 256", label, seconds, {"silhouette wrong, % of it": float(np.mean(wrong))})
+
+
+def _drawn(renderer: RasterRenderer, mesh: Mesh) -> NDArray[np.bool_]:
+    part = renderer.add(mesh, Label.OBJECT)
+    view = renderer.render([(part, np.eye(4))])
+    renderer.remove(part)
+    mask: NDArray[np.bool_] = view.segmentation == Label.OBJECT
+    return mask
 
 
 def _few(mesh: Mesh) -> Mesh:

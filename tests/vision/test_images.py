@@ -4,8 +4,6 @@ import sys
 
 import numpy as np
 import pytest
-from embreex import rtcore_scene
-from embreex.mesh_construction import TriangleMesh
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import Camera, look_at, pose, project, projection_matrix
@@ -13,6 +11,7 @@ from pipeline.kernels.vision.primitives import opaque, shrunk
 from pipeline.kernels.vision.raster import RasterRenderer
 from pipeline.kernels.vision.view import Label, View
 from tests.vision.shapes import CENTRE, HERE, SCENE, ball, box, card, half_turned, turned_over
+from tests.vision.twins import cast
 
 
 def seen(renderer: RasterRenderer, *meshes: Mesh, camera: Camera | None = None) -> View:
@@ -22,21 +21,6 @@ def seen(renderer: RasterRenderer, *meshes: Mesh, camera: Camera | None = None) 
     for part in parts:
         renderer.remove(part)
     return view
-
-
-def cast(camera: Camera, *meshes: Mesh) -> np.ndarray:
-    """(R, R) the number of the mesh, from 1, that Embree's ray through each pixel's centre meets first; 0 where it meets none."""
-    rows, cols = np.indices((camera.resolution, camera.resolution))
-    (fx, fy), (cx, cy) = camera.focal, camera.centre
-    inside = np.stack([(cols + 0.5 - cx) / fx, -(rows + 0.5 - cy) / fy, -np.ones(rows.shape)], axis=-1).reshape(-1, 3)
-    frame = pose(camera)
-    directions = (inside @ frame[:3, :3].T).astype(np.float32)
-    origins = np.broadcast_to(frame[:3, 3], directions.shape).astype(np.float32)
-    scene = rtcore_scene.EmbreeScene()
-    for mesh in meshes:
-        TriangleMesh(scene, mesh.vertices[mesh.faces].astype(np.float32))
-    hit = scene.run(origins, np.ascontiguousarray(directions), query="INTERSECT", output=True)
-    return np.where(hit["primID"] >= 0, hit["geomID"] + 1, 0).reshape(rows.shape)
 
 
 def linear_to_srgb(value: np.ndarray) -> np.ndarray:
@@ -191,6 +175,7 @@ def test_another_camera_looks_and_the_first_comes_back(renderer) -> None:
 
 PROCESS = """
 import hashlib, sys, numpy as np
+from tests.vision.twins import cast
 from tests.vision.shapes import SCENE, HERE, ball, box, card, half_turned
 from pipeline.kernels.vision.raster import RasterRenderer
 from pipeline.kernels.vision.view import Label
@@ -221,6 +206,7 @@ def test_images_are_the_same_to_the_bit_in_every_process() -> None:
 def test_without_opengl_the_error_names_the_packages_and_the_environment_is_left_as_it_was() -> None:
     code = """
 import os
+from tests.vision.twins import cast
 from tests.vision.shapes import SCENE
 from pipeline.kernels.vision.context import NoOpenGL
 from pipeline.kernels.vision.raster import RasterRenderer
