@@ -9,8 +9,8 @@ class SurfaceSettings(Settings):
     points: int = knob(10_000, "the supplement's S^obj (1.1)", gt=0)
     diagonal: float = knob(0.5, "bounding-box diagonal an object is scaled to, m: the authors' 1 × 0.5", gt=0, changes="definition")
     directions: int = knob(
-        128,
-        "directions a point must see the sky in to be exterior: 64 leave out 0.1 %, 1024 find no more in five times the time",
+        256,
+        "directions a point must see the sky in to be exterior; part of the definition: more keep finding the walls of ever narrower gaps",
         ge=2,
     )
     max_faces: int = knob(500_000, "beyond it physics takes minutes an object and says little more", gt=0, changes="definition")
