@@ -29,6 +29,9 @@ def main() -> None:
             _output([VT_PIPELINE, "run", stage, "--manifest", manifest, "--preset", "standard", "--data", str(data), *settings])
         took, promised = time.perf_counter() - began, advice["seconds"]
         print(f"{advice['command']}\n{advice['objects']} objects: promised {promised:.0f} s, took {took:.0f} s ({took / promised:.2f} x)")
+        if "train-gcn" in advice["stages"]:
+            line = [VT_PIPELINE, "run", "evaluate", "--manifest", manifest, "--data", str(data), "--set", "evaluate.configurations=[touch]"]
+            _output(line)
         for stage, entry in advice["stages"].items():
             error = _error(stage, manifest, Path(place), data)
             promised = f"promised {entry['error']:.4g}, {entry['bound']:.4g} at most"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pipeline.tradeoff import Point, Trade
 
 LEAST_SHARE = 0.1
-"""Of the smallest error measured above zero: what an error of zero counts as where errors are compared by their ratio."""
+"""Of the smallest bound above zero: what a bound of zero counts as where bounds are compared by their ratio."""
 _UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
 
@@ -44,21 +44,34 @@ def duration(text: str) -> float:
     return value * _UNITS[match[2]]
 
 
-def error_limit(text: str) -> tuple[float, str]:
-    """Value and unit of "5um" or "2%"; an `AdviceError` at anything else."""
-    match = re.fullmatch(r"([0-9.]+(?:e-?[0-9]+)?) *([^0-9. ].*)", text.strip())
-    if not match or (value := _number(match[1])) is None:
-        raise AdviceError(f"{text!r} is no error; write a number and the unit it is measured in, as 5um or 2%")
-    return value, match[2].replace("µm", "um")
+@dataclass(frozen=True)
+class Limit:
+    """An error that is not to be passed: of a stage, or of the one stage that is measured in its unit."""
+
+    value: float
+    unit: str
+    stage: str | None = None
+
+    def is_on(self, trade: Trade) -> bool:
+        """Whether it is a limit on this stage's error."""
+        return self.unit == trade.unit if self.stage is None else self.stage == trade.stage
+
+
+def error_limit(text: str) -> Limit:
+    """The limit that "5um", "2%" or "train-unet=400um" says; an `AdviceError` at anything else."""
+    match = re.fullmatch(r"(?:([a-z-]+) *= *)?([0-9.]+(?:e-?[0-9]+)?) *([^0-9. ].*)?", text.strip())
+    if not match or (value := _number(match[2])) is None or not (match[1] or match[3]):
+        raise AdviceError(f"{text!r} is no error; write a number and the unit it is measured in, as 5um, 2% or train-unet=400um")
+    return Limit(value, (match[3] or "").replace("µm", "um"), match[1])
 
 
 def within_time(
     trades: Sequence[Trade], paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int, seconds: float
 ) -> list[Choice]:
-    """Of every stage one setting, all together within a time, so that the product of their errors is least.
+    """Of every stage one setting, all together within a time, so that the product of their bounds is least.
 
     `objects` are how many each stage has to do with, `workers` the processes that share them where they are done one by one.
-    Errors have units of their own, so they are compared by ratios: to halve one counts as much as to halve another.
+    Bounds have units of their own, so they are compared by ratios: to halve one counts as much as to halve another.
 
     Raises
     ------
@@ -69,32 +82,46 @@ def within_time(
     for trade in trades:
         options = [_choice(trade, point, paces, objects, workers) for point in trade.front()]
         plans = _undominated(
-            [(t + one.seconds, e + _log_error(one), (*row, one)) for (t, e, row), one in itertools.product(plans, options)]
+            [(t + one.seconds, e + _log_bound(one), (*row, one)) for (t, e, row), one in itertools.product(plans, options)]
         )
     if plans[0][0] > seconds:
         raise AdviceError(f"the fastest measured settings take {plans[0][0]:.0f} s, {seconds:.0f} s were given; take fewer objects")
     return list([plan for plan in plans if plan[0] <= seconds][-1][2])  # the slowest of them is the most accurate
 
 
+def fastest(trades: Sequence[Trade], paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int) -> list[Choice]:
+    """Of every stage the setting that takes least time."""
+    return [
+        min((_choice(trade, point, paces, objects, workers) for point in trade.front()), key=lambda one: one.seconds) for trade in trades
+    ]
+
+
 def within_error(
-    trades: Sequence[Trade], paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int, limit: float, unit: str, otherwise: str
+    trades: Sequence[Trade], paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int, limit: Limit, otherwise: str
 ) -> list[Choice]:
-    """Of every stage whose error is measured in `unit` the fastest setting whose bound is within the limit, else the preset `otherwise`.
+    """Of the stage that the limit is on the fastest setting whose bound is within it, of the others the preset `otherwise`.
 
     Raises
     ------
     AdviceError
-        No stage is measured in that unit, or one has no setting that is accurate enough: with the best there is.
+        The limit is on no stage or on several, or no setting is accurate enough: with the best there is.
     """
-    if unit not in (units := sorted({trade.unit for trade in trades})):
-        raise AdviceError(f"no stage's error is measured in {unit}; there are {', '.join(units)}")
+    limited = [trade for trade in trades if limit.is_on(trade)]
+    if len(limited) != 1:
+        measured = ", ".join(f"{trade.stage} in {trade.unit or 'a number without unit'}" for trade in trades)
+        raise AdviceError(f"{'several stages are' if limited else 'no stage is'} measured so; say which, as STAGE=5um: {measured}")
+    (stage,) = limited
+    if limit.unit != stage.unit:
+        raise AdviceError(f"{stage.stage} is measured in {stage.unit or 'a number without unit'}: {stage.metric}")
+    fits = [point for point in stage.choices if point.bound <= limit.value]
+    if not fits:
+        best = min(point.bound for point in stage.choices)
+        raise AdviceError(f"{stage.name}: {stage.metric}, stays below {best:.3g} at best, 19 times in 20, not {limit.value:g}")
     chosen = []
     for trade in trades:
-        if trade.unit == unit and not (fits := [point for point in trade.choices if point.bound <= limit]):
-            raise AdviceError(f"{trade.name}: {trade.metric}, is {min(point.bound for point in trade.choices):.3g} at best, not {limit:g}")
-        candidates = fits if trade.unit == unit else [point for point in trade.points if point.is_preset(otherwise)]
+        candidates = fits if trade is stage else [point for point in trade.points if point.is_preset(otherwise)]
         row = [_choice(trade, point, paces, objects, workers) for point in candidates]
-        chosen.append(min(row, key=lambda choice: (round(choice.seconds, 1), choice.point.kilobytes, choice.point.error)))
+        chosen.append(min(row, key=lambda choice: (round(choice.seconds, 1), choice.point.kilobytes, choice.point.bound)))
     return chosen
 
 
@@ -105,7 +132,7 @@ def assignments(choice: Choice, standing: Mapping[str, object]) -> list[str]:
 
 
 _Plan = tuple[float, float, tuple[Choice, ...]]
-"""Seconds, logarithm of the product of errors, and the settings of some stages."""
+"""Seconds, logarithm of the product of bounds, and the settings of some stages."""
 
 
 def _undominated(plans: list[_Plan]) -> list[_Plan]:
@@ -123,9 +150,9 @@ def _choice(trade: Trade, point: Point, paces: Mapping[str, Pace], objects: Mapp
     return Choice(trade, point, pace.start + share * point.seconds * pace.factor)
 
 
-def _log_error(choice: Choice) -> float:
-    least = min((point.error for point in choice.trade.points if point.error > 0), default=1.0)
-    return math.log(max(choice.point.error, LEAST_SHARE * least))
+def _log_bound(choice: Choice) -> float:
+    least = min((point.bound for point in choice.trade.points if point.bound > 0), default=1.0)
+    return math.log(max(choice.point.bound, LEAST_SHARE * least))
 
 
 def _number(text: str) -> float | None:

@@ -13,7 +13,7 @@ APT = "apt-get install -y libegl1 libgl1 libxrender1 libgl1-mesa-dri"
 
 LEARNING = ("lightning_fabric", "safetensors", "tensorboard")
 
-MODULES = ("torch", "pybullet", "trimesh", "embreex", "igl", "zarr", "pydantic_zarr", "scipy", "matplotlib", "xarray", *LEARNING)
+MODULES = ("torch", "pybullet", "trimesh", "embreex", "igl", "numba", "zarr", "pydantic_zarr", "scipy", "matplotlib", "xarray", *LEARNING)
 
 
 @dataclass(frozen=True)

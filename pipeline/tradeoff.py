@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -72,6 +72,8 @@ class Trade:
         Whether the stage looks at all objects at once, so that seconds are those of all of them.
     costs
         What counts beside the error: "seconds", or "kilobytes" too.
+    beside
+        What stood beside single knobs, other than in `standard`.
     skipped
         Presets that were not measured as wholes, and why.
     """
@@ -83,6 +85,7 @@ class Trade:
     costs: tuple[str, ...]
     points: tuple[Point, ...]
     skipped: Mapping[str, str]
+    beside: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def metric(self) -> str:
@@ -113,7 +116,7 @@ class Trade:
 def in_words(stage: str, settings: Settings) -> str:
     """What is known of the error of a stage at some settings, beside `standard`'s; the empty string where nothing was measured.
 
-    Settings that were not measured together are told apart from `standard` knob by knob.
+    Of settings that were not measured together each knob that differs from `standard` is told alone.
     """
     trades = [trade for trade in load_trades().values() if trade.stage == stage]
     for trade in trades:
@@ -127,7 +130,8 @@ def in_words(stage: str, settings: Settings) -> str:
     ]
     if not known:
         return ""
-    return f"not measured at these settings; one by one, {trades[0].metric}: {', '.join(known)}"
+    others = "".join(f" at {knob}={value}" for knob, value in trades[0].beside.items())
+    return f"not measured at these settings; one by one{others}, {trades[0].metric}: {', '.join(known)}"
 
 
 def _beside(trade: Trade, point: Point) -> str:
@@ -155,4 +159,4 @@ def load_trades() -> dict[str, Trade]:
 
 def _trade(name: str, entry: Mapping[str, Any]) -> Trade:
     points = tuple(Point(**point) for point in entry["points"])
-    return Trade(name, entry["stage"], entry["objects"], entry["whole"], tuple(entry["costs"]), points, entry["skipped"])
+    return Trade(name, entry["stage"], entry["objects"], entry["whole"], tuple(entry["costs"]), points, entry["skipped"], entry["beside"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 
-LIBRARIES = ("vt-pipeline", "numpy", "scipy", "torch", "trimesh", "pybullet", "embreex", "libigl", "pyrender-maintained", "zarr")
+LIBRARIES = ("vt-pipeline", "numpy", "scipy", "torch", "trimesh", "pybullet", "embreex", "libigl", "numba", "pyrender-maintained", "zarr")
 
 
 def library_versions() -> dict[str, str]:

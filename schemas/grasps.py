@@ -42,7 +42,7 @@ GRASPS = Artifact(
             dims=("object", "sensor"),
             dtype="float32",
             units="1",
-            description="Share of all attempts in which the sensor touched, before the best were chosen.",
+            description="Share of the attempts made in which the sensor touched, before the best were chosen.",
         ),
     },
 )

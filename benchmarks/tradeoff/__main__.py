@@ -23,7 +23,7 @@ from benchmarks.tradeoff.errors import ERRORS, Errors
 from benchmarks.tradeoff.same import same_results
 from benchmarks.tradeoff.shortcuts import measure as measure_shortcuts
 from benchmarks.tradeoff.variants import Study, Variant, studies
-from benchmarks.tradeoff.write import read_asset, write_asset, write_page
+from benchmarks.tradeoff.write import SECTIONS, read_asset, stamp, write_asset, write_page
 from pipeline.progress import Meter, console_on
 
 DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
@@ -42,17 +42,20 @@ def main() -> None:
     console = console_on(sys.stdout)
     found = read_asset()
     if not options.page:
+        made = stamp()
         chosen = [study for study in studies() if not options.only or study.name in options.only]
         _prepare(options.root, chosen, console)
         for study in chosen:  # written one by one: a killed run keeps what it has measured
             trades = found["trades"] | {study.name: _trade(options.root, study, console)}
             found["trades"] = {one.name: trades[one.name] for one in studies() if one.name in trades}
+            found["made"][study.name] = made
             write_asset(found)
         if not options.only:
             found["same"] = same_results(options.root, console)
             found["end_to_end"] = end_to_end(options.root, console)
             found["alternatives"] = alternatives(options.root / "few" / work.COMMON)
             found["shortcuts"] = [vars(shortcut) for shortcut in measure_shortcuts()]
+            found["made"] |= dict.fromkeys(SECTIONS, made)
             write_asset(found)
     write_page(found)
 
@@ -87,7 +90,14 @@ def _trade(root: Path, study: Study, console: Console) -> dict[str, Any]:
         errors = list(processes.map(ERRORS[study.stage], made, repeat(reference)))
     again = [error.error for variant, error in zip(variants, errors, strict=True) if variant.kind == "seed" or _is_base(study, variant)]
     points = [_point(study, *of, again) for of in zip(variants, made, errors, strict=True)]
-    return {"stage": study.stage, **work.extent(study), "costs": study.costs, "skipped": dict(study.skip), "points": points}
+    return {
+        "stage": study.stage,
+        **work.extent(study),
+        "costs": study.costs,
+        "beside": dict(study.beside),
+        "skipped": dict(study.skip),
+        "points": points,
+    }
 
 
 def _is_base(study: Study, variant: Variant) -> bool:

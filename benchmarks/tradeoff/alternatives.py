@@ -102,11 +102,12 @@ def _tracers(objects: list[Object]) -> Iterator[dict[str, Any]]:
     held = [TriangleMesh(scenes[id(one)], one.mesh.triangles.astype(np.float32)) for one in objects]
     rough, seconds = _timed(objects, lambda one, pose: _embree(scenes[id(one)], pose, sensor))
     del held
-    worst = max(
-        float(np.abs(ours - theirs)[(theirs < sensor.w) & (ours < MISSED)].max(initial=0))
-        for ours, theirs in zip(rough, exact, strict=True)
-    )
-    yield _row("precision of rays", "float32 (Embree)", seconds, {"worst in the gel, um": 1e6 * worst})
+    worst, lost = 0.0, 0
+    for theirs, ours in zip(rough, exact, strict=True):
+        met, inside = theirs < MISSED, ours < sensor.w
+        worst = max(worst, float(np.abs(theirs - ours)[met & inside].max(initial=0)))
+        lost += int((inside & ~met).sum())
+    yield _row("precision of rays", "float32 (Embree)", seconds, {"worst in the gel, um": 1e6 * worst, "hits lost": lost})
 
 
 def _embree(scene: EmbreeScene, pose: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
@@ -144,9 +145,12 @@ def _attempts(what: str, label: str, objects: list[Object], rig: Rig, hand: Hand
                 grasp = attempt(rig, scene, physics, settings, rng_of(0, "alternatives", number, tried))
                 spent += time.perf_counter() - start
                 touched.append(grasp.touched.mean() if grasp is not None and grasp.sound else 0.0)
-                if grasp is not None:
+                if grasp is not None and grasp.sound:
                     depths.append(independent_depth(rig, one.mesh, grasp, rng_of(0, "depth", number, tried), POINTS))
-    figures = {"touches missing or unsound, %": 100 * (1 - float(np.mean(touched))), "deepest, mm": 1e3 * max(depths)}
+    figures = {
+        "touches missing or unsound, %": 100 * (1 - float(np.mean(touched))),
+        "deepest of the sound, mm": 1e3 * max(depths, default=0.0),
+    }
     return _row(what, label, spent / (ATTEMPTS * len(objects)), figures)
 
 

@@ -16,6 +16,7 @@ from pipeline.kernels.learning.metrics import TABLE_3_FACTOR
 from pipeline.progress import Meter
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
+from pipeline.sweep import file_name
 from schemas.catalogue import ARTIFACTS
 
 MANIFEST = HERE / "learning.yaml"
@@ -23,7 +24,7 @@ STAGES = ("sample-surfaces", "simulate-grasps", "simulate-touch", "train-unet", 
 LEARNT = ["train-gcn.configuration=touch", "evaluate.configurations=[touch]"]
 DATA_SETS: dict[str, list[str]] = {
     "draft": [],
-    "standard's grasps": ["simulate-grasps.attempts=50"],
+    "twelve placements an object": ["simulate-grasps.attempts=12"],
     "hardly searched grasps": ["simulate-grasps.attempts=8", "simulate-grasps.ik_samples=256", "simulate-grasps.ik_refinements=0"],
     "depth in steps of 61 um": ["simulate-touch.gel_bits=14", "simulate-touch.far_bits=14"],
     "true depths, no U-Net": ["fit-charts.cloud='true'"],
@@ -32,11 +33,11 @@ DATA_SETS: dict[str, list[str]] = {
 
 
 def end_to_end(root: Path, console: Console) -> list[dict[str, Any]]:
-    """A row a data set: seconds an object before learning, kilobytes, touches, and the distance in the end."""
+    """A row a data set: seconds an object before learning, touches, and the distance in the end."""
     with Meter(console, "end to end", len(DATA_SETS), "data sets") as meter, ThreadPoolExecutor(os.cpu_count()) as pool:
 
         def one(label: str) -> dict[str, Any]:
-            data = root / "learning" / "end-to-end" / label.replace(" ", "-").replace("'", "")
+            data = root / "learning" / "end-to-end" / file_name(label)
             for stage in STAGES:
                 if stage != "train-unet" or "true" not in label:
                     work.command(stage, MANIFEST, "draft", data, [*LEARNT, *DATA_SETS[label]])

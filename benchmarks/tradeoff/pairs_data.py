@@ -128,7 +128,7 @@ def pairs(bench: Bench) -> list[Pair]:
         Pair(
             "simulate-touch",
             "points from depth",
-            "local points, which the reader recomputes (two thirds of the bytes)",
+            "local points, which the reader recomputes (three quarters of the bytes)",
             lambda: _felt(bench, store=False),
             lambda: _felt(bench, store=True),
         ),

@@ -52,7 +52,7 @@ class Study:
         The manifest, beside this file, that it is measured on.
     base
         The preset from which single knobs are varied.
-    at
+    beside
         What stands beside a single knob: settings at which its error shows.
     always
         What every variant sets: which network is trained, for instance.
@@ -71,7 +71,7 @@ class Study:
     knobs: Mapping[str, list[Any]]
     together: list[Values] = field(default_factory=list)
     reference: Values | None = None
-    at: Values = field(default_factory=dict)
+    beside: Values = field(default_factory=dict)
     always: Values = field(default_factory=dict)
     skip: Mapping[str, str] = field(default_factory=dict)
     seeds: tuple[int, ...] = ()
@@ -89,6 +89,8 @@ class Study:
             same = found.setdefault(self._key(variant), variant)
             if same is not variant and same.kind == variant.kind == "preset":
                 found[self._key(variant)] = replace(same, label=f"{same.label}, {variant.label}")
+        if len({one.label for one in found.values()}) < len(found):
+            raise ValueError(f"{self.name}: two variants have one label, and would be made in one directory")
         return list(found.values())
 
     def against(self) -> Variant | None:
@@ -106,7 +108,7 @@ class Study:
                 yield Variant("preset", preset, preset, self.always)
         for knob, values in self.knobs.items():
             for value in values:
-                yield Variant("knob", _label({knob: value}), self.base, {**self.always, **self.at, knob: value})
+                yield Variant("knob", _label({knob: value}), self.base, {**self.always, **self.beside, knob: value})
         for values in self.together:
             yield Variant("together", _label(values), self.base, {**self.always, **values})
         for seed in self.seeds:

@@ -17,7 +17,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.advice import AdviceError, Choice, Pace, assignments, duration, error_limit, within_error, within_time
+from pipeline.advice import AdviceError, Choice, Pace, assignments, duration, error_limit, fastest, within_error, within_time
 from pipeline.cli.request import ManifestOption, ObjectsOption, failures_as_words, make_request
 from pipeline.cli.talk import console, errors, fail, say
 from pipeline.manifest import Object, load_manifest
@@ -36,7 +36,7 @@ AIMS = {
 """By target of make: the stages that settings are chosen for. What is trained is the network that only feels, and needs no image."""
 FELT = "train-gcn.configuration=touch"
 TRIED_AN_WORKER = 3
-"""Objects a worker that are tried out to learn how fast this machine is: a few per cent of a data set."""
+"""Objects a worker that are tried out to learn how fast this machine is."""
 ROUNDS = 3
 """Times a choice is tried out and made anew: the first already differs little."""
 
@@ -55,8 +55,14 @@ class _Asked:
         learned = sum(item.split == "train" for item in objects)
         counts = {trade.stage: learned if trade.whole else len(objects) for trade in trades}
         if self.budget is not None:
-            return within_time(trades, paces, counts, workers, duration(self.budget))
-        return within_error(trades, paces, counts, workers, *error_limit(str(self.error)), PRESET)
+            seconds = duration(self.budget)
+            try:
+                return within_time(trades, paces, counts, workers, seconds)
+            except AdviceError:
+                if paces:
+                    raise
+                return fastest(trades, paces, counts, workers)  # this machine may be faster than the one that measured
+        return within_error(trades, paces, counts, workers, error_limit(str(self.error)), PRESET)
 
     def command(self, settings: Sequence[str]) -> str:
         folder = f" OBJECTS={self.folder}" if self.folder else ""
@@ -70,7 +76,9 @@ def advise(
     manifest: ManifestOption = "toy",
     aim: Annotated[str, typer.Option("--for", help="dataset, or train: the data and the network that only feels.")] = "dataset",
     budget: Annotated[str | None, typer.Option(help="Time for all of it, as 90s, 10min or 1.5h.")] = None,
-    error: Annotated[str | None, typer.Option(help="Error in a stage's own unit, as 5um, 2% or 1.5mm: see docs/tradeoff.md.")] = None,
+    error: Annotated[
+        str | None, typer.Option(help="What a stage's error shall stay below, as 5um, 2% or train-unet=400um: see docs/tradeoff.md.")
+    ] = None,
     objects: ObjectsOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
@@ -84,6 +92,8 @@ def advise(
     if aim not in AIMS:
         fail(f"--for {aim}: it is {' or '.join(AIMS)}")
     with failures_as_words():
+        if unmeasured := [stage for stage in AIMS[aim] if stage not in load_trades()]:
+            fail(f"{', '.join(unmeasured)}: not measured; run make tradeoff")
         trades = [load_trades()[stage] for stage in AIMS[aim]]
         asked = _Asked(aim, manifest, objects, budget, error)
         everything = load_manifest(manifest).objects(objects)
@@ -156,8 +166,8 @@ def _as_json(chosen: Sequence[Choice], asked: _Asked, objects: int) -> str:
         }
         for choice in chosen
     }
-    settings = _settings(chosen)
+    settings = [*_settings(chosen), *([FELT] if asked.aim == "train" else [])]
     seconds = round(sum(choice.seconds for choice in chosen), 1)
     return json.dumps(
-        {"objects": objects, "seconds": seconds, "stages": stages, "set": settings, "command": asked.command(settings)}, indent=2
+        {"objects": objects, "seconds": seconds, "stages": stages, "set": settings, "command": asked.command(_settings(chosen))}, indent=2
     )

@@ -10,14 +10,20 @@ import numba
 F = TypeVar("F", bound=Callable[..., object])
 
 
-def compiled(function: F) -> F:
-    """Compile a function of numbers and arrays to machine code when it is first called, and keep that beside its file.
+def compiled(signature: str | None = None) -> Callable[[F], F]:
+    """Compile a function of numbers and arrays to machine code, and keep that beside its file, or else in the user's cache.
+
+    With a signature it is compiled for these types alone, when its file is first imported, once an installation; without, when a
+    compiled function calls it. So several processes that compile at once write the same.
 
     The result is what Python computes, to the bit: nothing is reordered or fused, division by zero gives infinity or NaN, and
     indices are not checked. `.py_func` of what is returned is the function itself, which tests compare with.
     """
-    try:
-        kept = numba.njit(function, cache=True, error_model="numpy")
-    except RuntimeError:  # no folder may be written to: it is compiled anew in every process
-        kept = numba.njit(function, error_model="numpy")
-    return cast(F, kept)
+
+    def compile_it(function: F) -> F:
+        try:
+            return cast(F, numba.njit(signature, cache=True, error_model="numpy")(function))
+        except RuntimeError:  # no folder may be written to: it is compiled anew in every process
+            return cast(F, numba.njit(signature, error_model="numpy")(function))
+
+    return compile_it

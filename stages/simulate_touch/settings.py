@@ -39,4 +39,4 @@ class TouchSettings(Settings):
         ge=10,
         le=40,
     )
-    store_points: bool = knob(False, "depth and pose give the points again, bit for bit, and they are two thirds of the bytes")
+    store_points: bool = knob(False, "depth and pose give the points again, bit for bit, and they are three quarters of the bytes")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch import rays
+from pipeline.kernels.touch import rays, scan
 from pipeline.kernels.touch.prism import face_blocks
 from tests.touch.scenes import coarse, pybullet_triangles, random_pose
 
@@ -14,10 +14,11 @@ def test_compiled_and_interpreted_give_the_same_bits(name: str, monkeypatch) -> 
     blocks, rng, sensor = face_blocks(triangles), np.random.default_rng(2), coarse(40)
     poses = [random_pose(triangles, rng) for _ in range(4)]
     compiled = [rays.ray_depth(blocks, pose, sensor) for pose in poses]
-    functions = {name: function.py_func for name, function in vars(rays).items() if hasattr(function, "py_func")}
+    functions = {name: function.py_func for name, function in vars(scan).items() if hasattr(function, "py_func")}
     assert len(functions) == 5
     for name_of, function in functions.items():
-        monkeypatch.setattr(rays, name_of, function)
+        monkeypatch.setattr(scan, name_of, function)
+    monkeypatch.setattr(rays, "scan", functions["scan"])
     interpreted = [rays.ray_depth(blocks, pose, sensor) for pose in poses]
     assert sum(int(np.isfinite(depth).sum()) for depth in compiled) > 1000
     for ours, theirs in zip(compiled, interpreted, strict=True):

@@ -7,7 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from pipeline.advice import AdviceError, Pace, assignments, duration, error_limit, within_error, within_time
+from benchmarks.tradeoff.errors import Errors
+from pipeline.advice import AdviceError, Limit, Pace, assignments, duration, error_limit, fastest, within_error, within_time
 from pipeline.tradeoff import Point, Trade
 
 
@@ -60,21 +61,21 @@ def test_too_little_time_is_refused_with_what_it_takes():
 
 
 def test_the_fastest_setting_within_an_error_and_the_preset_where_the_unit_is_another():
-    chosen = within_error([FEEL, HOLD], {}, {"feel": 3, "hold": 3}, 1, 20, "um", "standard")
+    chosen = within_error([FEEL, HOLD], {}, {"feel": 3, "hold": 3}, 1, Limit(20, "um"), "standard")
     assert [one.point.label for one in chosen] == ["standard", "standard"]
     assert [one.seconds for one in chosen] == [12, 30]
-    assert within_error([FEEL], {}, ONE, 1, 200, "um", "standard")[0].point.label == "coarse"
+    assert within_error([FEEL], {}, ONE, 1, Limit(200, "um"), "standard")[0].point.label == "coarse"
 
 
 def test_an_error_that_nothing_reaches_and_a_unit_that_nothing_has_are_refused():
-    with pytest.raises(AdviceError, match=r"hold: missing, %, is 12 at best, not 1"):
-        within_error([FEEL, HOLD], {}, ONE, 1, 1, "%", "standard")
-    with pytest.raises(AdviceError, match=r"measured in kg; there are %, um"):
-        within_error([FEEL, HOLD], {}, ONE, 1, 1, "kg", "standard")
+    with pytest.raises(AdviceError, match=r"hold: missing, %, stays below 12 at best, 19 times in 20, not 1"):
+        within_error([FEEL, HOLD], {}, ONE, 1, Limit(1, "%"), "standard")
+    with pytest.raises(AdviceError, match=r"no stage is measured so.*feel in um, hold in %"):
+        within_error([FEEL, HOLD], {}, ONE, 1, Limit(1, "kg"), "standard")
 
 
 def test_assignments_name_what_stands_otherwise():
-    fine = within_error([FEEL], {}, ONE, 1, 0, "um", "standard")[0]
+    fine = within_error([FEEL], {}, ONE, 1, Limit(0, "um"), "standard")[0]
     assert assignments(fine, {"depth": 1}) == ["feel.depth=3"]
     assert assignments(fine, {"depth": 3}) == []
 
@@ -97,14 +98,61 @@ def test_what_is_no_time(text):
         duration(text)
 
 
-@pytest.mark.parametrize(
-    ("text", "limit"), [("5um", (5, "um")), ("5 µm", (5, "um")), ("2%", (2, "%")), ("1.5mm", (1.5, "mm")), ("1e-3um", (1e-3, "um"))]
-)
-def test_limits(text, limit):
-    assert error_limit(text) == limit
+LIMITS = {
+    "5um": Limit(5, "um"),
+    "5 µm": Limit(5, "um"),
+    "2%": Limit(2, "%"),
+    "1e-3um": Limit(1e-3, "um"),
+    "train-unet=400um": Limit(400, "um", "train-unet"),
+    "train-gcn = 6": Limit(6, "", "train-gcn"),
+}
 
 
-@pytest.mark.parametrize("text", ["", "um", "5", "1..2um"])
+@pytest.mark.parametrize("text", LIMITS)
+def test_limits(text):
+    assert error_limit(text) == LIMITS[text]
+
+
+@pytest.mark.parametrize("text", ["", "um", "5", "1..2um", "train-unet="])
 def test_what_is_no_limit(text):
-    with pytest.raises(AdviceError, match="5um or 2%"):
+    with pytest.raises(AdviceError, match="as 5um, 2%"):
         error_limit(text)
+
+
+def test_a_limit_on_a_unit_of_several_stages_has_to_name_one():
+    other = trade("other", point("standard", 1, 300, kind="preset"), point("fine", 9, 30))
+    count = {"other": trade("other", point("few", 1, 30, "Chamfer"), point("standard", 2, 3, "Chamfer", "preset"))}
+    with pytest.raises(AdviceError, match=r"several stages are measured so; say which.*feel in um, other in um"):
+        within_error([FEEL, other], {}, {"feel": 1, "other": 1}, 1, Limit(20, "um"), "standard")
+    chosen = within_error([FEEL, other], {}, {"feel": 1, "other": 1}, 1, Limit(50, "um", "other"), "standard")
+    assert [one.point.label for one in chosen] == ["standard", "fine"]
+    assert within_error([count["other"]], {}, {"other": 1}, 1, Limit(50, "", "other"), "standard")[0].point.label == "few"
+    with pytest.raises(AdviceError, match="other is measured in a number without unit"):
+        within_error([count["other"]], {}, {"other": 1}, 1, Limit(50, "um", "other"), "standard")
+
+
+def test_the_fastest_of_every_stage():
+    assert [one.point.label for one in fastest([FEEL, HOLD], {}, ONE, 1)] == ["coarse", "fast"]
+
+
+@pytest.mark.parametrize("power", [1, 2])
+@pytest.mark.parametrize("trained", [False, True])
+def test_nineteen_other_data_sets_in_twenty_stay_below_the_bound(power, trained, rng: np.random.Generator) -> None:
+    """Objects differ, and so do trainings: ten objects, four trainings."""
+
+    def data_set(trainings: int) -> tuple[np.ndarray, np.ndarray]:
+        each = rng.gamma(9.0, 1.0, 10)
+        luck = 1 + 0.15 * rng.normal(size=trainings) * trained
+        return each * luck[0], np.mean(each**power) ** (1 / power) * luck
+
+    kept = 0
+    for _ in range(1000):
+        each, trainings = data_set(4)
+        bound = Errors({"error": trainings[0]}, list(each), power).bound(list(trainings) if trained else [])
+        kept += data_set(1)[1][0] <= bound
+    assert 0.9 <= kept / 1000 <= 0.985  # squares of few objects are skew
+
+
+def test_a_share_of_no_touch_in_two_hundred_may_be_three_of_them():
+    assert Errors({"missing, %": 0.0}, [0.0] * 10, touches=200).bound([]) == 1.5
+    assert Errors({"missing, %": 60.0}, [0.0, 100.0, 100.0], touches=60).bound([]) == 100

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import flatness
 from pipeline.kernels.touch.prism import FaceBlocks, faces_seen
-from pipeline.kernels.touch.rays import START, grid_depth
+from pipeline.kernels.touch.rays import grid_depth
+from pipeline.kernels.touch.scan import START
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 TOLERANCE = 1e-7
