@@ -72,6 +72,8 @@ class Trade:
         Whether the stage looks at all objects at once, so that seconds are those of all of them.
     costs
         What counts beside the error: "seconds", or "kilobytes" too.
+    always
+        What all points set that defines what is asked for: which network is trained, for instance.
     beside
         What stood beside single knobs, other than in `standard`.
     skipped
@@ -85,6 +87,7 @@ class Trade:
     costs: tuple[str, ...]
     points: tuple[Point, ...]
     skipped: Mapping[str, str]
+    always: Mapping[str, Any] = field(default_factory=dict)
     beside: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -107,6 +110,11 @@ class Trade:
         kept = [one for one in self.choices if not any(other.dominates(one, self.costs) for other in self.choices)]
         return sorted(kept, key=lambda point: point.seconds)
 
+    def apart(self, settings: Settings) -> str:
+        """What was asked for when it was measured, where the settings ask for something else; else the empty string."""
+        asked = settings.model_dump(mode="json")
+        return "".join(f", with {knob}={value}" for knob, value in self.always.items() if asked[knob] != value)
+
     def at(self, settings: Settings) -> Point | None:
         """The measurement at these settings, if there is one; knobs that define what is asked for may be others."""
         wanted = settings.accuracy()
@@ -118,10 +126,10 @@ def in_words(stage: str, settings: Settings) -> str:
 
     Of settings that were not measured together each knob that differs from `standard` is told alone.
     """
-    trades = [trade for trade in load_trades().values() if trade.stage == stage]
+    trades = sorted((trade for trade in load_trades().values() if trade.stage == stage), key=lambda trade: trade.apart(settings))
     for trade in trades:
         if point := trade.at(settings):
-            return f"measured at these settings: {trade.metric}: {point.error:.3g}{_beside(trade, point)}"
+            return f"measured at these settings{trade.apart(settings)}: {trade.metric}: {point.error:.3g}{_beside(trade, point)}"
     known = [
         f"{point.label}: {point.error:.3g}"
         for trade in trades
@@ -130,7 +138,7 @@ def in_words(stage: str, settings: Settings) -> str:
     ]
     if not known:
         return ""
-    others = "".join(f" at {knob}={value}" for knob, value in trades[0].beside.items())
+    others = "".join(f" at {knob}={value}" for knob, value in trades[0].beside.items()) + trades[0].apart(settings)
     return f"not measured at these settings; one by one{others}, {trades[0].metric}: {', '.join(known)}"
 
 
@@ -159,4 +167,14 @@ def load_trades() -> dict[str, Trade]:
 
 def _trade(name: str, entry: Mapping[str, Any]) -> Trade:
     points = tuple(Point(**point) for point in entry["points"])
-    return Trade(name, entry["stage"], entry["objects"], entry["whole"], tuple(entry["costs"]), points, entry["skipped"], entry["beside"])
+    return Trade(
+        name,
+        entry["stage"],
+        entry["objects"],
+        entry["whole"],
+        tuple(entry["costs"]),
+        points,
+        entry["skipped"],
+        entry["always"],
+        entry["beside"],
+    )

@@ -90,14 +90,8 @@ def _trade(root: Path, study: Study, console: Console) -> dict[str, Any]:
         errors = list(processes.map(ERRORS[study.stage], made, repeat(reference)))
     again = [error.error for variant, error in zip(variants, errors, strict=True) if variant.kind == "seed" or _is_base(study, variant)]
     points = [_point(study, *of, again) for of in zip(variants, made, errors, strict=True)]
-    return {
-        "stage": study.stage,
-        **work.extent(study),
-        "costs": study.costs,
-        "beside": dict(study.beside),
-        "skipped": dict(study.skip),
-        "points": points,
-    }
+    described = {"costs": study.costs, "skipped": dict(study.skip), "always": dict(study.always), "beside": dict(study.beside)}
+    return {"stage": study.stage, **work.extent(study), **described, "points": points}
 
 
 def _is_base(study: Study, variant: Variant) -> bool:

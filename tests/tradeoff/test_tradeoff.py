@@ -62,6 +62,17 @@ def test_settings_that_were_not_measured_are_told_apart_knob_by_knob():
     assert "grid_cell=0.01: " in words
 
 
+def test_a_network_that_was_not_trained_is_told_which_was():
+    seeing, feeling = (
+        in_words("train-gcn", resolve(load_stage("train-gcn"), "draft", [f"configuration={name}"], STAGES))
+        for name in ("unoccluded", "touch")
+    )
+    assert seeing.startswith(
+        ("measured at these settings, with configuration=touch:", "measured at these settings, with configuration=occ")
+    )
+    assert feeling.startswith("measured at these settings: Chamfer")
+
+
 def test_a_stage_that_was_not_measured_says_nothing(monkeypatch):
     monkeypatch.setattr("pipeline.tradeoff.load_trades", lambda: {})
     assert in_words("evaluate", load_settings_type("evaluate")()) == ""
