@@ -155,7 +155,7 @@ def test_faults_are_the_object_s_and_named(tmp_path: Path) -> None:
 
 
 def test_settings_become_the_kernel_s_rule() -> None:
-    letter = {"residual_limit": None, "step_samples": 4000, "cloud_points": None, "check_every": 1}
+    letter = {"residual_limit": None, "step_samples": 4000, "cloud_points": None, "check_every": 1, "learning_rate": 3e-3}
     assert ChartSettings.model_validate(letter).rule(SENSOR.width) == SUPPLEMENT
     assert ChartSettings(residual_limit=None).rule(SENSOR.width) == FitRule()
     tight = ChartSettings(tight=True).rule(SENSOR.width)

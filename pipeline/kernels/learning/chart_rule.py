@@ -56,7 +56,7 @@ class FitRule:
     step_samples: int = 500
     cloud_points: int | None = 500
     check_every: int = 10
-    learning_rate: float = 3e-3
+    learning_rate: float = 1e-2
     side: int = SIDE
 
     def __post_init__(self) -> None:
@@ -73,7 +73,7 @@ class FitRule:
         return self.step_samples >= self.samples and self.cloud_points is None
 
 
-SUPPLEMENT = FitRule(step_samples=4000, cloud_points=None, check_every=1)
+SUPPLEMENT = FitRule(step_samples=4000, cloud_points=None, check_every=1, learning_rate=3e-3)
 """Section 2.3 to the letter: one loss, of all points, for the steps and the halt."""
 
 
