@@ -24,7 +24,9 @@ class GcnSettings(TrainingSettings):
     mixed: float = knob(1 / 3, "share of features averaged over neighbours; the cited work has 1/10 as well", ge=0, le=1)
     passes: int = knob(3, "times the charts are deformed, with the same weights", ge=1)
     learning_rate: float = knob(3e-3, "a hundred times the supplement's, for trainings a hundred times shorter", gt=0)
-    batch_size: int = knob(4, "four times as many steps in the same time as with the supplement's 16, and a Chamfer distance smaller by a third", ge=1)
+    batch_size: int = knob(
+        4, "four times the steps in the time that the supplement's 16 take, and a Chamfer distance a third smaller", ge=1
+    )
     epochs: int = knob(30, "minutes on a CPU; the supplement has 260", ge=1)
     patience: int | None = knob(70, "the supplement's", ge=1)
     min_grasps: int = knob(1, "fewest grasps an item is given; how many, between fewest and most, is drawn for every item", ge=1)

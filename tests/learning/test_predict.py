@@ -107,7 +107,7 @@ def test_files_give_what_the_store_gives(data, files, tmp_path):
         assert (own.touched == stored.touched).all()
         np.testing.assert_array_equal(own.reconstruction.faces, stored.reconstruction.faces)
         # the charts are fitted from other seeds to the same clouds
-        np.testing.assert_allclose(own.reconstruction.vertices, stored.reconstruction.vertices, atol=3e-3)
+        np.testing.assert_allclose(own.reconstruction.vertices, stored.reconstruction.vertices, atol=5e-3)
     again = predict(tmp_path / "c.ply", data / "models", "occluded-touch", **given)
     assert (again.reconstruction.vertices == own.reconstruction.vertices).all()
     assert again.files[0].read_bytes() == own.files[0].read_bytes()
