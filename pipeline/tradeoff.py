@@ -167,14 +167,4 @@ def load_trades() -> dict[str, Trade]:
 
 def _trade(name: str, entry: Mapping[str, Any]) -> Trade:
     points = tuple(Point(**point) for point in entry["points"])
-    return Trade(
-        name,
-        entry["stage"],
-        entry["objects"],
-        entry["whole"],
-        tuple(entry["costs"]),
-        points,
-        entry["skipped"],
-        entry["always"],
-        entry["beside"],
-    )
+    return Trade(**{**entry, "name": name, "costs": tuple(entry["costs"]), "points": points})

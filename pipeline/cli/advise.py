@@ -166,8 +166,10 @@ def _as_json(chosen: Sequence[Choice], asked: _Asked, objects: int) -> str:
         }
         for choice in chosen
     }
-    settings = [*_settings(chosen), *([FELT] if asked.aim == "train" else [])]
+    settings = _settings(chosen)
+    network = [FELT] if asked.aim == "train" else []
     seconds = round(sum(choice.seconds for choice in chosen), 1)
     return json.dumps(
-        {"objects": objects, "seconds": seconds, "stages": stages, "set": settings, "command": asked.command(_settings(chosen))}, indent=2
+        {"objects": objects, "seconds": seconds, "stages": stages, "set": [*settings, *network], "command": asked.command(settings)},
+        indent=2,
     )

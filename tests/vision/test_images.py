@@ -175,7 +175,6 @@ def test_another_camera_looks_and_the_first_comes_back(renderer) -> None:
 
 PROCESS = """
 import hashlib, sys, numpy as np
-from tests.vision.twins import cast
 from tests.vision.shapes import SCENE, HERE, ball, box, card, half_turned
 from pipeline.kernels.vision.raster import RasterRenderer
 from pipeline.kernels.vision.view import Label
@@ -206,7 +205,6 @@ def test_images_are_the_same_to_the_bit_in_every_process() -> None:
 def test_without_opengl_the_error_names_the_packages_and_the_environment_is_left_as_it_was() -> None:
     code = """
 import os
-from tests.vision.twins import cast
 from tests.vision.shapes import SCENE
 from pipeline.kernels.vision.context import NoOpenGL
 from pipeline.kernels.vision.raster import RasterRenderer
