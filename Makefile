@@ -4,7 +4,7 @@
 #   PRESET    draft, standard or paper                                                       (draft)
 #   SHARDS    into how many shards the objects are split; `make -j` works on them side by side  (1)
 #   WORKERS   processes a shard; 0 for one a core                                            (0, with -j 1)
-#   DATA      where the data set goes                                                        (data/MANIFEST/PRESET)
+#   DATA      where the data set goes                                                        (data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET)
 #   OBJECTS   folder of meshes, for manifests that name none
 #   SET       knobs: SET="simulate-grasps.attempts=20 simulate-touch.tracer=sphere"
 #   CONFIGURATIONS  graph networks to train and evaluate; what none of them sees or feels is not made
@@ -13,7 +13,7 @@
 MANIFEST ?= toy
 PRESET   ?= draft
 SHARDS   ?= 1
-DATA     ?= data/$(basename $(notdir $(MANIFEST)))/$(PRESET)
+DATA     ?= data/$(basename $(notdir $(MANIFEST)))$(if $(OBJECTS),-$(notdir $(abspath $(OBJECTS))))/$(PRESET)
 OBJECTS  ?=
 SET      ?=
 CONFIGURATIONS ?= none touch occluded occluded-touch unoccluded unoccluded-touch

@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from pipeline.tradeoff import Point, Trade
+from pipeline.tradeoff import Point, Trade, assigned
 
 LEAST_SHARE = 0.1
 """Of the smallest bound above zero: what a bound of zero counts as where bounds are compared by their ratio."""
@@ -58,10 +58,10 @@ class Limit:
 
 
 def error_limit(text: str) -> Limit:
-    """The limit that "5um", "2%" or "train-unet=400um" says; an `AdviceError` at anything else."""
-    match = re.fullmatch(r"(?:([a-z-]+) *= *)?([0-9.]+(?:e-?[0-9]+)?) *([^0-9. ].*)?", text.strip())
+    """The limit that "5um", "2%" or "fit-charts=200um" says; an `AdviceError` at anything else."""
+    match = re.fullmatch(r"(?:([a-z-]+) *= *)?([0-9.]+(?:[eE][-+]?[0-9]+)?) *([^0-9. ].*)?", text.strip())
     if not match or (value := _number(match[2])) is None or not (match[1] or match[3]):
-        raise AdviceError(f"{text!r} is no error; write a number and the unit it is measured in, as 5um, 2% or train-unet=400um")
+        raise AdviceError(f"{text!r} is no error; write a number and the unit it is measured in, as 5um, 2% or fit-charts=200um")
     return Limit(value, (match[3] or "").replace("µm", "um"), match[1])
 
 
@@ -109,6 +109,8 @@ def within_error(
     limited = [trade for trade in trades if limit.is_on(trade)]
     if len(limited) != 1:
         measured = ", ".join(f"{trade.stage} in {trade.unit or 'a number without unit'}" for trade in trades)
+        if limit.stage is not None:
+            raise AdviceError(f"settings are not chosen for {limit.stage} here, but for {measured}")
         raise AdviceError(f"{'several stages are' if limited else 'no stage is'} measured so; say which, as STAGE=5um: {measured}")
     (stage,) = limited
     if limit.unit != stage.unit:
@@ -128,7 +130,7 @@ def within_error(
 def assignments(choice: Choice, standing: Mapping[str, object]) -> list[str]:
     """What `--set` has to say for a choice where the knobs stand otherwise as given."""
     changed = {knob: value for knob, value in choice.point.settings.items() if standing[knob] != value}
-    return [f"{choice.trade.stage}.{knob}={'null' if value is None else str(value).lower()}" for knob, value in changed.items()]
+    return [f"{choice.trade.stage}.{assigned(knob, value)}" for knob, value in changed.items()]
 
 
 _Plan = tuple[float, float, tuple[Choice, ...]]
@@ -146,7 +148,7 @@ def _undominated(plans: list[_Plan]) -> list[_Plan]:
 
 def _choice(trade: Trade, point: Point, paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int) -> Choice:
     pace, count = paces.get(trade.stage, Pace()), objects[trade.stage]
-    share = count / trade.objects if trade.whole else count / workers
+    share = count / trade.objects if trade.whole else math.ceil(count / workers)
     return Choice(trade, point, pace.start + share * point.seconds * pace.factor)
 
 

@@ -1,7 +1,7 @@
 """What a run modelled of a scene and what it left out, counted by the functions that decide it, for `run STAGE --explain`.
 
 Every stage has an `explain` in its room. That of an object stage looks at a few objects of a shard, that of a set stage at the folder
-it filled; both call what the stage's kernels call to choose, so that a count is never a second formula.
+it filled; what a kernel chooses, they count by calling what the kernel calls.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from pipeline import keys
 from pipeline.plan import Request
 from pipeline.stage import SetJob, SetStage
 from pipeline.store import digest
-from pipeline.store.collection import Collection
+from pipeline.store.collection import Collection, check_origins
 from pipeline.store.layout import Layout
 from pipeline.store.place import one_writer, put_in_place
 from pipeline.store.record import RECORD, Record, check_models, hashes_of, rows_digest, standing_record
@@ -66,9 +66,8 @@ def plan_folder(request: Request[SetStage], place: str | None = None) -> FolderP
     for collection in collections:
         for item in wanted:
             collection.shard(item.object_id)  # an error where it has not been made yet
-        if stale := collection.stale(collections):
-            raise StoreError(stale)
         check_models(layout, collection)
+    check_origins(collections)
     inputs = {collection.artifact.name: rows_digest(collection, splits) for collection in collections}
     records = {name: standing_record(layout, name) for name in stage.models(settings)}
     key = digest.of_json(

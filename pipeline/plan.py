@@ -14,7 +14,7 @@ from pipeline.settings import Settings
 from pipeline.sources import fingerprint
 from pipeline.stage import Cost, ObjectStage, Stage
 from pipeline.store import digest
-from pipeline.store.collection import Collection
+from pipeline.store.collection import Collection, with_origins
 from pipeline.store.layout import Layout
 from pipeline.store.pieces import Piece, Pieces
 from pipeline.store.record import Record, check_models, standing_record
@@ -131,7 +131,9 @@ def make_plan(request: Request[ObjectStage], number: int) -> Plan:
     inputs = [Collection(plan.layout, artifact, request.shards) for artifact in request.stage.inputs(request.settings)]
     for collection in inputs:
         check_models(plan.layout, collection)
+    origins = with_origins(inputs, request.shards)
     for item in shard_of(request.objects, number, request.shards):
+        _check_origins(origins, item.object_id)
         job, failure = _job(request, stage_part, inputs, item) if inputs else _first_job(request, stage_part, item)
         plan.jobs.append(job)
         if failure:
@@ -177,11 +179,16 @@ def _job(request: Request[ObjectStage], stage_part: str, inputs: Sequence[Collec
     """The job of a stage that reads earlier ones."""
     standing = {collection.artifact.name: collection.shard(item.object_id) for collection in inputs}
     rows = {name: shard.row_digest(item.object_id) for name, shard in standing.items()}
-    for name, shard in standing.items():
-        for origin, used in shard.input_digests(item.object_id).items():
-            if rows.get(origin, used) != used:
-                raise StoreError(
-                    f"{shard.path}: {name} of {item.object_id} was made from other {origin} than stand there now; run its stage again"
-                )
     failure = next((found for shard in standing.values() if (found := shard.failure(item.object_id))), None)
     return Job(item, keys.object_key(stage_part, item.object_id, item.category, rows), rows), failure
+
+
+def _check_origins(collections: Sequence[Collection], object_id: str) -> None:
+    """A `StoreError` where an object's row was made from another row than stands in another of the collections."""
+    standing = {collection.artifact.name: collection.shard(object_id) for collection in collections if object_id in collection}
+    for name, shard in standing.items():
+        for origin, used in shard.input_digests(object_id).items():
+            if origin in standing and standing[origin].row_digest(object_id) != used:
+                raise StoreError(
+                    f"{shard.path}: {name} of {object_id} was made from other {origin} than stand there now; run its stage again"
+                )

@@ -21,7 +21,7 @@ from pipeline.learning.seeds import generator_of
 from pipeline.learning.touch_charts import is_surface
 from pipeline.learning.touch_model import TouchModel, load_touch_model
 from pipeline.predict_files import read_image, read_poses, read_readings
-from pipeline.predict_store import check_folder, has_charts, stored_charts, stored_image, stored_touches
+from pipeline.predict_store import check_folder, check_grasps, has_charts, stored_charts, stored_image, stored_touches
 from pipeline.stage import StageError
 from stages.fit_charts.settings import ChartSettings
 
@@ -121,6 +121,7 @@ def _view_of_object(
         raise StageError(f"{object_id}: name a grasp at least")
     image = None if model.image is None else stored_image(data, object_id, grasps[0], model.image)
     if not model.touch:
+        check_grasps(data, object_id, grasps)
         return View.unfelt(image)
     if has_charts(data):
         return View.felt(image, *stored_charts(data, object_id, grasps))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.store.collection import Collection
+from pipeline.store.collection import Collection, check_origins
 from pipeline.store.layout import Layout
 from pipeline.store.record import RECORD, check_models, standing_record
 from pipeline.store.shard import Shard, StoreError
@@ -46,7 +46,9 @@ def has_charts(data: Path) -> bool:
 
 def stored_charts(data: Path, object_id: str, grasps: Sequence[int]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """The charts of these grasps (grasp, sensor, S, 3), world, m, and their stop rules (grasp, sensor)."""
-    check_models(Layout(data), Collection(Layout(data), CHARTS))
+    charts = Collection(Layout(data), CHARTS)
+    check_models(Layout(data), charts)
+    check_origins([charts])
     view = _shard(data, CHARTS, object_id).view(object_id)
     vertices, rule = view["vertices"], view["stop_rule"]
     _check_grasps(grasps, len(vertices), object_id)
@@ -66,6 +68,11 @@ def stored_touches(
     chosen = list(grasps)
     poses, touched = view["sensor_pose"][chosen].reshape(-1, 4, 4), view["touch_success"][chosen].reshape(-1)
     return readings, poses, touched, Sensor.model_validate(touch.attributes["sensor"])
+
+
+def check_grasps(data: Path, object_id: str, grasps: Sequence[int]) -> None:
+    """A `StoreError` where an object, or one of its grasps, is not in a data directory."""
+    _check_grasps(grasps, _shard(data, GRASPS, object_id).array("hand_pose").shape[1], object_id)
 
 
 def _shard(data: Path, artifact: Artifact, object_id: str) -> Shard:

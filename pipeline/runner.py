@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pipeline.plan import Job, Plan
 from pipeline.stage import ObjectError
 from pipeline.store import digest
+from pipeline.store.collection import Collection
 from pipeline.store.pieces import Piece
 from pipeline.store.place import one_writer
 from pipeline.store.shard import StoreError, row_digest
@@ -29,12 +30,13 @@ def execute(plan: Plan) -> Iterator[Outcome]:
     StageError
         The stage cannot start here.
     StoreError
-        Another run holds the shard, an input is damaged, or what was made cannot be stored.
+        Another run holds the shard, other objects stand in its place, an input is damaged, or what was made cannot be stored.
     """
     request = plan.request
     with one_writer(plan.layout.work(plan.path.parent.name) / f"{plan.number:04d}.lock", plan.path):
         if plan.up_to_date():  # by the run that held the lock before
             return
+        _refuse_strangers(plan)
         if request.retry:
             _forget_failures(plan)
         take_over(plan)
@@ -54,6 +56,18 @@ def execute(plan: Plan) -> Iterator[Outcome]:
             raise StoreError(
                 f"{len(left)} pieces of {plan.path} are gone, {left[0].item.object_id} first: did another run pack them? Run again"
             )
+
+
+def _refuse_strangers(plan: Plan) -> None:
+    """A data directory of other objects would be lost: two folders of meshes go by one name, or a manifest by another's."""
+    request = plan.request
+    standing = Collection(plan.layout, request.stage.output, request.shards)
+    if len(standing) and not any(item.object_id in standing for item in request.objects):
+        few = ", ".join(sorted(standing)[:3])
+        raise StoreError(
+            f"{plan.path.parent} holds other objects ({few}{', …' if len(standing) > 3 else ''}), and none of manifest {request.manifest}; "
+            "name another --data (make: DATA=), or delete it"
+        )
 
 
 def _strictly(object_id: str, reason: str) -> str:

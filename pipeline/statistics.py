@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from pipeline.store.collection import Collection
@@ -20,8 +21,6 @@ SUPPLEMENT_SUCCESS = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle":
 
 SUPPLEMENT_HISTOGRAM = (None, 9.47, 26.08, 53.83, 10.61)
 """1.6: per cent of grasps with 1 to 4 successful touches; of none it says nothing."""
-
-FINGERS = ("index", "middle", "ring", "thumb")
 
 
 @dataclass
@@ -57,8 +56,14 @@ def tally(data: Path) -> dict[str, Tally]:
     return dict(sorted(found.items()))
 
 
-def show(found: dict[str, Tally], console: Console) -> None:
-    """Print the tables."""
+def sensors_of(data: Path) -> list[str]:
+    """The names of the fingers that wear the sensors, in their order."""
+    names: list[str] = Collection(Layout(data), ARTIFACTS["grasps"]).shards[0].attributes["hand"]["sensors"]
+    return names
+
+
+def show(found: dict[str, Tally], sensors: list[str], console: Console) -> None:
+    """Print the tables; the supplement's touches a grasp beside ours where there are as many sensors."""
     everything = Tally([t for e in found.values() for t in e.touched], [t for e in found.values() for t in e.tried])
     table = Table("class", "objects", "grasps", "touches", "% successful", "supplement", "% of all attempts", box=None, padding=(0, 2))
     for name, entry in [*found.items(), ("all", everything)]:
@@ -70,12 +75,12 @@ def show(found: dict[str, Tally], console: Console) -> None:
 
     touched = np.concatenate(everything.touched)
     counts = np.bincount(touched.sum(axis=1), minlength=touched.shape[1] + 1)
-    if touched.shape[1] == len(FINGERS):
-        table = Table("touches a grasp, %", *map(str, range(len(counts))), box=None, padding=(0, 2))
-        table.add_row("here", *(f"{100 * count / len(touched):.1f}" for count in counts))
+    table = Table("touches a grasp, %", *map(str, range(len(counts))), box=None, padding=(0, 2))
+    table.add_row("here", *(f"{100 * count / len(touched):.1f}" for count in counts))
+    if len(counts) == len(SUPPLEMENT_HISTOGRAM):
         table.add_row("supplement", *("–" if share is None else f"{share:.1f}" for share in SUPPLEMENT_HISTOGRAM))
-        console.print(table)
-        table = Table("touches a finger, %", *FINGERS, box=None, padding=(0, 2))
-        table.add_row("kept", *(f"{100 * share:.1f}" for share in touched.mean(axis=0)))
-        table.add_row("all attempts", *(f"{100 * share:.1f}" for share in np.mean(everything.tried, axis=0)))
-        console.print(table)
+    console.print(table)
+    table = Table("touches a finger, %", *map(escape, sensors), box=None, padding=(0, 2))
+    table.add_row("kept", *(f"{100 * share:.1f}" for share in touched.mean(axis=0)))
+    table.add_row("all attempts", *(f"{100 * share:.1f}" for share in np.mean(everything.tried, axis=0)))
+    console.print(table)

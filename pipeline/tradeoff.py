@@ -12,8 +12,10 @@ from typing import Any
 from pipeline.settings import Settings
 
 ASSET = "assets/tradeoff.json"
-SLACK = {"seconds": 0.05, "kilobytes": 0.02, "error": 0.02}
+SLACK = {"seconds": 0.2, "kilobytes": 0.02, "error": 0.02}
 """Shares by which two settings must differ for one to count as better: times are noisy, the others nearly not."""
+NEAR = {"seconds": 0.25, "kilobytes": 0.25, "error": 0.25}
+"""Shares by which another setting must be better for one not to lie near the front."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +53,11 @@ class Point:
         """Whether it is the preset of that name as a whole; presets of the same settings share a point."""
         return self.kind == "preset" and name in self.label.split(", ")
 
-    def dominates(self, other: Point, costs: Iterable[str]) -> bool:
-        """Whether it is no worse than another in cost and error, and better in one of them, by more than the slack."""
-        ratios = [(getattr(self, name), getattr(other, name), SLACK[name]) for name in (*costs, "error")]
-        no_worse = all(ours <= theirs * (1 + slack) for ours, theirs, slack in ratios)
-        return no_worse and any(ours < theirs * (1 - slack) for ours, theirs, slack in ratios)
+    def dominates(self, other: Point, costs: Iterable[str], by: Mapping[str, float] = SLACK) -> bool:
+        """Whether it is no worse than another in cost and error, slack apart, and better in one of them by more than these shares."""
+        pairs = {name: (getattr(self, name), getattr(other, name)) for name in (*costs, "error")}
+        no_worse = all(ours <= theirs * (1 + SLACK[name]) for name, (ours, theirs) in pairs.items())
+        return no_worse and any(ours < theirs * (1 - by[name]) for name, (ours, theirs) in pairs.items())
 
 
 @dataclass(frozen=True)
@@ -107,8 +109,14 @@ class Trade:
 
     def front(self) -> list[Point]:
         """The settings that no other dominates, the cheapest first."""
-        kept = [one for one in self.choices if not any(other.dominates(one, self.costs) for other in self.choices)]
-        return sorted(kept, key=lambda point: point.seconds)
+        return sorted((one for one in self.choices if self._is_best(one, SLACK)), key=lambda point: point.seconds)
+
+    def is_near_front(self, preset: str) -> bool:
+        """Whether no setting is a lot better than a preset."""
+        return all(self._is_best(point, NEAR) for point in self.points if point.is_preset(preset))
+
+    def _is_best(self, point: Point, by: Mapping[str, float]) -> bool:
+        return not any(other.dominates(point, self.costs, by) for other in self.choices)
 
     def apart(self, settings: Settings) -> str:
         """What was asked for when it was measured, where the settings ask for something else; else the empty string."""
@@ -124,22 +132,24 @@ class Trade:
 def in_words(stage: str, settings: Settings) -> str:
     """What is known of the error of a stage at some settings, beside `standard`'s; the empty string where nothing was measured.
 
-    Of settings that were not measured together each knob that differs from `standard` is told alone.
+    Of settings that were not measured together every knob that differs from `standard` is told alone, with its nearest measured
+    values where its own was not measured.
     """
     trades = sorted((trade for trade in load_trades().values() if trade.stage == stage), key=lambda trade: trade.apart(settings))
+    if not trades:
+        return ""
     for trade in trades:
         if point := trade.at(settings):
             return f"measured at these settings{trade.apart(settings)}: {trade.metric}: {point.error:.3g}{_beside(trade, point)}"
-    known = [
-        f"{point.label}: {point.error:.3g}"
-        for trade in trades
-        for point in trade.points
-        if point.kind == "knob" and _apart(point, settings)
-    ]
-    if not known:
-        return ""
+    default = type(settings)().accuracy()
+    known = [_alone(trades, knob, value) for knob, value in settings.accuracy().items() if value != default[knob]]
     others = "".join(f" at {knob}={value}" for knob, value in trades[0].beside.items()) + trades[0].apart(settings)
     return f"not measured at these settings; one by one{others}, {trades[0].metric}: {', '.join(known)}"
+
+
+def assigned(knob: str, value: Any) -> str:
+    """The knob and its value, as `--set` takes them."""
+    return f"{knob}={'null' if value is None else str(value).lower()}"
 
 
 def _beside(trade: Trade, point: Point) -> str:
@@ -149,11 +159,20 @@ def _beside(trade: Trade, point: Point) -> str:
     return f" (standard {standard.error:.3g}, {standard.seconds / point.seconds:.2g} × the time)"
 
 
-def _apart(point: Point, settings: Settings) -> bool:
-    """Whether a single knob was measured at the value that it has in the settings, and that is not its default."""
-    knob = point.label.partition("=")[0]
-    here, default = settings.accuracy().get(knob), type(settings)().accuracy().get(knob)
-    return point.settings.get(knob) == here != default
+def _alone(trades: Iterable[Trade], knob: str, value: Any) -> str:
+    """The error where a single knob has a value; else those at the nearest values below and above that were measured."""
+    points = [point for trade in trades for point in trade.points if point.kind == "knob" and point.label.startswith(f"{knob}=")]
+    for point in points:
+        if point.settings[knob] == value:
+            return f"{assigned(knob, value)}: {point.error:.3g}"
+    errors = {one: point.error for point in points if _is_number(one := point.settings[knob])}
+    tried = sorted(errors) if _is_number(value) else []
+    near = [*[one for one in tried if one < value][-1:], *[one for one in tried if one > value][:1]]
+    return f"{assigned(knob, value)}: not measured" + (f" ({', '.join(f'{one}: {errors[one]:.3g}' for one in near)})" if near else "")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 @cache

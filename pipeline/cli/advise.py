@@ -64,6 +64,11 @@ class _Asked:
                 return fastest(trades, paces, counts, workers)  # this machine may be faster than the one that measured
         return within_error(trades, paces, counts, workers, error_limit(str(self.error)), PRESET)
 
+    @property
+    def beside(self) -> str:
+        """What the command does that is not in the time."""
+        return "" if self.aim == "train" else " and what the contact sheets take"
+
     def command(self, settings: Sequence[str]) -> str:
         folder = f" OBJECTS={self.folder}" if self.folder else ""
         network = " CONFIGURATIONS=touch" if self.aim == "train" else ""
@@ -77,7 +82,7 @@ def advise(
     aim: Annotated[str, typer.Option("--for", help="dataset, or train: the data and the network that only feels.")] = "dataset",
     budget: Annotated[str | None, typer.Option(help="Time for all of it, as 90s, 10min or 1.5h.")] = None,
     error: Annotated[
-        str | None, typer.Option(help="What a stage's error shall stay below, as 5um, 2% or train-unet=400um: see docs/tradeoff.md.")
+        str | None, typer.Option(help="What a stage's error shall stay below, as 5um, 2% or simulate-touch=1um: see docs/tradeoff.md.")
     ] = None,
     objects: ObjectsOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
@@ -97,10 +102,14 @@ def advise(
         trades = [load_trades()[stage] for stage in AIMS[aim]]
         asked = _Asked(aim, manifest, objects, budget, error)
         everything = load_manifest(manifest).objects(objects)
+        if aim == "train" and len(everything) < 2:
+            fail(f"{manifest} has {len(everything)} object; a training needs two, to learn from and to stop by")
         try:
             chosen = _choose(trades, asked, everything, started)
         except AdviceError as unable:
             fail(unable)
+        except KeyboardInterrupt:
+            fail("interrupted; what was tried out is gone")
         if as_json:
             typer.echo(_as_json(chosen, asked, len(everything)))
         else:
@@ -108,7 +117,7 @@ def advise(
 
 
 def _choose(trades: Sequence[Trade], asked: _Asked, objects: Sequence[Object], started: float) -> list[Choice]:
-    """Choose, try out, and choose again until what was tried is what is chosen."""
+    """Choose, try out, and choose again, until what was tried is what is chosen, or `ROUNDS` choices were."""
     workers = len(os.sched_getaffinity(0))
     some = some_of(objects, TRIED_AN_WORKER * workers)
     paces: dict[str, Pace] = {}
@@ -145,31 +154,42 @@ def _settings(chosen: Sequence[Choice]) -> list[str]:
 
 
 def _print(chosen: Sequence[Choice], asked: _Asked, objects: int) -> None:
-    table = Table("stage", "setting", "s", "error", "at most", "", box=None, padding=(0, 2))
+    table = Table("stage", "setting", "s", "MB", "error", "at most", "", box=None, padding=(0, 2))
+    settings = _settings(chosen)
     for choice in chosen:
         point = choice.point
-        numbers = (f"{choice.seconds:.0f}", f"{point.error:.3g}", f"{point.bound:.3g}")
-        table.add_row(choice.trade.stage, escape(point.label), *numbers, choice.trade.metric)
+        numbers = (f"{choice.seconds:.0f}", f"{_megabytes(choice, objects):.3g}", f"{point.error:.3g}", f"{point.bound:.3g}")
+        table.add_row(choice.trade.stage, escape(point.label), *numbers, escape(_metric(choice, settings)))
     console.print(table)
-    say(f"{objects} objects in about {sum(choice.seconds for choice in chosen) / 60:.1f} min:")
-    say(f"  {asked.command(_settings(chosen))}")
+    say(f"{objects} objects in about {sum(choice.seconds for choice in chosen) / 60:.1f} min{asked.beside}:")
+    say(f"  {asked.command(settings)}")
 
 
 def _as_json(chosen: Sequence[Choice], asked: _Asked, objects: int) -> str:
+    settings = _settings(chosen)
     stages = {
         choice.trade.stage: {
             "setting": choice.point.label,
             "seconds": round(choice.seconds, 1),
+            "megabytes": round(_megabytes(choice, objects), 2),
             "error": choice.point.error,
             "bound": choice.point.bound,
-            "metric": choice.trade.metric,
+            "metric": _metric(choice, settings),
         }
         for choice in chosen
     }
-    settings = _settings(chosen)
     network = [FELT] if asked.aim == "train" else []
     seconds = round(sum(choice.seconds for choice in chosen), 1)
     return json.dumps(
         {"objects": objects, "seconds": seconds, "stages": stages, "set": [*settings, *network], "command": asked.command(settings)},
         indent=2,
     )
+
+
+def _megabytes(choice: Choice, objects: int) -> float:
+    return choice.point.kilobytes * (1 if choice.trade.whole else objects) / 1e3
+
+
+def _metric(choice: Choice, settings: Sequence[str]) -> str:
+    """What the error is, and what was asked for when it was measured, where this is another."""
+    return choice.trade.metric + choice.trade.apart(resolve(load_stage(choice.trade.stage), PRESET, [*settings, FELT], STAGES))

@@ -30,7 +30,7 @@ def explain_shard(plan: Plan) -> None:
     tasks = _tasks(plan)
     if not tasks:
         if request.only is None:  # else it is in another shard, or failed, and that has been said
-            say(f"{stage.name} {plan.path}: every object failed, there is nothing to explain")
+            say(f"{stage.name} {plan.path}: {'every object failed' if plan.jobs else 'no objects'}, there is nothing to explain")
         return
     chosen = [tasks[place] for place in np.unique(np.linspace(0, len(tasks) - 1, OBJECTS).astype(int))]
     models = {name: record.folder for name, record in plan.records.items()}
@@ -73,8 +73,8 @@ def _tasks(plan: Plan) -> Sequence[Task]:
 
 
 def _row(plan: Plan, object_id: str) -> Row | None:
-    """The object's row: from the shard, or, where that is not packed yet, from its piece; None where it failed or is not there."""
-    if plan.path.exists():
+    """The object's row: from the shard, or, where that is of other settings or not packed yet, from its piece; None where it failed."""
+    if plan.up_to_date():
         shard = Shard(plan.path, plan.request.stage.output)
         return None if shard.failure(object_id) else shard.view(object_id).row()
     piece = next((plan.piece(job) for job in plan.jobs if job.item.object_id == object_id), None)

@@ -85,7 +85,7 @@ def summary(
 
     try:
         say(str(data.resolve()))
-        statistics.show(statistics.tally(data), console)
+        statistics.show(statistics.tally(data), statistics.sensors_of(data), console)
         for path in contact_sheets(data, most):
             say(f"contact sheet: {path}")
     except StoreError as error:

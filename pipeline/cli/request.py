@@ -22,7 +22,7 @@ S = TypeVar("S", bound=Stage)
 
 ManifestOption = Annotated[str, typer.Option(help="A built-in manifest, or the path of a YAML file.")]
 PresetOption = Annotated[str, typer.Option(help=f"One of {', '.join(load_presets())}.")]
-DataOption = Annotated[Path | None, typer.Option(help="Data directory; by default data/MANIFEST/PRESET.")]
+DataOption = Annotated[Path | None, typer.Option(help="Data directory; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET.")]
 ObjectsOption = Annotated[Path | None, typer.Option(help="Folder of meshes, for manifests that name none.")]
 SetOption = Annotated[list[str] | None, typer.Option("--set", help="STAGE.KNOB=VALUE, or KNOB=VALUE wherever there is one.")]
 SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.")]
@@ -60,7 +60,7 @@ def make_request(
     only: str | None = None,
 ) -> Request[S]:
     """What the options ask for."""
-    if (where := data or Path("data") / Path(manifest).stem / preset).is_file():
+    if (where := data or _default_place(manifest, objects) / preset).is_file():
         fail(f"--data {where} is a file; name a folder")
     described = load_manifest(manifest)
     return Request(
@@ -77,3 +77,8 @@ def make_request(
         retry=retry,
         only=only,
     )
+
+
+def _default_place(manifest: str, objects: Path | None) -> Path:
+    """A folder of meshes goes by its name: two of them do not share a data directory."""
+    return Path("data") / (Path(manifest).stem + (f"-{objects.absolute().name}" if objects else ""))

@@ -54,6 +54,8 @@ def run(
         fail(f"there is no stage {stage}; there are {', '.join(STAGES)}")
     if shard is not None and shard >= shards:
         fail(f"--shard {shard} of --shards {shards}: shards are numbered 0 to {shards - 1}")
+    if explain and dry_run:
+        fail("--explain counts what was made, and --dry-run makes nothing: leave one of them out")
     with failures_as_words():
         loaded = load_stage(stage)
         request = make_request(loaded, manifest, preset, data, objects, assignments or [], seed, shards, workers, strict, retry, object_id)
@@ -66,13 +68,13 @@ def run(
                 fail(f"{stage} looks at all objects at once; run it without --object and --shard")
             asked = cast(Request[SetStage], request)
             _foretell_folder(asked) if dry_run else run_folder(asked)
-            if explain and not dry_run:
+            if explain:
                 explain_folder(asked)
             return
         for number in range(shards) if shard is None else [shard]:
             of_objects = cast(Request[ObjectStage], request)
             _foretell_shard(of_objects, number) if dry_run else _run_shard(make_plan(of_objects, number))
-            if explain and not dry_run:
+            if explain:
                 explain_shard(make_plan(of_objects, number))
 
 

@@ -18,7 +18,7 @@ class TrainingSettings(Settings):
         1e4, "a loss so many times the first epoch's mean stops the training: no later epoch mends it", gt=1, changes="definition"
     )
     devices: int = knob(1, "processes that share a batch; batch norm then sees a part each", ge=1)
-    precision: Literal["32-true", "bf16-mixed", "64-true"] = knob("32-true", "bf16-mixed pays on GPUs, and is slower on CPUs")
+    precision: Literal["32-true", "bf16-mixed", "64-true"] = knob("32-true", "bf16-mixed pays on GPUs, and on CPUs with such instructions")
     threads: int = knob(1, "of torch on a CPU: trainings side by side use cores better than threads; sums differ in their last bit", ge=1)
     accelerator: Literal["auto", "cpu", "cuda"] = knob("auto", "a GPU where there is one; the same to the last bits", changes="speed")
     checkpoint_seconds: float = knob(120.0, "between checkpoints within an epoch: what a killed run loses at most", ge=0, changes="speed")

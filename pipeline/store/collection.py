@@ -8,6 +8,7 @@ from pipeline.store import digest
 from pipeline.store.layout import Layout
 from pipeline.store.shard import RowView, Shard, StoreError
 from schemas.base import Artifact
+from schemas.catalogue import ARTIFACTS
 
 
 class Collection:
@@ -69,6 +70,27 @@ class Collection:
                 if used is not None and (object_id not in other or other.shard(object_id).row_digest(object_id) != used):
                     return f"{self.artifact.name} of {object_id} was made from other {name} than stand there now; run its stage again"
         return None
+
+
+def with_origins(collections: Sequence[Collection], shards: int | None = None) -> list[Collection]:
+    """The collections, and whatever stands beside them that they were made from, directly or by way of others."""
+    found = {collection.artifact.name: collection for collection in collections}
+    asked = list(collections)
+    while asked:
+        collection = asked.pop()
+        for name in {name for shard in collection.shards for made_from in shard.attributes["input_digests"] for name in made_from}:
+            if name not in found and name in ARTIFACTS and collection.layout.shards(name):
+                found[name] = Collection(collection.layout, ARTIFACTS[name], shards)
+                asked.append(found[name])
+    return list(found.values())
+
+
+def check_origins(collections: Sequence[Collection]) -> None:
+    """A `StoreError` where a row was made, directly or by way of others, from another row than stands there now."""
+    everything = with_origins(collections)
+    for collection in everything:
+        if stale := collection.stale(everything):
+            raise StoreError(stale)
 
 
 def usable_objects(collections: Mapping[str, Collection], split: str | None) -> tuple[list[str], dict[str, str]]:

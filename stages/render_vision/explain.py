@@ -22,7 +22,7 @@ def explain(settings: VisionSettings, models: Mapping[str, Path], tasks: Sequenc
         yield Part("images", 1 + held, grasps - held, "`occluded` is off: no image with a hand is asked for")
         yield Part("hand shapes drawn", shapes * held, shapes * (1 + grasps - held), "no hand is in these images")
         taken = 0 if number else shapes
-        yield Part("hand shapes prepared", taken, shapes - taken, "the renderer keeps them from object to object", "hand kept")
+        yield Part("hand shapes prepared, in one worker", taken, shapes - taken, "kept from object to object", "hand kept")
         look = task.mesh().look
         drawn = len(looks(look))
         yield Part("materials drawn", drawn, len(look.base_color) - drawn, "they look like another one, and are drawn with it")

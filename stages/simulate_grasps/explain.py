@@ -34,7 +34,7 @@ def explain(settings: GraspSettings, models: Mapping[str, Path], tasks: Sequence
             rng = task.rng("explain")
             found = solve(rig.hand, rig.parts, rig.boxes, rig.samples, scene.field, pose, rig.wanted, settings.ik_refinements, rng)
             why = "its contact or its tip already keeps the posture from being the best"
-            yield Part("fingers measured whole, a posture", found.measured, found.spared, why, "bounds first")
+            yield Part("fingers measured whole, a posture around kept grasps", found.measured, found.spared, why, "bounds first")
             yield from _grasp(rig, scene, pose, angles, sensors)
 
 

@@ -19,7 +19,7 @@ from stages.train_unet.learner import ARRAYS
 from stages.train_unet.settings import UnetSettings
 
 OBJECTS = 4
-"""Objects whose pixels are counted."""
+"""Objects of a split whose pixels are counted."""
 
 
 def explain(job: SetJob) -> Iterator[Part]:
@@ -35,9 +35,17 @@ def explain(job: SetJob) -> Iterator[Part]:
             readings = torch.from_numpy(touch.view(object_id)["reading"][touched])
             mask = contact_mask(readings, torch.from_numpy(split.arrays["untouched"]), settings.mask_threshold)
             pixels = int(mask.sum())
-            yield Part("pixels in the loss", pixels, mask.numel() - pixels, "they show no contact (supplement 2.2)")
+            yield Part(
+                f"pixels in the loss, of {OBJECTS} objects a split", pixels, mask.numel() - pixels, "they show no contact (supplement 2.2)"
+            )
             if settings.loss == "chamfer" and settings.loss_points is not None:
                 asked = int(mask.flatten(1).sum(dim=1).clamp(max=settings.loss_points).sum())
-                yield Part("points looked up, each way", asked, pixels - asked, "drawn anew each step: unbiased", "fewer loss points")
+                yield Part(
+                    f"points looked up each way, of {OBJECTS} objects a split",
+                    asked,
+                    pixels - asked,
+                    "drawn anew each step: unbiased",
+                    "fewer loss points",
+                )
     done = len(read_metrics(job.folder))
     yield Part("epochs", done, settings.epochs - done, "patience was at its end")

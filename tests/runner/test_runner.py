@@ -1,5 +1,6 @@
 """The runner: skipping, resuming, failures, shards and workers."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,11 @@ import pytest
 from pipeline.plan import make_plan
 from pipeline.runner import execute
 from pipeline.stage import ObjectError, StageError, rng_of
-from pipeline.store.collection import Collection
+from pipeline.store.collection import Collection, check_origins
 from pipeline.store.layout import Layout
 from pipeline.store.shard import StoreError
-from tests.runner.tiny import MEAN, NOISE, Compare, MakeNoise, TakeMean, digest, objects, request, run
+from schemas.catalogue import ARTIFACTS
+from tests.runner.tiny import MEAN, NOISE, Compare, Halve, MakeNoise, TakeMean, digest, objects, request, run
 
 
 def stamps(folder: Path) -> dict[Path, int]:
@@ -89,6 +91,23 @@ def test_inputs_of_different_making_are_not_combined(tmp_path):
     assert "was made from other noise" in str(Collection(Layout(tmp_path), MEAN).stale([Collection(Layout(tmp_path), NOISE)]))
     run(request(tmp_path, stage=TakeMean(), settings={"samples": 7}))
     assert run(request(tmp_path, stage=Compare())) == 5
+
+
+def test_what_an_input_was_made_from_is_looked_at_too(tmp_path, monkeypatch):
+    for artifact in (NOISE, MEAN):
+        monkeypatch.setitem(ARTIFACTS, artifact.name, artifact)
+    run(request(tmp_path))
+    run(request(tmp_path, stage=TakeMean()))
+    assert run(request(tmp_path, stage=Halve())) == 5
+    check_origins([Collection(Layout(tmp_path), MEAN)])
+    run(request(tmp_path, settings={"samples": 7}))
+    with pytest.raises(StoreError, match="mean of a was made from other noise than stand there now; run its stage again"):
+        make_plan(request(tmp_path, stage=Halve()), 0)
+    with pytest.raises(StoreError, match="mean of a was made from other noise than stand there now; run its stage again"):
+        check_origins([Collection(Layout(tmp_path), MEAN)])
+    for _, path in Layout(tmp_path).shards("noise"):  # given away to save room: then there is nothing to compare with
+        shutil.rmtree(path)
+    make_plan(request(tmp_path, stage=Halve()), 0)
 
 
 def test_an_input_that_lost_a_chunk_is_not_read_as_zeros(tmp_path):

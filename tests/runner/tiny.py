@@ -131,6 +131,21 @@ class Compare(_Stage):
         yield lambda task: {"mean": task.inputs["mean"]["mean"] - task.inputs["noise"]["values"][0]}
 
 
+class Halve(_Stage):
+    """Looks at means alone: not at the noise that they are of."""
+
+    name = "halve"
+    summary = "halve means"
+    output = MEAN.model_copy(update={"name": "halves"})
+
+    def inputs(self, settings: NoiseSettings) -> tuple[Artifact, ...]:
+        return (MEAN,)
+
+    @contextmanager
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+        yield lambda task: {"mean": task.inputs["mean"]["mean"] / 2}
+
+
 def objects(count: int, kind: str = "letter", split: str = "train", **troubles: str) -> list[Object]:
     """Objects a, b, c …, some with a trouble."""
     names = [chr(ord("a") + number) for number in range(count)]
