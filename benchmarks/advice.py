@@ -6,56 +6,72 @@ the most accurate settings on the same objects, beside the promised one.
 
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 from benchmarks.tradeoff.errors import ERRORS
-from benchmarks.tradeoff.variants import studies
-from benchmarks.tradeoff.work import MADE_BY, VT_PIPELINE, Made, link_common
+from benchmarks.tradeoff.variants import Study, Variant, studies
+from benchmarks.tradeoff.work import COMMON, MADE_BY, VT_PIPELINE, Made, command, link_common
+
+PRESET = "standard"
 
 
 def main() -> None:
     """Ask, do, and compare."""
-    manifest, *question = sys.argv[1:]
-    advice = json.loads(_output([VT_PIPELINE, "advise", "--manifest", manifest, *question, "--json"]))
-    settings = [part for line in advice["set"] for part in ("--set", line)]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("manifest", type=Path)
+    parser.add_argument("--objects", help="as of `vt-pipeline advise`, like all other options")
+    options, question = parser.parse_known_args()
+    objects = ["--objects", options.objects] if options.objects else []
+    advice = _advice(["--manifest", str(options.manifest), *objects, *question])
     with tempfile.TemporaryDirectory() as place:
-        data, began = Path(place) / "common", time.perf_counter()
+        data, began = Path(place) / COMMON, time.perf_counter()
         for stage in advice["stages"]:
-            _output([VT_PIPELINE, "run", stage, "--manifest", manifest, "--preset", "standard", "--data", str(data), *settings])
+            command(stage, options.manifest, PRESET, data, advice["set"], more=objects)
         took, promised = time.perf_counter() - began, advice["seconds"]
         print(f"{advice['command']}\n{advice['objects']} objects: promised {promised:.0f} s, took {took:.0f} s ({took / promised:.2f} x)")
         if "train-gcn" in advice["stages"]:
-            line = [VT_PIPELINE, "run", "evaluate", "--manifest", manifest, "--data", str(data), "--set", "evaluate.configurations=[touch]"]
-            _output(line)
+            command("evaluate", options.manifest, PRESET, data, ["evaluate.configurations=[touch]"], more=objects)
         for stage, entry in advice["stages"].items():
-            error = _error(stage, manifest, Path(place), data)
+            error = _error(stage, options.manifest, Path(place), advice["set"], objects)
             promised = f"promised {entry['error']:.4g}, {entry['bound']:.4g} at most"
             print(f"{stage}, {entry['setting']}: {entry['metric']}: {promised}, is {error:.4g}")
 
 
-def _error(stage: str, manifest: str, place: Path, data: Path) -> float:
-    """The error of a stage's output, against its reference made from the same inputs."""
+def _advice(question: list[str]) -> dict[str, Any]:
+    done = subprocess.run([VT_PIPELINE, "advise", *question, "--json"], stdout=subprocess.PIPE, text=True)
+    if done.returncode:
+        sys.exit(done.returncode)
+    advice: dict[str, Any] = json.loads(done.stdout)
+    return advice
+
+
+def _error(stage: str, manifest: Path, place: Path, settings: list[str], objects: list[str]) -> float:
+    """The error of a stage's output, of what was asked for when it was measured, against its reference made from the same inputs."""
     study = next(study for study in studies() if study.stage == stage)
-    reference = place / f"{stage}-reference"
+    data, reference = place / COMMON, Path()
+    always = Variant("preset", PRESET, PRESET, study.always).assignments(stage)
+    if set(always) - set(settings):
+        data = _beside(study, manifest, place, "asked-for", PRESET, [*settings, *always], objects)
     if exact := study.against():
-        link_common(place, reference, MADE_BY[stage])
-        values = [part for line in exact.assignments(stage) for part in ("--set", line)]
-        line = [VT_PIPELINE, "run", stage, "--manifest", manifest, "--preset", exact.preset, "--data", str(reference)]
-        _output([*line, "--seed", str(exact.seed), *values])
+        reference = _beside(study, manifest, place, "reference", exact.preset, exact.assignments(stage), objects, exact.seed)
     return ERRORS[stage](Made(data, 0.0, 0.0, {}), reference).error
 
 
-def _output(line: list[str]) -> str:
-    """What a command prints; its error ends this one too."""
-    done = subprocess.run(line, stdout=subprocess.PIPE, text=True)
-    if done.returncode:
-        sys.exit(done.returncode)
-    return done.stdout
+def _beside(
+    study: Study, manifest: Path, place: Path, name: str, preset: str, settings: list[str], objects: list[str], seed: int | None = None
+) -> Path:
+    """Make a stage once more, from what stands."""
+    data = place / f"{study.stage}-{name}"
+    link_common(place, data, MADE_BY[study.stage])
+    command(study.stage, manifest, preset, data, settings, seed, objects)
+    return data
 
 
 if __name__ == "__main__":

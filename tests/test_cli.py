@@ -1,9 +1,14 @@
 """The command line: what it lists, and how it fails."""
 
+import subprocess
+from pathlib import Path
+
 import pytest
+import trimesh
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.cli.request import make_request
 from stages.registry import STAGES, load_stage
 
 RUN = ["run", "sample-surfaces"]
@@ -42,6 +47,7 @@ def test_doctor_finds_everything_here():
         ([*RUN, "--set", "fly.points=5"], "there is no stage fly"),
         ([*RUN, "--shards", "2", "--shard", "2"], "shards are numbered 0 to 1"),
         ([*RUN, "--object", "nobody"], "has no object nobody"),
+        ([*RUN, "--dry-run", "--explain"], "--dry-run makes nothing: leave one of them out"),
         (["run", "simulate-touch", "--data", "/nonexistent"], "run the stage that makes"),
         (["status", "/nonexistent"], "is no data directory"),
         (["validate", "/nonexistent"], "holds no shards; looked for NAME/NNNN.zarr"),
@@ -64,3 +70,15 @@ def test_one_object_alone(tmp_path):
     assert invoke(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100")[0] == 0
     assert "would make 24 of 25" in invoke(*RUN, "--data", str(tmp_path), "--dry-run", "--set", "points=100")[1]
     assert not (tmp_path / "surfaces").exists()
+
+
+def test_two_folders_of_meshes_do_not_share_a_data_directory(tmp_path):
+    places = []
+    for name in ("mugs", "bowls"):
+        folder = tmp_path / name
+        folder.mkdir()
+        trimesh.creation.box().export(folder / "one.ply")
+        places.append(make_request(load_stage("sample-surfaces"), "directory", "draft", None, folder, [], None).data)
+    assert places == [Path("data/directory-mugs/draft"), Path("data/directory-bowls/draft")]
+    dry = subprocess.run(["make", "-n", "dataset", "MANIFEST=directory", f"OBJECTS={tmp_path / 'mugs'}/"], capture_output=True, text=True)
+    assert f"--data {places[0]}" in dry.stdout

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import platform
-import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import date
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from benchmarks.provenance import commit, machine
 
 
 @dataclass
@@ -55,25 +51,3 @@ def _line(cells: Sequence[str]) -> str:
 def provenance(command: str) -> str:
     """The line above a table: by which command, commit and machine, and when."""
     return f"`{command}` · commit {commit()} · {machine()} · {date.today():%-d %B %Y}"
-
-
-def commit() -> str:
-    """The checkout's short commit, with a word where sources differ from it."""
-
-    def git(*arguments: str) -> str:
-        return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
-
-    changed = git("status", "--porcelain", "--untracked-files=no", "--", "pipeline", "stages", "schemas", "benchmarks")
-    return (git("rev-parse", "--short", "HEAD") or "unknown") + (" with changes" if changed else "")
-
-
-def machine() -> str:
-    """Processor, cores, system and Python."""
-    names = [line.split(":")[1].strip() for line in _cpuinfo() if line.startswith("model name")]
-    model = names[0] if names else platform.processor() or platform.machine()
-    return f"{model}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}"
-
-
-def _cpuinfo() -> list[str]:
-    path = Path("/proc/cpuinfo")
-    return path.read_text().splitlines() if path.exists() else []

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.cases import Case
-from benchmarks.peers.table import ROOT, Table
+from benchmarks.peers.table import Table
 from benchmarks.peers.taxim_shim import load_taxim
 from benchmarks.peers.worker import PeerError, Worker
+from benchmarks.provenance import ROOT
 from benchmarks.timing import Round, Times, each, side_by_side, three_digits
 from pipeline.kernels.touch.prism import face_blocks
 from pipeline.kernels.touch.rays import ray_depth

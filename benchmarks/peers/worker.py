@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-ROOT = Path(__file__).parents[2]
+from benchmarks.provenance import ROOT
 
 
 class PeerError(RuntimeError):

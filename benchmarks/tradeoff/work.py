@@ -117,18 +117,6 @@ def extent(study: Study) -> dict[str, Any]:
     return {"objects": sum(item.split == split for item in items) if whole else len(items), "whole": whole}
 
 
-def machine() -> str:
-    """The processor, in words."""
-    names = [line.partition(":")[2].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
-    return f"{len(names)} cores of {names[0]}" if names else "unknown processor"
-
-
-def commit() -> str:
-    """The commit that is checked out, marked where files differ from it."""
-    say = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, cwd=HERE)
-    return say.stdout.strip() or "unknown"
-
-
 def load_json(path: Path) -> Any:
     """A JSON file's content."""
     return json.loads(path.read_text())

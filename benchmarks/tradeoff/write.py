@@ -9,11 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.provenance import ROOT, commit, machine
 from benchmarks.tradeoff.plot import draw
-from benchmarks.tradeoff.work import commit, machine
 from pipeline.tradeoff import ASSET, SLACK, Point, Trade, load_trades
 
-ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "tradeoff.md"
 PLOTS = ROOT / "docs" / "tradeoff"
 SECTIONS = ("same", "end_to_end", "alternatives", "shortcuts")
@@ -31,8 +30,8 @@ NOTES = {
     "simulate-touch": "The error of `sphere` is its tolerance; `paper` keeps it because the supplement prescribes it, beaten in cost.",
     "fit-charts": "`paper` goes on as long as the supplement's rule says, with its step: 25 times the time, and no closer.",
     "train-unet": "Seeds differ from the base in nothing but chance: what differs by no more than they do is not told apart here.",
-    "train-gcn": "As above: compare with the seeds before believing a difference. A network that only feels has no image encoder: its knobs are "
-    "of no account here.",
+    "train-gcn": "As above: compare with the seeds before believing a difference. A network that only feels has no image "
+    "encoder: the encoder's knobs are of no account here.",
 }
 
 

@@ -164,12 +164,6 @@ def test_shards_and_arrays_that_are_no_input_are_left_out(tmp_path):
     assert arrays_read(["points"], [SURFACES]).left_out == 4
 
 
-def test_a_dry_run_explains_nothing(tmp_path):
-    result = CliRunner().invoke(app, ["run", "sample-surfaces", "--data", str(tmp_path / "d"), "--dry-run", "--explain"])
-    assert result.exit_code != 0
-    assert "--dry-run makes nothing" in result.output
-
-
 def test_one_object_is_explained_before_its_shard_is_packed(tmp_path):
     asked = ["run", "sample-surfaces", "--data", str(tmp_path), "--object", "duck", "--shards", "2", "--set", "points=100", "--explain"]
     result = CliRunner().invoke(app, asked)

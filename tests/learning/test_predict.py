@@ -113,6 +113,12 @@ def test_files_give_what_the_store_gives(data, files, tmp_path):
     assert again.files[0].read_bytes() == own.files[0].read_bytes()
 
 
+@pytest.mark.parametrize(("configuration", "asked"), [("none", {"object_id": "typo"}), ("unoccluded", {"object_id": "a", "grasps": [99]})])
+def test_what_is_not_there_is_missed_by_networks_that_do_not_feel_too(data, tmp_path, configuration, asked):
+    with pytest.raises(StoreError, match=r"no object typo|no grasp 99"):
+        predict(tmp_path / "a.ply", data / "models", configuration, data=data, **asked)
+
+
 def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
     made = predict(tmp_path / "a.obj", data / "models", "touch", data=data, object_id="a", grasps=[1]).reconstruction
     charts = GraspDataset(data, ["vertices", "stop_rule"], "test")[1]

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.manifest import Object
 from pipeline.plan import make_plan
 from pipeline.runner import execute
 from pipeline.stage import ObjectError, StageError, rng_of
@@ -108,6 +109,16 @@ def test_what_an_input_was_made_from_is_looked_at_too(tmp_path, monkeypatch):
     for _, path in Layout(tmp_path).shards("noise"):  # given away to save room: then there is nothing to compare with
         shutil.rmtree(path)
     make_plan(request(tmp_path, stage=Halve()), 0)
+
+
+def test_a_data_directory_of_other_objects_is_not_written_over(tmp_path):
+    run(request(tmp_path, shards=2))
+    x = Object("x", "letter", "train", {"trouble": None, "name": "x"})
+    before = stamps(tmp_path / "noise")
+    with pytest.raises(StoreError, match=r"holds other objects \(a, b, c, …\), and none of manifest tiny; name another --data"):
+        run(request(tmp_path, items=[x]))
+    assert stamps(tmp_path / "noise") == before
+    assert run(request(tmp_path, items=[*objects(1), x])) == 1  # a manifest that changes keeps what it names still
 
 
 def test_an_input_that_lost_a_chunk_is_not_read_as_zeros(tmp_path):

@@ -1,0 +1,21 @@
+"""The summary's tables: of any hand, by its own names."""
+
+import io
+
+import numpy as np
+from rich.console import Console
+
+from pipeline.statistics import Tally, show
+
+
+def test_a_hand_of_other_fingers_is_told_by_its_names():
+    touched = np.array([[True, False, True], [True, False, False]])
+    entry = Tally([touched], [np.array([1.0, 0.25, 0.5])], attempts=4)
+    written = io.StringIO()
+    show({"mug": entry}, ["left", "right [1]", "tail"], Console(file=written, width=120))
+    lines = [line.split() for line in written.getvalue().splitlines()]
+    assert ["touches", "a", "finger,", "%", "left", "right", "[1]", "tail"] in lines
+    assert ["kept", "100.0", "0.0", "50.0"] in lines
+    assert ["all", "attempts", "100.0", "25.0", "50.0"] in lines
+    assert ["here", "0.0", "50.0", "50.0", "0.0"] in lines
+    assert not any(line[:2] == ["supplement", "–"] for line in lines)  # its hand has four
