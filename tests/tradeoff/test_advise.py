@@ -23,7 +23,9 @@ from stages.registry import load_stage
 def manifest(folder: Path, count: int) -> str:
     source = {"kind": "procedural", "licence": "MIT", "seed": 0, "count": {"cellphone": count}}
     path = folder / f"{count}.yaml"
-    path.write_text(yaml.safe_dump({"name": "few", "description": "d", "seed": 0, "splits": {"train": 1}, "sources": [source]}))
+    path.write_text(
+        yaml.safe_dump({"name": "few", "description": "d", "seed": 0, "splits": {"train": 1, "valid": 0, "test": 0}, "sources": [source]})
+    )
     return str(path)
 
 
