@@ -24,7 +24,7 @@ from pipeline.kernels.learning.metrics import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.learning.split import load_split
 from pipeline.learning.touch_model import load_touch_model
-from pipeline.store.collection import Collection
+from pipeline.store.collection import Collection, usable_objects
 from pipeline.store.layout import Layout
 from schemas.base import Artifact
 from schemas.charts import CHARTS, FITTED, STOP_RULES
@@ -96,9 +96,9 @@ def _variance(values: NDArray[np.float64]) -> float:
 
 
 def _pairs(made: Made, reference: Path, artifact: Artifact, *arrays: str) -> Iterator[tuple[list[np.ndarray], list[np.ndarray]]]:
-    """Some arrays of each object, of the variant and of its reference."""
+    """Some arrays of each object that failed in neither, of the variant and of its reference."""
     ours, theirs = (Collection(Layout(data), artifact) for data in (made.data, reference))
-    for object_id in ours:
+    for object_id in usable_objects({"made": ours, "reference": theirs}, None)[0]:
         yield [ours.view(object_id)[name] for name in arrays], [theirs.view(object_id)[name] for name in arrays]
 
 
@@ -137,10 +137,10 @@ def vision(made: Made, reference: Path) -> Errors:
     squares, likeness, silhouette = [], [], []
     for (image, labels), (truth, true_labels) in _pairs(made, reference, VISION, "unoccluded", "segmentation"):
         size = truth.shape[:2]
-        ours, theirs = resize(image / 255.0, (*size, 3), order=1), truth / 255.0
+        ours, theirs = resize(image / 255.0, (*size, 3), order=1), truth / 255.0  # type: ignore[no-untyped-call]
         squares.append(np.mean((ours - theirs) ** 2))
-        likeness.append(structural_similarity(ours, theirs, channel_axis=2, data_range=1.0))
-        mask, true_mask = resize(labels[0] == 1, size, order=0), true_labels[0] == 1
+        likeness.append(structural_similarity(ours, theirs, channel_axis=2, data_range=1.0))  # type: ignore[no-untyped-call]
+        mask, true_mask = resize(labels[0] == 1, size, order=0), true_labels[0] == 1  # type: ignore[no-untyped-call]
         silhouette.append((mask != true_mask).sum() / true_mask.sum())
     figures = {
         "difference RMS, levels of 255": 255 * float(np.sqrt(np.mean(squares))),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from unittest.mock import patch
@@ -102,7 +102,13 @@ def pairs(bench: Bench) -> list[Pair]:
             lambda: _all_balls(bench),
         ),
         Pair("simulate-grasps", "gel only", "rays beyond the gel", lambda: _touches(bench), lambda: _far_touches(bench)),
-        Pair("simulate-grasps", "kept only", "soundness of what cannot be kept", lambda: _grasps(bench), lambda: _all_grasps(bench)),
+        Pair(
+            "simulate-grasps",
+            "kept only",
+            "soundness of what cannot be kept (here with `exhaustive=true`)",
+            lambda: _grasps(bench, exhaustive=True),
+            lambda: _all_grasps(bench),
+        ),
         Pair(
             "simulate-grasps",
             "enough attempts",
@@ -145,8 +151,9 @@ def _all_rays(bench: Bench) -> Results:
         return _exterior(bench)
 
 
-def _postures(bench: Bench, room: type(has_room)) -> Results:
-    rig, field, found = bench.rig, bench.scene.field, {}
+def _postures(bench: Bench, room: Callable[..., bool]) -> Results:
+    rig, field = bench.rig, bench.scene.field
+    found = {}
     for k, pose in enumerate(bench.poses):
         fits = room(rig.hand, rig.parts, rig.samples, field, pose, bench.settings.clearance)
         solved = solve(rig.hand, rig.parts, rig.boxes, rig.samples, field, pose, rig.wanted, 3, np.random.default_rng(k)).joint_angles
@@ -202,7 +209,7 @@ def _grasps(bench: Bench, exhaustive: bool = False) -> Results:
 
 def _all_grasps(bench: Bench) -> Results:
     with patch.object(grasping, "fewest_to_keep", lambda kept, count: 0):
-        return _grasps(bench)
+        return _grasps(bench, exhaustive=True)
 
 
 @contextmanager
@@ -213,12 +220,12 @@ def _renderer(bench: Bench) -> Iterator[RasterRenderer]:
 
 def _images(bench: Bench, again: bool = False) -> Results:
     """The object with the hand, `size` + 1 times as if they were several objects."""
-    found = {}
+    found: dict[str, NDArray[np.uint8]] = {}
     shapes = visual_meshes(bench.rig.hand)
     with _renderer(bench) as renderer:
         hand = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in shapes]
         for number in range(bench.size + 1):
-            if again:
+            if again and number:
                 for _, part in hand:
                     renderer.remove(part)
                 hand = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in shapes]
