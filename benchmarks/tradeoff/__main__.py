@@ -1,4 +1,4 @@
-"""Every knob that changes results against its cost: `python -m benchmarks.tradeoff [--only STUDY] [--root DATA]`.
+"""Every knob that changes results against its cost: `python -m benchmarks.tradeoff [--only STUDY_OR_SECTION] [--root DATA]`.
 
 Variants are runs of `vt-pipeline` in directories of their own, as many side by side as there are cores, each on one; a second
 run makes only what is missing or stale. Ends with `docs/tradeoff.md`, its plots, and the figures that `vt-pipeline` itself reads.
@@ -30,39 +30,52 @@ DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touc
 FELT = ("sample-surfaces", "simulate-grasps", "simulate-touch")
 LEARNING = ("train-unet", "fit-charts", "train-gcn")
 TOUCH = "train-gcn.configuration=touch"
+LOOKED_AT: dict[str, set[str]] = {"same": {"few", "learning"}, "end_to_end": set(), "alternatives": {"few"}, "shortcuts": set()}
+"""The common directories that a section beside the studies looks into."""
 
 
 def main() -> None:
     """Measure, and write what was measured."""
+    everything = [*(study.name for study in studies()), *SECTIONS]
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("--root", type=Path, default=Path("data/tradeoff"))
-    parser.add_argument("--only", action="append", choices=[study.name for study in studies()], help="again; the rest stays as it was")
+    parser.add_argument("--only", action="append", choices=everything, help="again; the rest stays as it was")
     parser.add_argument("--page", action="store_true", help="only write the page and its plots anew")
     options = parser.parse_args()
     console = console_on(sys.stdout)
     found = read_asset()
     if not options.page:
-        made = stamp()
-        chosen = [study for study in studies() if not options.only or study.name in options.only]
-        _prepare(options.root, chosen, console)
+        made, asked = stamp(), options.only or everything
+        chosen = [study for study in studies() if study.name in asked]
+        _prepare(options.root, {study.objects for study in chosen}.union(*(LOOKED_AT[name] for name in SECTIONS if name in asked)), console)
         for study in chosen:  # written one by one: a killed run keeps what it has measured
             trades = found["trades"] | {study.name: _trade(options.root, study, console)}
             found["trades"] = {one.name: trades[one.name] for one in studies() if one.name in trades}
             found["made"][study.name] = made
             write_asset(found)
-        if not options.only:
-            found["same"] = same_results(options.root, console)
-            found["end_to_end"] = end_to_end(options.root, console)
-            found["alternatives"] = alternatives(options.root / "few" / work.COMMON)
-            found["shortcuts"] = [vars(shortcut) for shortcut in measure_shortcuts()]
-            found["made"] |= dict.fromkeys(SECTIONS, made)
-            write_asset(found)
+        for name in SECTIONS:
+            if name in asked:
+                found[name] = _section(name, options.root, console)
+                found["made"][name] = made
+                write_asset(found)
     write_page(found)
 
 
-def _prepare(root: Path, chosen: list[Study], console: Console) -> None:
-    """The common directories of what is to be measured."""
-    objects = {study.objects for study in chosen}
+def _section(name: str, root: Path, console: Console) -> list[dict[str, Any]]:
+    """What is measured beside the studies."""
+    match name:
+        case "same":
+            return same_results(root, console)
+        case "end_to_end":
+            return end_to_end(root, console)
+        case "alternatives":
+            return alternatives(root / "few" / work.COMMON)
+        case _:
+            return [vars(shortcut) for shortcut in measure_shortcuts()]
+
+
+def _prepare(root: Path, objects: set[str], console: Console) -> None:
+    """The common directories of some objects."""
     wanted = {"few": ("standard", DATASET), "four": ("standard", FELT), "learning": ("draft", (*DATASET, *LEARNING))}
     for name, (preset, steps) in wanted.items():
         if name in objects:
