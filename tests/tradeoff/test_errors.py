@@ -1,0 +1,285 @@
+"""The errors of `make tradeoff`, on stores whose errors are known in closed form."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+from benchmarks.stored_grasps import Seen
+from benchmarks.tradeoff.errors import ERRORS, SOUND, Errors
+from benchmarks.tradeoff.work import Made
+from pipeline.kernels.hand.bodies import collision_boxes
+from pipeline.kernels.hand.kinematics import forward
+from pipeline.kernels.hand.model import load_hand
+from pipeline.kernels.learning.unet import UNet
+from pipeline.kernels.touch.sensor import pixel_centres
+from pipeline.kernels.touch.shading import untouched
+from pipeline.kernels.vision.camera import projection_matrix
+from pipeline.learning.touch_model import save_touch_model
+from pipeline.plan import Request, make_plan
+from pipeline.runner import execute
+from pipeline.settings import Settings
+from pipeline.stage import Row, Task
+from pipeline.store.pieces import Piece
+from pipeline.store.spec import numpy_dtype
+from pipeline.store.write import conform
+from schemas.base import Artifact
+from schemas.charts import CHARTS, STOP_RULES
+from schemas.evaluation import TABLES
+from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+from schemas.touch import TOUCH
+from schemas.vision import VISION
+from stages.evaluate import tables
+from stages.evaluate.report import METRICS
+from stages.evaluate.store import TABLES_ZARR, write_tables
+from stages.registry import STAGES
+from tests.learning import spheres
+from tests.learning.presses import SENSOR
+
+UM, MM = 1e-6, 1e-3
+ATTRIBUTES: dict[str, dict[str, Any]] = {"touch": {"sensor": SENSOR.model_dump(mode="json")}}
+CONSTANTS: dict[str, Row] = {
+    "touch": {"untouched": untouched(SENSOR)},
+    "vision": {"camera": projection_matrix(spheres.CAMERA)},
+    "charts": {"chart_faces": np.zeros((1, 3), np.int32)},
+}
+
+
+def store(data: Path, output: Artifact, row: Callable[[Task], Row], count: int = 2, failed: str = "") -> Path:
+    """Write what a function says of each of some objects, a, b, …, but for those that failed."""
+    stage: Any = spheres.Given(output, row, (), CONSTANTS.get(output.name, {}), ATTRIBUTES.get(output.name, {}))
+    items = spheres.objects(count)
+    plan = make_plan(Request(stage=stage, settings=Settings(), objects=items, manifest="known", preset="draft", seed=0, data=data), 0)
+    for job in plan.jobs:
+        name = job.item.object_id
+        why = {"stage": stage.name, "reason": "no room"} if name in failed else None
+        piece = Piece({} if why else conform(output, row(Task(name, job.item.category, seed=0))), 0.0, why)
+        plan.pieces.save(name, job.key, piece)
+    assert not list(execute(plan))
+    return data
+
+
+def number(task: Task) -> int:
+    return ord(task.object_id) - ord("a")
+
+
+def errors(stage: str, made: Path, reference: Path = Path()) -> Errors:
+    return ERRORS[stage](Made(made, 0.0, 0.0, {}), reference)
+
+
+def sure(found: Errors, *figures: float, each: list[float], power: int = 1, rel: float = 1e-3) -> None:
+    """These are the figures, in this order, and what each object has of the first, taken together as this power."""
+    assert list(found.figures.values()) == pytest.approx(list(figures), rel=rel)
+    assert list(found.each) == pytest.approx(each, rel=rel)
+    assert found.power == power
+
+
+def test_every_stage_has_an_error() -> None:
+    assert list(ERRORS) == list(STAGES)
+
+
+def lifted(task: Task, near: float, far: float) -> Row:
+    """A ball's points in its directions, moved outwards: most by `near` m, one in ten by `far`."""
+    row = spheres.surfaces(task)
+    off = np.where(np.arange(len(row["points"])) % 10, near, far)[:, None]
+    return row | {"points": (row["points"] + off * row["normals"]).astype(np.float32)}
+
+
+def test_a_surface_that_points_stand_off_by_so_much_is_missed_by_so_much(tmp_path: Path) -> None:
+    made = store(tmp_path / "made", SURFACES, spheres.surfaces)
+    dense = store(tmp_path / "dense", SURFACES, lambda task: lifted(task, (1 + number(task)) * MM, 20 * MM))
+    squares = [0.9 * 1 + 0.1 * 400, 0.9 * 4 + 0.1 * 400]
+    sure(errors("sample-surfaces", made, dense), np.sqrt(np.mean(squares)), 10, each=list(np.sqrt(squares)), power=2)
+
+
+def held(task: Task, touched: list[list[int]], attempts: float = 0.75) -> Row:
+    """Hands of an object at the origin, and which of their sensors touch."""
+    success = np.array(touched, bool)
+    return spheres.grasps(task) | {
+        "hand_pose": np.tile(np.eye(4), (len(success), 1, 1)),
+        "joint_angles": np.zeros((len(success), 16)),
+        "sensor_pose": np.tile(np.eye(4), (*success.shape, 1, 1)),
+        "touch_success": success,
+        "penetration": np.zeros(len(success), np.float32),
+        "attempt_success": np.full(success.shape[1], attempts, np.float32),
+    }
+
+
+TOUCHED = {"a": [[1, 1, 1, 1], [1, 1, 0, 0]], "b": [[1, 1, 1, 0], [1, 1, 1, 1]]}
+
+
+def test_touches_are_missing_where_there_is_none_or_it_changes_or_the_hand_is_inside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = {
+        "a": [seen("a", 0, SOUND, [0, 0, 0, 1]), seen("a", 1, 0, [1, 0, 1, 0])],  # 3 + 1 of 8 are sound
+        "b": [seen("b", 0, 0, [0, 0, 0, 0]), seen("b", 1, 1.01 * SOUND, [0, 0, 0, 0])],  # 3 + 0
+    }
+    monkeypatch.setattr("benchmarks.tradeoff.errors.examine", lambda data, points: found if data == tmp_path else None)
+    made = store(tmp_path, GRASPS, lambda task: held(task, TOUCHED[task.object_id], 0.5 + 0.25 * number(task)))
+    one = errors("simulate-grasps", made)
+    sure(one, 100 * (4 / 8 + 5 / 8) / 2, 100 * (1 - 0.625), 100 * 3 / 16, 1.01, each=[50, 62.5])
+    assert one.touches == 16
+
+
+def seen(name: str, grasp: int, depth: float, changed: list[int]) -> Seen:
+    return Seen(depth, 0.0, np.array(TOUCHED[name][grasp], bool), np.array(changed, bool), True)
+
+
+def test_hands_that_stand_in_a_block_and_touch_nothing_are_measured_so(tmp_path: Path) -> None:
+    hand = load_hand("allegro_right")
+    boxes = collision_boxes(hand)
+    frames = forward(hand, np.eye(4), np.zeros(16))[boxes.link] @ boxes.frames
+    lowest = (frames[:, 2, 3] - (np.abs(frames[:, 2, :3]) * boxes.half).sum(axis=1)).min()
+    block = trimesh.creation.box((1, 1, 1)).apply_translation([0, 0, lowest + 2 * MM - 0.5])
+    mesh = {"meshes/vertices": block.vertices, "meshes/faces": block.faces.astype(np.int32), "meshes/uv": np.zeros((8, 2))}
+    look = {"meshes/face_material": np.zeros(12, np.int32)}
+    store(tmp_path, SURFACES, lambda task: spheres.surfaces(task) | mesh | look)
+    store(tmp_path, GRASPS, lambda task: held(task, TOUCHED["a"]))
+    sure(errors("simulate-grasps", tmp_path), 100, 25, 75, 2, each=[100, 100], rel=0.02)
+
+
+def test_an_object_without_grasps_has_all_its_touches_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = {"a": [seen("a", 0, 0, [0, 0, 0, 0]), seen("a", 1, 0, [0, 0, 0, 0])]}
+    monkeypatch.setattr("benchmarks.tradeoff.errors.examine", lambda *_: found)
+    made = store(tmp_path, GRASPS, lambda task: held(task, TOUCHED["a"], 1.0), failed="b")
+    sure(errors("simulate-grasps", made), (25 + 100) / 2, 50, 0, 0, each=[25, 100])
+
+
+def image(level: int, size: int, columns: slice) -> Row:
+    """A grey image with an object in half of its rows and these columns, a hand beside it, and all object in the view of a grasp."""
+    segmentation = np.zeros((2, size, size), np.uint8)
+    segmentation[0, size // 4 : 3 * size // 4, columns] = 1
+    segmentation[0, 0] = 2
+    segmentation[1] = 1
+    return {"unoccluded": np.full((size, size, 3), level, np.uint8), "segmentation": segmentation}
+
+
+def test_images_differ_by_their_levels_and_silhouettes_by_their_columns(tmp_path: Path) -> None:
+    made = store(tmp_path / "made", VISION, lambda task: image(100 + 3 + number(task), 16, slice(4, 14 - 2 * number(task))))
+    true = store(tmp_path / "true", VISION, lambda task: image(100, 32, slice(8, 24)))
+    levels, c1 = np.array([103, 104]) / 255, 0.01**2
+    likeness = (2 * levels * 100 / 255 + c1) / (levels**2 + (100 / 255) ** 2 + c1)
+    sure(errors("render-vision", made, true), np.sqrt((9 + 16) / 2), 100 * 4 / 16 / 2, 1 - likeness.mean(), each=[3, 4], power=2, rel=1e-9)
+
+
+def felt(off: float = 0.0, beyond: float = 0.0, outlier: float = 0.0, lost: int = 0, invented: int = 0, changed: int = 0) -> Row:
+    """Depths of a step in the gel, of its very top, and beyond it, moved by so much, and so many pixels of other hits and readings."""
+    depth = np.full((2, 3, *SENSOR.shape), np.inf)
+    depth[..., :10, :] = 3 * MM + off / 2
+    depth[..., 10:15, :] = SENSOR.w - 0.5 * UM + off
+    depth[..., 15:19, :] = 20 * MM + beyond
+    depth[0, 0, 0, 0] = 3 * MM + outlier
+    depth[0, 0, 18, :lost] = np.inf
+    depth[0, 0, 19, :invented] = 30 * MM
+    readings = np.zeros((*depth.shape, 3), np.uint8)
+    readings.reshape(-1, 3)[:changed, 1] = 1
+    return {"depth": depth.astype(np.float32), "reading": readings}
+
+
+def test_depths_are_off_by_what_they_were_moved_by_in_the_gel_and_beyond(tmp_path: Path) -> None:
+    made = store(tmp_path / "made", TOUCH, lambda task: felt((1 + 2 * number(task)) * UM, 2 * UM, 50 * UM, 3, 2, 30 * number(task)))
+    true = store(tmp_path / "true", TOUCH, lambda _: felt())
+    sure(errors("simulate-touch", made, true), 3, 50, 2, 2 * (3 + 2), 100 * 30 / 2400 / 2, each=[1, 3], rel=2e-3)
+
+
+PREDICTED = 3 * MM
+
+
+def pressed(task: Task) -> Row:
+    """A flat in the gel, 0.1 mm an object nearer than is predicted, whose reading is a column wider; others than the first touch once."""
+    depth = np.full((1, 2, *SENSOR.shape), 10 * MM, np.float32)
+    depth[..., 5:15, 5:15] = PREDICTED - 0.1 * MM * (1 + number(task))
+    if number(task):
+        depth[0, 1] = 1 * MM
+    readings = np.tile(untouched(SENSOR), (1, 2, 1, 1, 1))
+    readings[..., 5:15, 5:16, :] ^= 128
+    return {"depth": depth, "reading": readings}
+
+
+def test_a_network_that_says_one_depth_is_off_by_the_true_ones(tmp_path: Path) -> None:
+    store(tmp_path, TOUCH, pressed, 3, failed="c")
+    store(tmp_path, GRASPS, lambda task: held(task, [[1, number(task) == 0]]), 3)
+    network = UNet(1)
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.zero_()
+        network.head.load_state_dict({"weight": network.head.weight, "bias": torch.tensor([np.log(PREDICTED / (SENSOR.w - PREDICTED))])})
+    (tmp_path / "models/unet").mkdir(parents=True)
+    save_touch_model(tmp_path / "models/unet", network, SENSOR, untouched(SENSOR), 1e-3)
+    pitch = float(np.diff(pixel_centres(SENSOR)[0])[0]) / UM
+    apart = np.sqrt(np.array([100, 100, 200]) ** 2 + pitch**2 / 11 / 2)
+    sure(errors("train-unet", tmp_path), np.sqrt((2 * 100**2 + 200**2) / 3), apart.mean(), each=[100, 200], power=2)
+
+
+def fitted(task: Task) -> Row:
+    """Charts that are so many µm off, of which one object's last was stopped by the cap; others were not fitted, of one object none."""
+    last, off = {"a": ("threshold", [100, 300]), "b": ("cap", [200, 300]), "c": ("no_touch", [0, 0])}[task.object_id]
+    rules = ["no_touch" if task.object_id == "c" else "threshold", last, "no_touch", "too_few_points", "collapsed"]
+    return {
+        "vertices": np.zeros((1, 5, 9, 3), np.float32),
+        "residual": np.array([[*off, 0, 0, 0]], np.float32) * np.float32(UM),
+        "iterations": np.zeros((1, 5), np.int32),
+        "stop_rule": np.array([[STOP_RULES.index(rule) for rule in rules]], np.uint8),
+    }
+
+
+def test_charts_are_as_far_off_as_those_that_were_fitted(tmp_path: Path) -> None:
+    made = store(tmp_path, CHARTS, fitted, 4, failed="d")
+    sure(errors("fit-charts", made), (100 + 300 + 200 + 300) / 4, 300, 25, each=[200, 250])
+
+
+def evaluated(data: Path, chamfer: dict[str, list[list[list[float]]]]) -> dict[str, np.ndarray]:
+    """Write an evaluation of models by name with these Chamfer distances (object, first grasp, grasps given); its table 3."""
+    values, shape = {}, np.shape(next(iter(chamfer.values())))
+    sizes = dict(zip(("object", "first_grasp", "grasps_given"), shape, strict=True))
+    for name, distances in chamfer.items():
+        blank = {key: np.zeros([sizes.get(dim, 1) for dim in one.dims], numpy_dtype(one)) for key, one in TABLES["values"].arrays.items()}
+        names = {key: tables.names(["x"] * shape[0]) for key in ("object_id", "category")}
+        given = {"grasps_given": np.arange(1, 1 + shape[2]), "chamfer": np.array(distances)}
+        values[name] = blank | names | given
+    table = tables.grasps(values, seed=0)
+    (data / "evaluation").mkdir(parents=True)
+    write_tables(data / "evaluation" / TABLES_ZARR, {f"values/{name}": one for name, one in values.items()} | {"table_3": table}, {})
+    plain = {key: array.tolist() for key, array in table.items()}
+    (data / "evaluation" / METRICS).write_text(json.dumps({"tables": {"table_3": plain}}))
+    return table
+
+
+def test_a_network_s_error_is_the_mean_of_its_evaluation(tmp_path: Path) -> None:
+    touch = [[[4e-4, 2e-4], [8e-4, 2e-4]], [[2e-4, 1e-4], [2e-4, 1e-4]]]
+    table = evaluated(tmp_path, {"touch": touch, "occluded-touch": np.ones((2, 2, 2)).tolist()})
+    figures = 9000 * 2.75e-4, 9000 * 4e-4, 9000 * table["low"][0].mean(), 9000 * table["high"][0].mean()
+    assert figures[2] < figures[0] < figures[3]
+    sure(errors("train-gcn", tmp_path), *figures, each=[9000 * 4e-4, 9000 * 1.5e-4], rel=1e-12)
+
+
+def test_an_evaluation_is_off_by_what_its_table_is(tmp_path: Path) -> None:
+    true = [[[1e-4, 1e-4]], [[3e-4, 1e-4]]]
+    made = [[[1.4e-4, 0.8e-4]], [[3e-4, 1e-4]]]  # over objects 2.2e-4 for 2e-4, and 0.9e-4 for 1e-4
+    for name, values in (("made", made), ("true", true)):
+        evaluated(tmp_path / name, {"touch": values})
+    sure(errors("evaluate", tmp_path / "made", tmp_path / "true"), 100 * (0.1 + 0.1) / 2, each=[100 * 0.1 / 1.5, 0], rel=1e-12)
+
+
+KNOWN: dict[str, tuple[Artifact, Callable[[Task], Row], Callable[[Task], Row], float]] = {
+    "sample-surfaces": (SURFACES, spheres.surfaces, lambda task: lifted(task, MM, MM), 1),
+    "render-vision": (VISION, lambda _: image(103, 16, slice(4, 12)), lambda _: image(100, 16, slice(4, 12)), 3),
+    "simulate-touch": (TOUCH, lambda _: felt(3 * UM), lambda _: felt(), 3),
+}
+
+
+@pytest.mark.parametrize("stage", KNOWN)
+def test_objects_that_failed_on_either_side_are_left_out(tmp_path: Path, stage: str) -> None:
+    artifact, row, true_row, error = KNOWN[stage]
+    made, true = store(tmp_path / "made", artifact, row, 3, "a"), store(tmp_path / "true", artifact, true_row, 3, "b")
+    found = errors(stage, made, true)
+    assert [found.error, *found.each] == pytest.approx([error, error], rel=2e-3)
