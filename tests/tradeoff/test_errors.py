@@ -38,7 +38,7 @@ from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
 from stages.evaluate import tables
-from stages.evaluate.report import METRICS
+from stages.evaluate.report import METRICS, _plain
 from stages.evaluate.store import TABLES_ZARR, write_tables
 from stages.registry import STAGES
 from tests.learning import spheres
@@ -249,7 +249,7 @@ def evaluated(data: Path, chamfer: dict[str, list[list[list[float]]]]) -> dict[s
     table = tables.grasps(values, seed=0)
     (data / "evaluation").mkdir(parents=True)
     write_tables(data / "evaluation" / TABLES_ZARR, {f"values/{name}": one for name, one in values.items()} | {"table_3": table}, {})
-    plain = {key: array.tolist() for key, array in table.items()}
+    plain = {key: _plain(array.tolist()) for key, array in table.items()}
     (data / "evaluation" / METRICS).write_text(json.dumps({"tables": {"table_3": plain}}))
     return table
 
@@ -260,6 +260,12 @@ def test_a_network_s_error_is_the_mean_of_its_evaluation(tmp_path: Path) -> None
     figures = 9000 * 2.75e-4, 9000 * 4e-4, 9000 * table["low"][0].mean(), 9000 * table["high"][0].mean()
     assert figures[2] < figures[0] < figures[3]
     sure(errors("train-gcn", tmp_path), *figures, each=[9000 * 4e-4, 9000 * 1.5e-4], rel=1e-12)
+
+
+def test_of_a_single_test_object_there_is_no_interval(tmp_path: Path) -> None:
+    evaluated(tmp_path, {"touch": [[[4e-4, 2e-4]]]})
+    found = errors("train-gcn", tmp_path)
+    assert found.figures == pytest.approx({"Chamfer x 9000": 2.7, "with one grasp": 3.6})
 
 
 def test_an_evaluation_is_off_by_what_its_table_is(tmp_path: Path) -> None:
