@@ -83,9 +83,10 @@ def _refuse_failures(plan: Plan) -> None:
 
 def _forget_failures(plan: Plan) -> None:
     for job in plan.jobs:
-        piece = plan.pieces.load(job.item.object_id, job.key)
-        if piece and piece.failure:
-            plan.pieces.discard([job.item.object_id])
+        if plan.request.only in (None, job.item.object_id):
+            piece = plan.pieces.load(job.item.object_id, job.key)
+            if piece and piece.failure:
+                plan.pieces.discard([job.item.object_id])
 
 
 def _load(plan: Plan, job: Job) -> Piece:

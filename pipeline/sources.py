@@ -146,17 +146,18 @@ class ShapeNet(Placed):
         return self
 
     def each(self, root: Path | None) -> Iterator[Found]:
-        """Every model of the named synsets, whose numbers must be those of `counts`."""
+        """Every model of the named synsets, whose numbers must be those of `counts`; one without a file fails when it is to be read."""
         folder = _folder(self.path or root, "a folder laid out as ShapeNetCore")
         for category, synset in self.synsets.items():
             models = [model for model in sorted((folder / synset).glob("*")) if model.is_dir()]
-            files = [(model.name, file) for model in models if (file := _model_file(model))]
-            if not files:
+            files = [(model.name, _model_file(model)) for model in models]
+            whole = sum(file.is_file() for _, file in files)
+            if not whole:
                 where = (folder / synset).resolve()
                 raise ValueError(f"no models of {category} in {where}; looked for MODEL/models/model_normalized.obj and MODEL/model.obj")
-            if self.counts is not None and len(files) != self.counts[category]:
+            if self.counts is not None and whole != self.counts[category]:
                 raise ValueError(
-                    f"{(folder / synset).resolve()} holds {len(files)} models of {category}, the manifest counts {self.counts[category]}; "
+                    f"{(folder / synset).resolve()} holds {whole} models of {category}, the manifest counts {self.counts[category]}; "
                     "complete or prune the folder, or state other counts in a manifest of your own"
                 )
             for name, file in files:
@@ -237,9 +238,9 @@ def _existing(file: Path) -> Path:
     return file
 
 
-def _model_file(model: Path) -> Path | None:
+def _model_file(model: Path) -> Path:
     candidates = (model / "models" / "model_normalized.obj", model / "model.obj")
-    return next((file for file in candidates if file.is_file()), None)
+    return next((file for file in candidates if file.is_file()), candidates[0])
 
 
 def _package_folder(package: str) -> Path:

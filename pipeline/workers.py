@@ -113,7 +113,11 @@ class _Pool:
             ) from error
 
     def submit(self, job: Job) -> Future[Outcome]:
-        return self._executor.submit(_process, job)
+        try:
+            return self._executor.submit(_process, job)
+        except BrokenProcessPool:  # it died while it had nothing to do
+            self.restart()
+            return self._executor.submit(_process, job)
 
     def restart(self) -> None:
         self._executor.shutdown(wait=False)

@@ -66,6 +66,17 @@ def test_the_warehouse_layout_is_read_and_counted(tmp_path):
     assert objects[0].source["up"] == "y"
 
 
+def test_a_model_without_a_file_is_listed_and_fails_when_it_is_read(tmp_path):
+    root = warehouse(tmp_path, bottle=2)
+    synset = load_manifest("warehouse").sources[0].synsets["bottle"]
+    (root / synset / "half-downloaded").mkdir()
+    source = {"kind": "shapenet", "licence": "x", "up": "y", "synsets": {"bottle": synset}}
+    objects = manifest(source).objects(root)
+    assert len(objects) == 3
+    with pytest.raises(FileNotFoundError):
+        fingerprint(next(item.source for item in objects if "half" in item.object_id))
+
+
 def test_the_supplements_counts_are_kept(tmp_path):
     root = warehouse(tmp_path, bottle=1, knife=1, cellphone=1, rifle=1)
     with pytest.raises(ManifestError, match="holds 1 models of bottle, the manifest counts 487; complete or prune"):

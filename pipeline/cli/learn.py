@@ -47,8 +47,9 @@ def sweep(
         if loaded is None or not is_set_stage(loaded):
             fail(NO_GRID.format(stage))
         plain = make_request(loaded, manifest, preset, data, objects, assignments or [], seed)
-        if not (asked := _grid(grid) if grid else dict(loaded.grid(plain.settings))):
+        if not (given := dict(loaded.grid(plain.settings))):
             fail(NO_GRID.format(stage))
+        asked = _grid(grid) if grid else given
         found, failed = [], 0
         for point in sweeps.points(asked):
             chosen = [*(assignments or []), *(f"{stage}.{knob}={yaml.safe_dump(value).split(chr(10))[0]}" for knob, value in point.items())]

@@ -42,6 +42,8 @@ def status(
         fail(error)
     if as_json:
         typer.echo(report.to_json(found, filled))
+    elif not (found or filled):
+        say(f"{data.resolve()}: nothing has been made here")
     else:
         report.show(found, filled, console)
 

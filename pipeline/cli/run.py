@@ -129,7 +129,8 @@ def _run_shard(plan: Plan) -> None:
         return
     if plan.up_to_date():
         say(f"{plan.request.stage.name} {plan.path}: up to date, {len(plan.jobs)} objects")
-        plan.pieces.discard(job.item.object_id for job in plan.jobs)  # a run that was killed while it packed may have left some
+        for job in plan.jobs:  # a run that was killed while it packed may have left some; those of other settings are another run's
+            plan.pieces.path(job.item.object_id, job.key).unlink(missing_ok=True)
     else:
         watch(console, plan.request.stage.name, len(plan.missing()), execute(plan))
     if not plan.path.exists():

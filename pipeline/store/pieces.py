@@ -16,7 +16,7 @@ import numpy as np
 
 from pipeline.stage import Row
 
-_UNREADABLE = (OSError, zipfile.BadZipFile, KeyError, ValueError)
+_UNREADABLE = (OSError, EOFError, zipfile.BadZipFile, KeyError, ValueError)
 """A piece that is not there, or that a full disk or a crash of the machine cut short: it is made again."""
 
 

@@ -23,12 +23,12 @@ def put_in_place(beside: Path, path: Path) -> None:
 
 
 @contextmanager
-def one_writer(lock: Path, path: Path) -> Iterator[None]:
-    """Hold the lock of `path`: the system frees it however its holder ends; a `StoreError` where another run holds it."""
+def one_writer(lock: Path, path: Path, wait: bool = False) -> Iterator[None]:
+    """Hold the lock of `path`: the system frees it however its holder ends; a `StoreError` where another run holds it, or wait."""
     lock.parent.mkdir(parents=True, exist_ok=True)
     with lock.open("a") as file:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except BlockingIOError:
             raise StoreError(f"{path} is being made by another run; wait for it to end") from None
         yield

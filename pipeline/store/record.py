@@ -56,7 +56,7 @@ class Record:
 def folders(root: Path) -> list[str]:
     """Names of the finished folders of a data directory, such as `models/unet` and `evaluation`, in order."""
     found = (path.parent.relative_to(root) for path in root.rglob(RECORD))
-    return sorted(name.as_posix() for name in found if not name.parts[0].startswith("."))
+    return sorted(name.as_posix() for name in found if name.parts and not name.parts[0].startswith("."))
 
 
 def hashes_of(folder: Path) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -54,8 +55,24 @@ class Shard:
         return {name: row for row, name in enumerate(self.object_ids)}
 
     def array(self, name: str) -> Any:
-        """A stored array, by its path below the root; those of the root itself are opened once."""
-        return self.group[name] if "/" in name else self._root_arrays[name]
+        """A stored array, by its path below the root; those of the root itself are opened once.
+
+        A `StoreError` where one of its files is gone: Zarr would read zeros in its place.
+        """
+        array: Any = self.group[name] if "/" in name else self._root_arrays[name]
+        if name not in self._whole:
+            files = math.prod(math.ceil(size / part) for size, part in zip(array.shape, array.shards or array.chunks, strict=True))
+            chunks = self.path / name / "c"
+            lost = files - sum(path.is_file() for path in [chunks, *chunks.rglob("*")])
+            if lost > 0:
+                raise StoreError(f"{self.path}: {name} has lost {lost} of its {files} files; delete the shard and run its stage again")
+            self._whole.add(name)
+        return array
+
+    @cached_property
+    def _whole(self) -> set[str]:
+        """The arrays all of whose files stand."""
+        return set()
 
     def has(self, name: str) -> bool:
         """Whether an array stands at the root: not every artifact has all that its schema allows."""
@@ -130,6 +147,8 @@ class RowView(Mapping[str, np.ndarray]):
         self._held = {}
         try:
             row = self.row()
+        except StoreError:
+            raise
         except Exception as error:  # whatever a codec raises on bytes that changed
             raise StoreError(
                 f"{self.shard.path}: {self.object_id} cannot be read ({error}); delete the shard and run its stage again"

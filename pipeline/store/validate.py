@@ -47,7 +47,10 @@ def problems(path: Path, artifact: Artifact) -> list[str]:
     except (ValueError, KeyError, FileNotFoundError) as error:
         return [f"metadata cannot be read: {error}"]
     found += [f"attribute {name} is missing" for name in _ATTRIBUTES if name not in shard.attributes]
-    return found or _wrong_values(shard)
+    try:
+        return found or _wrong_values(shard)
+    except StoreError as error:
+        return [str(error)]
 
 
 def _wrong_values(shard: Shard) -> list[str]:

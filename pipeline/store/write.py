@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zarr
 from zarr.storage import LocalStore
 
 from pipeline.stage import Row
@@ -64,10 +65,19 @@ def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: boo
 def write_shard(path: Path, artifact: Artifact, header: Header, load: Callable[[str], Piece], constants: Row, beside: Path) -> None:
     """Pack pieces into a shard at `beside`, validate it there, mark it complete, and move it to `path`.
 
-    `load` gives the piece of an object; at most `OBJECTS_A_FILE` are held at a time.
+    `load` gives the piece of an object; at most `OBJECTS_A_FILE` are held at a time. Files of zeros are written too: one that is
+    missing later was lost.
     """
     shutil.rmtree(beside, ignore_errors=True)
     beside.parent.mkdir(parents=True, exist_ok=True)
+    with zarr.config.set({"array.write_empty_chunks": True}):
+        _write(beside, artifact, header, load, constants)
+    if found := problems(beside, artifact):
+        raise StoreError(f"{path} was written but does not validate, so it was not put in place: {'; '.join(found)}")
+    put_in_place(beside, path)
+
+
+def _write(beside: Path, artifact: Artifact, header: Header, load: Callable[[str], Piece], constants: Row) -> None:
     shapes = _shapes(artifact, header, load, constants)
     group: Any = group_spec(artifact, shapes, {**header.attributes, "complete": False}).to_zarr(LocalStore(beside), path="")
     group["object_id"][:] = np.array(header.object_ids, object)
@@ -93,9 +103,6 @@ def write_shard(path: Path, artifact: Artifact, header: Header, load: Callable[[
                     parent, leaf = name.split("/")
                     group[f"{parent}/{object_id}/{leaf}"][...] = value
     group.attrs["complete"] = True
-    if found := problems(beside, artifact):
-        raise StoreError(f"{path} was written but does not validate, so it was not put in place: {'; '.join(found)}")
-    put_in_place(beside, path)
 
 
 def _shapes(artifact: Artifact, header: Header, load: Callable[[str], Piece], constants: Row) -> dict[str, tuple[int, ...]]:

@@ -23,12 +23,14 @@ from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
+from schemas.vision import VISION
 from stages.evaluate.store import Arrays, read_root, read_table
 
 PIXELS = 200
 """A picture's side: enough to see charts."""
 
 SCENE = "supplement"
+"""Whose camera looks where no images were made."""
 
 
 def draw_gallery(data: Path, path: Path, most: int) -> list[str]:
@@ -45,7 +47,9 @@ def draw_gallery(data: Path, path: Path, most: int) -> list[str]:
     shown = [objects[place] for place in np.linspace(0, len(objects) - 1, min(most, len(objects))).astype(int)]
     surfaces, charts = (Collection(Layout(data), artifact) for artifact in (SURFACES, CHARTS))
     columns = [(name, case) for name in names for case in _cases(predictions[name])]
-    with RasterRenderer(load_scene(SCENE), PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
+    images = Collection(Layout(data), VISION).shards
+    scene = str(images[0].attributes["settings"]["scene"]) if images else SCENE
+    with RasterRenderer(load_scene(scene), PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
         figure = Figure((1.6 * (1 + len(columns)), 1.75 * len(shown)), dpi=110, layout="constrained")
         for row, object_id in enumerate(shown):
             truth = read_mesh(surfaces.view(object_id))

@@ -71,9 +71,9 @@ class Evaluate:
         found = {name: _evaluated(name, model, truth, job) for name, model in models.items()}
         facts = {name: Record(folder).content["facts"] for name, folder in folders.items()}
         write_report(job, truth, found, models, facts)
-        discard_partials(job.folder)
         show(job.folder, job.console)
         show_training(facts, job.console)
+        discard_partials(job.folder)
         return {"objects": len(truth), "left_out": len(truth.split.left_out), "training": facts}
 
 

@@ -13,8 +13,8 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
 from stages.simulate_grasps.bullet import pybullet
 
-FACES_A_BODY = 50_000
-"""PyBullet refuses meshes somewhere between 82,000 and 328,000 faces; a larger one becomes several static bodies."""
+FACES_A_BODY = 131_072 // 3
+"""PyBullet refuses shapes of more than 131,072 vertices, and every face may have three of its own: larger ones become several bodies."""
 GRAVITY = -9.81
 """m/s², along the world's z."""
 MOTOR_FORCE = 0.7

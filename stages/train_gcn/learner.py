@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 import torch
@@ -23,11 +24,15 @@ class GcnLearner:
 
     def __init__(self, network: DeformationNetwork, train: Items, valid: Items, settings: GcnSettings, seed: int) -> None:
         self.module: torch.nn.Module = network
-        self._network = network
         self._train, self._valid, self._settings, self._seed = train, valid, settings, seed
 
     def __len__(self) -> int:
         return len(self._train)
+
+    @property
+    def _network(self) -> DeformationNetwork:
+        """The network where it is trained: Fabric wraps it, and of several processes each has its own."""
+        return cast(DeformationNetwork, getattr(self.module, "module", self.module))
 
     def describe(self, item: int) -> str:
         """Object and first grasp."""

@@ -6,6 +6,7 @@ from typing import Any
 
 from pipeline.kernels.learning.chart_square import SIDE
 from pipeline.kernels.learning.deformation import DeformationNetwork
+from pipeline.kernels.learning.encoder import ENCODER_PLANS
 from pipeline.learning import checkpoint
 from pipeline.learning.loop import train
 from pipeline.learning.model import save_model
@@ -65,6 +66,10 @@ class TrainGcn:
             Items(job.data, split, config, each) for split, each in (("train", settings.items), ("valid", settings.validation_items))
         )
         name = f"{self.name} {settings.configuration}"
+        made_for = ENCODER_PLANS[config.encoder_layers].resolution
+        if config.image and learning.resolution != [made_for, made_for]:
+            pixels = f"{learning.resolution} pixels, the encoder's table is for {made_for}"
+            job.console.print(f"{name}: images are of {pixels}: see render-vision.resolution")
         network = DeformationNetwork(config, generator_of(job.seed, name, "weights"))
         facts = train(GcnLearner(network, learning, judging, settings, job.seed), settings, job, name)
         save_model(

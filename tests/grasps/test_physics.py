@@ -29,6 +29,18 @@ def test_a_ball_falls_as_galileo_said(hand: Hand) -> None:
         assert height == pytest.approx(3 + GRAVITY * STEP**2 * steps * (steps + 1) / 2, abs=1e-5)
 
 
+def test_faces_that_share_no_vertex_are_taken_too(hand: Hand) -> None:
+    """As an STL has them: three vertices a face, of which PyBullet takes 131,072 at once."""
+    sphere = trimesh.creation.icosphere(subdivisions=6, radius=0.05)
+    sphere.unmerge_vertices()
+    assert len(sphere.vertices) > 131_072 > len(sphere.faces)
+    mesh = placed(sphere)
+    with simulation(hand) as physics:
+        physics.load(mesh)
+        hit = pybullet.rayTest([0, 0.001, 1], [0, 0.001, 0], physicsClientId=physics.client)[0]
+    assert hit[3][2] == pytest.approx(mesh.vertices[:, 2].max(), abs=1e-4)
+
+
 @pytest.mark.parametrize("subdivisions", [3, 7])
 def test_the_object_is_itself_and_not_its_hull(hand: Hand, subdivisions: int) -> None:
     """Rays into two spheres and between them; at the finer level with 655,360 faces, more than PyBullet takes at once."""

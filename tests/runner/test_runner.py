@@ -1,6 +1,8 @@
 """The runner: skipping, resuming, failures, shards and workers."""
 
 import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,8 @@ from pipeline.stage import ObjectError, StageError, rng_of
 from pipeline.store.collection import Collection, check_origins
 from pipeline.store.layout import Layout
 from pipeline.store.shard import StoreError
+from pipeline.store.validate import problems
+from pipeline.workers import Work, _Pool
 from schemas.catalogue import ARTIFACTS
 from tests.runner.tiny import MEAN, NOISE, Compare, Halve, MakeNoise, TakeMean, digest, objects, request, run
 
@@ -56,6 +60,14 @@ def test_a_run_that_ends_in_the_middle_goes_on_where_it_was(tmp_path):
     assert len(plan.missing()) <= 3
     assert run(request(tmp_path / "cut")) <= 3
     assert digest(tmp_path / "cut") == digest(tmp_path / "whole")
+
+
+def test_a_piece_that_a_power_cut_left_empty_is_made_again_whatever_is_asked(tmp_path):
+    for more in ({"strict": True}, {"retry": True}):
+        plan = make_plan(request(tmp_path / str(more), only="c"), 0)
+        list(execute(plan))
+        plan.pieces.path("c", plan.jobs[2].key).write_bytes(b"")
+        assert run(request(tmp_path / str(more), **more)) == 5
 
 
 def test_a_piece_that_was_cut_short_is_made_again(tmp_path):
@@ -125,8 +137,51 @@ def test_an_input_that_lost_a_chunk_is_not_read_as_zeros(tmp_path):
     run(request(tmp_path))
     for chunk in (path for path in (tmp_path / "noise" / "0000.zarr" / "values" / "c").rglob("*") if path.is_file()):
         chunk.unlink()
-    with pytest.raises(StoreError, match="noise of a is damaged"):
+    lost = "values has lost 1 of its 1 files; delete the shard and run its stage again"
+    with pytest.raises(StoreError, match=lost):
         run(request(tmp_path, stage=TakeMean()))
+    with pytest.raises(StoreError, match=lost):  # whoever reads it, as trainings and the reader do
+        Collection(Layout(tmp_path), NOISE).view("b")["values"]
+    assert lost in problems(tmp_path / "noise" / "0000.zarr", NOISE)[0]
+
+
+def test_rows_of_zeros_are_no_lost_ones(tmp_path):
+    (tmp_path / "noise").mkdir()
+    run(request(tmp_path, items=objects(3, a="bad", b="bad", c="bad")))
+    shard = Collection(Layout(tmp_path), NOISE).shards[0]
+    assert not shard.array("ok")[:].any()
+    assert not shard.array("values")[:].any()
+
+
+def test_an_object_that_was_mended_is_packed_at_once_and_the_others_stay(tmp_path):
+    mended = tmp_path / "mended"
+    items = objects(4, b=f"until {mended}", c="bad")
+    run(request(tmp_path, items=items))
+    mended.touch()
+    made = list(execute(make_plan(request(tmp_path, items=items, retry=True, only="b"), 0)))
+    assert [outcome.object_id for outcome in made] == ["b"]
+    shard = Collection(Layout(tmp_path), NOISE).shards[0]
+    assert [shard.failure(name) is None for name in "abcd"] == [True, True, False, True]
+
+
+def test_a_run_whose_worker_died_while_idle_goes_on(tmp_path):
+    plan = make_plan(request(tmp_path), 0)
+    work = Work(plan.request.stage, plan.request.settings, 0, 1, tmp_path, {})
+    with _Pool(work) as pool:
+        pool.wait_until_open()
+        (process,) = pool._executor._processes.values()
+        process.kill()
+        process.join()
+        while not pool._executor._broken:
+            time.sleep(0.01)
+        assert pool.submit(plan.jobs[0]).result().reason is None
+
+
+def test_shards_that_are_committed_together_drop_what_is_left_of_another_split_once(tmp_path):
+    run(request(tmp_path, shards=4))
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda number: list(execute(make_plan(request(tmp_path, shards=2), number))), range(2)))
+    assert [number for number, _ in Layout(tmp_path).shards("noise")] == [0, 1]
 
 
 def test_a_stage_that_cannot_start_fails_no_object(tmp_path):
