@@ -21,10 +21,21 @@ class AdviceError(ValueError):
 
 @dataclass(frozen=True)
 class Pace:
-    """How fast this machine is at a stage: its seconds over those that were measured, and seconds a run beside the objects."""
+    """How fast this machine is at a stage.
+
+    Attributes
+    ----------
+    factor
+        Its seconds over those that were measured.
+    start
+        Seconds a run beside its objects.
+    packing
+        Seconds a kilobyte of output, which workers do not share: rows are packed by one process once all are made.
+    """
 
     factor: float = 1.0
     start: float = 0.0
+    packing: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -149,7 +160,8 @@ def _undominated(plans: list[_Plan]) -> list[_Plan]:
 def _choice(trade: Trade, point: Point, paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int) -> Choice:
     pace, count = paces.get(trade.stage, Pace()), objects[trade.stage]
     share = count / trade.objects if trade.whole else math.ceil(count / workers)
-    return Choice(trade, point, pace.start + share * point.seconds * pace.factor)
+    packed = 0.0 if trade.whole else count * point.kilobytes * pace.packing
+    return Choice(trade, point, pace.start + share * point.seconds * pace.factor + packed)
 
 
 def _log_bound(choice: Choice) -> float:

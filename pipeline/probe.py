@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.console import Console
 
@@ -18,8 +18,16 @@ from pipeline.store.record import Record
 from pipeline.store.shard import Shard, StoreError
 
 
-def probe(request: Request[ObjectStage], objects: Sequence[Object]) -> tuple[float, float]:
-    """Make some of a request's objects; their mean seconds, each on one core, and the seconds that the run took beside them.
+class Probed(NamedTuple):
+    """Mean seconds of an object, on one core; of packing its row; and of the run beside them."""
+
+    seconds: float
+    packing: float
+    beside: float
+
+
+def probe(request: Request[ObjectStage], objects: Sequence[Object]) -> Probed:
+    """Make some of a request's objects, and see what takes how long.
 
     Raises
     ------
@@ -28,9 +36,10 @@ def probe(request: Request[ObjectStage], objects: Sequence[Object]) -> tuple[flo
     """
     began = time.perf_counter()
     plan = make_plan(replace(request, objects=objects), 0)
+    made = began
     for _ in execute(plan):
-        pass
-    wall = time.perf_counter() - began
+        made = time.perf_counter()
+    wall, packing = time.perf_counter() - began, time.perf_counter() - made
     shard = Shard(plan.path, request.stage.output)
     failures = shard.attributes["failures"]
     if len(failures) == len(objects):
@@ -38,7 +47,7 @@ def probe(request: Request[ObjectStage], objects: Sequence[Object]) -> tuple[flo
         raise StoreError(f"none of {len(objects)} objects tried can be made; {first}: {failures[first]['reason']}")
     seconds = [float(value) for value in shard.attributes["seconds"]]
     busy = sum(seconds) / min(request.workers, len(objects))
-    return sum(seconds) / len(seconds), max(0.0, wall - busy)
+    return Probed(sum(seconds) / len(seconds), packing / len(seconds), max(0.0, wall - busy - packing))
 
 
 def probe_training(request: Request[SetStage], objects: Sequence[Object], console: Console) -> tuple[float, float]:

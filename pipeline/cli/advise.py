@@ -143,8 +143,8 @@ def _pace(request: Request[Any], some: Sequence[Object], choice: Choice, started
         seconds, beside = probe_training(request, some, errors)
         epochs = int(request.settings.results()["epochs"])
         return Pace(seconds * epochs * choice.trade.objects / choice.point.seconds, started + beside)
-    seconds, beside = probe(request, some)
-    return Pace(seconds / choice.point.seconds, started + beside)
+    found = probe(request, some)
+    return Pace(found.seconds / choice.point.seconds, started + found.beside, found.packing / choice.point.kilobytes)
 
 
 def _settings(chosen: Sequence[Choice]) -> list[str]:

@@ -49,6 +49,14 @@ def test_of_all_combinations_within_the_time_the_one_with_the_least_product_of_e
         assert np.prod([one.point.error for one in chosen]) <= least * 1.1  # the front takes 2 % apart for equal
 
 
+def test_every_object_is_made_by_one_worker_and_packed_by_one_process():
+    pace = {"feel": Pace(factor=2.0, start=3.0, packing=0.5)}
+    (choice,) = fastest([FEEL], pace, {"feel": 5}, 2)
+    assert choice.seconds == 3 + 2.0 * 1 * 3 + 5 * 0.5  # three rounds of two workers, a second and a kilobyte each
+    (choice,) = fastest([FEEL], pace, {"feel": 1}, 16)
+    assert choice.seconds == 3 + 2.0 + 0.5
+
+
 def test_more_time_is_never_more_error():
     errors = [np.prod([max(one.point.error, 1) for one in within_time([FEEL, HOLD], {}, ONE, 1, time)]) for time in (4, 7, 15, 40)]
     assert errors == sorted(errors, reverse=True)
