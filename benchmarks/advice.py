@@ -28,18 +28,19 @@ def main() -> None:
     parser.add_argument("manifest", type=Path)
     parser.add_argument("--objects", help="as of `vt-pipeline advise`, like all other options")
     options, question = parser.parse_known_args()
-    objects = ["--objects", options.objects] if options.objects else []
-    advice = _advice(["--manifest", str(options.manifest), *objects, *question])
+    named = ["--objects", options.objects] if options.objects else []
+    advice = _advice(["--manifest", str(options.manifest), *named, *question])
+    more = ["--workers", "0", *named]  # on all cores, as advised
     with tempfile.TemporaryDirectory() as place:
         data, began = Path(place) / COMMON, time.perf_counter()
         for stage in advice["stages"]:
-            command(stage, options.manifest, PRESET, data, advice["set"], more=objects)
+            command(stage, options.manifest, PRESET, data, advice["set"], more=more)
         took, promised = time.perf_counter() - began, advice["seconds"]
         print(f"{advice['command']}\n{advice['objects']} objects: promised {promised:.0f} s, took {took:.0f} s ({took / promised:.2f} x)")
         if "train-gcn" in advice["stages"]:
-            command("evaluate", options.manifest, PRESET, data, ["evaluate.configurations=[touch]"], more=objects)
+            command("evaluate", options.manifest, PRESET, data, ["evaluate.configurations=[touch]"], more=more)
         for stage, entry in advice["stages"].items():
-            error = _error(stage, options.manifest, Path(place), advice["set"], objects)
+            error = _error(stage, options.manifest, Path(place), advice["set"], more)
             promised = f"promised {entry['error']:.4g}, {entry['bound']:.4g} at most"
             print(f"{stage}, {entry['setting']}: {entry['metric']}: {promised}, is {error:.4g}")
 
@@ -52,25 +53,25 @@ def _advice(question: list[str]) -> dict[str, Any]:
     return advice
 
 
-def _error(stage: str, manifest: Path, place: Path, settings: list[str], objects: list[str]) -> float:
+def _error(stage: str, manifest: Path, place: Path, settings: list[str], more: list[str]) -> float:
     """The error of a stage's output, of what was asked for when it was measured, against its reference made from the same inputs."""
     study = next(study for study in studies() if study.stage == stage)
     data, reference = place / COMMON, Path()
     always = Variant("preset", PRESET, PRESET, study.always).assignments(stage)
     if set(always) - set(settings):
-        data = _beside(study, manifest, place, "asked-for", PRESET, [*settings, *always], objects)
+        data = _beside(study, manifest, place, "asked-for", PRESET, [*settings, *always], more)
     if exact := study.against():
-        reference = _beside(study, manifest, place, "reference", exact.preset, exact.assignments(stage), objects, exact.seed)
+        reference = _beside(study, manifest, place, "reference", exact.preset, exact.assignments(stage), more, exact.seed)
     return ERRORS[stage](Made(data, 0.0, 0.0, {}), reference).error
 
 
 def _beside(
-    study: Study, manifest: Path, place: Path, name: str, preset: str, settings: list[str], objects: list[str], seed: int | None = None
+    study: Study, manifest: Path, place: Path, name: str, preset: str, settings: list[str], more: list[str], seed: int | None = None
 ) -> Path:
     """Make a stage once more, from what stands."""
     data = place / f"{study.stage}-{name}"
     link_common(place, data, MADE_BY[study.stage])
-    command(study.stage, manifest, preset, data, settings, seed, objects)
+    command(study.stage, manifest, preset, data, settings, seed, more)
     return data
 
 

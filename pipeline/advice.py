@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 from pipeline.tradeoff import Point, Trade, assigned
 
-LEAST_SHARE = 0.1
-"""Of the smallest bound above zero: what a bound of zero counts as where bounds are compared by their ratio."""
 _UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
 
@@ -165,8 +163,8 @@ def _choice(trade: Trade, point: Point, paces: Mapping[str, Pace], objects: Mapp
 
 
 def _log_bound(choice: Choice) -> float:
-    least = min((point.bound for point in choice.trade.points if point.bound > 0), default=1.0)
-    return math.log(max(choice.point.bound, LEAST_SHARE * least))
+    """A bound of zero says that others are measured against this setting: it counts as the smallest above zero."""
+    return math.log(choice.point.bound or min((point.bound for point in choice.trade.points if point.bound > 0), default=1.0))
 
 
 def _number(text: str) -> float | None:
