@@ -142,6 +142,8 @@ def _train(fabric: Fabric, learner: Learner, settings: TrainingSettings, folder:
     if fabric.is_global_zero:
         (folder / METRICS).write_text(json.dumps(progress.history, indent=2, allow_nan=False))
     assert progress.best is not None
+    if fabric.world_size > 1:  # else its threads are ended by the process's end, and at times abort it
+        torch.distributed.destroy_process_group()
     return {
         "parameters": sum(parameter.numel() for parameter in bare.parameters()),
         "items": len(learner),
