@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pipeline.kernels.learning.chamfer import Target, chamfer
+from pipeline.kernels.metrics.chamfer import Target, chamfer
 
 SECONDS = 1.0
 """How long each figure is measured."""

@@ -17,11 +17,11 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from pipeline.kernels.learning.configurations import CONFIGURATIONS
-from pipeline.kernels.learning.deformation import VISION, DeformationNetwork
-from pipeline.kernels.learning.graph import batch_graph
-from pipeline.kernels.learning.pooling import pool, see
-from pipeline.kernels.learning.zero_neighbour import ZeroNeighbourLayer
+from pipeline.kernels.networks.configurations import CONFIGURATIONS
+from pipeline.kernels.networks.deformation import VISION, DeformationNetwork
+from pipeline.kernels.networks.graph import batch_graph
+from pipeline.kernels.networks.pooling import pool, see
+from pipeline.kernels.networks.zero_neighbour import ZeroNeighbourLayer
 from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.kernels.vision.scene import load_scene
 

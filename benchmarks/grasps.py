@@ -21,8 +21,8 @@ from pipeline.kernels.geometry.sampling import sample_triangles
 from pipeline.kernels.hand.kinematics import forward, sensor_poses
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.rays import ray_depth
-from pipeline.stage import rng_of
-from stages.sample_surfaces.procedural import CATEGORIES, generate
+from pipeline.rng import numpy_rng
+from pipeline.toy_objects import CATEGORIES, generate
 from stages.simulate_grasps.attempt import Grasp, attempt, keep_best
 from stages.simulate_grasps.physics import Simulation, simulation
 from stages.simulate_grasps.rig import Rig, Scene, make_rig, make_scene
@@ -62,8 +62,8 @@ def main() -> None:
     with simulation(rig.hand) as physics:
         for category, tally in tallies.items():
             for variant in range(options.objects):
-                mesh = normalise(generate(category, rng_of(options.seed, "benchmark", category, variant)), "z", 0.5)
-                points, normals = sample_exterior(mesh, 10_000, rng_of(options.seed, "points", category, variant))
+                mesh = normalise(generate(category, numpy_rng(options.seed, "benchmark", category, variant)), "z", 0.5)
+                points, normals = sample_exterior(mesh, 10_000, numpy_rng(options.seed, "points", category, variant))
                 start = time.perf_counter()
                 scene = make_scene(mesh, points, normals, settings.grid_cell)
                 physics.load(mesh)
@@ -84,7 +84,7 @@ def _grasp(
     changed: dict[int, NDArray[np.bool_]] = {}
     for number in range(settings.attempts):
         start = time.perf_counter()
-        grasp = attempt(rig, scene, physics, settings, rng_of(*identity, "attempt", number))
+        grasp = attempt(rig, scene, physics, settings, numpy_rng(*identity, "attempt", number))
         seconds.append(time.perf_counter() - start)
         tally.touched.append(grasp.touched if grasp else np.zeros(len(rig.hand.fingers), bool))
         tally.unsound += grasp is None or not grasp.sound
@@ -100,7 +100,7 @@ def _grasp(
     tally.short += len(kept) < settings.grasps
     tally.kept += kept
     tally.flips += [changed[id(grasp)] for grasp in kept]
-    tally.depths += [independent_depth(rig, mesh, grasp, rng_of(*identity, "depth", k)) for k, grasp in enumerate(kept)]
+    tally.depths += [independent_depth(rig, mesh, grasp, numpy_rng(*identity, "depth", k)) for k, grasp in enumerate(kept)]
     return seconds
 
 

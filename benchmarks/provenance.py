@@ -8,7 +8,7 @@ import subprocess
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-SOURCES = ("pipeline", "stages", "schemas", "benchmarks", ":!pipeline/assets/tradeoff.json")
+SOURCES = ("pipeline", "stages", "schemas", "benchmarks", ":!pipeline/tuning/tradeoff.json")
 """What figures depend on; those that are kept among them do not."""
 
 

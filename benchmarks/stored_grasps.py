@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.grasps import MORE_STEPS, POINTS, independent_depth
-from pipeline.kernels.geometry.rows import read_mesh
+from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.prism import face_blocks

@@ -9,12 +9,12 @@ from statistics import median
 import igl
 import numpy as np
 
+from pipeline.config.manifest import load_manifest
+from pipeline.engine.stage import Task
 from pipeline.kernels.geometry.exterior import sample_exterior
 from pipeline.kernels.geometry.gate import gate
 from pipeline.kernels.geometry.normalise import normalise
 from pipeline.kernels.geometry.sampling import sample_triangles
-from pipeline.manifest import load_manifest
-from pipeline.stage import Task
 from stages.sample_surfaces.stage import source_mesh
 
 POINTS = 10_000

@@ -18,7 +18,7 @@ from pipeline.kernels.hand.visuals import visual_meshes
 from pipeline.kernels.vision.raster import RasterRenderer
 from pipeline.kernels.vision.scene import load_scene
 from pipeline.kernels.vision.view import Label, Part, Placed
-from stages.sample_surfaces.procedural import CATEGORIES, generate
+from pipeline.toy_objects import CATEGORIES, generate
 
 REPEATS = 20
 PEER_NAME, PEER = "occluded image, the authors' simulator", 91.0

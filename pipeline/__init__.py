@@ -1,1 +1,1 @@
-"""What the stages stand on: the runner, the store, and kernels."""
+"""The layers below the stages and above them; see docs/architecture.md."""

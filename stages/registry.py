@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from importlib import import_module
 from typing import NamedTuple, TypeGuard
 
-from pipeline.explain import Part
-from pipeline.settings import Settings
-from pipeline.stage import ObjectStage, SetStage
+from pipeline.config.settings import Settings
+from pipeline.engine.stage import ObjectStage, SetStage
 
 
 class Entry(NamedTuple):
@@ -43,12 +41,6 @@ def load_settings_type(name: str) -> type[Settings]:
     entry = STAGES[name]
     settings: type[Settings] = getattr(import_module(f"{entry.room}.settings"), entry.settings)
     return settings
-
-
-def load_explanation(name: str) -> Callable[..., Iterable[Part]]:
-    """What tells of a stage what it models and leaves out: an `ExplainObjects`, or of a set stage an `ExplainSet`."""
-    explain: Callable[..., Iterable[Part]] = import_module(f"{STAGES[name].room}.explain").explain
-    return explain
 
 
 def is_set_stage(stage: ObjectStage | SetStage) -> TypeGuard[SetStage]:

@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.manifest import Manifest, ManifestError, built_in, load_manifest, shard_of
-from pipeline.sources import checksum, fingerprint
+from pipeline.config.manifest import Manifest, built_in, load_manifest, shard_of
+from pipeline.config.sources import checksum, fingerprint
+from pipeline.errors import ManifestError
 
 CUBE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.manifest import load_manifest
-from pipeline.plan import Request, make_plan
-from pipeline.presets import resolve
-from pipeline.runner import execute
+from pipeline.config.manifest import load_manifest
+from pipeline.config.presets import resolve
+from pipeline.engine.plan import Request, make_plan
+from pipeline.engine.runner import execute
 from stages.registry import STAGES, load_stage
 
 KNOBS = ["sample-surfaces.points=1000", "simulate-grasps.attempts=5", "simulate-grasps.ik_samples=256"]

@@ -17,8 +17,8 @@ import trimesh
 import xarray
 import yaml
 
-from pipeline.reader import GraspDataset
-from pipeline.store.shard import StoreError
+from pipeline.dataset.reader import GraspDataset
+from pipeline.errors import StoreError
 from stages.registry import STAGES, is_set_stage, load_stage
 
 ROOT = Path(__file__).parents[1]

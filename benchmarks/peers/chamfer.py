@@ -14,7 +14,7 @@ from benchmarks.peers.cases import Case
 from benchmarks.peers.table import Table
 from benchmarks.timing import Round, each, side_by_side
 from pipeline.kernels.geometry.exterior import sample_exterior
-from pipeline.kernels.learning.chamfer import Target, chamfer
+from pipeline.kernels.metrics.chamfer import Target, chamfer
 
 APART = 0.05
 """m, between clouds that do not lie on each other: a prediction far from its target."""

@@ -24,7 +24,7 @@ from benchmarks.tradeoff.same import same_results
 from benchmarks.tradeoff.shortcuts import measure as measure_shortcuts
 from benchmarks.tradeoff.variants import Study, Variant, studies
 from benchmarks.tradeoff.write import SECTIONS, read_asset, stamp, write_asset, write_page
-from pipeline.progress import Meter, console_on
+from pipeline.console import Meter, console_on
 
 DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 FELT = ("sample-surfaces", "simulate-grasps", "simulate-touch")

@@ -25,8 +25,8 @@ from skimage.transform import resize
 from benchmarks.grasps import independent_depth
 from benchmarks.tradeoff.errors import POINTS
 from benchmarks.tradeoff.tiny import tiny_renderer
+from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.rows import read_mesh
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.prism import FaceBlocks, face_blocks
 from pipeline.kernels.touch.rays import ray_depth
@@ -34,7 +34,7 @@ from pipeline.kernels.touch.sensor import Sensor, load_sensor, ray_origins
 from pipeline.kernels.vision.raster import RasterRenderer
 from pipeline.kernels.vision.scene import load_scene
 from pipeline.kernels.vision.view import Label
-from pipeline.stage import rng_of
+from pipeline.rng import numpy_rng
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from schemas.grasps import GRASPS
@@ -142,11 +142,11 @@ def _attempts(what: str, label: str, objects: list[Object], rig: Rig, hand: Hand
             physics.load(shape(one.mesh))
             for tried in range(ATTEMPTS):
                 start = time.perf_counter()
-                grasp = attempt(rig, scene, physics, settings, rng_of(0, "alternatives", number, tried))
+                grasp = attempt(rig, scene, physics, settings, numpy_rng(0, "alternatives", number, tried))
                 spent += time.perf_counter() - start
                 touched.append(grasp.touched.mean() if grasp is not None and grasp.sound else 0.0)
                 if grasp is not None and grasp.sound:
-                    depths.append(independent_depth(rig, one.mesh, grasp, rng_of(0, "depth", number, tried), POINTS))
+                    depths.append(independent_depth(rig, one.mesh, grasp, numpy_rng(0, "depth", number, tried), POINTS))
     figures = {
         "touches missing or unsound, %": 100 * (1 - float(np.mean(touched))),
         "deepest of the sound, mm": 1e3 * max(depths, default=0.0),

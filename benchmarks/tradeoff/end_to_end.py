@@ -12,11 +12,11 @@ from rich.console import Console
 
 from benchmarks.tradeoff import work
 from benchmarks.tradeoff.variants import HERE
-from pipeline.kernels.learning.metrics import TABLE_3_FACTOR
-from pipeline.progress import Meter
+from pipeline.console import Meter
+from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
-from pipeline.sweep import file_name
+from pipeline.tuning.sweep import file_name
 from schemas.catalogue import ARTIFACTS
 
 MANIFEST = HERE / "learning.yaml"

@@ -20,10 +20,10 @@ from skimage.transform import resize
 
 from benchmarks.stored_grasps import examine
 from benchmarks.tradeoff.work import Made, load_json
-from pipeline.kernels.learning.metrics import TABLE_3_FACTOR
+from pipeline.dataset.split import load_split
+from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
-from pipeline.learning.split import load_split
-from pipeline.learning.touch_model import load_touch_model
+from pipeline.models.touch_model import load_touch_model
 from pipeline.store.collection import Collection, usable_objects
 from pipeline.store.layout import Layout
 from schemas.base import Artifact

@@ -14,6 +14,7 @@ from benchmarks.touch import press
 from benchmarks.tradeoff.pairs import Pair, Results
 from benchmarks.tradeoff.plain_search import has_room as plain_has_room
 from benchmarks.tradeoff.plain_search import measuring_all
+from pipeline.engine.stage import Task
 from pipeline.kernels.geometry import exterior
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import normalise
@@ -28,8 +29,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.raster import RasterRenderer
 from pipeline.kernels.vision.scene import load_scene
 from pipeline.kernels.vision.view import Label
-from pipeline.stage import Task
-from stages.sample_surfaces.procedural import generate
+from pipeline.toy_objects import generate
 from stages.simulate_grasps import stage as grasping
 from stages.simulate_grasps.attempt import _draw_pose
 from stages.simulate_grasps.rig import Rig, Scene, make_rig, make_scene

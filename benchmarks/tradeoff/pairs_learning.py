@@ -15,19 +15,19 @@ from torch import Tensor
 from benchmarks.charts import SENSOR, press
 from benchmarks.gcn import batch
 from benchmarks.tradeoff.pairs import Pair, Results
-from pipeline.kernels.learning import zero_neighbour
-from pipeline.kernels.learning.chart_fitting import fit_charts
-from pipeline.kernels.learning.chart_rule import FitRule
-from pipeline.kernels.learning.configurations import CONFIGURATIONS
-from pipeline.kernels.learning.deformation import DeformationNetwork
-from pipeline.kernels.learning.graph import ChartGraph
-from pipeline.kernels.learning.graph_network import GraphNetwork
-from pipeline.kernels.learning.metrics import Cloud, distances
-from pipeline.kernels.learning.touch_losses import projected_chamfer_loss
-from pipeline.kernels.learning.unet import UNet
+from pipeline.kernels.charts.chart_fitting import fit_charts
+from pipeline.kernels.charts.fit_rule import FitRule
+from pipeline.kernels.metrics.distances import Cloud, distances
+from pipeline.kernels.networks import zero_neighbour
+from pipeline.kernels.networks.configurations import CONFIGURATIONS
+from pipeline.kernels.networks.deformation import DeformationNetwork
+from pipeline.kernels.networks.graph import ChartGraph
+from pipeline.kernels.networks.graph_network import GraphNetwork
+from pipeline.kernels.networks.touch_losses import projected_chamfer_loss
+from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.shading import reading, untouched
-from pipeline.learning.touch_model import TouchModel
+from pipeline.models.touch_model import TouchModel
 
 GRASPS, SENSORS = 5, 4
 PRESSED = "cap", "edge", "flat"

@@ -8,7 +8,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.tradeoff import Trade
+from pipeline.tuning.tradeoff import Trade
 
 STYLE = {"preset": ("s", 36), "knob": ("o", 12), "together": ("^", 16), "seed": ("x", 16)}
 """Marker and size by kind."""

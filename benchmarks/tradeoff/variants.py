@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 import yaml
 
-from pipeline.presets import load_presets, resolve
-from pipeline.settings import Settings
+from pipeline.config.presets import load_presets, resolve
+from pipeline.config.settings import Settings
 from stages.registry import STAGES, load_stage
 
 HERE = Path(__file__).parent

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.tradeoff.variants import HERE, Study, Variant
-from pipeline.manifest import load_manifest
+from pipeline.config.manifest import load_manifest
 from pipeline.store.layout import Layout
 from pipeline.store.record import Record
 from pipeline.store.shard import Shard
-from pipeline.sweep import file_name
+from pipeline.tuning.sweep import file_name
 from schemas.catalogue import ARTIFACTS
 from stages.registry import is_set_stage, load_stage
 

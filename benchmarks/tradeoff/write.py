@@ -11,7 +11,7 @@ from typing import Any
 
 from benchmarks.provenance import ROOT, commit, machine
 from benchmarks.tradeoff.plot import draw
-from pipeline.tradeoff import ASSET, SLACK, Point, Trade, load_trades
+from pipeline.tuning.tradeoff import ASSET, SLACK, Point, Trade, load_trades
 
 PAGE = ROOT / "docs" / "tradeoff.md"
 PLOTS = ROOT / "docs" / "tradeoff"

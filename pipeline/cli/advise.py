@@ -17,14 +17,16 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.advice import AdviceError, Choice, Pace, assignments, duration, error_limit, fastest, within_error, within_time
+from pipeline.cli.messages import fail
 from pipeline.cli.request import ManifestOption, ObjectsOption, failures_as_words, make_request
-from pipeline.cli.talk import console, errors, fail, say
-from pipeline.manifest import Object, load_manifest
-from pipeline.plan import Request
-from pipeline.presets import resolve
-from pipeline.probe import probe, probe_training, some_of
-from pipeline.tradeoff import Trade, load_trades
+from pipeline.config.manifest import Object, load_manifest
+from pipeline.config.presets import resolve
+from pipeline.console import console, errors, say
+from pipeline.engine.plan import Request
+from pipeline.errors import AdviceError
+from pipeline.tuning.advice import Choice, Pace, assignments, duration, error_limit, fastest, within_error, within_time
+from pipeline.tuning.probe import probe, probe_training, some_of
+from pipeline.tuning.tradeoff import Trade, load_trades
 from stages.registry import STAGES, is_set_stage, load_stage
 
 PRESET = "standard"

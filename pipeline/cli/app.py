@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import typer
 
-from pipeline.cli import advise, learn, look, run
+from pipeline.cli import advise, learn, run
+from pipeline.cli import inspection as look
 
 app = typer.Typer(
     no_args_is_help=True,

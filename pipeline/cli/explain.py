@@ -9,15 +9,16 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.cli.talk import console, say
-from pipeline.explain import Part, shards_opened, total
-from pipeline.folders import plan_folder
-from pipeline.kernels.geometry.rows import read_mesh
-from pipeline.plan import Plan, Request
-from pipeline.stage import Row, SetJob, SetStage, Task
+from pipeline.console import console, say
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.engine.folders import plan_folder
+from pipeline.engine.plan import Plan, Request
+from pipeline.engine.stage import SetJob, SetStage, Task
 from pipeline.store.collection import Collection
+from pipeline.store.pieces import Row
 from pipeline.store.shard import Shard
-from stages.registry import load_explanation
+from pipeline.tuning.explain import Part, shards_opened, total
+from pipeline.tuning.explanations import load_explanation
 
 OBJECTS = 4
 """Objects of a shard that are counted, spread evenly: a second or so each."""

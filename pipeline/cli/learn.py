@@ -9,7 +9,7 @@ import typer
 import yaml
 from rich.markup import escape
 
-from pipeline import sweep as sweeps
+from pipeline.cli.messages import fail
 from pipeline.cli.request import (
     DataOption,
     ManifestOption,
@@ -21,10 +21,11 @@ from pipeline.cli.request import (
     make_request,
 )
 from pipeline.cli.run import run_folder
-from pipeline.cli.talk import console, errors, fail, say
-from pipeline.stage import StageError
+from pipeline.console import console, errors, say
+from pipeline.errors import StageError
 from pipeline.store.layout import Layout
 from pipeline.store.record import RECORD, Record, standing_record
+from pipeline.tuning import sweep as sweeps
 from stages.registry import STAGES, is_set_stage, load_stage
 
 NO_GRID = "{} has no grid to sweep over; train-unet and train-gcn have"
@@ -83,7 +84,7 @@ def predict(
     seed: Annotated[int, typer.Option(min=0, help="Of the chart fitting.")] = 0,
 ) -> None:
     """Reconstruct an object from one grasp, or a few: from a data directory, or from files of one's own."""
-    from pipeline import predict as prediction
+    from pipeline.inference import predict as prediction
 
     if surface not in ("apart", "joined", "both"):
         fail(f"--surface {surface}: it is apart, joined or both")
@@ -113,10 +114,10 @@ def report(
     most: Annotated[int, typer.Option(min=1, help="Draw at most so many reconstructions, spread evenly.")] = 10,
 ) -> None:
     """Print the evaluation's tables and whether the supplement's orderings hold; draw learning curves and reconstructions."""
-    from stages.evaluate.curves import draw_curves
-    from stages.evaluate.gallery import draw_gallery
-    from stages.evaluate.orderings import orderings, show_orderings
-    from stages.evaluate.show import show, show_training
+    from pipeline.reports.learning_curves import draw_curves
+    from pipeline.reports.orderings import orderings, show_orderings
+    from pipeline.reports.reconstruction_gallery import draw_gallery
+    from stages.evaluate.tables_printed import show, show_training
 
     with failures_as_words():
         record = standing_record(Layout(data), "evaluation")

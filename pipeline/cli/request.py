@@ -10,12 +10,12 @@ from typing import Annotated, TypeVar
 
 import typer
 
-from pipeline.cli.talk import fail
-from pipeline.manifest import ManifestError, load_manifest
-from pipeline.plan import Request
-from pipeline.presets import SettingsError, load_presets, resolve
-from pipeline.stage import ObjectError, Stage, StageError
-from pipeline.store.shard import StoreError
+from pipeline.cli.messages import fail
+from pipeline.config.manifest import load_manifest
+from pipeline.config.presets import load_presets, resolve
+from pipeline.engine.plan import Request
+from pipeline.engine.stage import Stage
+from pipeline.errors import InvalidInput, ManifestError, SettingsError, StageError, StoreError
 from stages.registry import STAGES, load_settings_type
 
 S = TypeVar("S", bound=Stage)
@@ -33,7 +33,7 @@ def failures_as_words() -> Iterator[None]:
     """Whatever a person can mend ends the command with words for it."""
     try:
         yield
-    except (ManifestError, SettingsError, StageError, StoreError, ObjectError, OSError) as error:
+    except (ManifestError, SettingsError, StageError, StoreError, InvalidInput, OSError) as error:
         fail(error)
     except KeyboardInterrupt:
         fail("interrupted; what is finished is kept, run the same command to go on")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, cast
 
 import typer
+from rich.console import Console
 from rich.markup import escape
 
 from pipeline.cli.explain import explain_folder, explain_shard
+from pipeline.cli.messages import fail
 from pipeline.cli.request import (
     DataOption,
     ManifestOption,
@@ -18,17 +21,18 @@ from pipeline.cli.request import (
     failures_as_words,
     make_request,
 )
-from pipeline.cli.talk import console, errors, fail, say
-from pipeline.folders import fill, plan_folder
-from pipeline.manifest import shard_of
-from pipeline.plan import Plan, Request, make_plan
-from pipeline.progress import watch
-from pipeline.runner import execute
-from pipeline.stage import ObjectStage, SetStage
+from pipeline.config.manifest import shard_of
+from pipeline.console import Meter, console, errors, say
+from pipeline.engine.folders import fill, plan_folder
+from pipeline.engine.plan import Plan, Request, make_plan
+from pipeline.engine.runner import execute
+from pipeline.engine.stage import ObjectStage, SetStage
+from pipeline.engine.takeover import takeable
+from pipeline.engine.workers import Outcome
+from pipeline.errors import StoreError
 from pipeline.store.record import Record
-from pipeline.store.shard import Shard, StoreError
-from pipeline.takeover import takeable
-from pipeline.tradeoff import in_words
+from pipeline.store.shard import Shard
+from pipeline.tuning.tradeoff import in_words
 from stages.registry import STAGES, is_set_stage, load_stage
 
 
@@ -132,7 +136,7 @@ def _run_shard(plan: Plan) -> None:
         for job in plan.jobs:  # a run that was killed while it packed may have left some; those of other settings are another run's
             plan.pieces.path(job.item.object_id, job.key).unlink(missing_ok=True)
     else:
-        watch(console, plan.request.stage.name, len(plan.missing()), execute(plan))
+        _watch(console, plan.request.stage.name, len(plan.missing()), execute(plan))
     if not plan.path.exists():
         return
     failures = Shard(plan.path, plan.request.stage.output).attributes["failures"]
@@ -141,3 +145,14 @@ def _run_shard(plan: Plan) -> None:
             errors.print(f"  [yellow]failed[/] {escape(object_id)}: {escape(failure['reason'])}")
     if failures and plan.request.strict:
         fail(f"{len(failures)} objects have failed, and --strict was asked for")
+
+
+def _watch(console: Console, title: str, total: int, outcomes: Iterator[Outcome]) -> None:
+    """Go through the outcomes of a run, showing how far it is, and end with a line that says what was done."""
+    done = failed = 0
+    with Meter(console, title, total, "objects") as meter:
+        for outcome in outcomes:
+            done += 1
+            failed += outcome.reason is not None
+            meter.advance()
+    console.print(f"{title}: made {done} objects in {meter.seconds:.1f} s" + (f", {failed} failed" if failed else ""))

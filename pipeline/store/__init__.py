@@ -1,1 +1,1 @@
-"""Zarr shards: how they are laid out, written, checked and read."""
+"""Artifacts on a disk: shards, records, checks."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.layout import Layout
-from pipeline.store.shard import RowView, Shard, StoreError
+from pipeline.store.shard import RowView, Shard
 from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
 

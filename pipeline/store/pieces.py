@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.stage import Row
+Row = dict[str, np.ndarray]
+"""One object's part of every array of an artifact, without the object dimension."""
 
 _UNREADABLE = (OSError, EOFError, zipfile.BadZipFile, KeyError, ValueError)
 """A piece that is not there, or that a full disk or a crash of the machine cut short: it is made again."""

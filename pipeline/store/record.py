@@ -10,10 +10,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
-from pipeline.store.shard import StoreError
 from schemas.catalogue import ARTIFACTS
 
 RECORD = "record.json"

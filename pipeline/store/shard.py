@@ -11,13 +11,10 @@ from typing import Any
 import numpy as np
 import zarr
 
+from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.spec import numpy_dtype
 from schemas.base import COMMON, Artifact
-
-
-class StoreError(Exception):
-    """A stored artifact is missing, incomplete or not what its schema says; the message says which and what to do."""
 
 
 class Shard:

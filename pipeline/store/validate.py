@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 from pydantic_zarr.v3 import GroupSpec
 
+from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from pipeline.store.record import Record, folders, standing_record
-from pipeline.store.shard import Shard, StoreError, row_digest
+from pipeline.store.shard import Shard, row_digest
 from pipeline.store.spec import departures
 from schemas.base import COMMON, Artifact
 from schemas.catalogue import ARTIFACTS

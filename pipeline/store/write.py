@@ -12,10 +12,9 @@ import numpy as np
 import zarr
 from zarr.storage import LocalStore
 
-from pipeline.stage import Row
-from pipeline.store.pieces import Piece
-from pipeline.store.place import put_in_place
-from pipeline.store.shard import StoreError
+from pipeline.errors import StoreError
+from pipeline.store.atomic import put_in_place
+from pipeline.store.pieces import Piece, Row
 from pipeline.store.spec import OBJECTS_A_FILE, group_spec, numpy_dtype
 from pipeline.store.validate import problems
 from schemas.base import COMMON, FIXED, Artifact

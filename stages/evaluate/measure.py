@@ -8,11 +8,12 @@ from itertools import islice
 
 import numpy as np
 
+from pipeline.errors import StageError
 from pipeline.kernels.geometry.sampling import sample_triangles
-from pipeline.kernels.learning.metrics import Cloud, Distances, distances
-from pipeline.kernels.learning.rings import ring_means, ring_of
-from pipeline.learning.reconstruct import Reconstruction, Reconstructor
-from pipeline.stage import StageError, rng_of
+from pipeline.kernels.metrics.distances import Cloud, Distances, distances
+from pipeline.kernels.metrics.rings import ring_means, ring_of
+from pipeline.models.reconstruct import Reconstruction, Reconstructor
+from pipeline.rng import numpy_rng
 from stages.evaluate.cases import Case, make_cases
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.store import Arrays
@@ -40,7 +41,7 @@ def measure(name: str, model: Reconstructor, truth: Truth, settings: EvaluationS
     for row, number, made in _reconstructed(model, truth, cases, settings.batch_size):
         case = cases[number]
         identity = ("evaluate", truth.split.object_ids[row], name, case.first, len(case.grasps))
-        apart = _distances(made, cloud_of(row), settings.points, rng_of(seed, *identity), " ".join(map(str, identity[1:])))
+        apart = _distances(made, cloud_of(row), settings.points, numpy_rng(seed, *identity), " ".join(map(str, identity[1:])))
         _note(found, row, case, apart, settings)
         if numbers[case.given] == 1:
             for first in case.firsts:

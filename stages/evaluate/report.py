@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.kernels.learning.metrics import sampled_area, sampling_floor
-from pipeline.learning.reconstruct import Reconstructor
-from pipeline.stage import SetJob
+from pipeline.engine.stage import SetJob
+from pipeline.kernels.metrics.distances import sampled_area, sampling_floor
+from pipeline.models.reconstruct import Reconstructor
 from stages.evaluate import tables
 from stages.evaluate.measure import THRESHOLDS
 from stages.evaluate.settings import EvaluationSettings

@@ -4,8 +4,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from pipeline.kernels.learning.configurations import CONFIGURATIONS
-from pipeline.settings import Settings, knob
+from pipeline.config.settings import Settings, knob
+from pipeline.kernels.networks.configurations import CONFIGURATIONS
 
 
 def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pipeline.kernels.learning.configurations import CONFIGURATIONS
-from pipeline.learning.device import device_of
-from pipeline.learning.reconstruct import Reconstructor
-from pipeline.manifest import SPLITS
-from pipeline.progress import Meter
-from pipeline.stage import Cost, SetJob
+from pipeline.config.manifest import SPLITS
+from pipeline.console import Meter
+from pipeline.engine.stage import Cost, SetJob
+from pipeline.kernels.networks.configurations import CONFIGURATIONS
+from pipeline.models.reconstruct import Reconstructor
 from pipeline.store.record import Record
+from pipeline.training.device import device_of
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
@@ -21,8 +21,8 @@ from schemas.vision import VISION
 from stages.evaluate.measure import measure
 from stages.evaluate.report import write_report
 from stages.evaluate.settings import EvaluationSettings
-from stages.evaluate.show import show, show_training
 from stages.evaluate.store import Arrays, discard_partials, load_partial, save_partial
+from stages.evaluate.tables_printed import show, show_training
 from stages.evaluate.truth import Truth, load_truth
 
 MODELS = "models/gcn"

@@ -14,7 +14,7 @@ import zarr
 from pydantic_zarr.v3 import GroupSpec
 from zarr.storage import LocalStore
 
-from pipeline.store.shard import StoreError
+from pipeline.errors import StoreError
 from pipeline.store.spec import array_spec, numpy_dtype
 from schemas.evaluation import TABLES, VERSION, Table
 

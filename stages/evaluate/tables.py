@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.learning.bootstrap import Interval, mean_interval
-from pipeline.learning.touch_charts import is_surface
-from pipeline.stage import rng_of
-from pipeline.statistics import tally
+from pipeline.dataset.touch_charts import is_surface
+from pipeline.dataset.touch_statistics import tally
+from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
+from pipeline.rng import numpy_rng
 from schemas.charts import STOP_RULES
 from stages.evaluate.store import Arrays
 
@@ -71,7 +71,7 @@ def rings(models: Models, seed: int) -> Arrays:
             means, sites = ring_per_object(values, column)
             made["sites"][row, column], made["objects"][row, column] = sites.sum(), np.count_nonzero(sites)
             if sites.any():
-                interval = mean_interval(means[sites > 0], rng_of(seed, "table_2", configuration, column))
+                interval = mean_interval(means[sites > 0], numpy_rng(seed, "table_2", configuration, column))
                 _fill(made, (row, column), "local_chamfer", interval)
     return {"configuration": names([*models]), "ring": ring, **made}
 
@@ -82,7 +82,7 @@ def grasps(models: Models, seed: int) -> Arrays:
     made: Arrays = {name: np.zeros((len(models), len(given))) for name in ("chamfer", "low", "high")}
     for row, (configuration, values) in enumerate(models.items()):
         for column, number in enumerate(given):
-            interval = mean_interval(per_object(values, int(number)), rng_of(seed, "table_3", configuration, int(number)))
+            interval = mean_interval(per_object(values, int(number)), numpy_rng(seed, "table_3", configuration, int(number)))
             _fill(made, (row, column), "chamfer", interval)
     return {"configuration": names([*models]), "grasps_given": given, **made}
 
@@ -96,7 +96,7 @@ def modalities(models: Models, objects: Arrays, tau: NDArray[np.float64], seed: 
     for row, (configuration, values) in enumerate(models.items()):
         chamfer, f1 = per_object(values, 1), values["f1"][:, :, 0].mean(axis=1)
         for column, (name, member) in enumerate(zip(category, members, strict=True)):
-            _fill(made, (row, column), "chamfer", mean_interval(chamfer[member], rng_of(seed, "modalities", configuration, name)))
+            _fill(made, (row, column), "chamfer", mean_interval(chamfer[member], numpy_rng(seed, "modalities", configuration, name)))
             made["f1"][row, column] = f1[member].mean(axis=0)
     return {
         "configuration": names([*models]),

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.dataset.split import Split, load_split
+from pipeline.errors import StageError
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.learning.reconstruct import Reconstructor, View
-from pipeline.learning.split import Split, load_split
-from pipeline.stage import StageError
+from pipeline.models.reconstruct import Reconstructor, View
 from stages.evaluate.cases import Case
 from stages.evaluate.settings import EvaluationSettings
 

@@ -4,9 +4,9 @@ from typing import Any, Literal
 
 from pydantic import field_validator
 
-from pipeline.kernels.learning.chart_rule import FitRule
-from pipeline.kernels.learning.chart_square import SIDE, chart_square
-from pipeline.settings import Settings, knob
+from pipeline.config.settings import Settings, knob
+from pipeline.kernels.charts.chart_square import SIDE, chart_square
+from pipeline.kernels.charts.fit_rule import FitRule
 
 TIGHT_HALT = 2.3e-4
 """Sensor widths²: what is left above the floor of 4000 samples (1e-4 to 1.6e-4) is about 100 µm."""

@@ -11,13 +11,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pipeline.kernels.learning.chart_fitting import fit_charts
-from pipeline.kernels.learning.chart_rule import StopRule
-from pipeline.kernels.learning.chart_square import chart_square
+from pipeline.engine.stage import Cost, Task
+from pipeline.errors import InvalidInput
+from pipeline.kernels.charts.chart_fitting import fit_charts
+from pipeline.kernels.charts.chart_square import chart_square
+from pipeline.kernels.charts.fit_rule import StopRule
 from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, place
-from pipeline.learning.seeds import generator_of
-from pipeline.learning.touch_model import TouchModel, load_touch_model
-from pipeline.stage import Cost, ObjectError, Row, Task
+from pipeline.models.touch_model import TouchModel, load_touch_model
+from pipeline.rng import torch_generator
+from pipeline.store.pieces import Row
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
@@ -84,7 +86,7 @@ def _process(task: Task, settings: ChartSettings, model: TouchModel | None) -> R
         charts[touched] = fits.vertices
         row = {"vertices": np.stack([_in_world(poses[at], charts[at]) for at in np.ndindex(touched.shape)]).reshape(charts.shape)}
     except ValueError as error:
-        raise ObjectError(f"charts: {error}") from error
+        raise InvalidInput(f"charts: {error}") from error
     row["vertices"] = row["vertices"].astype(np.float32)
     for name, nothing in (("residual", np.float32(0)), ("iterations", np.int32(0)), ("stop_rule", np.uint8(StopRule.no_touch))):
         row[name] = np.full(touched.shape, nothing)
@@ -105,13 +107,13 @@ def _true_clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor) -> list
 def _predicted_clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor, model: TouchModel) -> list[NDArray[np.float64]]:
     """Of each touch the points that the U-Net sees, in the sensor's frame, m."""
     if model.sensor != sensor:
-        raise ObjectError(f"the U-Net knows sensor {model.sensor.name}, the readings are {sensor.name}'s: run train-unet on these")
+        raise InvalidInput(f"the U-Net knows sensor {model.sensor.name}, the readings are {sensor.name}'s: run train-unet on these")
     return model.clouds(task.inputs["touch"]["reading"][touched])
 
 
 def _generators(task: Task, touched: NDArray[np.bool_]) -> list[torch.Generator]:
     """One a touch, keyed by object, grasp and sensor."""
-    return [generator_of(task.seed, task.object_id, "fit-charts", *map(int, at)) for at in np.argwhere(touched)]
+    return [torch_generator(task.seed, task.object_id, "fit-charts", *map(int, at)) for at in np.argwhere(touched)]
 
 
 def _in_world(pose: NDArray[np.float64], vertices: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,6 +1,6 @@
 """The knobs of `render-vision`."""
 
-from pipeline.settings import Settings, knob
+from pipeline.config.settings import Settings, knob
 
 
 class VisionSettings(Settings):

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.engine.stage import Cost, Task
+from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.hand.model import load_hand
 from pipeline.kernels.hand.visuals import visual_meshes
@@ -17,7 +19,7 @@ from pipeline.kernels.vision.context import shader_paths
 from pipeline.kernels.vision.raster import RasterRenderer
 from pipeline.kernels.vision.scene import load_scene, scene_path
 from pipeline.kernels.vision.view import Label, Part, Placed, Renderer
-from pipeline.stage import Cost, ObjectError, Row, Task
+from pipeline.store.pieces import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -84,7 +86,7 @@ class RenderVision:
 def _check_hand(task: Task, settings: VisionSettings) -> None:
     held = task.attributes["grasps"]["settings"]["hand"]
     if held != settings.hand:
-        raise ObjectError(f"the grasps were made with hand {held}, render-vision.hand is {settings.hand}; set both with --set hand={held}")
+        raise InvalidInput(f"the grasps were made with hand {held}, render-vision.hand is {settings.hand}; set both with --set hand={held}")
 
 
 def _images(renderer: Renderer, thing: Placed, shapes: HandParts, frames: np.ndarray) -> Row:

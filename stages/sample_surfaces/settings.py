@@ -1,6 +1,6 @@
 """What can be set about `sample-surfaces`."""
 
-from pipeline.settings import Settings, knob
+from pipeline.config.settings import Settings, knob
 
 
 class SurfaceSettings(Settings):

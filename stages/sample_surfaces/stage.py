@@ -9,16 +9,19 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.engine.stage import Cost, Task
+from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.exterior import sample_exterior
 from pipeline.kernels.geometry.gate import gate
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import normalise
-from pipeline.kernels.geometry.rows import mesh_row
-from pipeline.stage import Cost, ObjectError, Row, Task, rng_of
+from pipeline.rng import numpy_rng
+from pipeline.store.pieces import Row
+from pipeline.toy_objects import KINDS, generate
 from schemas.base import Artifact
 from schemas.surfaces import SURFACES
 from stages.sample_surfaces.load import load_mesh
-from stages.sample_surfaces.procedural import KINDS, generate
 from stages.sample_surfaces.settings import SurfaceSettings
 
 
@@ -68,7 +71,7 @@ def _process(task: Task, settings: SurfaceSettings) -> Row:
         rng = task.rng("sample-surfaces")
         points, normals = sample_exterior(mesh, settings.points, rng, settings.directions)
     except (ValueError, OSError) as error:
-        raise ObjectError(str(error)) from error
+        raise InvalidInput(str(error)) from error
     return {
         "points": points,
         "normals": normals,
@@ -84,5 +87,5 @@ def source_mesh(task: Task) -> Mesh:
     if "procedural" not in task.source:
         return load_mesh(Path(task.source["file"]))
     category, variant, seed = (task.source[name] for name in ("procedural", "variant", "seed"))
-    order = rng_of(seed, "procedural", category).permutation(len(KINDS[category]))  # no kind again before each was there
-    return generate(category, rng_of(seed, "procedural", category, variant), order[variant % len(order)])
+    order = numpy_rng(seed, "procedural", category).permutation(len(KINDS[category]))  # no kind again before each was there
+    return generate(category, numpy_rng(seed, "procedural", category, variant), order[variant % len(order)])

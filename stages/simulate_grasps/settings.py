@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import model_validator
 
-from pipeline.settings import Settings, knob
+from pipeline.config.settings import Settings, knob
 
 
 class GraspSettings(Settings):

@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.engine.stage import Cost, Task
+from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.model import load_hand
 from pipeline.kernels.touch.sensor import sensor_path
-from pipeline.stage import Cost, ObjectError, Row, Task
+from pipeline.store.pieces import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -85,7 +87,7 @@ def _grasp(rig: Rig, physics: Simulation, settings: GraspSettings, task: Task) -
         touched.append(grasp.touched if grasp else np.zeros(len(rig.hand.fingers), bool))
         kept = keep_best(kept, grasp, settings.grasps)
     if len(kept) < settings.grasps:
-        raise ObjectError(
+        raise InvalidInput(
             f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: the hand has no room around the object "
             f"({', '.join(f'{extent:.3g}' for extent in np.ptp(mesh.vertices, axis=0))} m); scale it to between one and five hands, "
             f"or raise simulate-grasps.attempts"

@@ -2,8 +2,8 @@
 
 from typing import Literal
 
+from pipeline.config.settings import Settings, knob
 from pipeline.kernels.touch.spheres import MAX_STEPS, TOLERANCE
-from pipeline.settings import Settings, knob
 
 
 class TouchSettings(Settings):

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.engine.stage import Cost, Task
+from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.prism import FaceBlocks, face_blocks
 from pipeline.kernels.touch.rays import ray_depth
@@ -16,7 +18,7 @@ from pipeline.kernels.touch.sensor import Sensor, load_sensor, sensor_path
 from pipeline.kernels.touch.shading import reading, untouched
 from pipeline.kernels.touch.spheres import sphere_depth
 from pipeline.kernels.touch.storage import stored_depth
-from pipeline.stage import Cost, ObjectError, Row, Task
+from pipeline.store.pieces import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -70,7 +72,7 @@ class SimulateTouch:
                 try:
                     rows.append(_feel(blocks, poses[grasp, finger], sensor, settings))
                 except ValueError as error:
-                    raise ObjectError(f"sensor {finger} of grasp {grasp}: {error}") from error
+                    raise InvalidInput(f"sensor {finger} of grasp {grasp}: {error}") from error
             arrays = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
             return {name: array.reshape(*poses.shape[:2], *array.shape[1:]) for name, array in arrays.items()}
 
@@ -80,7 +82,7 @@ class SimulateTouch:
 def _check_sensor(task: Task, settings: TouchSettings) -> None:
     worn = task.attributes["grasps"]["hand"]["sensor"]
     if worn != settings.sensor:
-        raise ObjectError(f"the hand wears sensor {worn}, simulate-touch.sensor is {settings.sensor}; --set simulate-touch.sensor={worn}")
+        raise InvalidInput(f"the hand wears sensor {worn}, simulate-touch.sensor is {settings.sensor}; --set simulate-touch.sensor={worn}")
 
 
 def _feel(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor, settings: TouchSettings) -> Row:

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pipeline.kernels.learning.chamfer import Target
-from pipeline.kernels.learning.configurations import NetworkConfig
-from pipeline.learning.reconstruct import View
-from pipeline.learning.split import Split, load_split
+from pipeline.dataset.split import Split, load_split
+from pipeline.kernels.metrics.chamfer import Target
+from pipeline.kernels.networks.configurations import NetworkConfig
+from pipeline.models.reconstruct import View
 
 
 class Items:

@@ -9,12 +9,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pipeline.kernels.learning.chamfer import Target, one_way
-from pipeline.kernels.learning.deformation import DeformationNetwork
-from pipeline.kernels.learning.metrics import TABLE_3_FACTOR
-from pipeline.kernels.learning.surface_samples import sample_surface
-from pipeline.learning.reconstruct import SurfaceTopology, View, assemble, deform
-from pipeline.learning.seeds import generator_of
+from pipeline.kernels.metrics.chamfer import Target, one_way
+from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
+from pipeline.kernels.metrics.surface_samples import sample_surface
+from pipeline.kernels.networks.deformation import DeformationNetwork
+from pipeline.models.reconstruct import SurfaceTopology, View, assemble, deform
+from pipeline.rng import torch_generator
 from stages.train_gcn.items import Items
 from stages.train_gcn.settings import GcnSettings
 
@@ -51,7 +51,7 @@ class GcnLearner:
     def validate(self) -> dict[str, float]:
         """The same with 1, 2, … grasps in turn; points drawn the same in every epoch."""
         items, size = self._valid, self._settings.batch_size
-        generator = generator_of(self._seed, "train-gcn", "validate")
+        generator = torch_generator(self._seed, "train-gcn", "validate")
         found = []
         for start in range(0, len(items), size):
             chosen = range(start, min(start + size, len(items)))

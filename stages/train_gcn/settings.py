@@ -6,10 +6,10 @@ from typing import Literal
 
 from pydantic import field_validator, model_validator
 
-from pipeline.kernels.learning.chart_square import SIDE
-from pipeline.kernels.learning.configurations import CONFIGURATIONS, NetworkConfig
-from pipeline.learning.settings import TrainingSettings
-from pipeline.settings import knob
+from pipeline.config.settings import knob
+from pipeline.kernels.charts.chart_square import SIDE
+from pipeline.kernels.networks.configurations import CONFIGURATIONS, NetworkConfig
+from pipeline.training.settings import TrainingSettings
 
 
 class GcnSettings(TrainingSettings):

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from pipeline.kernels.learning.chart_square import SIDE
-from pipeline.kernels.learning.deformation import DeformationNetwork
-from pipeline.kernels.learning.encoder import ENCODER_PLANS
-from pipeline.learning import checkpoint
-from pipeline.learning.loop import train
-from pipeline.learning.model import save_model
-from pipeline.learning.seeds import generator_of
-from pipeline.learning.touch_charts import chart_side
-from pipeline.stage import Cost, SetJob
+from pipeline.dataset.touch_charts import chart_side
+from pipeline.engine.stage import Cost, SetJob
+from pipeline.kernels.charts.chart_square import SIDE
+from pipeline.kernels.networks.deformation import DeformationNetwork
+from pipeline.kernels.networks.encoder import ENCODER_PLANS
+from pipeline.models.model_files import save_model
+from pipeline.rng import torch_generator
+from pipeline.training import checkpoint
+from pipeline.training.loop import train
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
@@ -70,7 +70,7 @@ class TrainGcn:
         if config.image and learning.resolution != [made_for, made_for]:
             pixels = f"{learning.resolution} pixels, the encoder's table is for {made_for}"
             job.console.print(f"{name}: images are of {pixels}: see render-vision.resolution")
-        network = DeformationNetwork(config, generator_of(job.seed, name, "weights"))
+        network = DeformationNetwork(config, torch_generator(job.seed, name, "weights"))
         facts = train(GcnLearner(network, learning, judging, settings, job.seed), settings, job, name)
         save_model(
             job.folder,

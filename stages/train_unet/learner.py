@@ -11,12 +11,12 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from pipeline.kernels.learning.contact_mask import contact_mask
-from pipeline.kernels.learning.images import network_input
-from pipeline.kernels.learning.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
+from pipeline.dataset.split import Split, load_split
+from pipeline.errors import StageError
+from pipeline.kernels.networks.contact_mask import contact_mask
+from pipeline.kernels.networks.images import network_input
+from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.learning.split import Split, load_split
-from pipeline.stage import StageError
 from stages.train_unet.settings import UnetSettings
 
 ARRAYS = ("reading", "depth", "untouched", "touch_success")
@@ -70,7 +70,7 @@ def touches_of(split: Split) -> Touches:
 
 
 class UnetLearner:
-    """A U-Net with its touches (`pipeline.learning.loop.Learner`)."""
+    """A U-Net with its touches (`pipeline.training.loop.Learner`)."""
 
     def __init__(self, module: nn.Module, train: Touches, valid: Touches, settings: UnetSettings) -> None:
         self.module = module

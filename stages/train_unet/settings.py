@@ -2,9 +2,9 @@
 
 from typing import Literal
 
-from pipeline.kernels.learning.contact_mask import THRESHOLD
-from pipeline.learning.settings import TrainingSettings
-from pipeline.settings import knob
+from pipeline.config.settings import knob
+from pipeline.kernels.networks.contact_mask import THRESHOLD
+from pipeline.training.settings import TrainingSettings
 
 
 class UnetSettings(TrainingSettings):

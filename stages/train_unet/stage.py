@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from pipeline.kernels.learning.unet import UNet
-from pipeline.learning import checkpoint
-from pipeline.learning.loop import train
-from pipeline.learning.seeds import seeded_weights
-from pipeline.learning.touch_model import save_touch_model
-from pipeline.stage import Cost, SetJob, StageError
+from pipeline.engine.stage import Cost, SetJob
+from pipeline.errors import StageError
+from pipeline.kernels.networks.unet import UNet
+from pipeline.models.touch_model import save_touch_model
+from pipeline.rng import seeded_weights
+from pipeline.training import checkpoint
+from pipeline.training.loop import train
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH

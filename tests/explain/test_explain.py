@@ -13,12 +13,12 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.cli import explain as command
-from pipeline.explain import Part, arrays_read, shards_opened, total
+from pipeline.engine.plan import Request, make_plan
+from pipeline.engine.runner import execute
 from pipeline.kernels.touch.prism import BLOCK, face_blocks
-from pipeline.plan import Request, make_plan
-from pipeline.runner import execute
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
+from pipeline.tuning.explain import Part, arrays_read, shards_opened, total
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES

@@ -16,11 +16,12 @@ from benchmarks.tradeoff.pairs import EQUAL, Pair, Results, difference
 from benchmarks.tradeoff.shortcuts import measured
 from pipeline.kernels.geometry.exterior import Sky
 from pipeline.kernels.hand.distance import DistanceField
-from pipeline.kernels.learning import metrics, touch_losses, zero_neighbour
-from pipeline.kernels.learning.chamfer import Target
-from pipeline.kernels.learning.deformation import DeformationNetwork
-from pipeline.kernels.learning.encoder import ImageEncoder
-from pipeline.kernels.learning.unet import UNet
+from pipeline.kernels.metrics import distances as metrics
+from pipeline.kernels.metrics.chamfer import Target
+from pipeline.kernels.networks import touch_losses, zero_neighbour
+from pipeline.kernels.networks.deformation import DeformationNetwork
+from pipeline.kernels.networks.encoder import ImageEncoder
+from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch import contact, rays, shading
 from pipeline.kernels.vision.raster import RasterRenderer
 from stages.simulate_grasps import attempt, stage

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.kernels.learning.chart_sphere import chart_sphere
-from pipeline.kernels.learning.graph import CUTS, batch_graph
-from pipeline.kernels.learning.graph_network import GraphNetwork
+from pipeline.kernels.charts.chart_sphere import chart_sphere
+from pipeline.kernels.networks.graph import CUTS, batch_graph
+from pipeline.kernels.networks.graph_network import GraphNetwork
 
 CPU = torch.device("cpu")
 

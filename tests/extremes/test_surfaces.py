@@ -9,11 +9,11 @@ import pytest
 import trimesh
 from hypothesis import strategies as st
 
+from pipeline.dataset.mesh_rows import mesh_row, read_mesh
 from pipeline.kernels.geometry.exterior import START, Sky, sample_exterior
 from pipeline.kernels.geometry.gate import FLAT, coincident, gate
 from pipeline.kernels.geometry.mesh import Mesh, face_vectors, flatness
 from pipeline.kernels.geometry.normalise import POSITION, normalise
-from pipeline.kernels.geometry.rows import mesh_row, read_mesh
 from pipeline.kernels.geometry.sampling import sample_triangles
 from tests.conftest import mesh_of
 from tests.extremes.profile import for_all

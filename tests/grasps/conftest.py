@@ -10,7 +10,7 @@ import trimesh
 
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand, load_hand
-from pipeline.stage import rng_of
+from pipeline.rng import numpy_rng
 from stages.simulate_grasps.attempt import Grasp, attempt
 from stages.simulate_grasps.physics import Simulation, simulation
 from stages.simulate_grasps.rig import Rig, Scene, make_rig, make_scene
@@ -63,7 +63,7 @@ def grasped(rig: Rig) -> list[tuple[Mesh, Scene, list[Grasp]]]:
         for mesh in (mug(), bar()):
             scene = make_scene(mesh, *points_on(mesh, 2000, seed=1), SETTINGS.grid_cell)
             physics.load(mesh)
-            grasps = [attempt(rig, scene, physics, SETTINGS, rng_of(0, "grasped", number)) for number in range(5)]
+            grasps = [attempt(rig, scene, physics, SETTINGS, numpy_rng(0, "grasped", number)) for number in range(5)]
             result.append((mesh, scene, [grasp for grasp in grasps if grasp is not None and grasp.sound]))
     return result
 
@@ -74,6 +74,6 @@ def try_at(rig: Rig) -> Callable[[Simulation, Mesh, int], Grasp | None]:
 
     def run(physics: Simulation, mesh: Mesh, number: int) -> Grasp | None:
         scene = make_scene(mesh, *points_on(mesh, 2000, seed=1), SETTINGS.grid_cell)
-        return attempt(rig, scene, physics, SETTINGS, rng_of(0, "grasped", number))
+        return attempt(rig, scene, physics, SETTINGS, numpy_rng(0, "grasped", number))
 
     return run

@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 import trimesh
 
+from pipeline.engine.stage import Task
+from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.exterior import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import normalise
 from pipeline.kernels.hand.kinematics import forward, sensor_poses
-from pipeline.stage import ObjectError, Task, rng_of
+from pipeline.rng import numpy_rng
+from pipeline.toy_objects import CATEGORIES, generate
 from schemas.base import COMMON
 from schemas.grasps import GRASPS
-from stages.sample_surfaces.procedural import CATEGORIES, generate
 from stages.simulate_grasps.attempt import Grasp, attempt, keep_best
 from stages.simulate_grasps.physics import Simulation, simulation
 from stages.simulate_grasps.rig import Rig, Scene, make_rig, make_scene
@@ -98,7 +100,7 @@ def test_a_settled_grasp_stays(rig: Rig) -> None:
         physics.load(mug())
         scene = make_scene(mug(), *points_on(mug(), 2000, seed=1), SETTINGS.grid_cell)
         for number in range(3):
-            grasp = attempt(rig, scene, physics, SETTINGS, rng_of(0, "grasped", number))
+            grasp = attempt(rig, scene, physics, SETTINGS, numpy_rng(0, "grasped", number))
             assert grasp is not None
             later, _ = physics.advance((500, 500), 0.0)
             if grasp.sound:
@@ -110,7 +112,7 @@ def _joints(number: int) -> bytes:
     with simulation(rig.hand) as physics:
         physics.load(bar())
         scene = make_scene(bar(), *points_on(bar(), 2000, seed=1), SETTINGS.grid_cell)
-        grasp = attempt(rig, scene, physics, SETTINGS, rng_of(0, "grasped", number))
+        grasp = attempt(rig, scene, physics, SETTINGS, numpy_rng(0, "grasped", number))
         assert grasp is not None
         return grasp.hand_pose.tobytes() + grasp.joint_angles.tobytes() + np.float64(grasp.penetration).tobytes()
 
@@ -164,8 +166,8 @@ def test_a_row_is_what_the_schema_says() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("category", CATEGORIES)
 def test_most_kept_touches_succeed_at_standard_settings(category: str) -> None:
-    mesh = normalise(generate(category, rng_of(5, category)), "z", 0.5)
-    points, normals = sample_exterior(mesh, 10_000, rng_of(6, category))
+    mesh = normalise(generate(category, numpy_rng(5, category)), "z", 0.5)
+    points, normals = sample_exterior(mesh, 10_000, numpy_rng(6, category))
     with SimulateGrasps().session(GraspSettings(), {}) as process:
         row = process(task_of(mesh, points, normals))
     assert row["attempts"] == 50
@@ -180,6 +182,6 @@ def test_an_object_without_room_for_a_hand_is_told_so() -> None:
     shell = placed(trimesh.creation.icosphere(subdivisions=2, radius=0.05))
     points, normals = points_on(shell, 100, seed=0)
     settings = SETTINGS.model_copy(update={"attempts": 1})
-    told = pytest.raises(ObjectError, match=r"0 of 5 grasps found in 1 attempts: the hand has no room")
+    told = pytest.raises(InvalidInput, match=r"0 of 5 grasps found in 1 attempts: the hand has no room")
     with SimulateGrasps().session(settings, {}) as process, told:
         process(task_of(shell, points, -normals))

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.config.settings import Settings
+from pipeline.engine.stage import Cost, Task
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.prism import face_blocks
 from pipeline.kernels.touch.rays import ray_depth
 from pipeline.kernels.touch.shading import reading, untouched
-from pipeline.settings import Settings
-from pipeline.stage import Cost, Row, Task
+from pipeline.store.pieces import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from tests.touch.scenes import ball, coarse

@@ -11,11 +11,11 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from pipeline.learning.loop import train
-from pipeline.learning.seeds import generator_of, seeded_weights
-from pipeline.learning.settings import TrainingSettings
-from pipeline.progress import console_on
-from pipeline.stage import SetJob
+from pipeline.console import console_on
+from pipeline.engine.stage import SetJob
+from pipeline.rng import seeded_weights, torch_generator
+from pipeline.training.loop import train
+from pipeline.training.settings import TrainingSettings
 
 
 class Regression:
@@ -70,4 +70,4 @@ def run(folder: Path, seed: int = 0, kill_at: int | None = None, precision: str 
     return learner.module.state_dict()
 
 
-__all__ = ["Regression", "generator_of", "job", "run", "settings"]
+__all__ = ["Regression", "job", "run", "settings", "torch_generator"]

@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 import torch
 
-from pipeline.kernels.learning.chart_square import chart_square
-from pipeline.kernels.learning.configurations import CONFIGURATIONS
-from pipeline.kernels.learning.deformation import DeformationNetwork
+from pipeline.config.manifest import Object
+from pipeline.config.settings import Settings
+from pipeline.engine.plan import Request, make_plan
+from pipeline.engine.runner import execute
+from pipeline.engine.stage import Cost, Task
+from pipeline.kernels.charts.chart_square import chart_square
+from pipeline.kernels.networks.configurations import CONFIGURATIONS
+from pipeline.kernels.networks.deformation import DeformationNetwork
 from pipeline.kernels.touch.sensor import load_sensor, place
 from pipeline.kernels.touch.shading import reading, untouched
 from pipeline.kernels.vision.camera import Camera, projection_matrix
-from pipeline.learning.model import save_model
-from pipeline.manifest import Object
-from pipeline.plan import Request, make_plan
-from pipeline.runner import execute
-from pipeline.settings import Settings
-from pipeline.stage import Cost, Row, Task
-from pipeline.store.pieces import Piece
+from pipeline.models.model_files import save_model
+from pipeline.store.pieces import Piece, Row
 from pipeline.store.record import RECORD, hashes_of
 from pipeline.store.write import conform
 from schemas.base import Artifact

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pipeline.kernels.learning.bootstrap import difference_interval, mean_interval
+from pipeline.kernels.metrics.bootstrap import difference_interval, mean_interval
 
 
 def slow_interval(values, rng, resamples, level):

@@ -5,8 +5,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from pipeline.kernels.learning import chamfer as module
-from pipeline.kernels.learning.chamfer import Target, chamfer, nearest, one_way
+from pipeline.kernels.metrics import chamfer as module
+from pipeline.kernels.metrics.chamfer import Target, chamfer, nearest, one_way
 
 
 def cloud(count: int, seed: int, scale: float = 0.25, dtype: torch.dtype = torch.float64) -> Tensor:

@@ -8,10 +8,10 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from pipeline.kernels.learning import chart_batch
-from pipeline.kernels.learning.chart_fitting import ChartFits, fit_charts
-from pipeline.kernels.learning.chart_rule import SUPPLEMENT, FitRule, StopRule, residual
-from pipeline.kernels.learning.chart_square import chart_square
+from pipeline.kernels.charts import chart_batch
+from pipeline.kernels.charts.chart_fitting import ChartFits, fit_charts
+from pipeline.kernels.charts.chart_square import chart_square
+from pipeline.kernels.charts.fit_rule import SUPPLEMENT, FitRule, StopRule, residual
 
 WIDTH, GEL, PIXELS = 0.01641, 0.0068, 100
 HALT = FitRule(residual_limit=2.5e-4 / WIDTH)
@@ -223,7 +223,7 @@ def test_the_cap_is_recorded_with_where_the_chart_stands() -> None:
 
 def test_a_chart_without_area_has_collapsed(monkeypatch: pytest.MonkeyPatch) -> None:
     square = torch.zeros(81, 3, dtype=torch.float64)
-    monkeypatch.setattr("pipeline.kernels.learning.chart_fitting.chart_square", lambda side: (square, chart_square(side)[1]))
+    monkeypatch.setattr("pipeline.kernels.charts.chart_fitting.chart_square", lambda side: (square, chart_square(side)[1]))
     fits = alone(POINT, FitRule())
     assert fits.stop_rule.tolist() == [StopRule.collapsed]
     assert np.isfinite(fits.residual).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pipeline.kernels.learning.chart_sphere import ChartSphere, chart_sphere
+from pipeline.kernels.charts.chart_sphere import ChartSphere, chart_sphere
 
 SPLITS = (0, 1, 2)
 

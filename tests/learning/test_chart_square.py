@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from pipeline.kernels.learning.chart_square import chart_square
+from pipeline.kernels.charts.chart_square import chart_square
 
 
 def test_the_supplements_chart() -> None:

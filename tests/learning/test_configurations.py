@@ -4,8 +4,8 @@ import pytest
 from pydantic import ValidationError
 from torch import nn
 
-from pipeline.kernels.learning.configurations import CONFIGURATIONS, NetworkConfig
-from pipeline.kernels.learning.deformation import DeformationNetwork
+from pipeline.kernels.networks.configurations import CONFIGURATIONS, NetworkConfig
+from pipeline.kernels.networks.deformation import DeformationNetwork
 
 # (name, image, touch, encoder, linear layer, graph network): parameters of Tables 6-11 in the specification's reading; "none" has no table.
 PARAMETERS = [

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.kernels.learning.contact_mask import contact_mask
+from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.touch.shading import reading, untouched
 from tests.touch.scenes import SENSOR
 

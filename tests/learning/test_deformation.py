@@ -7,10 +7,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from pipeline.kernels.learning.chart_sphere import chart_sphere
-from pipeline.kernels.learning.configurations import CONFIGURATIONS, NetworkConfig
-from pipeline.kernels.learning.deformation import DeformationNetwork
-from pipeline.kernels.learning.encoder import ENCODER_PLANS, ImageEncoder, MapGrid
+from pipeline.kernels.charts.chart_sphere import chart_sphere
+from pipeline.kernels.networks.configurations import CONFIGURATIONS, NetworkConfig
+from pipeline.kernels.networks.deformation import DeformationNetwork
+from pipeline.kernels.networks.encoder import ENCODER_PLANS, ImageEncoder, MapGrid
 from tests.learning.graph_twin import dense_mean
 from tests.learning.test_pooling import scene_camera, slow_pool
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from pipeline.kernels.learning.encoder import ENCODER_PLANS, ImageEncoder, MapGrid
+from pipeline.kernels.networks.encoder import ENCODER_PLANS, ImageEncoder, MapGrid
 
 TABLES_7_TO_9 = [*[(16, s) for s in (127, 125, 123, 121, 119)], *[(32, s) for s in (59, 57, 55, 53, 51)]]
 TABLES_7_TO_9 += [*[(64, s) for s in (25, 23, 21, 19, 17)], *[(128, s) for s in (8, 6, 4)]]

@@ -7,23 +7,22 @@ import pytest
 import torch
 from rich.console import Console
 
-from pipeline.folders import fill, plan_folder
+from pipeline.dataset.split import load_split
+from pipeline.engine.folders import fill, plan_folder
+from pipeline.engine.plan import Request
+from pipeline.errors import StageError, StoreError
+from pipeline.kernels.charts.chart_sphere import chart_sphere
 from pipeline.kernels.geometry.sampling import sample_triangles
-from pipeline.kernels.learning.bootstrap import Interval
-from pipeline.kernels.learning.chart_sphere import chart_sphere
-from pipeline.kernels.learning.metrics import nearest_squared
-from pipeline.learning.reconstruct import Reconstructor, View
-from pipeline.learning.split import load_split
-from pipeline.plan import Request
-from pipeline.stage import StageError
+from pipeline.kernels.metrics.bootstrap import Interval
+from pipeline.kernels.metrics.distances import nearest_squared
+from pipeline.models.reconstruct import Reconstructor, View
+from pipeline.reports.orderings import Verdict, orderings, show_orderings
 from pipeline.store.record import hashes_of
-from pipeline.store.shard import StoreError
 from stages.evaluate.cases import make_cases
-from stages.evaluate.orderings import Verdict, orderings, show_orderings
 from stages.evaluate.settings import EvaluationSettings
-from stages.evaluate.show import show
 from stages.evaluate.stage import Evaluate
 from stages.evaluate.store import load_partial, read_root, read_table, save_partial
+from stages.evaluate.tables_printed import show
 from tests.learning import spheres
 
 COUNT = 3

@@ -8,14 +8,16 @@ import pytest
 import torch
 from pydantic import ValidationError
 
-from pipeline.kernels.learning.chart_rule import SUPPLEMENT, FitRule, StopRule
-from pipeline.kernels.learning.chart_square import chart_square
-from pipeline.kernels.learning.unet import UNet
+from pipeline.engine.stage import Task
+from pipeline.errors import InvalidInput
+from pipeline.kernels.charts.chart_square import chart_square
+from pipeline.kernels.charts.fit_rule import SUPPLEMENT, FitRule, StopRule
+from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.contact import local_points, touch_success
 from pipeline.kernels.touch.sensor import Sensor, load_sensor, pixel_centres
 from pipeline.kernels.touch.shading import reading, untouched
-from pipeline.learning.touch_model import save_touch_model
-from pipeline.stage import ObjectError, Row, Task
+from pipeline.models.touch_model import save_touch_model
+from pipeline.store.pieces import Row
 from schemas.charts import FITTED, STOP_RULES
 from stages.fit_charts.settings import ChartSettings
 from stages.fit_charts.stage import UNET, FitCharts
@@ -146,11 +148,11 @@ def test_a_touch_that_the_u_net_does_not_see_keeps_its_square(tmp_path: Path) ->
 
 
 def test_faults_are_the_object_s_and_named(tmp_path: Path) -> None:
-    with pytest.raises(ObjectError, match="U-Net knows sensor other"):
+    with pytest.raises(InvalidInput, match="U-Net knows sensor other"):
         run(ChartSettings(), task(), trained(tmp_path / "unet", SENSOR.model_copy(update={"name": "other"})))
     bent = task()
     bent.inputs["grasps"]["sensor_pose"][0, 1, 0, 0] += 1
-    with pytest.raises(ObjectError, match="no rigid motion"):
+    with pytest.raises(InvalidInput, match="no rigid motion"):
         run(ChartSettings(cloud="true", max_iterations=1), bent)
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.kernels.learning.chart_sphere import chart_sphere
-from pipeline.kernels.learning.graph import batch_graph
+from pipeline.kernels.charts.chart_sphere import chart_sphere
+from pipeline.kernels.networks.graph import batch_graph
 from tests.learning.graph_twin import dense_mean
 
 CPU = torch.device("cpu")

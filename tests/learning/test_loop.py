@@ -7,11 +7,10 @@ import multiprocessing
 import pytest
 import torch
 
-from pipeline.learning import checkpoint
-from pipeline.learning.loop import read_metrics, train
-from pipeline.learning.model import load_model, save_model
-from pipeline.stage import StageError
-from pipeline.store.shard import StoreError
+from pipeline.errors import StageError, StoreError
+from pipeline.models.model_files import load_model, save_model
+from pipeline.training import checkpoint
+from pipeline.training.loop import read_metrics, train
 from tests.learning.regression import Regression, job, run, settings
 
 

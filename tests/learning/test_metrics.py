@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.kernels.geometry.sampling import sample_triangles
-from pipeline.kernels.learning.chamfer import chamfer
-from pipeline.kernels.learning.metrics import distances, nearest_squared, sampled_area, sampling_floor
+from pipeline.kernels.metrics.chamfer import chamfer
+from pipeline.kernels.metrics.distances import distances, nearest_squared, sampled_area, sampling_floor
 
 
 def brute_force(query, points):

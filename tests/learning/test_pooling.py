@@ -7,8 +7,8 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from pipeline.kernels.learning.encoder import ENCODER_PLANS, ImageEncoder, MapGrid
-from pipeline.kernels.learning.pooling import NEAREST, pool, see
+from pipeline.kernels.networks.encoder import ENCODER_PLANS, ImageEncoder, MapGrid
+from pipeline.kernels.networks.pooling import NEAREST, pool, see
 from pipeline.kernels.vision.camera import Camera, project, projection_matrix
 
 SCENE = Camera(position=(0.972, 0.461, 0.974), rotation=(70.458, 4.94, 113.54), focal=(406.595, 406.595), centre=(128, 128), resolution=256)

@@ -8,16 +8,15 @@ import torch
 import trimesh
 from PIL import Image
 
-from pipeline.kernels.learning.chart_sphere import CHART_VERTICES, chart_sphere
-from pipeline.kernels.learning.unet import UNet
+from pipeline.dataset.reader import GraspDataset
+from pipeline.errors import StageError, StoreError
+from pipeline.inference.grasp_files import read_poses
+from pipeline.inference.mesh_files import TOUCH_COLOR, joined
+from pipeline.inference.predict import predict
+from pipeline.kernels.charts.chart_sphere import CHART_VERTICES, chart_sphere
+from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.shading import untouched
-from pipeline.learning.mesh_files import TOUCH_COLOR, joined
-from pipeline.learning.touch_model import save_touch_model
-from pipeline.predict import predict
-from pipeline.predict_files import read_poses
-from pipeline.reader import GraspDataset
-from pipeline.stage import StageError
-from pipeline.store.shard import StoreError
+from pipeline.models.touch_model import save_touch_model
 from tests.learning import spheres
 
 FELT = 3  # of a grasp's four sensors

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.kernels.learning.rings import ring_means, ring_of
+from pipeline.kernels.metrics.rings import ring_means, ring_of
 
 WIDTH = 0.016
 

@@ -6,7 +6,7 @@ import torch
 from scipy import stats
 from torch import Tensor
 
-from pipeline.kernels.learning.surface_samples import sample_surface, sample_surfaces, surface_points
+from pipeline.kernels.metrics.surface_samples import sample_surface, sample_surfaces, surface_points
 
 FACES = torch.tensor([[0, 1, 2], [0, 2, 3], [1, 1, 2], [0, 3, 4]])  # the third has no area
 VERTICES = torch.tensor([[0.0, 0, 0], [1, 0, 0], [1, 2, 0], [0, 2, 1], [-0.1, 0, 0.3]], dtype=torch.float64)

@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.kernels.learning.chamfer import chamfer
-from pipeline.kernels.learning.configurations import CONFIGURATIONS
-from pipeline.kernels.learning.deformation import DeformationNetwork
-from pipeline.kernels.learning.metrics import sampled_area, sampling_floor
-from pipeline.kernels.learning.surface_samples import sample_surface
-from pipeline.learning.loop import read_metrics
-from pipeline.learning.reconstruct import Reconstructor, View
-from pipeline.learning.seeds import generator_of
-from pipeline.stage import StageError
-from pipeline.store.shard import StoreError
+from pipeline.errors import StageError, StoreError
+from pipeline.kernels.metrics.chamfer import chamfer
+from pipeline.kernels.metrics.distances import sampled_area, sampling_floor
+from pipeline.kernels.metrics.surface_samples import sample_surface
+from pipeline.kernels.networks.configurations import CONFIGURATIONS
+from pipeline.kernels.networks.deformation import DeformationNetwork
+from pipeline.models.reconstruct import Reconstructor, View
+from pipeline.rng import torch_generator
+from pipeline.training.loop import read_metrics
 from stages.train_gcn.items import Items
 from stages.train_gcn.learner import GcnLearner
 from stages.train_gcn.settings import GcnSettings
@@ -43,21 +42,21 @@ def overfit(data: Path, steps: int, points: int) -> tuple[float, float]:
     settings = GcnSettings(configuration="none", gcn_layers=6, gcn_features=48, loss_points=points, items=1, validation_items=1)
     config = settings.network(side=9)
     items = Items(data, "train", config, 1)
-    network = DeformationNetwork(config, generator_of(0, "weights"))
+    network = DeformationNetwork(config, torch_generator(0, "weights"))
     learner = GcnLearner(network, items, items, settings, 0)
     optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     for step in range(steps):
         optimizer.zero_grad()
-        learner.loss([0], generator_of(0, step)).backward()
+        learner.loss([0], torch_generator(0, step)).backward()
         optimizer.step()
         schedule.step()
     with torch.no_grad():
         deformed = network(None, None, None, None, [0])[0]
         faces = torch.tensor(network.sphere.faces)
         truth = items.targets[0].points
-        kept = truth[torch.randperm(len(truth), generator=generator_of(0, "kept"))[:points]]
-        reached = float(chamfer(sample_surface(deformed, faces, points, generator_of(0, "drawn")), kept))
+        kept = truth[torch.randperm(len(truth), generator=torch_generator(0, "kept"))[:points]]
+        reached = float(chamfer(sample_surface(deformed, faces, points, torch_generator(0, "drawn")), kept))
     return reached, sampling_floor(sampled_area(truth.numpy()), points)
 
 
@@ -159,7 +158,7 @@ def test_a_network_that_has_diverged_gives_no_number_instead_of_a_crash(data):
     learner = GcnLearner(network, items, items, settings, 0)
     with torch.no_grad():
         network.gcn.last.bias.fill_(torch.inf)
-        assert not torch.isfinite(learner.loss([0, 1], generator_of(0, "x")))
+        assert not torch.isfinite(learner.loss([0, 1], torch_generator(0, "x")))
         assert not np.isfinite(learner.validate()["loss"])
 
 

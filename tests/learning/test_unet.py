@@ -5,9 +5,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from pipeline.kernels.learning.contact_mask import contact_mask
-from pipeline.kernels.learning.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
-from pipeline.kernels.learning.unet import UNet
+from pipeline.kernels.networks.contact_mask import contact_mask
+from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
+from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.prism import face_blocks
 from pipeline.kernels.touch.rays import ray_depth
 from pipeline.kernels.touch.shading import reading, untouched

@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.kernels.learning.unet import UNet
+from pipeline.config.manifest import Object
+from pipeline.config.settings import Settings
+from pipeline.console import console_on
+from pipeline.dataset.split import Split
+from pipeline.engine.plan import Request
+from pipeline.engine.stage import SetJob
+from pipeline.errors import StageError, StoreError
+from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.shading import reading, untouched
-from pipeline.learning.seeds import seeded_weights
-from pipeline.learning.split import Split
-from pipeline.learning.touch_model import load_touch_model
-from pipeline.manifest import Object
-from pipeline.plan import Request
-from pipeline.progress import console_on
-from pipeline.settings import Settings
-from pipeline.stage import SetJob, StageError
-from pipeline.store.shard import StoreError
+from pipeline.models.touch_model import load_touch_model
+from pipeline.rng import seeded_weights
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 from stages.train_unet.learner import Touches, UnetLearner, load_touches, touches_of

@@ -4,10 +4,10 @@ import pytest
 import torch
 from torch import nn
 
-from pipeline.kernels.learning.chart_sphere import chart_sphere
-from pipeline.kernels.learning.graph import ChartGraph, batch_graph
-from pipeline.kernels.learning.graph_network import GraphNetwork
-from pipeline.kernels.learning.zero_neighbour import ZeroNeighbourLayer
+from pipeline.kernels.charts.chart_sphere import chart_sphere
+from pipeline.kernels.networks.graph import ChartGraph, batch_graph
+from pipeline.kernels.networks.graph_network import GraphNetwork
+from pipeline.kernels.networks.zero_neighbour import ZeroNeighbourLayer
 from tests.learning.graph_twin import dense_mean
 
 COUNTS = [2, 0, 1]

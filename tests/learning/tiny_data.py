@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pipeline.folders import fill, plan_folder
-from pipeline.manifest import Manifest
-from pipeline.plan import Request, make_plan
-from pipeline.presets import resolve
-from pipeline.progress import console_on
-from pipeline.runner import execute
+from pipeline.config.manifest import Manifest
+from pipeline.config.presets import resolve
+from pipeline.console import console_on
+from pipeline.engine.folders import fill, plan_folder
+from pipeline.engine.plan import Request, make_plan
+from pipeline.engine.runner import execute
 from pipeline.store.record import Record
 from stages.registry import STAGES, is_set_stage, load_stage
 

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from pipeline.folders import fill, plan_folder
-from pipeline.progress import console_on
-from pipeline.stage import SetJob, StageError
-from pipeline.status import read_folders
+from pipeline.console import console_on
+from pipeline.engine.folders import fill, plan_folder
+from pipeline.engine.stage import SetJob
+from pipeline.errors import StageError, StoreError
+from pipeline.reports.status import read_folders
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from pipeline.store.record import Record, standing_record
-from pipeline.store.shard import StoreError
 from pipeline.store.validate import problems_below
 from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS

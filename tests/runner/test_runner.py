@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.manifest import Object
-from pipeline.plan import make_plan
-from pipeline.runner import execute
-from pipeline.stage import ObjectError, StageError, rng_of
+from pipeline.config.manifest import Object
+from pipeline.engine.plan import make_plan
+from pipeline.engine.runner import execute
+from pipeline.engine.workers import Work, _Pool
+from pipeline.errors import InvalidInput, StageError, StoreError
+from pipeline.rng import numpy_rng
 from pipeline.store.collection import Collection, check_origins
 from pipeline.store.layout import Layout
-from pipeline.store.shard import StoreError
 from pipeline.store.validate import problems
-from pipeline.workers import Work, _Pool
 from schemas.catalogue import ARTIFACTS
 from tests.runner.tiny import MEAN, NOISE, Compare, Halve, MakeNoise, TakeMean, digest, objects, request, run
 
@@ -203,7 +203,7 @@ def test_failures_are_tried_again_when_asked(tmp_path):
 
 def test_strict_minds_what_failed_before(tmp_path):
     list(execute(make_plan(request(tmp_path, items=objects(3, b="bad"), only="b"), 0)))
-    with pytest.raises(ObjectError, match="b: it is bad"):
+    with pytest.raises(InvalidInput, match="b: it is bad"):
         run(request(tmp_path, items=objects(3, b="bad"), strict=True))
 
 
@@ -292,7 +292,7 @@ def test_a_shard_in_which_all_fail_is_a_valid_shard(tmp_path):
 
 
 def test_strict_stops_at_the_first_failure(tmp_path):
-    with pytest.raises(ObjectError, match="b: it is bad"):
+    with pytest.raises(InvalidInput, match="b: it is bad"):
         run(request(tmp_path, items=objects(3, b="bad"), strict=True))
     assert not (tmp_path / "noise").exists()
 
@@ -311,9 +311,9 @@ def test_two_runs_of_one_shard_do_not_meet(tmp_path):
 
 
 def test_seeds_are_keyed_by_identity():
-    draws = {rng_of(*identity).random() for identity in [(0, "a", "b"), (0, "ab"), (0, "a", "b", 1), (1, "a", "b"), (0, "b", "a")]}
+    draws = {numpy_rng(*identity).random() for identity in [(0, "a", "b"), (0, "ab"), (0, "a", "b", 1), (1, "a", "b"), (0, "b", "a")]}
     assert len(draws) == 5
-    assert rng_of(0, "a", 1).random() == rng_of(0, "a", 1).random()
+    assert numpy_rng(0, "a", 1).random() == numpy_rng(0, "a", 1).random()
 
 
 def test_rows_can_be_read_back(tmp_path):

@@ -11,13 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.manifest import Object
-from pipeline.plan import Request, make_plan
-from pipeline.runner import execute
-from pipeline.settings import Settings, knob
-from pipeline.stage import Cost, ObjectError, Row, Task
+from pipeline.config.manifest import Object
+from pipeline.config.settings import Settings, knob
+from pipeline.engine.plan import Request, make_plan
+from pipeline.engine.runner import execute
+from pipeline.engine.stage import Cost, Task
+from pipeline.errors import InvalidInput
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
+from pipeline.store.pieces import Row
 from schemas.base import Array, Artifact
 from tests import conftest
 
@@ -89,10 +91,10 @@ class MakeNoise(_Stage):
 
         def process(task: Task) -> Row:
             if (trouble := str(task.source.get("trouble"))).startswith("until ") and not Path(trouble[6:]).exists():
-                raise ObjectError("not yet")
+                raise InvalidInput("not yet")
             match task.source.get("trouble"):
                 case "bad":
-                    raise ObjectError("it is bad; make it good")
+                    raise InvalidInput("it is bad; make it good")
                 case "bug":
                     raise ZeroDivisionError("a fault of ours")
                 case "crash":

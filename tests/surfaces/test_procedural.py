@@ -8,7 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pipeline.kernels.geometry.mesh import Mesh, face_vectors
-from stages.sample_surfaces.procedural import CATEGORIES, bottle, cellphone, generate, knife, rifle
+from pipeline.toy_objects import CATEGORIES, bottle, cellphone, generate, knife, rifle
 
 SEEDS = 20
 MODULES = {"bottle": bottle, "cellphone": cellphone, "knife": knife, "rifle": rifle}

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 import trimesh
 
+from pipeline.engine.stage import Task
+from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.contact import local_points, touch_success
 from pipeline.kernels.touch.shading import reading
-from pipeline.stage import ObjectError, Row, Task
+from pipeline.store.pieces import Row
 from stages.simulate_touch.settings import TouchSettings
 from stages.simulate_touch.stage import SimulateTouch
 from tests.touch.scenes import SENSOR, pose_at
@@ -79,13 +81,13 @@ def test_points_only_on_demand_and_the_sensor_in_the_attributes() -> None:
 def test_a_bad_pose_names_sensor_and_grasp() -> None:
     poses = six_poses()
     poses[1, 2, 0, 0] = np.nan
-    with pytest.raises(ObjectError, match=r"sensor 2 of grasp 1.*NaN"):
+    with pytest.raises(InvalidInput, match=r"sensor 2 of grasp 1.*NaN"):
         run(TouchSettings(), poses)
 
 
 def test_another_sensor_than_the_hand_wears_is_an_error() -> None:
     with (
-        pytest.raises(ObjectError, match=r"the hand wears sensor other, .* is gel_16mm; --set simulate-touch.sensor=other"),
+        pytest.raises(InvalidInput, match=r"the hand wears sensor other, .* is gel_16mm; --set simulate-touch.sensor=other"),
         STAGE.session(TouchSettings(), {}) as process,
     ):
         process(task(six_poses(), sensor="other"))

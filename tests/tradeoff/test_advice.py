@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.tradeoff.errors import Errors
-from pipeline.advice import AdviceError, Limit, Pace, assignments, duration, error_limit, fastest, within_error, within_time
-from pipeline.tradeoff import Point, Trade
+from pipeline.errors import AdviceError
+from pipeline.tuning.advice import Limit, Pace, assignments, duration, error_limit, fastest, within_error, within_time
+from pipeline.tuning.tradeoff import Point, Trade
 
 
 def point(label: str, seconds: float, error: float, metric: str = "depth, um", kind: str = "knob", **settings: object) -> Point:

@@ -10,13 +10,13 @@ import trimesh
 import yaml
 from typer.testing import CliRunner
 
-from pipeline.advice import duration
 from pipeline.cli import app
 from pipeline.cli.advise import AIMS
 from pipeline.cli.request import make_request
-from pipeline.manifest import load_manifest
-from pipeline.probe import probe, some_of
-from pipeline.store.shard import StoreError
+from pipeline.config.manifest import load_manifest
+from pipeline.errors import StoreError
+from pipeline.tuning.advice import duration
+from pipeline.tuning.probe import probe, some_of
 from stages.registry import load_stage
 
 

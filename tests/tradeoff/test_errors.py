@@ -15,19 +15,19 @@ import trimesh
 from benchmarks.stored_grasps import Seen
 from benchmarks.tradeoff.errors import ERRORS, SOUND, Errors
 from benchmarks.tradeoff.work import Made
+from pipeline.config.settings import Settings
+from pipeline.engine.plan import Request, make_plan
+from pipeline.engine.runner import execute
+from pipeline.engine.stage import Task
 from pipeline.kernels.hand.bodies import collision_boxes
 from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.hand.model import load_hand
-from pipeline.kernels.learning.unet import UNet
+from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.shading import untouched
 from pipeline.kernels.vision.camera import projection_matrix
-from pipeline.learning.touch_model import save_touch_model
-from pipeline.plan import Request, make_plan
-from pipeline.runner import execute
-from pipeline.settings import Settings
-from pipeline.stage import Row, Task
-from pipeline.store.pieces import Piece
+from pipeline.models.touch_model import save_touch_model
+from pipeline.store.pieces import Piece, Row
 from pipeline.store.spec import numpy_dtype
 from pipeline.store.write import conform
 from schemas.base import Artifact

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.tradeoff.variants import studies
-from pipeline.presets import load_presets, resolve
-from pipeline.tradeoff import Point, Trade, in_words, load_trades
+from pipeline.config.presets import load_presets, resolve
+from pipeline.tuning.tradeoff import Point, Trade, in_words, load_trades
 from stages.registry import STAGES, load_settings_type, load_stage
 
 UNMEASURED = {
@@ -88,7 +88,7 @@ def test_a_network_that_was_not_trained_is_told_which_was():
 
 
 def test_a_stage_that_was_not_measured_says_nothing(monkeypatch):
-    monkeypatch.setattr("pipeline.tradeoff.load_trades", lambda: {})
+    monkeypatch.setattr("pipeline.tuning.tradeoff.load_trades", lambda: {})
     assert in_words("evaluate", load_settings_type("evaluate")()) == ""
 
 

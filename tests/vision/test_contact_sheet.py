@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.contact_band import BandMaker, band_maker
-from pipeline.contact_sheet import COLORS, PAGE, PICTURE, Band, depth_colors, draw
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.vision.second_side import LIFT, patch, squares_of
+from pipeline.reports.contact_band import BandMaker, band_maker
+from pipeline.reports.contact_sheet import COLORS, PAGE, PICTURE, Band, depth_colors, draw
 from tests.vision.shapes import ball
 
 WIDTH, GEL, REACH = 0.01641, 0.0068, 0.05

@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
 
+from pipeline.engine.stage import Task
+from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.model import load_hand
 from pipeline.kernels.vision.camera import project
-from pipeline.stage import ObjectError, Row, Task
+from pipeline.store.pieces import Row
 from schemas.base import COMMON
 from stages.render_vision.settings import VisionSettings
 from stages.render_vision.stage import RenderVision
@@ -56,7 +58,7 @@ def test_views_show_what_they_should() -> None:
 
 
 def test_another_hand_than_the_grasps_were_made_with_is_an_error() -> None:
-    with pytest.raises(ObjectError, match=r"made with hand other, render-vision.hand is allegro_right; set both with --set hand=other"):
+    with pytest.raises(InvalidInput, match=r"made with hand other, render-vision.hand is allegro_right; set both with --set hand=other"):
         rows(VisionSettings(resolution=64), task("a", 0.15, held="other"))
 
 

@@ -10,7 +10,7 @@ import torch
 from hypothesis import strategies as st
 from torch import Tensor
 
-from pipeline.kernels.learning.chamfer import FAR, Target, chamfer, nearest, one_way
+from pipeline.kernels.metrics.chamfer import FAR, Target, chamfer, nearest, one_way
 from tests.extremes.learning import exact
 from tests.extremes.learning.shapes import CLOUDS, KINDS, OFFSETS, cloud
 from tests.extremes.profile import for_all

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.kernels.learning.chart_fitting import ChartFits, fit_charts
-from pipeline.kernels.learning.chart_rule import FitRule, StopRule, residual
-from pipeline.kernels.learning.chart_square import chart_square
+from pipeline.kernels.charts.chart_fitting import ChartFits, fit_charts
+from pipeline.kernels.charts.chart_square import chart_square
+from pipeline.kernels.charts.fit_rule import FitRule, StopRule, residual
 from tests.extremes.learning import exact
 from tests.extremes.learning.shapes import KINDS, OFFSETS, cloud, soup
 from tests.extremes.profile import for_all

@@ -11,8 +11,8 @@ import torch
 from hypothesis import strategies as st
 from torch import Tensor
 
-from pipeline.kernels.learning.contact_mask import contact_mask
-from pipeline.kernels.learning.images import WHITE, network_input
+from pipeline.kernels.networks.contact_mask import contact_mask
+from pipeline.kernels.networks.images import WHITE, network_input
 from tests.extremes.learning.pictures import KINDS, stored
 from tests.extremes.profile import for_all
 from tests.extremes.strategies import seeds

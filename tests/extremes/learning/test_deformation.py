@@ -11,9 +11,9 @@ import torch
 from hypothesis import strategies as st
 from torch import Tensor
 
-from pipeline.kernels.learning.chart_sphere import chart_sphere
-from pipeline.kernels.learning.configurations import CONFIGURATIONS, NetworkConfig
-from pipeline.kernels.learning.deformation import DeformationNetwork
+from pipeline.kernels.charts.chart_sphere import chart_sphere
+from pipeline.kernels.networks.configurations import CONFIGURATIONS, NetworkConfig
+from pipeline.kernels.networks.deformation import DeformationNetwork
 from tests.extremes.learning.pictures import KINDS, given
 from tests.extremes.learning.shapes import CLOUDS, OFFSETS, cloud
 from tests.extremes.profile import for_all

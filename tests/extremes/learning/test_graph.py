@@ -11,10 +11,10 @@ import torch
 from hypothesis import strategies as st
 from torch import Tensor, nn
 
-from pipeline.kernels.learning.chart_sphere import chart_sphere
-from pipeline.kernels.learning.graph import ChartGraph, batch_graph
-from pipeline.kernels.learning.graph_network import GraphNetwork
-from pipeline.kernels.learning.zero_neighbour import ZeroNeighbourLayer
+from pipeline.kernels.charts.chart_sphere import chart_sphere
+from pipeline.kernels.networks.graph import ChartGraph, batch_graph
+from pipeline.kernels.networks.graph_network import GraphNetwork
+from pipeline.kernels.networks.zero_neighbour import ZeroNeighbourLayer
 from tests.extremes.profile import for_all
 from tests.extremes.strategies import seeds
 from tests.learning.graph_twin import dense_mean
@@ -121,8 +121,8 @@ def test_averages_in_half_precision_are_refused(dtype: torch.dtype) -> None:
 
 def test_a_batch_beyond_32_bit_indices_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     pairs = graph_of([1, 1]).mean.values().numel()
-    monkeypatch.setattr("pipeline.kernels.learning.block_diagonal.INDICES", pairs - 1)
+    monkeypatch.setattr("pipeline.kernels.networks.block_diagonal.INDICES", pairs - 1)
     with pytest.raises(ValueError, match=f"2 items have {pairs} pairs of neighbours, a graph {pairs - 1} at most"):
         graph_of([1, 1])
-    monkeypatch.setattr("pipeline.kernels.learning.block_diagonal.INDICES", pairs)
+    monkeypatch.setattr("pipeline.kernels.networks.block_diagonal.INDICES", pairs)
     assert graph_of([1, 1]).counts == (1, 1)

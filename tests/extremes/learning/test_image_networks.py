@@ -11,8 +11,8 @@ import pytest
 import torch
 from torch import nn
 
-from pipeline.kernels.learning.encoder import ENCODER_PLANS, ImageEncoder
-from pipeline.kernels.learning.unet import UNet
+from pipeline.kernels.networks.encoder import ENCODER_PLANS, ImageEncoder
+from pipeline.kernels.networks.unet import UNet
 from tests.extremes.learning.pictures import KINDS, given
 
 Network = TypeVar("Network", bound=nn.Module)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from pipeline.kernels.learning.bootstrap import difference_interval, mean_interval
-from pipeline.kernels.learning.metrics import FAR, Distances, distances, nearest_squared, sampled_area, sampling_floor
-from pipeline.kernels.learning.rings import ring_means, ring_of
+from pipeline.kernels.metrics.bootstrap import difference_interval, mean_interval
+from pipeline.kernels.metrics.distances import FAR, Distances, distances, nearest_squared, sampled_area, sampling_floor
+from pipeline.kernels.metrics.rings import ring_means, ring_of
 from tests.extremes.learning import exact
 from tests.extremes.learning.shapes import CLOUDS, KINDS, OFFSETS, cloud
 from tests.extremes.profile import for_all

@@ -8,8 +8,8 @@ import torch
 from hypothesis import strategies as st
 from torch import Tensor
 
-from pipeline.kernels.learning.encoder import MapGrid
-from pipeline.kernels.learning.pooling import NEAREST, pool, see
+from pipeline.kernels.networks.encoder import MapGrid
+from pipeline.kernels.networks.pooling import NEAREST, pool, see
 from tests.extremes.profile import for_all
 from tests.extremes.strategies import seeds
 from tests.learning.test_pooling import SCENE, scene_camera, slow_pool

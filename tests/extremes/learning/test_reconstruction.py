@@ -9,13 +9,13 @@ import pytest
 import torch
 import trimesh
 
-from pipeline.kernels.learning.chart_rule import StopRule
-from pipeline.kernels.learning.chart_sphere import chart_sphere
-from pipeline.kernels.learning.chart_square import chart_square
-from pipeline.kernels.learning.metrics import distances
-from pipeline.learning.mesh_files import joined, write_charts, write_joined
-from pipeline.learning.reconstruct import Reconstruction, Reconstructor, View
-from pipeline.stage import StageError
+from pipeline.errors import StageError
+from pipeline.inference.mesh_files import joined, write_charts, write_joined
+from pipeline.kernels.charts.chart_sphere import chart_sphere
+from pipeline.kernels.charts.chart_square import chart_square
+from pipeline.kernels.charts.fit_rule import StopRule
+from pipeline.kernels.metrics.distances import distances
+from pipeline.models.reconstruct import Reconstruction, Reconstructor, View
 from tests.learning import spheres
 
 SPHERE = chart_sphere(0)

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from pipeline.kernels.learning.surface_samples import sample_surface, sample_surfaces, surface_points
+from pipeline.kernels.metrics.surface_samples import sample_surface, sample_surfaces, surface_points
 from tests.extremes.learning import exact
 from tests.extremes.learning.shapes import OFFSETS, soup
 from tests.extremes.profile import for_all

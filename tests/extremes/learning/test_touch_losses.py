@@ -12,7 +12,7 @@ import torch
 from hypothesis import strategies as st
 from torch import Tensor
 
-from pipeline.kernels.learning.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
+from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
 from tests.extremes.learning import exact
 from tests.extremes.profile import for_all
 from tests.extremes.strategies import seeds

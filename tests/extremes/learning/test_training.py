@@ -10,9 +10,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from pipeline.kernels.learning.chamfer import chamfer
-from pipeline.learning.loop import read_metrics, train
-from pipeline.stage import StageError
+from pipeline.errors import StageError
+from pipeline.kernels.metrics.chamfer import chamfer
+from pipeline.training.loop import read_metrics, train
 from tests.learning.regression import Regression, job, settings
 
 

@@ -1,0 +1,96 @@
+"""Commands that look: at the stages, at a data directory, at the machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, cast
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from pipeline.cli.messages import fail
+from pipeline.console import console, say
+from pipeline.engine.stage import ObjectStage
+from pipeline.errors import StoreError
+from stages.registry import STAGES, is_set_stage, load_stage
+
+
+def stages() -> None:
+    """List the stages, what each reads and writes, and every knob."""
+    for name in STAGES:
+        stage = load_stage(name)
+        settings = stage.settings_type()
+        reads = ", ".join(artifact.name for artifact in stage.inputs(settings)) or "the manifest's meshes"
+        writes = stage.folder(settings) if is_set_stage(stage) else cast(ObjectStage, stage).output.name
+        console.print(f"[bold]{name}[/]  {stage.summary}\n  reads {reads}; writes {writes}")
+        table = Table("knob", "default", "changes", "why", box=None, pad_edge=True, padding=(0, 2))
+        for knob, info in stage.settings_type.model_fields.items():
+            table.add_row(knob, str(info.default), stage.settings_type.changes(knob), info.description)
+        console.print(table)
+
+
+def status(
+    data: Annotated[Path, typer.Argument(help="Data directory.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Everything, as JSON.")] = False,
+) -> None:
+    """Say what is in a data directory: objects, failures with their reasons, models, digests."""
+    from pipeline.reports import status as report
+
+    try:
+        found, filled = report.read(data), report.read_folders(data)
+    except StoreError as error:
+        fail(error)
+    if as_json:
+        typer.echo(report.to_json(found, filled))
+    elif not (found or filled):
+        say(f"{data.resolve()}: nothing has been made here")
+    else:
+        report.show(found, filled, console)
+
+
+def validate(data: Annotated[Path, typer.Argument(help="A data directory, or one shard in it.")]) -> None:
+    """Check every shard against its schema and digests, and every model's files; ends with status 1 when one is not as it should be."""
+    from pipeline.store.validate import problems_below
+
+    found = problems_below(data)
+    for path, lines in found.items():
+        console.print(f"{path}: {'[green]valid[/]' if not lines else '[red]not valid[/]'}")
+        for line in lines:
+            console.print(f"  {escape(line)}")
+    if not found:
+        fail(f"{data.resolve()} holds no shards; looked for NAME/NNNN.zarr")
+    if any(found.values()):
+        raise typer.Exit(1)
+
+
+def doctor() -> None:
+    """Check that everything the stages need is installed, and say how to get what is not."""
+    from pipeline.reports.doctor import examine
+
+    healthy = True
+    for check in examine():
+        console.print(f"[{'green' if check.ok else 'red'}]{'ok' if check.ok else 'missing':8}[/]{escape(check.what)}")
+        if not check.ok:
+            console.print(f"        {escape(check.remedy)}")
+            healthy = False
+    if not healthy:
+        raise typer.Exit(1)
+
+
+def summary(
+    data: Annotated[Path, typer.Argument(help="Data directory.")],
+    most: Annotated[int, typer.Option(min=1, help="Draw at most so many objects, spread evenly.")] = 40,
+) -> None:
+    """Print a data set's statistics beside the supplement's, and draw its contact sheets."""
+    from pipeline.dataset.touch_statistics import sensors_of, tally
+    from pipeline.reports import statistics
+    from pipeline.reports.summary import contact_sheets
+
+    try:
+        say(str(data.resolve()))
+        statistics.show(tally(data), sensors_of(data), console)
+        for path in contact_sheets(data, most):
+            say(f"contact sheet: {path}")
+    except StoreError as error:
+        fail(error)

@@ -1,0 +1,212 @@
+"""Worker processes: each keeps a stage's session open and takes one object after the other.
+
+Each worker is a pool of its own, so that a native library that takes its process down takes no other object along, and
+it is known which object it was.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+import time
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+from pipeline.config.settings import Settings
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.engine.plan import Job
+from pipeline.engine.stage import ObjectStage, Task
+from pipeline.errors import InvalidInput, StageError, StoreError
+from pipeline.store.collection import Collection
+from pipeline.store.layout import Layout
+from pipeline.store.pieces import Piece, Pieces
+from pipeline.store.write import conform
+
+CRASHES = 2
+"""A process that dies may have been killed from outside; the object is to blame when it dies again."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """What every worker of a run is told."""
+
+    stage: ObjectStage
+    settings: Settings
+    seed: int
+    shards: int
+    data: Path
+    models: Mapping[str, Path]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job; its row lies among the pieces."""
+
+    object_id: str
+    seconds: float
+    reason: str | None
+
+
+def run_jobs(work: Work, jobs: Sequence[Job], workers: int) -> Iterator[Outcome]:
+    """Process jobs side by side, in whatever order they finish.
+
+    Raises
+    ------
+    StageError
+        The stage's session cannot be opened: nothing is wrong with any object.
+    StoreError
+        An input is damaged.
+    """
+    waiting = list(reversed(jobs))
+    crashes: dict[str, int] = {}
+    with ExitStack() as stack:
+        idle = [stack.enter_context(_Pool(work)) for _ in range(max(1, min(workers, len(jobs))))]
+        for pool in idle:
+            pool.wait_until_open()
+        running: dict[Future[Outcome], tuple[_Pool, Job]] = {}
+        while waiting or running:
+            while waiting and idle:
+                pool, job = idle.pop(), waiting.pop()
+                running[pool.submit(job)] = (pool, job)
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                pool, job = running.pop(future)
+                idle.append(pool)
+                try:
+                    yield future.result()
+                except BrokenProcessPool:
+                    pool.restart()
+                    crashes[job.key] = crashes.get(job.key, 0) + 1
+                    if crashes[job.key] < CRASHES:
+                        waiting.append(job)
+                    else:
+                        yield _crashed(work, job)
+
+
+class _Pool:
+    """One worker process that can be started anew."""
+
+    def __init__(self, work: Work) -> None:
+        self._work = work
+        self._start()
+
+    def _start(self) -> None:
+        spawn = multiprocessing.get_context("spawn")  # a fork would share GL contexts and locks
+        self._executor = ProcessPoolExecutor(1, mp_context=spawn)
+        self._opened = self._executor.submit(_open, self._work)
+
+    def wait_until_open(self) -> None:
+        """Return when the session is open; all workers open theirs side by side."""
+        try:
+            self._opened.result()
+        except Exception as error:  # whatever a stage's libraries raise where they are not installed as they should be
+            name = self._work.stage.name
+            raise StageError(
+                f"{name} cannot start: {type(error).__name__}: {error}; `vt-pipeline doctor` looks for what is missing"
+            ) from error
+
+    def submit(self, job: Job) -> Future[Outcome]:
+        try:
+            return self._executor.submit(_process, job)
+        except BrokenProcessPool:  # it died while it had nothing to do
+            self.restart()
+            return self._executor.submit(_process, job)
+
+    def restart(self) -> None:
+        self._executor.shutdown(wait=False)
+        self._start()
+        self.wait_until_open()
+
+    def __enter__(self) -> _Pool:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with suppress(Exception):  # it is broken, or was never open: then there is nothing to close
+            self._executor.submit(_close).result()
+        self._executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _crashed(work: Work, job: Job) -> Outcome:
+    reason = (
+        f"its process died {CRASHES} times (a crash in a native library, or memory ran out); "
+        "with more memory, or the mesh made smaller, run again with --retry"
+    )
+    piece = Piece({}, 0.0, {"stage": work.stage.name, "reason": reason})
+    Pieces(Layout(work.data).work(work.stage.output.name)).save(job.item.object_id, job.key, piece)
+    return Outcome(job.item.object_id, 0.0, reason)
+
+
+# ---- in the worker's process ------------------------------------------------------------------------------------------
+
+_state: dict[str, Any] = {}
+
+
+def _open(work: Work) -> None:
+    """Open the stage's session, and end with the parent, however that ends."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    layout = Layout(work.data)
+    stack = ExitStack()
+    _state.update(
+        work=work,
+        stack=stack,
+        process=stack.enter_context(work.stage.session(work.settings, work.models)),
+        inputs={artifact.name: Collection(layout, artifact, work.shards) for artifact in work.stage.inputs(work.settings)},
+        pieces=Pieces(layout.work(work.stage.output.name)),
+    )
+
+
+def _end_with(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
+
+
+def _close() -> None:
+    _state["stack"].close()
+
+
+def _process(job: Job) -> Outcome:
+    """Process one object and save its piece: its row, or why it has none."""
+    work: Work = _state["work"]
+    task = _task(job)
+    began = time.perf_counter()
+    failure, row = None, {}
+    try:
+        row = conform(work.stage.output, _state["process"](task))
+    except InvalidInput as error:
+        failure = {"stage": work.stage.name, "reason": str(error)}
+    except Exception as error:  # a fault of ours; it must not cost the other objects, nor go unseen
+        traceback.print_exc()
+        failure = {"stage": work.stage.name, "reason": f"unexpected {type(error).__name__}: {error}; please report it; --retry tries again"}
+    seconds = time.perf_counter() - began
+    _state["pieces"].save(job.item.object_id, job.key, Piece(row, seconds, failure))
+    return Outcome(job.item.object_id, seconds, failure["reason"] if failure else None)
+
+
+def _task(job: Job) -> Task:
+    """The task of a job, whose inputs are what the plan was made with: a chunk that is gone would be read as zeros."""
+    item = job.item
+    collections: dict[str, Collection] = _state["inputs"]
+    inputs = {name: collection.view(item.object_id) for name, collection in collections.items()}
+    for name, view in inputs.items():
+        if view.digest() != job.inputs[name]:
+            raise StoreError(
+                f"{view.shard.path}: {name} of {item.object_id} is damaged, or was replaced meanwhile; delete it and run its stage again"
+            )
+    return Task(
+        object_id=item.object_id,
+        category=item.category,
+        seed=_state["work"].seed,
+        source=item.source,
+        inputs=inputs,
+        attributes={name: view.shard.attributes for name, view in inputs.items()},
+        load_mesh=(lambda: read_mesh(inputs["surfaces"])) if "surfaces" in inputs else None,
+    )

@@ -1,0 +1,37 @@
+"""Every error that a person can do something about; the message names the thing, its value, the limit and the way out.
+
+What is not one of these is a fault of the project and keeps its traceback.
+"""
+
+from __future__ import annotations
+
+
+class PipelineError(Exception):
+    """The base of all errors below: a command ends with the message instead of a traceback."""
+
+
+class InvalidInput(PipelineError, ValueError):
+    """Something given cannot be used: a mesh, an image, a pose, a description file.
+
+    While an object is processed, it is that object's failure.
+    """
+
+
+class ManifestError(PipelineError):
+    """A manifest cannot be read or names no objects."""
+
+
+class SettingsError(PipelineError):
+    """A preset or a `--set` names a setting that does not exist, or a value that it does not take."""
+
+
+class StageError(PipelineError):
+    """A stage cannot work here at all: a library or device is missing, or there is nothing to train on."""
+
+
+class StoreError(PipelineError):
+    """A stored artifact is missing, incomplete, damaged or not what its schema says."""
+
+
+class AdviceError(PipelineError):
+    """No measured setting does what is asked; the message says what the nearest one does."""

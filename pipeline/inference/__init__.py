@@ -1,0 +1,1 @@
+"""Reconstruct from one's own files, or from a stored grasp."""

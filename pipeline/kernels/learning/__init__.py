@@ -1,1 +1,0 @@
-"""Networks, losses and metrics: from readings and images to charts and their vertices."""

@@ -1,0 +1,1 @@
+"""Distances between surfaces, and statistics over objects."""

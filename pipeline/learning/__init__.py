@@ -1,1 +1,0 @@
-"""Learning: what training, evaluating and using models stand on."""

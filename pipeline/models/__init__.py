@@ -1,0 +1,1 @@
+"""Trained networks: save, load, apply."""

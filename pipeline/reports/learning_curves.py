@@ -1,0 +1,36 @@
+"""Learning curves: training and validation loss of every trained model, by epoch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from pipeline.training.loop import read_metrics
+
+WIDTH, HEIGHT, DPI = 3.4, 2.6, 110
+"""Inches of one model's curves, and dots an inch."""
+
+
+def draw_curves(folders: Sequence[Path], path: Path) -> None:
+    """Draw the curves of every model folder into a PNG at `path`: losses on a logarithmic scale, a dot at the epoch that was kept."""
+    with matplotlib.rc_context({"font.size": 8}):
+        columns = min(4, len(folders))
+        rows = -(-len(folders) // columns)
+        figure = Figure((WIDTH * columns, HEIGHT * rows), dpi=DPI, layout="constrained")
+        for place, folder in enumerate(folders):
+            axes = figure.add_subplot(rows, columns, place + 1)
+            history = read_metrics(folder)
+            epochs = range(1, len(history) + 1)
+            valid = [row["loss"] for row in history]
+            best = valid.index(min(valid))
+            axes.semilogy(epochs, [row["train_loss"] for row in history], label="training", linewidth=1)
+            axes.semilogy(epochs, valid, label="validation", linewidth=1)
+            axes.plot([best + 1], [valid[best]], "o", markersize=4, color="black")
+            axes.set_title(folder.name)
+            axes.set_xlabel("epoch")
+            axes.set_ylabel("loss")
+            axes.legend(frameon=False)
+        figure.savefig(path)

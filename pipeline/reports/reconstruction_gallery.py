@@ -1,0 +1,115 @@
+"""Reconstructions beside their objects: a row an object, a column a model, seen by the data set's camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.touch_charts import is_surface
+from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS
+from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
+from pipeline.kernels.vision.raster import RasterRenderer
+from pipeline.kernels.vision.scene import load_scene
+from pipeline.kernels.vision.view import Label
+from pipeline.store.collection import Collection
+from pipeline.store.layout import Layout
+from schemas.charts import CHARTS
+from schemas.surfaces import SURFACES
+from schemas.vision import VISION
+from stages.evaluate.store import Arrays, read_root, read_table
+
+PIXELS = 200
+"""A picture's side: enough to see charts."""
+
+SCENE = "supplement"
+"""Whose camera looks where no images were made."""
+
+
+def draw_gallery(data: Path, path: Path, most: int) -> list[str]:
+    """Draw at most so many test objects, spread evenly over the evaluation's, into a PNG at `path`; returns their names.
+
+    Every model is shown with one grasp, those that feel also with the most that were evaluated; the number below is the
+    Chamfer distance of that very reconstruction, m² x 9000.
+    """
+    folder = data / "evaluation"
+    names = list(read_root(folder)["configurations"])
+    predictions = {name: read_table(folder, f"predictions/{name}") for name in names}
+    values = {name: read_table(folder, f"values/{name}") for name in names}
+    objects = [str(name) for name in read_table(folder, "objects")["object_id"]]
+    shown = [objects[place] for place in np.linspace(0, len(objects) - 1, min(most, len(objects))).astype(int)]
+    surfaces, charts = (Collection(Layout(data), artifact) for artifact in (SURFACES, CHARTS))
+    columns = [(name, case) for name in names for case in _cases(predictions[name])]
+    images = Collection(Layout(data), VISION).shards
+    scene = str(images[0].attributes["settings"]["scene"]) if images else SCENE
+    with RasterRenderer(load_scene(scene), PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
+        figure = Figure((1.6 * (1 + len(columns)), 1.75 * len(shown)), dpi=110, layout="constrained")
+        for row, object_id in enumerate(shown):
+            truth = read_mesh(surfaces.view(object_id))
+            place = row * (1 + len(columns)) + 1
+            _picture(
+                figure, (len(shown), 1 + len(columns), place), _seen(renderer, truth), object_id if row else f"object\n{object_id}", ""
+            )
+            for column, (name, case) in enumerate(columns):
+                table, number = predictions[name], objects.index(object_id)
+                mesh = _surface(charts, object_id, table, number, case)
+                given = int(table["grasps_given"][case])
+                title = "" if row else name + (f"\n{given} grasp{'s' * (given > 1)}" if given else "\n")
+                figures = values[name]["chamfer"][number]  # (first grasp, grasps given)
+                place_given = int(np.flatnonzero(values[name]["grasps_given"] == max(given, 1))[0])
+                error = TABLE_3_FACTOR * figures[int(table["first_grasp"][case]), place_given]
+                place = row * (1 + len(columns)) + column + 2
+                _picture(figure, (len(shown), 1 + len(columns), place), _seen(renderer, mesh), title, f"{error:.2f}")
+        figure.savefig(path)
+    return shown
+
+
+def _cases(table: Arrays) -> list[int]:
+    """The cases shown of a model: the fewest grasps it was given, and the most."""
+    given = table["grasps_given"]
+    return sorted({int(np.argmin(given)), int(np.argmax(given))})
+
+
+def _surface(fitted: Collection, object_id: str, table: Arrays, number: int, case: int) -> Mesh:
+    """A prediction in grey, with the touch charts that it was given in orange."""
+    vertices, faces = [table["vertices"][number, case].astype(np.float64)], [table["faces"]]
+    given, first = int(table["grasps_given"][case]), int(table["first_grasp"][case])
+    if given:
+        row = fitted.view(object_id)
+        charts, touched = row["vertices"], is_surface(row["stop_rule"])  # (grasp, sensor, S, 3), (grasp, sensor)
+        grasps = [(first + step) % len(charts) for step in range(given)]
+        for chart in charts[grasps][touched[grasps]]:
+            faces.append(row["chart_faces"] + sum(map(len, vertices)))
+            vertices.append(chart.astype(np.float64))
+    count = sum(map(len, faces))
+    look = replace(
+        Look.plain(sum(map(len, vertices)), count),
+        face_material=(np.arange(count) >= len(faces[0])).astype(np.int32),
+        base_color=np.array([VISION_COLORS[0], TOUCH_COLOR], np.uint8),
+        material_texture=np.array([-1, -1], np.int32),
+    )
+    return Mesh(np.concatenate(vertices), np.concatenate(faces).astype(np.int32), look)
+
+
+def _seen(renderer: RasterRenderer, mesh: Mesh) -> NDArray[np.uint8]:
+    part = renderer.add(mesh, Label.OBJECT)
+    try:
+        return renderer.render([(part, np.eye(4))]).rgb
+    finally:
+        renderer.remove(part)
+
+
+def _picture(figure: Figure, place: Sequence[int], image: NDArray[np.uint8], title: str, below: str) -> None:
+    axes = figure.add_subplot(*place)
+    axes.imshow(image)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.set_title(title, fontsize=7)
+    axes.set_xlabel(below, fontsize=7)

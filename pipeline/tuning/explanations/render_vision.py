@@ -1,0 +1,31 @@
+"""What `render-vision` left out: images not asked for, the hand where there is none, looks that repeat, texels no image shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from pipeline.engine.stage import Task
+from pipeline.kernels.hand.model import load_hand
+from pipeline.kernels.hand.visuals import visual_meshes
+from pipeline.kernels.vision.primitives import looks, shrunk
+from pipeline.tuning.explain import Part
+from stages.render_vision.settings import VisionSettings
+
+
+def explain(settings: VisionSettings, models: Mapping[str, Path], tasks: Sequence[Task]) -> Iterator[Part]:
+    """Count images, hand shapes and looks of these objects."""
+    shapes = len(visual_meshes(load_hand(settings.hand)))
+    for number, task in enumerate(tasks):
+        grasps = len(task.inputs["grasps"]["hand_pose"])
+        held = grasps if settings.occluded else 0
+        yield Part("images", 1 + held, grasps - held, "`occluded` is off: no image with a hand is asked for")
+        yield Part("hand shapes drawn", shapes * held, shapes * (1 + grasps - held), "no hand is in these images")
+        taken = 0 if number else shapes
+        yield Part("hand shapes prepared, in one worker", taken, shapes - taken, "kept from object to object", "hand kept")
+        look = task.mesh().look
+        drawn = len(looks(look))
+        yield Part("materials drawn", drawn, len(look.base_color) - drawn, "they look like another one, and are drawn with it")
+        texels = sum(texture.shape[0] * texture.shape[1] for texture in look.textures)
+        kept = sum(small.shape[0] * small.shape[1] for small in map(shrunk, look.textures))
+        yield Part("texels", kept, texels - kept, "finer than any image of this size shows")
