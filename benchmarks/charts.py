@@ -9,12 +9,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.chart_square import chart_square
 from pipeline.kernels.charts.fit_rule import SUPPLEMENT, FitRule, StopRule
 from pipeline.kernels.metrics.distances import sampling_floor
 from pipeline.kernels.metrics.surface_samples import sample_surface
-from pipeline.kernels.touch.sensor import load_sensor, pixel_centres
+from pipeline.kernels.touch.sensor import pixel_centres
 
 SENSOR = load_sensor("gel_16mm")
 CLOUDS = 6

@@ -17,13 +17,13 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
+from pipeline.config.scene_file import load_scene
 from pipeline.kernels.networks.configurations import CONFIGURATIONS
 from pipeline.kernels.networks.deformation import VISION, DeformationNetwork
 from pipeline.kernels.networks.graph import batch_graph
 from pipeline.kernels.networks.pooling import pool, see
 from pipeline.kernels.networks.zero_neighbour import ZeroNeighbourLayer
 from pipeline.kernels.vision.camera import projection_matrix
-from pipeline.kernels.vision.scene import load_scene
 
 BATCH = 16
 TWIN_BATCH = 2

@@ -11,9 +11,10 @@ import trimesh
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.touch.prism import face_blocks
 from pipeline.kernels.touch.rays import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, load_sensor, ray_origins
+from pipeline.kernels.touch.sensor import Sensor, ray_origins
 from pipeline.kernels.touch.shading import reading
 from pipeline.kernels.touch.spheres import sphere_depth
 

@@ -10,13 +10,14 @@ import torch
 import trimesh
 from torch import Tensor
 
+from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.images import network_input
 from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.prism import face_blocks
 from pipeline.kernels.touch.rays import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, load_sensor
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.shading import reading, untouched
 from pipeline.rng import seeded_weights
 from stages.train_unet.settings import UnetSettings

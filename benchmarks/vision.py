@@ -11,12 +11,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.hand.model import load_hand
 from pipeline.kernels.hand.visuals import visual_meshes
 from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.scene import load_scene
 from pipeline.kernels.vision.view import Label, Part, Placed
 from pipeline.toy_objects import CATEGORIES, generate
 

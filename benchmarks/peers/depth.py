@@ -16,10 +16,11 @@ from benchmarks.peers.table import Table
 from benchmarks.peers.touch import over_cases
 from benchmarks.timing import side_by_side, three_digits
 from benchmarks.touch import float32_rays, press, wavy_ball
+from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.prism import face_blocks
 from pipeline.kernels.touch.rays import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, load_sensor, ray_origins
+from pipeline.kernels.touch.sensor import Sensor, ray_origins
 from pipeline.kernels.touch.shading import reading
 from pipeline.kernels.vision.context import Context, NoOpenGL
 from tests.touch.twins import brute_force

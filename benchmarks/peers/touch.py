@@ -17,9 +17,10 @@ from benchmarks.peers.taxim_shim import load_taxim
 from benchmarks.peers.worker import PeerError, Worker
 from benchmarks.provenance import ROOT
 from benchmarks.timing import Round, Times, each, side_by_side, three_digits
+from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.touch.prism import face_blocks
 from pipeline.kernels.touch.rays import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, load_sensor, pixel_centres, place
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres, place
 from pipeline.kernels.touch.shading import reading
 from pipeline.kernels.touch.storage import stored_depth
 from stages.simulate_touch.settings import TouchSettings

@@ -25,14 +25,15 @@ from skimage.transform import resize
 from benchmarks.grasps import independent_depth
 from benchmarks.tradeoff.errors import POINTS
 from benchmarks.tradeoff.tiny import tiny_renderer
+from pipeline.config.scene_file import load_scene
+from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.prism import FaceBlocks, face_blocks
 from pipeline.kernels.touch.rays import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, load_sensor, ray_origins
+from pipeline.kernels.touch.sensor import Sensor, ray_origins
 from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.scene import load_scene
 from pipeline.kernels.vision.view import Label
 from pipeline.rng import numpy_rng
 from pipeline.store.collection import Collection

@@ -14,6 +14,7 @@ from benchmarks.touch import press
 from benchmarks.tradeoff.pairs import Pair, Results
 from benchmarks.tradeoff.plain_search import has_room as plain_has_room
 from benchmarks.tradeoff.plain_search import measuring_all
+from pipeline.config.scene_file import load_scene
 from pipeline.engine.stage import Task
 from pipeline.kernels.geometry import exterior
 from pipeline.kernels.geometry.mesh import Mesh
@@ -27,7 +28,6 @@ from pipeline.kernels.touch.contact import is_touched, local_points, touch_succe
 from pipeline.kernels.touch.rays import grid_depth, ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.scene import load_scene
 from pipeline.kernels.vision.view import Label
 from pipeline.toy_objects import generate
 from stages.simulate_grasps import stage as grasping

@@ -8,12 +8,13 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.hand.model import Hand, load_hand
 from pipeline.kernels.hand.visuals import visual_meshes
 from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.scene import Scene, load_scene
+from pipeline.kernels.vision.scene import Scene
 from pipeline.kernels.vision.second_side import patch, second_side, squares_of
 from pipeline.kernels.vision.view import Label
 from pipeline.reports.contact_sheet import Band, finger_colors

@@ -48,9 +48,9 @@ def _version(name: str) -> str:
 
 
 def _render() -> str:
+    from pipeline.config.scene_file import load_scene
     from pipeline.kernels.vision.camera import projection_matrix  # only here: they need what is being checked
     from pipeline.kernels.vision.raster import RasterRenderer
-    from pipeline.kernels.vision.scene import load_scene
 
     scene = load_scene("supplement")
     with RasterRenderer(scene, 16) as renderer:

@@ -11,13 +11,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from pipeline.config.scene_file import load_scene
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
 from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.scene import load_scene
 from pipeline.kernels.vision.view import Label
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout

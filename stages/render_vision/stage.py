@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.config.scene_file import load_scene, scene_path
 from pipeline.engine.stage import Cost, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.kinematics import forward
@@ -17,7 +18,6 @@ from pipeline.kernels.hand.visuals import visual_meshes
 from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.kernels.vision.context import shader_paths
 from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.scene import load_scene, scene_path
 from pipeline.kernels.vision.view import Label, Part, Placed, Renderer
 from pipeline.store.pieces import Row
 from schemas.base import Artifact

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.bodies import Balls, Boxes, collision_balls, collision_boxes
 from pipeline.kernels.hand.distance import DistanceField, distance_field
@@ -14,7 +15,7 @@ from pipeline.kernels.hand.inverse import PostureSamples, Wanted, sample_posture
 from pipeline.kernels.hand.model import Hand, load_hand
 from pipeline.kernels.hand.reach import FingerParts, finger_parts
 from pipeline.kernels.touch.prism import FaceBlocks, face_blocks
-from pipeline.kernels.touch.sensor import Sensor, load_sensor
+from pipeline.kernels.touch.sensor import Sensor
 from stages.simulate_grasps.settings import GraspSettings
 
 SEARCH_SPACING, SEARCH_TOLERANCE = 0.006, 0.002

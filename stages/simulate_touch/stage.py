@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.config.sensor_file import load_sensor, sensor_path
 from pipeline.engine.stage import Cost, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.prism import FaceBlocks, face_blocks
 from pipeline.kernels.touch.rays import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, load_sensor, sensor_path
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.shading import reading, untouched
 from pipeline.kernels.touch.spheres import sphere_depth
 from pipeline.kernels.touch.storage import stored_depth

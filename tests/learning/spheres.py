@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from pipeline.config.manifest import Object
+from pipeline.config.sensor_file import load_sensor
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request, make_plan
 from pipeline.engine.runner import execute
@@ -19,7 +20,7 @@ from pipeline.engine.stage import Cost, Task
 from pipeline.kernels.charts.chart_square import chart_square
 from pipeline.kernels.networks.configurations import CONFIGURATIONS
 from pipeline.kernels.networks.deformation import DeformationNetwork
-from pipeline.kernels.touch.sensor import load_sensor, place
+from pipeline.kernels.touch.sensor import place
 from pipeline.kernels.touch.shading import reading, untouched
 from pipeline.kernels.vision.camera import Camera, projection_matrix
 from pipeline.models.model_files import save_model

@@ -8,13 +8,14 @@ import pytest
 import torch
 from pydantic import ValidationError
 
+from pipeline.config.sensor_file import load_sensor
 from pipeline.engine.stage import Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.chart_square import chart_square
 from pipeline.kernels.charts.fit_rule import SUPPLEMENT, FitRule, StopRule
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.contact import local_points, touch_success
-from pipeline.kernels.touch.sensor import Sensor, load_sensor, pixel_centres
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.touch.shading import reading, untouched
 from pipeline.models.touch_model import save_touch_model
 from pipeline.store.pieces import Row

@@ -9,7 +9,8 @@ import numpy as np
 import pybullet_data
 import trimesh
 
-from pipeline.kernels.touch.sensor import Sensor, load_sensor
+from pipeline.config.sensor_file import load_sensor
+from pipeline.kernels.touch.sensor import Sensor
 
 SENSOR = load_sensor("gel_16mm")
 DATA = Path(pybullet_data.getDataPath())

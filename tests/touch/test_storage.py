@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch.sensor import load_sensor
+from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.touch.storage import stored_depth
 
 SENSOR = load_sensor("gel_16mm")

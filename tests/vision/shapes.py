@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
+from pipeline.config.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import pose
-from pipeline.kernels.vision.scene import load_scene
 
 SCENE = load_scene("supplement")
 CENTRE = np.array([0.0, 0.0, 0.6])

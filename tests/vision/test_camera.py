@@ -3,7 +3,7 @@ import pytest
 from pydantic import ValidationError
 
 from pipeline.kernels.vision.camera import euler_xyz, look_at, pose, project, projection_matrix
-from pipeline.kernels.vision.scene import Scene, load_scene, scene_path
+from pipeline.kernels.vision.scene import Scene
 from tests.vision.shapes import CENTRE, SCENE, ball
 
 CAMERA = SCENE.camera
@@ -61,13 +61,7 @@ def test_look_at_puts_the_target_in_the_middle_and_keeps_the_horizon() -> None:
         look_at(CAMERA, (0.0, 0.0, 1.0), (0.0, 0.0, 0.6))
 
 
-def test_unknown_scene_and_unknown_key_are_errors_that_say_what_there_is(tmp_path) -> None:
-    with pytest.raises(FileNotFoundError, match="supplement"):
-        load_scene("blender")
-    spoilt = tmp_path / "spoilt.yaml"
-    spoilt.write_text(scene_path("supplement").read_text() + "fog: 1\n")
-    with pytest.raises(ValueError, match=r"spoilt\.yaml[\s\S]*fog"):
-        load_scene(str(spoilt))
+def test_scene_is_frozen_and_survives_a_round_trip() -> None:
     with pytest.raises(ValidationError, match="frozen"):
         SCENE.name = "other"
     assert Scene.model_validate(SCENE.model_dump()) == SCENE

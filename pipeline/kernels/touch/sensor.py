@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from importlib.resources import files
-from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 Length = Annotated[float, Field(gt=0)]
 Position = tuple[float, float, Annotated[float, Field(gt=0)]]
@@ -52,32 +49,6 @@ class Sensor(BaseModel):
     def shape(self) -> tuple[int, int]:
         """(rows, cols) of an image."""
         return self.rows, self.cols
-
-
-def sensor_path(name: str | Path) -> Path:
-    """The file of a sensor: `name` is that of a shipped sensor, or a path ending in .yaml.
-
-    Raises
-    ------
-    FileNotFoundError
-        There is no such file; the message lists the sensors shipped.
-    """
-    shipped = Path(str(files("pipeline"))) / "assets" / "sensors"
-    path = Path(name) if str(name).endswith((".yaml", ".yml")) else shipped / f"{name}.yaml"
-    if not path.is_file():
-        names = ", ".join(sorted(p.stem for p in shipped.glob("*.yaml")))
-        raise FileNotFoundError(f"sensor {str(name)!r}: no file {path}; take one of [{names}] or the path of a .yaml file")
-    return path
-
-
-def load_sensor(name: str | Path) -> Sensor:
-    """Read and validate a sensor file; a `ValueError` names the file and the unknown, missing or senseless entry."""
-    path = sensor_path(name)
-    content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    try:
-        return Sensor.model_validate(content)
-    except ValidationError as error:
-        raise ValueError(f"sensor file {path}: {error}") from None
 
 
 @lru_cache(maxsize=8)

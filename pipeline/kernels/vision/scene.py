@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import resources
-from pathlib import Path
 from typing import Annotated
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.kernels.vision.camera import Camera, Vector
 
@@ -41,38 +38,3 @@ class Scene(_Model):
     lamp: Lamp
     ambient: tuple[Light, Light, Light]
     background: tuple[Share, Share, Share]
-
-
-def scene_path(name: str) -> Path:
-    """The file of a scene: one of those that come with the project, by name, or any YAML file, by path.
-
-    Raises
-    ------
-    FileNotFoundError
-        Where there is no such scene; the message lists those there are.
-    """
-    if name.endswith((".yaml", ".yml")):
-        if not Path(name).is_file():
-            raise FileNotFoundError(f"scene file {name!r} does not exist")
-        return Path(name)
-    folder = Path(str(resources.files("pipeline") / "assets" / "scenes"))
-    path = folder / f"{name}.yaml"
-    if not path.is_file():
-        known = ", ".join(sorted(file.stem for file in folder.glob("*.yaml")))
-        raise FileNotFoundError(f"there is no scene called {name!r}: choose one of {known}, or give a path that ends in .yaml")
-    return path
-
-
-def load_scene(name: str) -> Scene:
-    """The scene of that name or path (see `scene_path`), validated: an unknown key is an error.
-
-    Raises
-    ------
-    ValueError
-        Where the file is no valid scene; the message names the file and every offending key.
-    """
-    path = scene_path(name)
-    try:
-        return Scene.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except (ValidationError, yaml.YAMLError) as error:
-        raise ValueError(f"scene file {path}: {error}") from error

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.config.sensor_file import load_sensor
 from pipeline.engine.stage import Task
 from pipeline.kernels.touch.prism import BLOCK, face_blocks, faces_seen
-from pipeline.kernels.touch.sensor import Sensor, load_sensor
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.shading import impression
 from pipeline.kernels.touch.spheres import march
 from pipeline.tuning.explain import Part
