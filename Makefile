@@ -6,7 +6,7 @@
 #   WORKERS   processes a shard; 0 for one a core                                            (0, with -j 1)
 #   DATA      where the data set goes                                                        (data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET)
 #   OBJECTS   folder of meshes, for manifests that name none
-#   SET       knobs: SET="simulate-grasps.attempts=20 simulate-touch.tracer=sphere"
+#   SET       settings: SET="simulate-grasps.attempts=20 simulate-touch.tracer=sphere"
 #   CONFIGURATIONS  graph networks to train and evaluate; what none of them sees or feels is not made
 #                   (none touch occluded occluded-touch unoccluded unoccluded-touch)
 
@@ -126,7 +126,7 @@ test-slow: lint  ## run the same suites at full size
 bench: $(VENV)/installed-dev  ## measure every stage beside its raw limit, in one run
 	@for name in surfaces grasps vision touch chamfer unet charts gcn; do $(BIN)/python -m benchmarks.$$name || exit 1; done
 
-tradeoff: $(VENV)/installed-dev  ## measure what every knob costs and how wrong it is; writes docs/tradeoff.md (about two hours)
+tradeoff: $(VENV)/installed-dev  ## measure what every setting costs and how wrong it is; writes docs/tradeoff.md (about two hours)
 	@$(BIN)/python -m benchmarks.tradeoff
 
 PEERS    := .venv-peers

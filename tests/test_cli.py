@@ -19,13 +19,13 @@ def invoke(*arguments: str) -> tuple[int, str]:
     return result.exit_code, " ".join(result.output.split())
 
 
-def test_stages_lists_every_knob_with_its_reason():
+def test_stages_lists_every_setting_with_its_reason():
     code, output = invoke("stages")
     assert code == 0
     for name in STAGES:
         assert name in output
-        for knob, info in load_stage(name).settings_type.model_fields.items():
-            assert knob in output
+        for setting, info in load_stage(name).settings_type.model_fields.items():
+            assert setting in output
             assert info.description
 
 
@@ -42,8 +42,8 @@ def test_doctor_finds_everything_here():
         ([*RUN, "--manifest", "moon"], "there is no manifest moon; built in are"),
         ([*RUN, "--preset", "best"], "there is no preset best; there are draft, standard, paper"),
         ([*RUN, "--set", "points=many"], "points: Input should be a valid integer"),
-        ([*RUN, "--set", "pionts=5"], "Extra inputs are not permitted. Its knobs are points"),
-        ([*RUN, "--set", "points"], "write STAGE.KNOB=VALUE"),
+        ([*RUN, "--set", "pionts=5"], "Extra inputs are not permitted. Its settings are points"),
+        ([*RUN, "--set", "points"], "write STAGE.SETTING=VALUE"),
         ([*RUN, "--set", "fly.points=5"], "there is no stage fly"),
         ([*RUN, "--shards", "2", "--shard", "2"], "shards are numbered 0 to 1"),
         ([*RUN, "--object", "nobody"], "has no object nobody"),

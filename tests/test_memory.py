@@ -13,7 +13,7 @@ from pipeline.engine.plan import Request, make_plan
 from pipeline.engine.runner import execute
 from stages.registry import STAGES, load_stage
 
-KNOBS = ["sample-surfaces.points=1000", "simulate-grasps.attempts=5", "simulate-grasps.ik_samples=256"]
+ASSIGNMENTS = ["sample-surfaces.points=1000", "simulate-grasps.attempts=5", "simulate-grasps.ik_samples=256"]
 GROWTH_MB = 30
 """Less than a tenth of a megabyte an object: below every leak known of these libraries (0.2 and 13 MB)."""
 
@@ -36,7 +36,7 @@ def test_memory_stays_flat_over_300_objects(tmp_path):
     objects = load_manifest("pybullet-objects").objects()[:300]
     for name in STAGES:
         stage = load_stage(name)
-        plan = make_plan(Request(stage, resolve(stage, "draft", KNOBS, STAGES), "300", objects, "draft", 0, tmp_path), 0)
+        plan = make_plan(Request(stage, resolve(stage, "draft", ASSIGNMENTS, STAGES), "300", objects, "draft", 0, tmp_path), 0)
         sizes = [children_megabytes() for _ in execute(plan)]
         print(f"{name}: {sizes[49]:.0f} MB at object 50, {sizes[-1]:.0f} MB at object {len(sizes)}")
         assert sizes[-1] - sizes[49] < GROWTH_MB

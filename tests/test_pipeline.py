@@ -22,7 +22,7 @@ from pipeline.errors import StoreError
 from stages.registry import STAGES, is_set_stage, load_stage
 
 ROOT = Path(__file__).parents[1]
-KNOBS = [
+ASSIGNMENTS = [
     *("sample-surfaces.points=2000", "simulate-grasps.attempts=6", "simulate-grasps.ik_samples=512"),
     *("train-unet.width=4", "train-unet.epochs=2", "train-unet.batch_size=8", "fit-charts.max_iterations=60"),
     *("train-gcn.epochs=2", "train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.encoder_width=0.25"),
@@ -54,7 +54,7 @@ def manifest(tmp_path_factory) -> Path:
 
 
 def command(stage: str, manifest: Path, data: Path, *more: str) -> list[str]:
-    sets = [part for knob in KNOBS for part in ("--set", knob)]
+    sets = [part for assignment in ASSIGNMENTS for part in ("--set", assignment)]
     return [sys.executable, "-m", "pipeline", "run", stage, "--manifest", str(manifest), "--data", str(data), *sets, *more]
 
 
@@ -239,7 +239,7 @@ def test_one_grasp_becomes_a_mesh_file(made, tmp_path):
 
 
 def test_a_sweep_trains_every_point_once_and_ranks_them(manifest, made):
-    sets = [part for knob in [*KNOBS, "train-gcn.configuration=none", "train-gcn.epochs=1"] for part in ("--set", knob)]
+    sets = [part for assignment in [*ASSIGNMENTS, "train-gcn.configuration=none", "train-gcn.epochs=1"] for part in ("--set", assignment)]
     asked = [sys.executable, "-m", "pipeline", "sweep", "train-gcn", "--manifest", str(manifest), "--data", str(made), *sets]
     first = vt(*asked, "--grid", "gcn_features=6,12", "--grid", "learning_rate=1e-3").stdout
     assert first.count("up to date") == 0

@@ -1,4 +1,4 @@
-"""Every knob that changes results against its cost: `python -m benchmarks.tradeoff [--only STUDY_OR_SECTION] [--root DATA]`.
+"""Every setting that changes results against its cost: `python -m benchmarks.tradeoff [--only STUDY_OR_SECTION] [--root DATA]`.
 
 Variants are runs of `vt-pipeline` in directories of their own, as many side by side as there are cores, each on one; a second
 run makes only what is missing or stale. Ends with `docs/tradeoff.md`, its plots, and the figures that `vt-pipeline` itself reads.

@@ -1,4 +1,4 @@
-"""What could be built otherwise: choices that are no knob, because one of them serves, measured all the same.
+"""What could be built otherwise: choices that are no setting, because one of them serves, measured all the same.
 
 How many pixels a sensor has, what traces its rays in which precision, what draws images, and what object and hand are to physics.
 """

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pipeline.tuning.tradeoff import Trade
 
-STYLE = {"preset": ("s", 36), "knob": ("o", 12), "together": ("^", 16), "seed": ("x", 16)}
+STYLE = {"preset": ("s", 36), "setting": ("o", 12), "together": ("^", 16), "seed": ("x", 16)}
 """Marker and size by kind."""
 AXES = {"seconds": "seconds", "kilobytes": "kB an object"}
 

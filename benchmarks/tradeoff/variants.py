@@ -15,7 +15,7 @@ from pipeline.config.settings import Settings
 from stages.registry import STAGES, load_stage
 
 HERE = Path(__file__).parent
-Kind = Literal["preset", "knob", "together", "reference", "seed"]
+Kind = Literal["preset", "setting", "together", "reference", "seed"]
 ANOTHER_SEED = 1_000
 """Of references: points drawn alike would agree with each other better than with the surface."""
 Values = Mapping[str, Any]
@@ -33,10 +33,10 @@ class Variant:
 
     def assignments(self, stage: str) -> list[str]:
         """The values as `--set` takes them."""
-        return [f"{stage}.{knob}={_as_text(value)}" for knob, value in self.values.items()]
+        return [f"{stage}.{setting}={_as_text(value)}" for setting, value in self.values.items()]
 
     def settings(self, stage: str) -> Settings:
-        """All knobs of the stage."""
+        """All settings of the stage."""
         return resolve(load_stage(stage), self.preset, self.assignments(stage), STAGES)
 
 
@@ -51,9 +51,9 @@ class Study:
     objects
         The manifest, beside this file, that it is measured on.
     base
-        The preset from which single knobs are varied.
+        The preset from which single settings are varied.
     beside
-        What stands beside a single knob: settings at which its error shows.
+        What stands beside a single setting: settings at which its error shows.
     always
         What every variant sets: which network is trained, for instance.
     skip
@@ -68,7 +68,7 @@ class Study:
     stage: str
     objects: str
     base: str
-    knobs: Mapping[str, list[Any]]
+    settings: Mapping[str, list[Any]]
     together: list[Values] = field(default_factory=list)
     reference: Values | None = None
     beside: Values = field(default_factory=dict)
@@ -83,7 +83,7 @@ class Study:
         return HERE / f"{self.objects}.yaml"
 
     def variants(self) -> list[Variant]:
-        """Presets, single knobs, several knobs, other seeds; settings that come twice are tried once."""
+        """Presets, single settings, several settings, other seeds; settings that come twice are tried once."""
         found: dict[str, Variant] = {}
         for variant in self._all():
             same = found.setdefault(self._key(variant), variant)
@@ -106,9 +106,9 @@ class Study:
         for preset in load_presets():
             if preset not in self.skip:
                 yield Variant("preset", preset, preset, self.always)
-        for knob, values in self.knobs.items():
+        for setting, values in self.settings.items():
             for value in values:
-                yield Variant("knob", _label({knob: value}), self.base, {**self.always, **self.beside, knob: value})
+                yield Variant("setting", _label({setting: value}), self.base, {**self.always, **self.beside, setting: value})
         for values in self.together:
             yield Variant("together", _label(values), self.base, {**self.always, **values})
         for seed in self.seeds:
@@ -127,4 +127,4 @@ def _as_text(value: Any) -> str:
 
 
 def _label(values: Values) -> str:
-    return " ".join(f"{knob}={_as_text(value)}" for knob, value in values.items())
+    return " ".join(f"{setting}={_as_text(value)}" for setting, value in values.items())

@@ -18,7 +18,7 @@ PLOTS = ROOT / "docs" / "tradeoff"
 SECTIONS = ("same", "end_to_end", "alternatives", "shortcuts")
 BEGIN = """# Speed against accuracy
 
-Every knob that changes results, varied alone and with others, and the presets as wholes: what a setting costs and how wrong it is.
+Every setting that changes results, varied alone and with others, and the presets as wholes: what a setting costs and how wrong it is.
 Seconds and kilobytes are an object's on one core; where a stage looks at all objects at once, the whole training's. **•** marks settings
 that none beats in both cost and error (times within {slack:.0f} % count as equal). *At most* is what the error of another data set of as
 many such objects stays below, 19 times in 20; `vt-pipeline advise` reads these figures, and promises that one.
@@ -26,12 +26,12 @@ many such objects stays below, 19 times in 20; `vt-pipeline advise` reads these 
 NOTES = {
     "sample-surfaces": "On these objects 128 directions find what 256 find. No preset takes fewer: their number is part of what an "
     "exterior point is, and on objects of abutting parts more keep finding the walls of narrower gaps.",
-    "simulate-grasps": "Single knobs are varied at `attempts=12`: with 50 nearly every sensor touches whatever the others are.",
+    "simulate-grasps": "Single settings are varied at `attempts=12`: with 50 nearly every sensor touches whatever the others are.",
     "simulate-touch": "The error of `sphere` is its tolerance; `paper` keeps it because the supplement prescribes it, beaten in cost.",
     "fit-charts": "`paper` goes on as long as the supplement's rule says, with its step: 25 times the time, and no closer.",
     "train-unet": "Seeds differ from the base in nothing but chance: what differs by no more than they do is not told apart here.",
     "train-gcn": "As above: compare with the seeds before believing a difference. A network that only feels has no image "
-    "encoder: the encoder's knobs are of no account here.",
+    "encoder: the encoder's settings are of no account here.",
 }
 
 
@@ -76,7 +76,7 @@ def _section(trade: Trade, picture: Path, made: str) -> str:
     front = trade.front()
     figures = list(trade.points[0].figures)
     head = ["", "setting", "seconds", "kB", figures[0], "at most", *figures[1:]]
-    rows = [_row(point, point in front, figures) for kind in ("preset", "knob", "together", "seed") for point in _of(trade, kind)]
+    rows = [_row(point, point in front, figures) for kind in ("preset", "setting", "together", "seed") for point in _of(trade, kind)]
     skipped = [f"Not measured as a whole: `{preset}` ({why})." for preset, why in trade.skipped.items()]
     notes = [*skipped, *([NOTES[trade.name]] if trade.name in NOTES else [])]
     text = " ".join(notes) + "\n\n" if notes else ""
@@ -88,7 +88,7 @@ def _of(trade: Trade, kind: str) -> list[Point]:
 
 
 def _row(point: Point, best: bool, figures: Sequence[str]) -> list[str]:
-    label = f"**{point.label}**" if point.kind == "preset" else f"`{point.label}`" if point.kind in ("knob", "together") else point.label
+    label = f"**{point.label}**" if point.kind == "preset" else f"`{point.label}`" if point.kind in ("setting", "together") else point.label
     error, *others = (f"{point.figures[name]:.4g}" for name in figures)
     return ["•" if best else "", label, f"{point.seconds:.3g}", f"{point.kilobytes:.4g}", error, f"{point.bound:.4g}", *others]
 
@@ -103,7 +103,7 @@ def _end_to_end(rows: list[dict[str, Any]], made: str) -> str:
 def _alternatives(rows: list[dict[str, Any]], made: str) -> str:
     head = ["choice", "", "seconds", "figures"]
     lines = [[row["what"], row["label"], row["seconds"], _words(row["figures"])] for row in rows]
-    say = "Choices that are no knob, because one of them serves. Seconds of a sensor's depth map, or of an attempt at a grasp.\n\n"
+    say = "Choices that are no setting, because one of them serves. Seconds of a sensor's depth map, or of an attempt at a grasp.\n\n"
     return f"## What could be built otherwise\n\n{made}\n\n{say}{_table(head, lines)}"
 
 

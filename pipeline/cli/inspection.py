@@ -17,16 +17,16 @@ from stages.registry import STAGES, is_set_stage, load_stage
 
 
 def stages() -> None:
-    """List the stages, what each reads and writes, and every knob."""
+    """List the stages, what each reads and writes, and every setting."""
     for name in STAGES:
         stage = load_stage(name)
         settings = stage.settings_type()
         reads = ", ".join(artifact.name for artifact in stage.inputs(settings)) or "the manifest's meshes"
         writes = stage.folder(settings) if is_set_stage(stage) else cast(ObjectStage, stage).output.name
         console.print(f"[bold]{name}[/]  {stage.summary}\n  reads {reads}; writes {writes}")
-        table = Table("knob", "default", "changes", "why", box=None, pad_edge=True, padding=(0, 2))
-        for knob, info in stage.settings_type.model_fields.items():
-            table.add_row(knob, str(info.default), stage.settings_type.changes(knob), info.description)
+        table = Table("setting", "default", "changes", "why", box=None, pad_edge=True, padding=(0, 2))
+        for setting, info in stage.settings_type.model_fields.items():
+            table.add_row(setting, str(info.default), stage.settings_type.changes(setting), info.description)
         console.print(table)
 
 

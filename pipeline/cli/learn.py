@@ -33,7 +33,7 @@ NO_GRID = "{} has no grid to sweep over; train-unet and train-gcn have"
 
 def sweep(
     stage: Annotated[str, typer.Argument(help="train-unet or train-gcn.")],
-    grid: Annotated[list[str] | None, typer.Option(help="KNOB=VALUE,VALUE,… to try; without any, the supplement's grid.")] = None,
+    grid: Annotated[list[str] | None, typer.Option(help="SETTING=VALUE,VALUE,… to try; without any, the supplement's grid.")] = None,
     manifest: ManifestOption = "toy",
     preset: PresetOption = "draft",
     data: DataOption = None,
@@ -53,7 +53,10 @@ def sweep(
         asked = _grid(grid) if grid else given
         found, failed = [], 0
         for point in sweeps.points(asked):
-            chosen = [*(assignments or []), *(f"{stage}.{knob}={yaml.safe_dump(value).split(chr(10))[0]}" for knob, value in point.items())]
+            chosen = [
+                *(assignments or []),
+                *(f"{stage}.{setting}={yaml.safe_dump(value).split(chr(10))[0]}" for setting, value in point.items()),
+            ]
             request = make_request(loaded, manifest, preset, data, objects, chosen, seed)
             place = sweeps.place(stage, loaded.folder(request.settings), point)
             if dry_run:
@@ -134,8 +137,8 @@ def report(
 def _grid(options: list[str]) -> dict[str, list[Any]]:
     found = {}
     for option in options:
-        knob, separator, values = option.partition("=")
+        setting, separator, values = option.partition("=")
         if not separator or not values:
-            fail(f"--grid {option}: write KNOB=VALUE,VALUE,…")
-        found[knob] = [yaml.safe_load(value) for value in values.split(",")]
+            fail(f"--grid {option}: write SETTING=VALUE,VALUE,…")
+        found[setting] = [yaml.safe_load(value) for value in values.split(",")]
     return found

@@ -24,7 +24,7 @@ ManifestOption = Annotated[str, typer.Option(help="A built-in manifest, or the p
 PresetOption = Annotated[str, typer.Option(help=f"One of {', '.join(load_presets())}.")]
 DataOption = Annotated[Path | None, typer.Option(help="Data directory; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET.")]
 ObjectsOption = Annotated[Path | None, typer.Option(help="Folder of meshes, for manifests that name none.")]
-SetOption = Annotated[list[str] | None, typer.Option("--set", help="STAGE.KNOB=VALUE, or KNOB=VALUE wherever there is one.")]
+SetOption = Annotated[list[str] | None, typer.Option("--set", help="STAGE.SETTING=VALUE, or SETTING=VALUE wherever there is one.")]
 SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.")]
 
 
@@ -39,9 +39,9 @@ def failures_as_words() -> Iterator[None]:
         fail("interrupted; what is finished is kept, run the same command to go on")
 
 
-def a_stage_has(knob: str) -> bool:
-    """Whether any stage has a knob of this name, or the one before its dot."""
-    owner, _, field = knob.rpartition(".")
+def a_stage_has(setting: str) -> bool:
+    """Whether any stage has a setting of this name, or the one before its dot."""
+    owner, _, field = setting.rpartition(".")
     return any(field in load_settings_type(name).model_fields for name in ([owner] if owner else STAGES))
 
 

@@ -26,7 +26,7 @@ class HasSettings(Protocol):
 
 
 def load_presets() -> dict[str, dict[str, dict[str, Any]]]:
-    """Every preset: the knobs it sets, by stage; what it does not set keeps its default."""
+    """Load every preset: values by stage; a setting that it leaves out keeps its default."""
     text = resources.files("pipeline").joinpath("assets/presets.yaml").read_text()
     presets: dict[str, dict[str, dict[str, Any]]] = yaml.safe_load(text)
     return {name: preset or {} for name, preset in presets.items()}
@@ -46,15 +46,15 @@ def resolve(
     stages: Collection[str],
     known_elsewhere: Callable[[str], bool] = lambda _: True,
 ) -> Settings:
-    """A stage's settings: its defaults, then the preset, then `STAGE.KNOB=VALUE`, or `KNOB=VALUE` for every stage that has it.
+    """A stage's settings: its defaults, then the preset, then `STAGE.SETTING=VALUE`, or `SETTING=VALUE` for every stage that has it.
 
     Assignments to other stages are left alone, so that one list serves all of them; `known_elsewhere` tells whether
-    another stage has a knob of that name, `STAGE.KNOB` or `KNOB`.
+    another stage has a setting of that name, `STAGE.SETTING` or `SETTING`.
 
     Raises
     ------
     SettingsError
-        Unknown preset, stage or knob, or a value that is not allowed: with what there is.
+        Unknown preset, stage or setting, or a value that is not allowed: with what there is.
     """
     presets = load_presets()
     if preset not in presets:
@@ -64,11 +64,11 @@ def resolve(
         name, separator, value = assignment.partition("=")
         owner, _, field = name.rpartition(".")
         if not separator or not field:
-            raise SettingsError(f"--set {assignment}: write STAGE.KNOB=VALUE")
+            raise SettingsError(f"--set {assignment}: write STAGE.SETTING=VALUE")
         if owner and owner not in stages:
             raise SettingsError(f"--set {assignment}: there is no stage {owner}; there are {', '.join(stages)}")
         if owner and owner != stage.name and not known_elsewhere(name):
-            raise SettingsError(f"--set {assignment}: {owner} has no knob {field}; `vt-pipeline stages` lists them")
+            raise SettingsError(f"--set {assignment}: {owner} has no setting {field}; `vt-pipeline stages` lists them")
         if owner == stage.name or (not owner and (field in stage.settings_type.model_fields or not known_elsewhere(field))):
             values[field] = _value(assignment, value)
     try:
@@ -76,4 +76,4 @@ def resolve(
     except ValidationError as error:
         known = ", ".join(stage.settings_type.model_fields)
         complaints = "; ".join(f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors())
-        raise SettingsError(f"settings of {stage.name}: {complaints}. Its knobs are {known}") from error
+        raise SettingsError(f"settings of {stage.name}: {complaints}. Its settings are {known}") from error

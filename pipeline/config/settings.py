@@ -1,6 +1,6 @@
-"""Settings: every knob with its default, its reason, and what it changes.
+"""Settings: each with its default, its reason, and what it changes.
 
-A knob defines what is asked for (which hand, how many grasps), or changes results (how accurately that is answered: each has
+A setting defines what is asked for (which hand, how many grasps), or changes results (how accurately that is answered: each has
 a measured error), or changes speed alone.
 """
 
@@ -14,20 +14,20 @@ Change = Literal["definition", "results", "speed"]
 
 
 class Settings(BaseModel):
-    """A frozen set of knobs; an unknown key is an error. A stage's settings derive from it, each field made by `knob`."""
+    """Frozen settings; an unknown name is an error. Those of a stage derive from it, each field made by `setting`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     def results(self) -> dict[str, Any]:
-        """The knobs that a result depends on, as plain values: they belong to a stage's key."""
+        """The settings that a result depends on, as plain values: they belong to a stage's key."""
         return self._that_change("definition", "results")
 
     def accuracy(self) -> dict[str, Any]:
-        """Of these, the knobs that have more and less accurate values, and hence a measured error."""
+        """Of these, the settings that have more and less accurate values, and hence a measured error."""
         return self._that_change("results")
 
     def speed(self) -> dict[str, Any]:
-        """The knobs that change nothing but speed."""
+        """The settings that change nothing but speed."""
         return self._that_change("speed")
 
     def _that_change(self, *what: Change) -> dict[str, Any]:
@@ -35,11 +35,11 @@ class Settings(BaseModel):
 
     @classmethod
     def changes(cls, name: str) -> str:
-        """What the knob called `name` changes."""
+        """What the setting called `name` changes."""
         extra = cls.model_fields[name].json_schema_extra
         return str(extra["changes"]) if isinstance(extra, dict) else "results"
 
 
-def knob(default: Any, reason: str, *, changes: Change = "results", **limits: Any) -> Any:
+def setting(default: Any, reason: str, *, changes: Change = "results", **limits: Any) -> Any:
     """A settings field: its default, why that is the default, what it changes, and limits as pydantic's `Field` takes them."""
     return Field(default, description=reason, json_schema_extra={"changes": changes}, **limits)

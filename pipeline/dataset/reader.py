@@ -80,7 +80,7 @@ class GraspDataset(Dataset[Item]):
         if name in DERIVED and not shard.has(name):
             return self._local(shard, object_id, grasp)[name]
         if not shard.has(name):
-            raise StoreError(f"{shard.path} has no {name}: it was made without; set the stage's knob for it and run again")
+            raise StoreError(f"{shard.path} has no {name}: it was made without; turn on the setting for it and run again")
         declared: Array = artifact.arrays[name]
         array = shard.array(name)
         if not declared.per_object:

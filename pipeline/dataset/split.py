@@ -77,7 +77,7 @@ def load_split(data: Path, arrays: Sequence[str], split: str) -> Split:
 def _read(collection: Collection, name: str, object_ids: Sequence[str]) -> np.ndarray:
     shard = collection.shard(object_ids[0])
     if not shard.has(name):
-        raise StoreError(f"{shard.path} has no {name}: it was made without; set the stage's knob for it and run again")
+        raise StoreError(f"{shard.path} has no {name}: it was made without; turn on the setting for it and run again")
     if not ARTIFACTS[collection.artifact.name].arrays[name].per_object:
         return np.asarray(shard.array(name)[...])
     return np.stack([collection.view(object_id)[name] for object_id in object_ids])

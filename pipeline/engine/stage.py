@@ -113,7 +113,7 @@ class SetStage(Stage, Protocol):
         """What is filled, below the data directory."""
 
     def grid(self, settings: Any) -> Mapping[str, Sequence[Any]]:
-        """The supplement's grid of hyperparameters, by knob; empty where there is none."""
+        """The supplement's grid of hyperparameters, by setting; empty where there is none."""
 
     def cost(self, settings: Any, objects: int) -> Cost:
         """What it takes altogether, roughly, with so many objects in its splits."""

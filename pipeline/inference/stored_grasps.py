@@ -31,7 +31,7 @@ def stored_image(data: Path, object_id: str, grasp: int, which: str) -> NDArray[
     """The object's image, alone or in a grasp: `which` is unoccluded or occluded."""
     shard = _shard(data, VISION, object_id)
     if not shard.has(which):
-        raise StoreError(f"{shard.path} has no {which} images: it was made without; set render-vision's knob for it and run again")
+        raise StoreError(f"{shard.path} has no {which} images: it was made without; set render-vision's setting for it and run again")
     stored = shard.array(which)
     row = shard.rows[object_id]
     if which == "unoccluded":

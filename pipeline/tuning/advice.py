@@ -134,9 +134,9 @@ def within_error(
 
 
 def assignments(choice: Choice, standing: Mapping[str, object]) -> list[str]:
-    """What `--set` has to say for a choice where the knobs stand otherwise as given."""
-    changed = {knob: value for knob, value in choice.point.settings.items() if standing[knob] != value}
-    return [f"{choice.trade.stage}.{assigned(knob, value)}" for knob, value in changed.items()]
+    """What `--set` has to say for a choice where the settings stand otherwise as given."""
+    changed = {setting: value for setting, value in choice.point.settings.items() if standing[setting] != value}
+    return [f"{choice.trade.stage}.{assigned(setting, value)}" for setting, value in changed.items()]
 
 
 _Plan = tuple[float, float, tuple[Choice, ...]]

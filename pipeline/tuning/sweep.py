@@ -1,4 +1,4 @@
-"""Sweeps: a set stage over a grid of knobs, a folder a point; points that stand are not made again."""
+"""Sweeps: a set stage over a grid of settings, a folder a point; points that stand are not made again."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from pipeline.store.record import Record
 
 
 def points(grid: Mapping[str, Iterable[Any]]) -> Iterator[dict[str, Any]]:
-    """Every combination of the grid's values, the last knob's changing fastest."""
+    """Every combination of the grid's values, the last setting's changing fastest."""
     for values in itertools.product(*grid.values()):
         yield dict(zip(grid, values, strict=True))
 
 
 def place(stage: str, folder: str, point: Mapping[str, Any]) -> str:
     """The folder of a point, below the data directory: named by what it varies."""
-    name = ",".join(f"{knob}={value}" for knob, value in point.items())
+    name = ",".join(f"{setting}={value}" for setting, value in point.items())
     return f"sweeps/{stage}/{folder.rpartition('/')[2]}/{file_name(name)}"
 
 
 def file_name(label: str) -> str:
-    """A label of knobs and values as the name of a folder."""
+    """A label of settings and values as the name of a folder."""
     return re.sub(r"[^A-Za-z0-9=,._+-]", "_", label)
 
 

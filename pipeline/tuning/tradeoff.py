@@ -25,9 +25,9 @@ class Point:
     Attributes
     ----------
     kind
-        "preset", "knob" (one varied), "together" (several) or "seed" (nothing varied).
+        "preset", "setting" (one varied), "together" (several) or "seed" (nothing varied).
     settings
-        All knobs that change results, without those that define what is asked for.
+        All settings that change results, without those that define what is asked for.
     seconds, kilobytes
         On one core: of an object, or of the whole where the stage looks at all objects at once.
     figures
@@ -77,7 +77,7 @@ class Trade:
     always
         What all points set that defines what is asked for: which network is trained, for instance.
     beside
-        What stood beside single knobs, other than in `standard`.
+        What stood beside single settings, other than in `standard`.
     skipped
         Presets that were not measured as wholes, and why.
     """
@@ -121,10 +121,10 @@ class Trade:
     def apart(self, settings: Settings) -> str:
         """What was asked for when it was measured, where the settings ask for something else; else the empty string."""
         asked = settings.model_dump(mode="json")
-        return "".join(f", with {knob}={value}" for knob, value in self.always.items() if asked[knob] != value)
+        return "".join(f", with {setting}={value}" for setting, value in self.always.items() if asked[setting] != value)
 
     def at(self, settings: Settings) -> Point | None:
-        """The measurement at these settings, if there is one; knobs that define what is asked for may be others."""
+        """The measurement at these settings, if there is one; settings that define what is asked for may be others."""
         wanted = settings.accuracy()
         return next((point for point in self.choices if point.settings == wanted), None)
 
@@ -132,7 +132,7 @@ class Trade:
 def in_words(stage: str, settings: Settings) -> str:
     """What is known of the error of a stage at some settings, beside `standard`'s; the empty string where nothing was measured.
 
-    Of settings that were not measured together every knob that differs from `standard` is told alone, with its nearest measured
+    Of settings that were not measured together every setting that differs from `standard` is told alone, with its nearest measured
     values where its own was not measured.
     """
     trades = sorted((trade for trade in load_trades().values() if trade.stage == stage), key=lambda trade: trade.apart(settings))
@@ -142,14 +142,14 @@ def in_words(stage: str, settings: Settings) -> str:
         if point := trade.at(settings):
             return f"measured at these settings{trade.apart(settings)}: {trade.metric}: {point.error:.3g}{_beside(trade, point)}"
     default = type(settings)().accuracy()
-    known = [_alone(trades, knob, value) for knob, value in settings.accuracy().items() if value != default[knob]]
-    others = "".join(f" at {knob}={value}" for knob, value in trades[0].beside.items()) + trades[0].apart(settings)
+    known = [_alone(trades, setting, value) for setting, value in settings.accuracy().items() if value != default[setting]]
+    others = "".join(f" at {setting}={value}" for setting, value in trades[0].beside.items()) + trades[0].apart(settings)
     return f"not measured at these settings; one by one{others}, {trades[0].metric}: {', '.join(known)}"
 
 
-def assigned(knob: str, value: Any) -> str:
-    """The knob and its value, as `--set` takes them."""
-    return f"{knob}={'null' if value is None else str(value).lower()}"
+def assigned(setting: str, value: Any) -> str:
+    """The setting and its value, as `--set` takes them."""
+    return f"{setting}={'null' if value is None else str(value).lower()}"
 
 
 def _beside(trade: Trade, point: Point) -> str:
@@ -159,16 +159,16 @@ def _beside(trade: Trade, point: Point) -> str:
     return f" (standard {standard.error:.3g}, {standard.seconds / point.seconds:.2g} × the time)"
 
 
-def _alone(trades: Iterable[Trade], knob: str, value: Any) -> str:
-    """The error where a single knob has a value; else those at the nearest values below and above that were measured."""
-    points = [point for trade in trades for point in trade.points if point.kind == "knob" and point.label.startswith(f"{knob}=")]
+def _alone(trades: Iterable[Trade], setting: str, value: Any) -> str:
+    """The error where a single setting has a value; else those at the nearest values below and above that were measured."""
+    points = [point for trade in trades for point in trade.points if point.kind == "setting" and point.label.startswith(f"{setting}=")]
     for point in points:
-        if point.settings[knob] == value:
-            return f"{assigned(knob, value)}: {point.error:.3g}"
-    errors = {one: point.error for point in points if _is_number(one := point.settings[knob])}
+        if point.settings[setting] == value:
+            return f"{assigned(setting, value)}: {point.error:.3g}"
+    errors = {one: point.error for point in points if _is_number(one := point.settings[setting])}
     tried = sorted(errors) if _is_number(value) else []
     near = [*[one for one in tried if one < value][-1:], *[one for one in tried if one > value][:1]]
-    return f"{assigned(knob, value)}: not measured" + (f" ({', '.join(f'{one}: {errors[one]:.3g}' for one in near)})" if near else "")
+    return f"{assigned(setting, value)}: not measured" + (f" ({', '.join(f'{one}: {errors[one]:.3g}' for one in near)})" if near else "")
 
 
 def _is_number(value: Any) -> bool:

@@ -1,10 +1,10 @@
-"""The knobs of `evaluate`."""
+"""The settings of `evaluate`."""
 
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from pipeline.config.settings import Settings, knob
+from pipeline.config.settings import Settings, setting
 from pipeline.kernels.networks.configurations import CONFIGURATIONS
 
 
@@ -23,22 +23,22 @@ def _known(names: tuple[str, ...]) -> tuple[str, ...]:
 class EvaluationSettings(Settings):
     """What is measured, on how many points (supplement 3.5, Tables 2 to 4)."""
 
-    configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = knob(
+    configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = setting(
         ("none", "touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch"),
         "the supplement's five modalities and no input at all; what none of these is shown need not have been made",
         changes="definition",
     )
-    grasps: Annotated[tuple[Annotated[int, Field(ge=1)], ...], AfterValidator(_with_one)] = knob(
+    grasps: Annotated[tuple[Annotated[int, Field(ge=1)], ...], AfterValidator(_with_one)] = setting(
         (1, 2, 3, 4, 5), "Table 3's numbers of grasps; those the data set does not have are left out", changes="definition"
     )
-    points: int = knob(10_000, "points drawn from each surface: as many as S^obj has; the sampling floor falls with them", ge=2)
-    tau: float = knob(1e-4, "squared distance of F1 in Table 4's protocol, in scaled metres squared", gt=0, changes="definition")
-    scale: float = knob(
+    points: int = setting(10_000, "points drawn from each surface: as many as S^obj has; the sampling floor falls with them", ge=2)
+    tau: float = setting(1e-4, "squared distance of F1 in Table 4's protocol, in scaled metres squared", gt=0, changes="definition")
+    scale: float = setting(
         1.14,
         "Table 4's protocol takes objects of diagonal 1 times 0.57; here their diagonal is 0.5 m, so tau means the same",
         gt=0,
         changes="definition",
     )
-    rings: int = knob(5, "Table 2's rings, one sensor width after the other", ge=1, changes="definition")
-    batch_size: int = knob(16, "as in training; more needs more memory, and sums may differ in their last bit with it", ge=1)
-    accelerator: str = knob("auto", "a GPU where there is one", changes="speed")
+    rings: int = setting(5, "Table 2's rings, one sensor width after the other", ge=1, changes="definition")
+    batch_size: int = setting(16, "as in training; more needs more memory, and sums may differ in their last bit with it", ge=1)
+    accelerator: str = setting("auto", "a GPU where there is one", changes="speed")

@@ -1,10 +1,10 @@
-"""The knobs of `fit-charts`."""
+"""The settings of `fit-charts`."""
 
 from typing import Any, Literal
 
 from pydantic import field_validator
 
-from pipeline.config.settings import Settings, knob
+from pipeline.config.settings import Settings, setting
 from pipeline.kernels.charts.chart_square import SIDE, chart_square
 from pipeline.kernels.charts.fit_rule import FitRule
 
@@ -17,26 +17,28 @@ TIGHT_RESIDUAL = 1e-4
 class ChartSettings(Settings):
     """How touch charts are fitted to point clouds (supplement 2.3)."""
 
-    cloud: Literal["predicted", "true"] = knob(
+    cloud: Literal["predicted", "true"] = setting(
         "predicted",
         "the points a trained U-Net sees in the reading, the supplement's way; `true` are those of the depth map",
         changes="definition",
     )
-    halt: float = knob(6e-4, "Chamfer distance, sensor widths², below which a chart is done: the supplement's", gt=0)
-    residual_limit: float | None = knob(
+    halt: float = setting(6e-4, "Chamfer distance, sensor widths², below which a chart is done: the supplement's", gt=0)
+    residual_limit: float | None = setting(
         2.5e-4,
         "m, RMS from cloud to chart: the halt alone leaves a fifth of the charts at 250 to 330 µm, ten steps short; null is the supplement",
         gt=0,
     )
-    tight: bool = knob(False, "true halts at 2.3e-4 sensor widths² and 100 µm RMS, for half as much time again")
-    max_iterations: int = knob(1000, "nearly all charts halt earlier, even tight ones; those that do not gain little later", ge=1)
-    samples: int = knob(4000, "points of the chart in the loss that is held against the halt: with 1000 it would never be reached", ge=1)
-    step_samples: int = knob(500, "points of the chart in a step's loss: several times faster than all; below 60 µm take 2000", ge=1)
-    cloud_points: int | None = knob(500, "points of the cloud in a step's loss, others each step; null takes all", ge=1)
-    check_every: int = knob(10, "steps from one look at the exact loss to the next", ge=1)
-    learning_rate: float = knob(1e-2, "Adam's, sensor widths: charts as near as with the supplement's 3e-3, in a third of the time", gt=0)
-    side: int = knob(SIDE, "vertices along a side: the supplement's 81 vertices and 128 faces")
-    device: str = knob("cpu", "where it is done; a GPU's charts differ in the last digits, and in what these lead to")
+    tight: bool = setting(False, "true halts at 2.3e-4 sensor widths² and 100 µm RMS, for half as much time again")
+    max_iterations: int = setting(1000, "nearly all charts halt earlier, even tight ones; those that do not gain little later", ge=1)
+    samples: int = setting(4000, "points of the chart in the loss that is held against the halt: with 1000 it would never be reached", ge=1)
+    step_samples: int = setting(500, "points of the chart in a step's loss: several times faster than all; below 60 µm take 2000", ge=1)
+    cloud_points: int | None = setting(500, "points of the cloud in a step's loss, others each step; null takes all", ge=1)
+    check_every: int = setting(10, "steps from one look at the exact loss to the next", ge=1)
+    learning_rate: float = setting(
+        1e-2, "Adam's, sensor widths: charts as near as with the supplement's 3e-3, in a third of the time", gt=0
+    )
+    side: int = setting(SIDE, "vertices along a side: the supplement's 81 vertices and 128 faces")
+    device: str = setting("cpu", "where it is done; a GPU's charts differ in the last digits, and in what these lead to")
 
     @field_validator("cloud", mode="before")
     @classmethod

@@ -1,52 +1,52 @@
-"""The knobs of `simulate-grasps`."""
+"""The settings of `simulate-grasps`."""
 
 from __future__ import annotations
 
 from pydantic import model_validator
 
-from pipeline.config.settings import Settings, knob
+from pipeline.config.settings import Settings, setting
 
 
 class GraspSettings(Settings):
     """How grasps are found (supplement 1.3)."""
 
-    hand: str = knob(
+    hand: str = setting(
         "allegro_right", "the supplement's hand; another is another hand file, by name or by path ending in .yaml", changes="definition"
     )
-    grasps: int = knob(5, "the best five are kept (supplement 1.3)", ge=1, changes="definition")
-    attempts: int = knob(
+    grasps: int = setting(5, "the best five are kept (supplement 1.3)", ge=1, changes="definition")
+    attempts: int = setting(
         50, "placements tried an object at most, as many as the authors' later simulator tries; 12 leave 4 % of the sensors untouched", ge=1
     )
-    exhaustive: bool = knob(
+    exhaustive: bool = setting(
         False,
         "make all attempts, for their statistics; else it ends once no other could be kept, with the same grasps, in a third of the time",
     )
-    least_distance: float = knob(
+    least_distance: float = setting(
         0.005, "m from object to palm at least: nearer, the thumb's base is in the way; 30 mm touches as often", ge=0
     )
-    greatest_distance: float = knob(0.06, "m from object to palm at most: up to 100 mm 70 % of all sensors touch instead of 76", gt=0)
-    ik_samples: int = knob(
+    greatest_distance: float = setting(0.06, "m from object to palm at most: up to 100 mm 70 % of all sensors touch instead of 76", gt=0)
+    ik_samples: int = setting(
         1024,
         "joint vectors a finger that the inverse kinematics chooses among: 256, 1024, 2048 touch with 72, 76, 80 % of all sensors",
         ge=64,
     )
-    ik_refinements: int = knob(
+    ik_refinements: int = setting(
         3, "rounds of local search around the best of them: 0, 1, 3, 5 touch with 52, 68, 76, 79 % of all sensors", ge=0
     )
-    clearance: float = knob(
+    clearance: float = setting(
         0.001,
         "m that rigid links are asked to keep from the object: 2 mm costs 4 % of the touches, under 1 mm contact begins to push",
         ge=0,
     )
-    opening: float = knob(
+    opening: float = setting(
         0.006, "m that every sensor is drawn back before it closes: about a gel's thickness; 0 and 12 mm touch as often", ge=0
     )
-    settle_steps: int = knob(400, "steps of 1/240 s that contact may take to settle; what has not is no grasp", ge=20)
-    resting_speed: float = knob(2e-3, "rad/s below which a joint rests: at most 1 µm of the sensor's way in one step", gt=0)
-    penetration_limit: float = knob(
+    settle_steps: int = setting(400, "steps of 1/240 s that contact may take to settle; what has not is no grasp", ge=20)
+    resting_speed: float = setting(2e-3, "rad/s below which a joint rests: at most 1 µm of the sensor's way in one step", gt=0)
+    penetration_limit: float = setting(
         0.001, "m that a rigid part may stand inside the object in a grasp that is kept", ge=0, changes="definition"
     )
-    grid_cell: float = knob(
+    grid_cell: float = setting(
         0.005,
         "m a cell of the distance grid: 2.5 mm finds no more and takes half as long again, at 10 mm a part once stood 0.2 mm deep",
         gt=0,

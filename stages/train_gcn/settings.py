@@ -1,4 +1,4 @@
-"""The knobs of `train-gcn`."""
+"""The settings of `train-gcn`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import field_validator, model_validator
 
-from pipeline.config.settings import knob
+from pipeline.config.settings import setting
 from pipeline.kernels.charts.chart_square import SIDE
 from pipeline.kernels.networks.configurations import CONFIGURATIONS, NetworkConfig
 from pipeline.training.settings import TrainingSettings
@@ -15,28 +15,28 @@ from pipeline.training.settings import TrainingSettings
 class GcnSettings(TrainingSettings):
     """How vision charts learn to close in on the object (supplement 3.1-3.4)."""
 
-    configuration: str = knob("occluded-touch", f"which of the supplement's networks: {', '.join(CONFIGURATIONS)}", changes="definition")
-    gcn_layers: int | None = knob(8, "for trainings of minutes on a CPU; null is the table's 15 to 25", ge=2)
-    gcn_features: int | None = knob(96, "likewise; null is the table's 200 or 250", ge=3)
-    encoder_layers: int | None = knob(None, "the table's; 12, 15 or 18 of 3.4's grid", ge=1)
-    encoder_kernel: Literal[3, 5] = knob(
+    configuration: str = setting("occluded-touch", f"which of the supplement's networks: {', '.join(CONFIGURATIONS)}", changes="definition")
+    gcn_layers: int | None = setting(8, "for trainings of minutes on a CPU; null is the table's 15 to 25", ge=2)
+    gcn_features: int | None = setting(96, "likewise; null is the table's 200 or 250", ge=3)
+    encoder_layers: int | None = setting(None, "the table's; 12, 15 or 18 of 3.4's grid", ge=1)
+    encoder_kernel: Literal[3, 5] = setting(
         5, "as released, padded by 1; the 3 of the tables gives the same sizes, and 2.5 times the error after as many epochs"
     )
-    encoder_width: float = knob(0.5, "share of the tables' channels, likewise", gt=0, le=2)
-    mixed: float = knob(1 / 3, "share of features averaged over neighbours; the cited work has 1/10 as well", ge=0, le=1)
-    passes: int = knob(3, "times the charts are deformed, with the same weights", ge=1)
-    learning_rate: float = knob(3e-3, "a hundred times the supplement's, for trainings a hundred times shorter", gt=0)
-    batch_size: int = knob(
+    encoder_width: float = setting(0.5, "share of the tables' channels, likewise", gt=0, le=2)
+    mixed: float = setting(1 / 3, "share of features averaged over neighbours; the cited work has 1/10 as well", ge=0, le=1)
+    passes: int = setting(3, "times the charts are deformed, with the same weights", ge=1)
+    learning_rate: float = setting(3e-3, "a hundred times the supplement's, for trainings a hundred times shorter", gt=0)
+    batch_size: int = setting(
         4, "four times the steps in the time that the supplement's 16 take, and a Chamfer distance a third smaller", ge=1
     )
-    epochs: int = knob(30, "minutes on a CPU; the supplement has 260", ge=1)
-    patience: int | None = knob(70, "the supplement's", ge=1)
-    min_grasps: int = knob(1, "fewest grasps an item is given; how many, between fewest and most, is drawn for every item", ge=1)
-    max_grasps: int = knob(5, "most grasps", ge=1)
-    items: int = knob(5, "items an object an epoch, each beginning with another grasp, whether a network feels or not", ge=1)
-    validation_items: int = knob(5, "items a validation object, with 1, 2, … grasps", ge=1)
-    loss_points: int = knob(3000, "points sampled on the prediction and drawn from the object's for the loss", ge=1)
-    checkpoint_passes: bool = knob(False, "recompute each pass in the backward one: less memory, more time", changes="speed")
+    epochs: int = setting(30, "minutes on a CPU; the supplement has 260", ge=1)
+    patience: int | None = setting(70, "the supplement's", ge=1)
+    min_grasps: int = setting(1, "fewest grasps an item is given; how many, between fewest and most, is drawn for every item", ge=1)
+    max_grasps: int = setting(5, "most grasps", ge=1)
+    items: int = setting(5, "items an object an epoch, each beginning with another grasp, whether a network feels or not", ge=1)
+    validation_items: int = setting(5, "items a validation object, with 1, 2, … grasps", ge=1)
+    loss_points: int = setting(3000, "points sampled on the prediction and drawn from the object's for the loss", ge=1)
+    checkpoint_passes: bool = setting(False, "recompute each pass in the backward one: less memory, more time", changes="speed")
 
     @field_validator("configuration")
     @classmethod

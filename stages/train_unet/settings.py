@@ -1,8 +1,8 @@
-"""The knobs of `train-unet`."""
+"""The settings of `train-unet`."""
 
 from typing import Literal
 
-from pipeline.config.settings import knob
+from pipeline.config.settings import setting
 from pipeline.kernels.networks.contact_mask import THRESHOLD
 from pipeline.training.settings import TrainingSettings
 
@@ -10,19 +10,19 @@ from pipeline.training.settings import TrainingSettings
 class UnetSettings(TrainingSettings):
     """How the network that reads touches is trained (supplement 2.1 and 2.2, Table 5)."""
 
-    learning_rate: float = knob(1e-3, "twenty times the supplement's, for networks sixteen times smaller and trainings of minutes", gt=0)
-    batch_size: int = knob(8, "more steps in the same time than the supplement's 32", ge=1)
-    epochs: int = knob(30, "the supplement has at most 114", ge=1)
-    width: int = knob(16, "features of the first level; 64 is Table 5, 24,425,601 parameters, and each halving four times fewer", ge=1)
-    loss: Literal["depth", "chamfer"] = knob(
+    learning_rate: float = setting(1e-3, "twenty times the supplement's, for networks sixteen times smaller and trainings of minutes", gt=0)
+    batch_size: int = setting(8, "more steps in the same time than the supplement's 32", ge=1)
+    epochs: int = setting(30, "the supplement has at most 114", ge=1)
+    width: int = setting(16, "features of the first level; 64 is Table 5, 24,425,601 parameters, and each halving four times fewer", ge=1)
+    loss: Literal["depth", "chamfer"] = setting(
         "depth",
         "after equal time its depths are 13-20 % nearer (RMS) than those of `chamfer`, whose clouds are 1-9 % nearer; it costs 0.04 % of "
         "a step of width 64, `chamfer` 4 %",
     )
-    loss_points: int | None = knob(
+    loss_points: int | None = setting(
         2000,
         "points a touch that the Chamfer loss looks up each way, among all of the other cloud: unbiased; all points, null, cost 8 % of a "
         "step of width 64",
         ge=1,
     )
-    mask_threshold: float = knob(THRESHOLD, "2.2: squared difference from the untouched reading beyond which a pixel has touched", ge=0)
+    mask_threshold: float = setting(THRESHOLD, "2.2: squared difference from the untouched reading beyond which a pixel has touched", ge=0)

@@ -26,10 +26,10 @@ from schemas.touch import TOUCH
 from stages.registry import STAGES, load_stage
 from stages.sample_surfaces.settings import SurfaceSettings
 from tests.explain.test_shortcuts import small
-from tests.learning.tiny_data import KNOBS, manifest
+from tests.learning.tiny_data import ASSIGNMENTS, manifest
 
 SETS = [
-    *KNOBS,
+    *ASSIGNMENTS,
     *("train-unet.width=2", "train-unet.epochs=1", "fit-charts.max_iterations=5", "train-gcn.epochs=1", "train-gcn.gcn_layers=3"),
     *("train-gcn.gcn_features=12", "train-gcn.encoder_width=0.25", "train-gcn.loss_points=300", "evaluate.points=500"),
     *("evaluate.configurations=[touch]", "configuration=touch", "simulate-grasps.attempts=5"),
@@ -50,7 +50,7 @@ def explained(data) -> Explained:
     splits = {"train": 1, "valid": 1, "test": 1}
     manifest = data / "tiny.yaml"
     manifest.write_text(yaml.safe_dump({"name": "tiny", "description": "d", "seed": 0, "splits": splits, "sources": [source]}))
-    sets = [part for knob in SETS for part in ("--set", knob)]
+    sets = [part for assignment in SETS for part in ("--set", assignment)]
     found: Explained = {}
     genuine = command._show
 

@@ -31,8 +31,8 @@ CONFIGURATIONS = ("none", "touch", "occluded", "occluded-touch", "unoccluded", "
 
 
 def request(data: Path, **settings: Any) -> Request[Any]:
-    knobs = EvaluationSettings(**(SETTINGS | settings))
-    return Request(stage=Evaluate(), settings=knobs, manifest="balls", objects=spheres.objects(COUNT), preset="draft", seed=0, data=data)
+    chosen = EvaluationSettings(**(SETTINGS | settings))
+    return Request(stage=Evaluate(), settings=chosen, manifest="balls", objects=spheres.objects(COUNT), preset="draft", seed=0, data=data)
 
 
 def evaluate(data: Path, place: str = "evaluation", **settings: Any) -> tuple[Path, str]:

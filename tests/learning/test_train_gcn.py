@@ -114,7 +114,7 @@ def die_midway(data: Path) -> None:
 
 
 def test_killed_in_mid_epoch_the_same_weights_come_out_and_other_seeds_give_others(data, tmp_path):
-    knobs = ("train-gcn.configuration=none", "train-gcn.batch_size=2", *SMALL)
+    assignments = ("train-gcn.configuration=none", "train-gcn.batch_size=2", *SMALL)
     killed = tmp_path / "killed"
     shutil.copytree(data / "surfaces", killed / "surfaces")
     process = multiprocessing.get_context("spawn").Process(target=die_midway, args=(killed,))
@@ -126,7 +126,7 @@ def test_killed_in_mid_epoch_the_same_weights_come_out_and_other_seeds_give_othe
     for name, folder, seed in (("killed", killed, 0), ("whole", tmp_path / "whole", 0), ("other", tmp_path / "other", 1)):
         if not folder.exists():
             shutil.copytree(data / "surfaces", folder / "surfaces")
-        record = run_stage(folder, "train-gcn", OBJECTS, *knobs, seed=seed)
+        record = run_stage(folder, "train-gcn", OBJECTS, *assignments, seed=seed)
         assert record is not None
         digests[name] = record.content["files"]["model.safetensors"]
         assert len(read_metrics(record.folder)) == 2
@@ -163,16 +163,16 @@ def test_a_network_that_has_diverged_gives_no_number_instead_of_a_crash(data):
 
 
 @pytest.mark.parametrize(
-    ("knobs", "words"),
+    ("settings", "words"),
     [
         ({"encoder_layers": 13}, "encoder_layers is 13"),
         ({"encoder_kernel": 4}, "encoder_kernel"),
         ({"min_grasps": 4, "max_grasps": 2}, "min_grasps is 4, max_grasps 2"),
     ],
 )
-def test_settings_that_make_no_network_are_refused(knobs, words):
+def test_settings_that_make_no_network_are_refused(settings, words):
     with pytest.raises(ValueError, match=words):
-        GcnSettings(**knobs)
+        GcnSettings(**settings)
 
 
 def test_an_unknown_configuration_is_refused():

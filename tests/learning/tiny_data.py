@@ -14,7 +14,7 @@ from pipeline.engine.runner import execute
 from pipeline.store.record import Record
 from stages.registry import STAGES, is_set_stage, load_stage
 
-KNOBS = ("sample-surfaces.points=2000", "simulate-grasps.attempts=4", "simulate-grasps.ik_samples=512")
+ASSIGNMENTS = ("sample-surfaces.points=2000", "simulate-grasps.attempts=4", "simulate-grasps.ik_samples=512")
 
 
 def manifest(train: int = 1, valid: int = 1, test: int = 0, **count: int) -> Manifest:
@@ -24,10 +24,10 @@ def manifest(train: int = 1, valid: int = 1, test: int = 0, **count: int) -> Man
     return Manifest.model_validate({"name": "tiny", "description": "d", "seed": 0, "splits": splits, "sources": [source]})
 
 
-def run_stage(data: Path, name: str, objects: Manifest, *knobs: str, seed: int = 0) -> Record | None:
+def run_stage(data: Path, name: str, objects: Manifest, *assignments: str, seed: int = 0) -> Record | None:
     """Run a stage; the record, where it is a set stage."""
     stage = load_stage(name)
-    settings = resolve(stage, "draft", [*KNOBS, *knobs], STAGES)
+    settings = resolve(stage, "draft", [*ASSIGNMENTS, *assignments], STAGES)
     asked: Any = Request(stage, settings, objects.name, objects.objects(), "draft", seed, data)
     if is_set_stage(stage):
         plan = plan_folder(asked)

@@ -95,7 +95,7 @@ def test_settings_seed_and_rows_of_its_splits_make_it_anew_others_do_not(tmp_pat
     assert make(tmp_path, items=items)
     assert make(tmp_path, items=items, settings={"samples": 49})
     assert make(tmp_path, items=items)
-    assert not make(tmp_path, items=items, settings={"batch": 9}), "a knob that only changes speed"
+    assert not make(tmp_path, items=items, settings={"batch": 9}), "a setting that only changes speed"
     assert make(tmp_path, items=items, seed=1)
     assert make(tmp_path, items=items)
     run(request(tmp_path, items=[*items[:3], *[item for item in objects(5, kind="other", split="test") if item.object_id in "de"]]))

@@ -235,7 +235,7 @@ def test_another_label_is_packed_anew_and_nothing_computed(tmp_path):
     assert digest(tmp_path) != whole
 
 
-def test_a_new_split_and_a_new_knob_together_use_no_old_row(tmp_path):
+def test_a_new_split_and_a_new_setting_together_use_no_old_row(tmp_path):
     for stage in (MakeNoise(), TakeMean()):
         run(request(tmp_path, stage=stage, shards=4))
     for number in (0, 1):  # as make goes: shard by shard through the stages

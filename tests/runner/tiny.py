@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.config.manifest import Object
-from pipeline.config.settings import Settings, knob
+from pipeline.config.settings import Settings, setting
 from pipeline.engine.plan import Request, make_plan
 from pipeline.engine.runner import execute
 from pipeline.engine.stage import Cost, Task
@@ -43,8 +43,8 @@ MEAN = Artifact(
 
 
 class NoiseSettings(Settings):
-    samples: int = knob(50, "enough for a mean", gt=0)
-    batch: int = knob(8, "fits the cache", changes="speed")
+    samples: int = setting(50, "enough for a mean", gt=0)
+    batch: int = setting(8, "fits the cache", changes="speed")
 
 
 class _Stage:

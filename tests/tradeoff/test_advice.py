@@ -13,7 +13,7 @@ from pipeline.tuning.advice import Limit, Pace, assignments, duration, error_lim
 from pipeline.tuning.tradeoff import Point, Trade
 
 
-def point(label: str, seconds: float, error: float, metric: str = "depth, um", kind: str = "knob", **settings: object) -> Point:
+def point(label: str, seconds: float, error: float, metric: str = "depth, um", kind: str = "setting", **settings: object) -> Point:
     return Point(label, kind, settings, seconds, 1.0, {metric: error}, 1.5 * error)
 
 

@@ -1,4 +1,4 @@
-"""The figures that came of `make tradeoff`: whole, of today's knobs, and read right."""
+"""The figures that came of `make tradeoff`: whole, of today's settings, and read right."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ UNMEASURED = {
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_every_knob_that_changes_results_is_varied(stage):
-    varied = {knob for study in studies() if study.stage == stage for knob in study.knobs}
-    together = {knob for study in studies() if study.stage == stage for values in study.together for knob in values}
-    wanted = {knob for knob in load_settings_type(stage).model_fields if load_settings_type(stage).changes(knob) == "results"}
+def test_every_setting_that_changes_results_is_varied(stage):
+    varied = {setting for study in studies() if study.stage == stage for setting in study.settings}
+    together = {setting for study in studies() if study.stage == stage for values in study.together for setting in values}
+    wanted = {setting for setting in load_settings_type(stage).model_fields if load_settings_type(stage).changes(setting) == "results"}
     assert wanted == varied | (UNMEASURED.get(stage, set()) & wanted)
     assert UNMEASURED.get(stage, set()) - {"device"} <= together
 
@@ -70,7 +70,7 @@ def test_a_run_says_what_its_preset_costs_in_error(name, preset):
     assert words.startswith("measured at these settings") or preset in trade.skipped
 
 
-def test_settings_that_were_not_measured_are_told_apart_knob_by_knob():
+def test_settings_that_were_not_measured_are_told_apart_setting_by_setting():
     words = in_words("simulate-grasps", resolve(load_stage("simulate-grasps"), "standard", ["grid_cell=0.01", "clearance=0.002"], STAGES))
     assert words.startswith("not measured at these settings; one by one at attempts=12, touches missing or unsound, %: clearance=0.002: ")
     assert "grid_cell=0.01: " in words
@@ -93,7 +93,7 @@ def test_a_stage_that_was_not_measured_says_nothing(monkeypatch):
 
 
 def test_the_front_holds_what_none_beats_by_more_than_noise():
-    def point(label: str, seconds: float, error: float, kind: str = "knob") -> Point:
+    def point(label: str, seconds: float, error: float, kind: str = "setting") -> Point:
         return Point(label, kind, {}, seconds, 1.0, {"depth, um": error}, error)
 
     points = (
