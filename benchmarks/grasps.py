@@ -14,13 +14,13 @@ import igl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.geometry.exterior import sample_exterior
+from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.normalise import normalise
-from pipeline.kernels.geometry.sampling import sample_triangles
+from pipeline.kernels.geometry.normalise import normalise_mesh
+from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from pipeline.kernels.hand.kinematics import forward, sensor_poses
 from pipeline.kernels.touch.contact import touch_success
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.rng import numpy_rng
 from pipeline.toy_objects import CATEGORIES, generate
 from stages.simulate_grasps.attempt import Grasp, attempt, keep_best
@@ -62,7 +62,7 @@ def main() -> None:
     with simulation(rig.hand) as physics:
         for category, tally in tallies.items():
             for variant in range(options.objects):
-                mesh = normalise(generate(category, numpy_rng(options.seed, "benchmark", category, variant)), "z", 0.5)
+                mesh = normalise_mesh(generate(category, numpy_rng(options.seed, "benchmark", category, variant)), "z", 0.5)
                 points, normals = sample_exterior(mesh, 10_000, numpy_rng(options.seed, "points", category, variant))
                 start = time.perf_counter()
                 scene = make_scene(mesh, points, normals, settings.grid_cell)

@@ -17,8 +17,8 @@ from benchmarks.grasps import MORE_STEPS, POINTS, independent_depth
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.touch.contact import touch_success
-from pipeline.kernels.touch.prism import face_blocks
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from schemas.grasps import GRASPS

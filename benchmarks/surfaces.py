@@ -11,10 +11,10 @@ import numpy as np
 
 from pipeline.config.manifest import load_manifest
 from pipeline.engine.stage import Task
-from pipeline.kernels.geometry.exterior import sample_exterior
-from pipeline.kernels.geometry.gate import gate
-from pipeline.kernels.geometry.normalise import normalise
-from pipeline.kernels.geometry.sampling import sample_triangles
+from pipeline.kernels.geometry.exterior_sampling import sample_exterior
+from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
+from pipeline.kernels.geometry.normalise import normalise_mesh
+from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from stages.sample_surfaces.stage import source_mesh
 
 POINTS = 10_000
@@ -34,14 +34,14 @@ def main() -> None:
     rows = []
     for item in load_manifest("toy").objects():
         source = source_mesh(Task(item.object_id, item.category, 0, item.source))
-        mesh = normalise(gate(source, 1_000_000)[0], item.source.get("up", "z"), 0.5)
+        mesh = normalise_mesh(clean_mesh(source, 1_000_000)[0], item.source.get("up", "z"), 0.5)
         points, _ = sample_exterior(mesh, POINTS, np.random.default_rng(0))
         off = np.sqrt(igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces.astype(np.int64))[0]).max()
         rows.append(
             (
                 item.object_id,
                 len(mesh.faces),
-                least_ms(lambda source=source: gate(source, 1_000_000)),
+                least_ms(lambda source=source: clean_mesh(source, 1_000_000)),
                 least_ms(lambda mesh=mesh: sample_triangles(mesh.triangles, POINTS, np.random.default_rng(0))),
                 least_ms(lambda mesh=mesh: sample_exterior(mesh, POINTS, np.random.default_rng(0))),
                 1e6 * off,

@@ -12,11 +12,11 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
 from pipeline.config.sensor_file import load_sensor
-from pipeline.kernels.touch.prism import face_blocks
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, ray_origins
-from pipeline.kernels.touch.shading import reading
-from pipeline.kernels.touch.spheres import sphere_depth
+from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
+from pipeline.kernels.touch.tactile_image import tactile_image
 
 SECONDS = 0.4
 """How long each figure is measured."""
@@ -78,10 +78,10 @@ def row(subdivisions: int, sensor: Sensor, rng: np.random.Generator) -> str:
         ray_depth(blocks, pose, sensor)
 
     def whole(pose: np.ndarray) -> None:
-        reading(ray_depth(blocks, pose, sensor).astype(np.float32), sensor)
+        tactile_image(ray_depth(blocks, pose, sensor).astype(np.float32), sensor)
 
     def sphere(pose: np.ndarray) -> None:
-        sphere_depth(blocks, pose, sensor)
+        sphere_traced_depth(blocks, pose, sensor)
 
     raw = timed(embree, [float32_rays(pose, sensor) for pose in poses])
     cells = [timed(kernel, poses) for kernel in (ray, whole, sphere)]

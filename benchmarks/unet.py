@@ -15,10 +15,10 @@ from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.images import network_input
 from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
 from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.touch.prism import face_blocks
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.shading import reading, untouched
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.rng import seeded_weights
 from stages.train_unet.settings import UnetSettings
 
@@ -40,7 +40,7 @@ def presses(sensor: Sensor, count: int, rng: np.random.Generator) -> tuple[Tenso
         radius, pressed = rng.uniform(0.006, 0.02), rng.uniform(0.001, 0.003)
         centre = [*rng.uniform(-0.004, 0.004, 2), sensor.w - pressed + radius]
         depths.append(ray_depth(face_blocks(faces * radius + centre), np.eye(4), sensor).astype(np.float32))
-    return torch.from_numpy(np.stack([reading(depth, sensor) for depth in depths])), torch.from_numpy(np.stack(depths))
+    return torch.from_numpy(np.stack([tactile_image(depth, sensor) for depth in depths])), torch.from_numpy(np.stack(depths))
 
 
 def steps(width: int, readings: Tensor, losses: dict[str, Loss], scale: float) -> dict[str, tuple[float, float]]:
@@ -89,7 +89,7 @@ def main() -> None:
     torch.set_num_threads(1)
     sensor, settings = load_sensor("gel_16mm"), UnetSettings()
     readings, true = presses(sensor, BATCH, np.random.default_rng(0))
-    mask = contact_mask(readings, torch.tensor(untouched(sensor)))
+    mask = contact_mask(readings, torch.tensor(untouched_image(sensor)))
     generator = torch.Generator().manual_seed(0)
     given = true, mask, sensor.width, sensor.w
     losses: dict[str, Loss] = {

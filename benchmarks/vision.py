@@ -16,9 +16,9 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.hand.model import load_hand
 from pipeline.kernels.hand.visuals import visual_meshes
-from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.view import Label, Part, Placed
+from pipeline.kernels.vision.labels import Label
 from pipeline.toy_objects import CATEGORIES, generate
+from stages.render_vision.renderer import MeshHandle, PosedMesh, Renderer
 
 REPEATS = 20
 PEER_NAME, PEER = "occluded image, the authors' simulator", 91.0
@@ -35,13 +35,13 @@ def timed(action: Callable[[], Result]) -> tuple[float, Result]:
     return (time.perf_counter() - start) * 1e3, result
 
 
-def image_times(renderer: RasterRenderer, parts: list[Placed]) -> list[float]:
+def image_times(renderer: Renderer, parts: list[PosedMesh]) -> list[float]:
     """Milliseconds of `REPEATS` images, the first one apart."""
     renderer.render(parts)
     return [timed(partial(renderer.render, parts))[0] for _ in range(REPEATS)]
 
 
-def take_in(renderer: RasterRenderer, mesh: Mesh, place: NDArray[np.float64]) -> Part:
+def take_in(renderer: Renderer, mesh: Mesh, place: NDArray[np.float64]) -> MeshHandle:
     """The object in the renderer, its first image made."""
     part = renderer.add(mesh, Label.OBJECT)
     renderer.render([(part, place)])
@@ -55,7 +55,7 @@ def measure() -> dict[str, float]:
     stand = np.eye(4)
     stand[:3, 3] = [0.05, 0.1, 0.65]
     frames = forward(hand, stand, angles)
-    opened, renderer = timed(lambda: RasterRenderer(load_scene("supplement")))
+    opened, renderer = timed(lambda: Renderer(load_scene("supplement")))
     first: list[float] = []
     occluded: list[float] = []
     unoccluded: list[float] = []

@@ -20,7 +20,7 @@ from benchmarks.timing import Times, each, side_by_side, three_digits
 from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.sensor import pixel_centres
-from pipeline.kernels.vision.context import Context
+from stages.render_vision.opengl_context import OpenGLContext
 
 SENSOR = load_sensor("gel_16mm")
 NEAREST, SLOPE = 0.004, 0.3
@@ -34,7 +34,7 @@ def plane() -> Mesh:
 
 
 def test_parallel_rasteriser_shows_a_tilted_plane(plane: Mesh) -> None:
-    context = Context(SENSOR.cols)
+    context = OpenGLContext(SENSOR.cols)
     depth = ParallelRasteriser(context, plane, SENSOR).depth(np.eye(4))
     context.close()
     x, _ = pixel_centres(SENSOR)
@@ -44,7 +44,7 @@ def test_parallel_rasteriser_shows_a_tilted_plane(plane: Mesh) -> None:
 @pytest.mark.parametrize("eye", [0.0225, 1.0])
 def test_perspective_rasteriser_errs_as_its_closed_form(plane: Mesh, eye: float) -> None:
     """A pixel's ray x = u · Z meets the plane at the distance Z from the eye where Z - (eye - w) = NEAREST + SLOPE · u · Z."""
-    context = Context(SENSOR.cols)
+    context = OpenGLContext(SENSOR.cols)
     rasteriser = PerspectiveRasteriser(context, plane, SENSOR, eye)
     depth = rasteriser.depth(np.eye(4))
     context.close()

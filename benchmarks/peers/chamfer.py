@@ -13,7 +13,7 @@ from benchmarks.chamfer import POINTS, all_pairs
 from benchmarks.peers.cases import Case
 from benchmarks.peers.table import Table
 from benchmarks.timing import Round, each, side_by_side
-from pipeline.kernels.geometry.exterior import sample_exterior
+from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.metrics.chamfer import Target, chamfer
 
 APART = 0.05

@@ -18,11 +18,11 @@ from benchmarks.timing import side_by_side, three_digits
 from benchmarks.touch import float32_rays, press, wavy_ball
 from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.touch.prism import face_blocks
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, ray_origins
-from pipeline.kernels.touch.shading import reading
-from pipeline.kernels.vision.context import Context, NoOpenGL
+from pipeline.kernels.touch.tactile_image import tactile_image
+from stages.render_vision.opengl_context import NoOpenGL, OpenGLContext
 from tests.touch.twins import brute_force
 
 EYES = {"pyrender, perspective of 40°": 0.0225, "pyrender, eye 1 m away": 1.0}
@@ -72,7 +72,9 @@ def measure(cases: Sequence[Case], turns: int) -> Table:
     large = Case("ball", Mesh.bare(vertices, faces.reshape(-1, 3)), np.stack([press(ball, rng) for _ in range(POSES)]))
     ways = methods(table, [*cases, large], sensor)
     depth = side_by_side({name: over_cases(cases, lambda i, pose, of=of: of[i](pose)) for name, of in ways.items()}, turns)
-    whole = side_by_side({name: over_cases(cases, lambda i, pose, of=of: reading(of[i](pose), sensor)) for name, of in ways.items()}, turns)
+    whole = side_by_side(
+        {name: over_cases(cases, lambda i, pose, of=of: tactile_image(of[i](pose), sensor)) for name, of in ways.items()}, turns
+    )
     on_ball = side_by_side({name: over_cases([large], lambda _, pose, of=of: of[-1](pose)) for name, of in ways.items()}, turns)
     for name, of in ways.items():
         error = _brute_errors(cases, of, sensor) if name == OURS else _errors(cases, of, ways[OURS], sensor)
@@ -89,7 +91,7 @@ def methods(table: Table, cases: Sequence[Case], sensor: Sensor) -> dict[str, li
         "Embree, float32": [_embree(case, sensor) for case in cases],
     }
     try:
-        context = Context(sensor.cols)
+        context = OpenGLContext(sensor.cols)
         for name, eye in EYES.items():
             ways[name] = [PerspectiveRasteriser(context, case.mesh, sensor, eye).depth for case in cases]
         ways["bare OpenGL, parallel"] = [ParallelRasteriser(context, case.mesh, sensor).depth for case in cases]
@@ -112,7 +114,7 @@ def _embree(case: Case, sensor: Sensor) -> DepthOf:
 
 def _errors(cases: Sequence[Case], of: list[DepthOf], true_of: list[DepthOf], sensor: Sensor) -> tuple[str, str, str]:
     pairs = [(of[i](pose), true_of[i](pose)) for i, case in enumerate(cases) for pose in case.poses]
-    levels = np.concatenate([np.abs(reading(a, sensor).astype(int) - reading(b, sensor)).ravel() for a, b in pairs])
+    levels = np.concatenate([np.abs(tactile_image(a, sensor).astype(int) - tactile_image(b, sensor)).ravel() for a, b in pairs])
     return (*_off(pairs, sensor), f"{levels.mean():.3f} / {levels.max()}")
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.vision.context import Context
+from stages.render_vision.opengl_context import OpenGLContext
 
 TO_CAMERA = np.diag([1.0, -1.0, -1.0, 1.0])
 """An OpenGL camera looks along its -z with +y up; a sensor looks along +z and its rows go along +y."""
@@ -33,7 +33,7 @@ class PerspectiveRasteriser:
         m from the eye to the gel's face. The farther, the more nearly parallel the rays.
     """
 
-    def __init__(self, context: Context, mesh: Mesh, sensor: Sensor, eye: float) -> None:
+    def __init__(self, context: OpenGLContext, mesh: Mesh, sensor: Sensor, eye: float) -> None:
         self._sensor, self._eye = sensor, eye
         pyrender = context.pyrender
         self._flags = pyrender.RenderFlags.DEPTH_ONLY | pyrender.RenderFlags.OFFSCREEN
@@ -70,7 +70,7 @@ class ParallelRasteriser:
     VERTEX = "#version 330 core\nlayout(location = 0) in vec3 p; uniform mat4 view; void main() { gl_Position = view * vec4(p, 1.0); }"
     FRAGMENT = "#version 330 core\nvoid main() {}"
 
-    def __init__(self, context: Context, mesh: Mesh, sensor: Sensor) -> None:
+    def __init__(self, context: OpenGLContext, mesh: Mesh, sensor: Sensor) -> None:
         from OpenGL import GL  # not sooner: the context says which OpenGL it is
 
         self._context, self._gl, self._sensor = context, GL, sensor

@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from benchmarks.peers.cases import Case
 from benchmarks.peers.table import Table
 from benchmarks.timing import each, side_by_side, three_digits
-from pipeline.kernels.geometry.exterior import ESCAPES, Sky, sample_exterior
-from pipeline.kernels.geometry.mesh import Mesh, face_vectors
+from pipeline.kernels.geometry.exterior_sampling import ESCAPES, EscapeTest, sample_exterior
+from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
 
 POINTS = 10_000
 JUDGES = 2048
@@ -95,7 +95,7 @@ def _judge(mesh: Mesh, points: NDArray[np.float64]) -> tuple[NDArray[np.float64]
 
 def sees_outside(mesh: Mesh, places: NDArray[np.float64], face: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Whether each place (N, 3) on a face (N,) of the mesh is exterior, judged along `JUDGES` directions."""
-    vectors = face_vectors(mesh.triangles)
+    vectors = face_cross_products(mesh.triangles)
     normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    front, back, *_ = Sky(mesh, JUDGES).escapes(np.ascontiguousarray(places), normals[face])
+    front, back, *_ = EscapeTest(mesh, JUDGES).escapes(np.ascontiguousarray(places), normals[face])
     return np.asarray(front + back >= ESCAPES)

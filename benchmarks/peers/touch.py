@@ -18,11 +18,11 @@ from benchmarks.peers.worker import PeerError, Worker
 from benchmarks.provenance import ROOT
 from benchmarks.timing import Round, Times, each, side_by_side, three_digits
 from pipeline.config.sensor_file import load_sensor
-from pipeline.kernels.touch.prism import face_blocks
-from pipeline.kernels.touch.rays import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, pixel_centres, place
-from pipeline.kernels.touch.shading import reading
-from pipeline.kernels.touch.storage import stored_depth
+from pipeline.kernels.touch.depth_quantisation import quantise_depth
+from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres, sensor_to_world
+from pipeline.kernels.touch.tactile_image import tactile_image
 from stages.simulate_touch.settings import TouchSettings
 
 TACTO = ROOT / ".venv-peers-tacto" / "bin" / "python"
@@ -60,7 +60,7 @@ def measure(cases: Sequence[Case], turns: int) -> Table:
         ],
     )
     ours = our_depth(cases, sensor)
-    rounds: dict[str, Round] = {OURS: over_cases(cases, lambda number, pose: reading(ours(number, pose), sensor))}
+    rounds: dict[str, Round] = {OURS: over_cases(cases, lambda number, pose: tactile_image(ours(number, pose), sensor))}
     errors = {OURS: np.concatenate([_off(case, our_points(case, number, ours, sensor)) for number, case in enumerate(cases)])}
     add_taxim(table, rounds, cases, sensor)
     with tempfile.TemporaryDirectory() as folder:
@@ -84,7 +84,7 @@ def our_depth(cases: Sequence[Case], sensor: Sensor) -> Depth:
     """Depth as the stage stores it, of a case's number and a pose."""
     settings = TouchSettings()
     blocks = [face_blocks(case.mesh.triangles) for case in cases]
-    return lambda number, pose: stored_depth(ray_depth(blocks[number], pose, sensor), sensor, settings.gel_bits, settings.far_bits)
+    return lambda number, pose: quantise_depth(ray_depth(blocks[number], pose, sensor), sensor, settings.gel_bits, settings.far_bits)
 
 
 def over_cases(cases: Sequence[Case], call: Callable[[int, NDArray[np.float64]], object]) -> Round:
@@ -99,7 +99,7 @@ def our_points(case: Case, number: int, depth: Depth, sensor: Sensor) -> NDArray
     for pose in case.poses:
         found = depth(number, pose)
         met = found < sensor.w
-        points.append(place(pose, x[met], y[met], found[met].astype(np.float64)))
+        points.append(sensor_to_world(pose, x[met], y[met], found[met].astype(np.float64)))
     return np.concatenate(points)
 
 
@@ -108,7 +108,7 @@ def add_taxim(table: Table, rounds: dict[str, Round], cases: Sequence[Case], sen
     rows, cols = TAXIM_SHAPE
     large = sensor.model_copy(update={"rows": rows, "cols": cols})
     large_depth = our_depth(cases, large)
-    rounds[OURS_LARGE] = over_cases(cases, lambda number, pose: reading(large_depth(number, pose), large))
+    rounds[OURS_LARGE] = over_cases(cases, lambda number, pose: tactile_image(large_depth(number, pose), large))
     ways = [(sensor, False), (large, False), (large, True)]
     try:
         taxim = load_taxim()

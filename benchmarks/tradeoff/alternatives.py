@@ -30,16 +30,16 @@ from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.prism import FaceBlocks, face_blocks
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.face_culling import FaceBlocks, face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, ray_origins
-from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.view import Label
+from pipeline.kernels.vision.labels import Label
 from pipeline.rng import numpy_rng
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
+from stages.render_vision.renderer import Renderer
 from stages.simulate_grasps.attempt import attempt
 from stages.simulate_grasps.physics import simulation
 from stages.simulate_grasps.rig import Rig, make_rig, make_scene
@@ -175,9 +175,9 @@ def _as_drawn(urdf: Path, place: Path) -> Path:
 def _renderers(objects: list[Object]) -> Iterator[dict[str, Any]]:
     """Silhouettes of the objects against rays through the pixels' centres."""
     scene = load_scene("supplement")
-    camera = scene.camera.at(RESOLUTION)
+    camera = scene.camera.with_resolution(RESOLUTION)
     truth = [cast(camera, one.mesh) == Label.OBJECT for one in objects]
-    with RasterRenderer(scene, RESOLUTION) as ours, tiny_renderer(camera) as theirs:
+    with Renderer(scene, RESOLUTION) as ours, tiny_renderer(camera) as theirs:
         ways = {"pyrender (ours)": partial(_drawn, ours), "PyBullet's TinyRenderer": theirs}
         for label, draw in ways.items():
             draw(objects[0].mesh)  # what is compiled once is in no time
@@ -188,7 +188,7 @@ def _renderers(objects: list[Object]) -> Iterator[dict[str, Any]]:
             yield _row("the renderer, 256 x 256", label, seconds, {"silhouette wrong, % of it": float(np.mean(wrong))})
 
 
-def _drawn(renderer: RasterRenderer, mesh: Mesh) -> NDArray[np.bool_]:
+def _drawn(renderer: Renderer, mesh: Mesh) -> NDArray[np.bool_]:
     part = renderer.add(mesh, Label.OBJECT)
     view = renderer.render([(part, np.eye(4))])
     renderer.remove(part)

@@ -16,20 +16,20 @@ from benchmarks.tradeoff.plain_search import has_room as plain_has_room
 from benchmarks.tradeoff.plain_search import measuring_all
 from pipeline.config.scene_file import load_scene
 from pipeline.engine.stage import Task
-from pipeline.kernels.geometry import exterior
+from pipeline.kernels.geometry import exterior_sampling
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.normalise import normalise
+from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.kernels.hand import clearance
 from pipeline.kernels.hand.inverse import has_room, solve
 from pipeline.kernels.hand.kinematics import forward, sensor_poses
 from pipeline.kernels.hand.visuals import visual_meshes
-from pipeline.kernels.touch import shading
+from pipeline.kernels.touch import tactile_image
 from pipeline.kernels.touch.contact import is_touched, local_points, touch_success
-from pipeline.kernels.touch.rays import grid_depth, ray_depth
+from pipeline.kernels.touch.ray_depth import face_depth, ray_depth
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.view import Label
+from pipeline.kernels.vision.labels import Label
 from pipeline.toy_objects import generate
+from stages.render_vision.renderer import Renderer
 from stages.simulate_grasps import stage as grasping
 from stages.simulate_grasps.attempt import _draw_pose
 from stages.simulate_grasps.rig import Rig, Scene, make_rig, make_scene
@@ -47,11 +47,11 @@ class Bench:
 
     @cached_property
     def mesh(self) -> Mesh:
-        return normalise(generate("bottle", np.random.default_rng(0)), "z", 0.5)
+        return normalise_mesh(generate("bottle", np.random.default_rng(0)), "z", 0.5)
 
     @cached_property
     def surface(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return exterior.sample_exterior(self.mesh, self.points, np.random.default_rng(0))
+        return exterior_sampling.sample_exterior(self.mesh, self.points, np.random.default_rng(0))
 
     @cached_property
     def rig(self) -> Rig:
@@ -142,12 +142,12 @@ def pairs(bench: Bench) -> list[Pair]:
 
 
 def _exterior(bench: Bench) -> Results:
-    points, normals = exterior.sample_exterior(bench.mesh, bench.points, np.random.default_rng(0))
+    points, normals = exterior_sampling.sample_exterior(bench.mesh, bench.points, np.random.default_rng(0))
     return {"points": points, "normals": normals}
 
 
 def _all_rays(bench: Bench) -> Results:
-    with patch.object(exterior, "SURE_OF_SIDE", exterior.DIRECTIONS + 1):
+    with patch.object(exterior_sampling, "SURE_OF_SIDE", exterior_sampling.DIRECTIONS + 1):
         return _exterior(bench)
 
 
@@ -213,8 +213,8 @@ def _all_grasps(bench: Bench) -> Results:
 
 
 @contextmanager
-def _renderer(bench: Bench) -> Iterator[RasterRenderer]:
-    with RasterRenderer(load_scene("supplement"), 128) as renderer:
+def _renderer(bench: Bench) -> Iterator[Renderer]:
+    with Renderer(load_scene("supplement"), 128) as renderer:
         yield renderer
 
 
@@ -252,7 +252,7 @@ def _all_faces(bench: Bench) -> Results:
     for k, pose in enumerate(bench.sensors):
         rotation, offset = pose[:3, :3], corners - pose[:3, 3][:, None, None]
         local = np.stack([r[0] * offset[0] + r[1] * offset[1] + r[2] * offset[2] for r in rotation.T])
-        found[f"{k}"] = grid_depth(local, bench.sensor)
+        found[f"{k}"] = face_depth(local, bench.sensor)
     return found
 
 
@@ -261,12 +261,12 @@ def _nothing(bench: Bench) -> NDArray[np.float32]:
 
 
 def _readings(bench: Bench) -> Results:
-    return {f"{k}": shading.reading(_nothing(bench), bench.sensor) for k in range(8 * bench.size)}
+    return {f"{k}": tactile_image.tactile_image(_nothing(bench), bench.sensor) for k in range(8 * bench.size)}
 
 
 def _all_readings(bench: Bench) -> Results:
     depth, sensor = _nothing(bench), bench.sensor
-    return {f"{k}": shading._shade(shading.impression(depth, sensor) / sensor.width, sensor) for k in range(8 * bench.size)}
+    return {f"{k}": tactile_image._shade(tactile_image.impression(depth, sensor) / sensor.width, sensor) for k in range(8 * bench.size)}
 
 
 def _felt(bench: Bench, store: bool) -> Results:

@@ -26,7 +26,7 @@ from pipeline.kernels.networks.graph_network import GraphNetwork
 from pipeline.kernels.networks.touch_losses import projected_chamfer_loss
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.sensor import pixel_centres
-from pipeline.kernels.touch.shading import reading, untouched
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.touch_model import TouchModel
 
 GRASPS, SENSORS = 5, 4
@@ -73,7 +73,7 @@ class Bench:
     def model(self) -> TouchModel:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(0)
-            return TouchModel(UNet(self._unet).eval(), SENSOR, untouched(SENSOR), 0.001)
+            return TouchModel(UNet(self._unet).eval(), SENSOR, untouched_image(SENSOR), 0.001)
 
     @cached_property
     def depths(self) -> NDArray[np.float32]:
@@ -88,7 +88,7 @@ class Bench:
 
     @cached_property
     def readings(self) -> NDArray[np.uint8]:
-        return np.stack([reading(depth, SENSOR) for depth in self.depths])
+        return np.stack([tactile_image(depth, SENSOR) for depth in self.depths])
 
     @cached_property
     def pressed(self) -> list[NDArray[np.float64]]:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.vision.camera import Camera, pose
-from pipeline.kernels.vision.raster import FAR, NEAR
+from pipeline.kernels.vision.camera import Camera, camera_pose
+from stages.render_vision.renderer import FAR_PLANE, NEAR_PLANE
 from stages.simulate_grasps.bullet import pybullet
 
 
@@ -18,7 +18,7 @@ from stages.simulate_grasps.bullet import pybullet
 def tiny_renderer(camera: Camera) -> Iterator[Callable[[Mesh], NDArray[np.bool_]]]:
     """Draws a mesh alone, as this camera sees it; (R, R) where it is seen."""
     client = pybullet.connect(pybullet.DIRECT)
-    view, projection = np.linalg.inv(pose(camera)), _projection(camera)
+    view, projection = np.linalg.inv(camera_pose(camera)), _projection(camera)
 
     def draw(mesh: Mesh) -> NDArray[np.bool_]:
         shape = pybullet.createVisualShape(
@@ -50,7 +50,7 @@ def _projection(camera: Camera) -> NDArray[np.float64]:
         [
             [2 * fx / size, 0, 1 - 2 * cx / size, 0],
             [0, 2 * fy / size, 2 * cy / size - 1, 0],
-            [0, 0, -(FAR + NEAR) / (FAR - NEAR), -2 * FAR * NEAR / (FAR - NEAR)],
+            [0, 0, -(FAR_PLANE + NEAR_PLANE) / (FAR_PLANE - NEAR_PLANE), -2 * FAR_PLANE * NEAR_PLANE / (FAR_PLANE - NEAR_PLANE)],
             [0, 0, -1, 0],
         ]
     )

@@ -18,7 +18,7 @@ from pipeline.inference.mesh_files import check_suffix, write_charts, write_join
 from pipeline.inference.stored_grasps import check_folder, check_grasps, has_charts, stored_charts, stored_image, stored_touches
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.chart_square import chart_square
-from pipeline.kernels.touch.sensor import Sensor, place
+from pipeline.kernels.touch.sensor import Sensor, sensor_to_world
 from pipeline.models.reconstruct import Reconstruction, Reconstructor, View
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
@@ -177,7 +177,7 @@ def _charts(
     surface = touched & is_surface(fits.stop_rule)
     flat = chart_square(side)[0].numpy() * width
     local = np.where(surface[:, None, None], fits.vertices, flat)  # (T, side², 3) sensor frame
-    placed = [place(pose, *vertices.T) for pose, vertices in zip(poses, local, strict=True)]
+    placed = [sensor_to_world(pose, *vertices.T) for pose, vertices in zip(poses, local, strict=True)]
     return np.array(placed, np.float32).reshape(-1, side**2, 3), surface
 
 

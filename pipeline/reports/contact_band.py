@@ -13,17 +13,17 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.hand.model import Hand, load_hand
 from pipeline.kernels.hand.visuals import visual_meshes
-from pipeline.kernels.vision.raster import RasterRenderer
+from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
-from pipeline.kernels.vision.second_side import patch, second_side, squares_of
-from pipeline.kernels.vision.view import Label
 from pipeline.reports.contact_sheet import Band, finger_colors
+from pipeline.reports.second_view import GraspView, gel_squares, second_view, touch_patch
+from stages.render_vision.renderer import Renderer
 
 
 class BandMaker:
     """Makes bands for one hand in one scene; `band_maker` opens one."""
 
-    def __init__(self, renderer: RasterRenderer, scene: Scene, hand: Hand, width: float, gel: float) -> None:
+    def __init__(self, renderer: Renderer, scene: Scene, hand: Hand, width: float, gel: float) -> None:
         """Take the hand's shapes into the renderer; the sensors' square is `width` m wide and their gel `gel` m thick."""
         self.renderer, self.scene, self.hand, self.width, self.gel = renderer, scene, hand, width, gel
         self.shapes = [(link, renderer.add(mesh, Label.HAND), mesh) for link, mesh in visual_meshes(hand)]
@@ -46,25 +46,20 @@ class BandMaker:
         frames = forward(self.hand, hand_pose, joint_angles)  # (L, 4, 4)
         colors = finger_colors(len(touched))
         made = [
-            patch(depth, pose, self.width, self.gel, color)
+            touch_patch(depth, pose, self.width, self.gel, color)
             for depth, pose, color, good in zip(depths, sensor_pose, colors, touched, strict=True)
             if good
         ]
-        part = self.renderer.add(mesh, Label.OBJECT)
-        try:
-            held, felt = second_side(
-                self.renderer,
-                self.scene,
-                len(unoccluded),
-                (part, mesh),
-                [(shape, surface, frames[link]) for link, shape, surface in self.shapes],
-                [surface for surface in made if surface is not None],
-                hand_pose[:3, :3] @ self.hand.palm_facing,
-                squares_of(sensor_pose, self.width, self.gel),
-                colors,
+        with self.renderer.added(mesh, Label.OBJECT) as handle:
+            grasp = GraspView(
+                object_mesh=(handle, mesh),
+                hand=[(shape, surface, frames[link]) for link, shape, surface in self.shapes],
+                patches=[surface for surface in made if surface is not None],
+                palm=hand_pose[:3, :3] @ self.hand.palm_facing,
+                squares=gel_squares(sensor_pose, self.width, self.gel),
+                colors=colors,
             )
-        finally:
-            self.renderer.remove(part)
+            held, felt = second_view(self.renderer, self.scene, len(unoccluded), grasp)
         pictures = [("unoccluded", unoccluded), ("occluded", occluded), ("from a second side", held), ("touch sites", felt)]
         return Band(title, note, pictures, [finger.name for finger in self.hand.fingers], touched, readings, depths)
 
@@ -73,5 +68,5 @@ class BandMaker:
 def band_maker(scene: str, hand: str, width: float, gel: float) -> Iterator[BandMaker]:
     """A `BandMaker` for the scene and the hand of these names, for as long as the context lasts."""
     surroundings = load_scene(scene)
-    with RasterRenderer(surroundings) as renderer:
+    with Renderer(surroundings) as renderer:
         yield BandMaker(renderer, surroundings, load_hand(hand), width, gel)

@@ -50,10 +50,10 @@ def _version(name: str) -> str:
 def _render() -> str:
     from pipeline.config.scene_file import load_scene
     from pipeline.kernels.vision.camera import projection_matrix  # only here: they need what is being checked
-    from pipeline.kernels.vision.raster import RasterRenderer
+    from stages.render_vision.renderer import Renderer
 
     scene = load_scene("supplement")
-    with RasterRenderer(scene, 16) as renderer:
+    with Renderer(scene, 16) as renderer:
         image = renderer.render([]).rgb
     return f"{image.shape[0]} × {image.shape[1]} pixels, camera {projection_matrix(scene.camera).shape}"
 

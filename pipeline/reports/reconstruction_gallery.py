@@ -17,14 +17,14 @@ from pipeline.dataset.touch_charts import is_surface
 from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
-from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.view import Label
+from pipeline.kernels.vision.labels import Label
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 from stages.evaluate.store import Arrays, read_root, read_table
+from stages.render_vision.renderer import Renderer
 
 PIXELS = 200
 """A picture's side: enough to see charts."""
@@ -49,7 +49,7 @@ def draw_gallery(data: Path, path: Path, most: int) -> list[str]:
     columns = [(name, case) for name in names for case in _cases(predictions[name])]
     images = Collection(Layout(data), VISION).shards
     scene = str(images[0].attributes["settings"]["scene"]) if images else SCENE
-    with RasterRenderer(load_scene(scene), PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
+    with Renderer(load_scene(scene), PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
         figure = Figure((1.6 * (1 + len(columns)), 1.75 * len(shown)), dpi=110, layout="constrained")
         for row, object_id in enumerate(shown):
             truth = read_mesh(surfaces.view(object_id))
@@ -98,12 +98,9 @@ def _surface(fitted: Collection, object_id: str, table: Arrays, number: int, cas
     return Mesh(np.concatenate(vertices), np.concatenate(faces).astype(np.int32), look)
 
 
-def _seen(renderer: RasterRenderer, mesh: Mesh) -> NDArray[np.uint8]:
-    part = renderer.add(mesh, Label.OBJECT)
-    try:
-        return renderer.render([(part, np.eye(4))]).rgb
-    finally:
-        renderer.remove(part)
+def _seen(renderer: Renderer, mesh: Mesh) -> NDArray[np.uint8]:
+    with renderer.added(mesh, Label.OBJECT) as handle:
+        return renderer.render([(handle, np.eye(4))]).rgb
 
 
 def _picture(figure: Figure, place: Sequence[int], image: NDArray[np.uint8], title: str, below: str) -> None:

@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 
 from pipeline.errors import StageError
-from pipeline.kernels.geometry.sampling import sample_triangles
+from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from pipeline.kernels.metrics.distances import Cloud, Distances, distances
 from pipeline.kernels.metrics.rings import ring_means, ring_of
 from pipeline.models.reconstruct import Reconstruction, Reconstructor

@@ -16,7 +16,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.chart_square import chart_square
 from pipeline.kernels.charts.fit_rule import StopRule
-from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, place
+from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, sensor_to_world
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
 from pipeline.store.pieces import Row
@@ -117,4 +117,4 @@ def _generators(task: Task, touched: NDArray[np.bool_]) -> list[torch.Generator]
 
 
 def _in_world(pose: NDArray[np.float64], vertices: NDArray[np.float64]) -> NDArray[np.float64]:
-    return place(check_pose(pose), *vertices.T)
+    return sensor_to_world(check_pose(pose), *vertices.T)

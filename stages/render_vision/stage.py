@@ -16,18 +16,18 @@ from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.hand.model import load_hand
 from pipeline.kernels.hand.visuals import visual_meshes
 from pipeline.kernels.vision.camera import projection_matrix
-from pipeline.kernels.vision.context import shader_paths
-from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.view import Label, Part, Placed, Renderer
+from pipeline.kernels.vision.labels import Label
 from pipeline.store.pieces import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
+from stages.render_vision.opengl_context import shader_paths
+from stages.render_vision.renderer import MeshHandle, PosedMesh, Renderer
 from stages.render_vision.settings import VisionSettings
 
-HandParts = list[tuple[int, Part]]
-"""The hand's link numbers, and what the renderer calls their shapes."""
+HandMeshes = list[tuple[int, MeshHandle]]
+"""The hand's visual meshes, each with the number of its link."""
 
 
 class RenderVision:
@@ -52,7 +52,7 @@ class RenderVision:
 
     def constants(self, settings: VisionSettings) -> Row:
         """The camera's projection matrix."""
-        return {"camera": projection_matrix(load_scene(settings.scene).camera.at(settings.resolution))}
+        return {"camera": projection_matrix(load_scene(settings.scene).camera.with_resolution(settings.resolution))}
 
     def attributes(self, settings: VisionSettings) -> dict[str, Any]:
         """The scene: its lamp, constant light and background are the project's choice, so they stand with the data."""
@@ -67,33 +67,30 @@ class RenderVision:
     def session(self, settings: VisionSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         """One renderer a worker, with the hand's shapes in it."""
         hand = load_hand(settings.hand)
-        with RasterRenderer(load_scene(settings.scene), settings.resolution) as renderer:
-            shapes = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in visual_meshes(hand)]
+        with Renderer(load_scene(settings.scene), settings.resolution) as renderer:
+            meshes = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in visual_meshes(hand)]
 
             def process(task: Task) -> Row:
                 _check_hand(task, settings)
                 grasps = task.inputs["grasps"]
                 frames = forward(hand, grasps["hand_pose"], grasps["joint_angles"])  # (grasp, link, 4, 4)
-                part = renderer.add(task.mesh(), Label.OBJECT)
-                try:
-                    return _images(renderer, (part, np.eye(4)), shapes, frames if settings.occluded else frames[:0])
-                finally:
-                    renderer.remove(part)
+                with renderer.added(task.mesh(), Label.OBJECT) as handle:
+                    return _render_grasps(renderer, (handle, np.eye(4)), meshes, frames if settings.occluded else frames[:0])
 
             yield process
 
 
 def _check_hand(task: Task, settings: VisionSettings) -> None:
-    held = task.attributes["grasps"]["settings"]["hand"]
-    if held != settings.hand:
-        raise InvalidInput(f"the grasps were made with hand {held}, render-vision.hand is {settings.hand}; set both with --set hand={held}")
+    used = task.attributes["grasps"]["settings"]["hand"]
+    if used != settings.hand:
+        raise InvalidInput(f"the grasps were made with hand {used}, render-vision.hand is {settings.hand}; set both with --set hand={used}")
 
 
-def _images(renderer: Renderer, thing: Placed, shapes: HandParts, frames: np.ndarray) -> Row:
-    """The object alone, then with the hand at each of `frames` (grasp, link, 4, 4)."""
-    alone = renderer.render([thing])
-    held = [renderer.render([thing, *((part, frame[link]) for link, part in shapes)]) for frame in frames]
-    row: Row = {"unoccluded": alone.rgb, "segmentation": np.stack([view.segmentation for view in (alone, *held)])}
-    if held:
-        row["occluded"] = np.stack([view.rgb for view in held])
+def _render_grasps(renderer: Renderer, posed_object: PosedMesh, hand: HandMeshes, frames: np.ndarray) -> Row:
+    """Render the object alone, then with the hand at each of `frames` (grasp, link, 4, 4)."""
+    alone = renderer.render([posed_object])
+    grasped = [renderer.render([posed_object, *((handle, frame[link]) for link, handle in hand)]) for frame in frames]
+    row: Row = {"unoccluded": alone.rgb, "segmentation": np.stack([image.segmentation for image in (alone, *grasped)])}
+    if grasped:
+        row["occluded"] = np.stack([image.rgb for image in grasped])
     return row

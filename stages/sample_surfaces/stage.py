@@ -12,16 +12,16 @@ import numpy as np
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Cost, Task
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.exterior import sample_exterior
-from pipeline.kernels.geometry.gate import gate
+from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.normalise import normalise
+from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
+from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.rng import numpy_rng
 from pipeline.store.pieces import Row
 from pipeline.toy_objects import KINDS, generate
 from schemas.base import Artifact
 from schemas.surfaces import SURFACES
-from stages.sample_surfaces.load import load_mesh
+from stages.sample_surfaces.mesh_files import load_mesh
 from stages.sample_surfaces.settings import SurfaceSettings
 
 
@@ -66,8 +66,8 @@ class SampleSurfaces:
 def _process(task: Task, settings: SurfaceSettings) -> Row:
     source = task.source
     try:
-        mesh, report = gate(source_mesh(task), settings.max_faces)
-        mesh = normalise(mesh, source.get("up", "z"), settings.diagonal, source.get("metres_per_unit"))
+        mesh, report = clean_mesh(source_mesh(task), settings.max_faces)
+        mesh = normalise_mesh(mesh, source.get("up", "z"), settings.diagonal, source.get("metres_per_unit"))
         rng = task.rng("sample-surfaces")
         points, normals = sample_exterior(mesh, settings.points, rng, settings.directions)
     except (ValueError, OSError) as error:

@@ -14,7 +14,7 @@ from pipeline.kernels.hand.distance import DistanceField, distance_field
 from pipeline.kernels.hand.inverse import PostureSamples, Wanted, sample_postures
 from pipeline.kernels.hand.model import Hand, load_hand
 from pipeline.kernels.hand.reach import FingerParts, finger_parts
-from pipeline.kernels.touch.prism import FaceBlocks, face_blocks
+from pipeline.kernels.touch.face_culling import FaceBlocks, face_blocks
 from pipeline.kernels.touch.sensor import Sensor
 from stages.simulate_grasps.settings import GraspSettings
 

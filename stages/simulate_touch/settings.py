@@ -3,7 +3,7 @@
 from typing import Literal
 
 from pipeline.config.settings import Settings, setting
-from pipeline.kernels.touch.spheres import MAX_STEPS, TOLERANCE
+from pipeline.kernels.touch.sphere_tracing import MAX_STEPS, TOLERANCE
 
 
 class TouchSettings(Settings):

@@ -13,12 +13,12 @@ from pipeline.config.sensor_file import load_sensor, sensor_path
 from pipeline.engine.stage import Cost, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.contact import local_points
-from pipeline.kernels.touch.prism import FaceBlocks, face_blocks
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.depth_quantisation import quantise_depth
+from pipeline.kernels.touch.face_culling import FaceBlocks, face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.shading import reading, untouched
-from pipeline.kernels.touch.spheres import sphere_depth
-from pipeline.kernels.touch.storage import stored_depth
+from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.store.pieces import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
@@ -49,7 +49,7 @@ class SimulateTouch:
 
     def constants(self, settings: TouchSettings) -> Row:
         """The reading of a sensor that nothing touches."""
-        return {"untouched": untouched(load_sensor(settings.sensor))}
+        return {"untouched": untouched_image(load_sensor(settings.sensor))}
 
     def attributes(self, settings: TouchSettings) -> dict[str, Any]:
         """The sensor's description, for readers of the arrays: `width`, `w`, `range` and the rest."""
@@ -91,9 +91,9 @@ def _feel(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor, settings: TouchS
     if settings.tracer == "ray":
         exact = ray_depth(blocks, pose, sensor)
     else:
-        exact = sphere_depth(blocks, pose, sensor, settings.sphere_tolerance, settings.sphere_steps)
-    depth = stored_depth(exact, sensor, settings.gel_bits, settings.far_bits)
-    row: Row = {"depth": depth, "reading": reading(depth, sensor)}
+        exact = sphere_traced_depth(blocks, pose, sensor, settings.sphere_tolerance, settings.sphere_steps)
+    depth = quantise_depth(exact, sensor, settings.gel_bits, settings.far_bits)
+    row: Row = {"depth": depth, "reading": tactile_image(depth, sensor)}
     if settings.store_points:
         points, count = local_points(depth, pose, sensor)
         row |= {"local_points": points, "local_count": np.asarray(count)}

@@ -15,7 +15,7 @@ from pipeline.cli import app
 from pipeline.cli import explain as command
 from pipeline.engine.plan import Request, make_plan
 from pipeline.engine.runner import execute
-from pipeline.kernels.touch.prism import BLOCK, face_blocks
+from pipeline.kernels.touch.face_culling import BLOCK, face_blocks
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from pipeline.tuning.explain import Part, arrays_read, shards_opened, total

@@ -14,7 +14,7 @@ import torch
 from benchmarks.tradeoff import pairs_data, pairs_learning
 from benchmarks.tradeoff.pairs import EQUAL, Pair, Results, difference
 from benchmarks.tradeoff.shortcuts import measured
-from pipeline.kernels.geometry.exterior import Sky
+from pipeline.kernels.geometry.exterior_sampling import EscapeTest
 from pipeline.kernels.hand.distance import DistanceField
 from pipeline.kernels.metrics import distances as metrics
 from pipeline.kernels.metrics.chamfer import Target
@@ -22,8 +22,8 @@ from pipeline.kernels.networks import touch_losses, zero_neighbour
 from pipeline.kernels.networks.deformation import DeformationNetwork
 from pipeline.kernels.networks.encoder import ImageEncoder
 from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.touch import contact, rays, shading
-from pipeline.kernels.vision.raster import RasterRenderer
+from pipeline.kernels.touch import contact, ray_depth, tactile_image
+from stages.render_vision.renderer import Renderer
 from stages.simulate_grasps import attempt, stage
 
 
@@ -60,16 +60,16 @@ def entries(matrix: torch.Tensor) -> int:
 
 
 WORK = {
-    "sure of side": Work(Sky, "_round", 0.374, lambda sky, points, normals, directions: len(points) * len(directions)),
+    "sure of side": Work(EscapeTest, "_round", 0.374, lambda sky, points, normals, directions: len(points) * len(directions)),
     "bounds first": Work(DistanceField, "lookup", 0.329, lambda field, points: points[0].size),
     "doubtful balls": Work(DistanceField, "exact", 0.267, lambda field, points: len(points)),
-    "gel only": Work(rays, "scan", 155 / 398, lambda faces, width, depth: faces.shape[2]),
+    "gel only": Work(ray_depth, "scan_convert", 155 / 398, lambda faces, width, depth: faces.shape[2]),
     "kept only": Work(attempt, "deepest", 4 / 8),
     "enough attempts": Work(stage, "attempt", 4 / 8),
-    "hand kept": Work(RasterRenderer, "add", 29 / 56),
-    "prism": Work(rays, "scan", 0.00836, lambda faces, width, depth: faces.shape[2]),
-    "untouched reading": Work(shading, "_shade", 1 / 8),
-    "points from depth": Work(contact, "place", 1 / 4),
+    "hand kept": Work(Renderer, "add", 29 / 56),
+    "prism": Work(ray_depth, "scan_convert", 0.00836, lambda faces, width, depth: faces.shape[2]),
+    "untouched reading": Work(tactile_image, "_shade", 1 / 8),
+    "points from depth": Work(contact, "sensor_to_world", 1 / 4),
     "fewer loss points": Work(touch_losses, "one_way", 0.267, lambda points, target: len(points)),
     "touched readings": Work(UNet, "forward", 1 / 2, lambda network, readings: len(readings)),
     "fewer samples a step": Work(Target, "nearest", 0.123, lambda target, points: len(points)),
@@ -91,7 +91,7 @@ def pairs() -> dict[str, Pair]:
 def _one_thread_and_nothing_remembered() -> Iterator[None]:
     before = torch.get_num_threads()
     torch.set_num_threads(1)
-    shading.untouched.cache_clear()
+    tactile_image.untouched_image.cache_clear()
     yield
     torch.set_num_threads(before)
 

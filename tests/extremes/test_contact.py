@@ -9,11 +9,11 @@ import pytest
 from hypothesis import strategies as st
 
 from pipeline.kernels.touch.contact import CONTACT, is_touched, local_points, touch_success
-from pipeline.kernels.touch.prism import face_blocks
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.depth_quantisation import quantise_depth
+from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Lights, Sensor, pixel_centres
-from pipeline.kernels.touch.shading import impression, reading, untouched
-from pipeline.kernels.touch.storage import stored_depth
+from pipeline.kernels.touch.tactile_image import impression, tactile_image, untouched_image
 from tests.extremes.profile import for_all
 from tests.extremes.strategies import offsets, scales, seeds, turn
 from tests.touch.scenes import SENSOR, ball, coarse, pose_at
@@ -38,7 +38,7 @@ def with_lamp(x: float, y: float, z: float) -> Sensor:
 
 @pytest.mark.parametrize("depth", [EMPTY, FULL, one_pixel(0.0), one_pixel(0.003)], ids=["empty", "full", "pixel through", "pixel"])
 def test_a_gel_touched_nowhere_everywhere_and_by_a_needle(depth) -> None:
-    assert np.abs(reading(depth, SMALL).astype(int) - twin(depth, SMALL)).max() <= 1
+    assert np.abs(tactile_image(depth, SMALL).astype(int) - twin(depth, SMALL)).max() <= 1
     points, count = local_points(depth.astype(np.float32), np.eye(4), SMALL)
     assert count == np.isfinite(depth).sum()
     assert (points[count:] == 0).all()
@@ -84,7 +84,7 @@ def test_depths_that_are_none_are_named(bad) -> None:
         for ask in (
             lambda: touch_success(one_pixel(bad), SMALL),
             lambda: local_points(one_pixel(bad).astype(np.float32), np.eye(4), SMALL),
-            lambda: stored_depth(one_pixel(bad), SMALL, 26, 18),
+            lambda: quantise_depth(one_pixel(bad), SMALL, 26, 18),
         ):
             with pytest.raises(ValueError, match="depth holds NaN"):
                 ask()
@@ -95,10 +95,10 @@ def test_a_lamp_on_the_surface_does_not_light_the_point_it_stands_on(deep) -> No
     """The gel is pressed flat, so deep, and the lamp stands on it over a pixel's centre."""
     depth = np.full(SMALL.shape, SMALL.w - deep)
     sensor = with_lamp((5 + 0.5) / 8, (3 + 0.5) / 8, (SMALL.w - depth[3, 5]) / SMALL.width or 1e-300)
-    image = reading(depth, sensor)
+    image = tactile_image(depth, sensor)
     assert image[3, 5, 0] == 0
     assert (image[..., 0] == 0).all()  # it stands in the plane: its light passes along the surface
-    np.testing.assert_array_equal(image[..., 1:], reading(depth, SMALL)[..., 1:])
+    np.testing.assert_array_equal(image[..., 1:], tactile_image(depth, SMALL)[..., 1:])
 
 
 @for_all(few=30, many=1000, seed=seeds, height=st.floats(-12, -1).map(lambda e: 10.0**e))
@@ -107,7 +107,7 @@ def test_a_lamp_next_to_the_surface_is_as_the_equations_say(seed, height) -> Non
     depth = rng.uniform(0.002, 0.009, SMALL.shape)
     row, col = rng.integers(0, 8, 2)
     sensor = with_lamp((col + 0.5) / 8 + 0.01, (row + 0.5) / 8, max(SMALL.w - depth[row, col], 0) / SMALL.width + height)
-    assert np.abs(reading(depth, sensor).astype(int) - twin(depth, sensor)).max() <= 1
+    assert np.abs(tactile_image(depth, sensor).astype(int) - twin(depth, sensor)).max() <= 1
 
 
 @for_all(few=30, many=1000, seed=seeds, diffuse=st.floats(-6, 6).map(lambda e: 10.0**e))
@@ -115,27 +115,27 @@ def test_readings_go_black_and_white_and_never_around(seed, diffuse) -> None:
     """As bright or dark as one likes: intensities are clipped, not wrapped."""
     sensor = SMALL.model_copy(update={"diffuse": diffuse})
     depth = np.random.default_rng(seed).uniform(0.0, 0.01, SMALL.shape)
-    image = reading(depth, sensor)
+    image = tactile_image(depth, sensor)
     assert np.abs(image.astype(int) - twin(depth, sensor)).max() <= 1
     if diffuse < 1e-3:
         assert image.max() == 0
     if diffuse > 1e5:
         assert set(np.unique(image)) <= {0, 255}
-        assert untouched(sensor).min() == 255
+        assert untouched_image(sensor).min() == 255
 
 
 @for_all(few=20, many=1000, seed=seeds, scale=scales)
 def test_a_reading_depends_on_shape_alone(seed, scale) -> None:
     depth = np.random.default_rng(seed).uniform(0.0, 0.01, SMALL.shape)
     large = SMALL.model_copy(update={"width": SMALL.width * scale, "w": SMALL.w * scale, "range": SMALL.range * scale})
-    assert np.abs(reading(depth * scale, large).astype(int) - reading(depth, SMALL)).max() <= 1
+    assert np.abs(tactile_image(depth * scale, large).astype(int) - tactile_image(depth, SMALL)).max() <= 1
 
 
 @for_all(few=20, many=1000, seed=seeds)
 def test_float32_depth_moves_no_value_by_more_than_one(seed) -> None:
     """Of smooth and of rough impressions; the bound on the intensity is 2^-23 lambda w/width times the pixels a side."""
     depth = np.random.default_rng(seed).uniform(0.0, 0.009, SENSOR.shape)
-    change = reading(depth.astype(np.float32), SENSOR).astype(int) - reading(depth, SENSOR)
+    change = tactile_image(depth.astype(np.float32), SENSOR).astype(int) - tactile_image(depth, SENSOR)
     intensity = 2.0**-23 * SENSOR.diffuse * SENSOR.w / SENSOR.width * SENSOR.cols
     assert np.abs(change).max() <= 1
     assert (change != 0).mean() <= 4 * 255 * 2 * intensity + 1e-3  # as often as a value lies so near to a half
@@ -166,12 +166,12 @@ def test_storing_moves_a_depth_by_half_a_step_at_most_and_nothing_twice(seed, ge
     depth = np.concatenate(
         [rng.uniform(0, 0.05, 200), SENSOR.w + rng.normal(size=50) * 1e-9, [0, np.inf, 5e-324, np.nextafter(SENSOR.w, 0)]]
     )
-    stored = stored_depth(depth, SENSOR, gel, far)
+    stored = quantise_depth(depth, SENSOR, gel, far)
     step = np.where(depth < SENSOR.w, *(0 if bits is None else 2.0**-bits for bits in (gel, far)))
     finite = np.isfinite(depth)
     assert np.isinf(stored[~finite]).all()
     unit = np.spacing(depth[finite].astype(np.float32)).astype(np.float64)
     assert (np.abs(stored[finite] - depth[finite]) <= (step[finite] + unit) / 2).all()
     inner = np.abs(depth - SENSOR.w) > 1e-3  # what storing does not carry from the gel to beyond it, or back
-    again = stored_depth(stored.astype(np.float64), SENSOR, gel, far)
+    again = quantise_depth(stored.astype(np.float64), SENSOR, gel, far)
     np.testing.assert_array_equal(again[inner & finite], stored[inner & finite])

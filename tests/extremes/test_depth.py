@@ -6,15 +6,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch.prism import BLOCK, face_blocks, faces_seen
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.face_culling import BLOCK, cull_faces, face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import pixel_centres, ray_origins
-from pipeline.kernels.touch.spheres import march, sphere_depth
+from pipeline.kernels.touch.sphere_tracing import march, sphere_traced_depth
 from tests.touch.scenes import SENSOR, ball, box, coarse, pose_at, pybullet_triangles, random_pose
 from tests.touch.twins import brute_force
 
 Tracer = Callable[..., np.ndarray]
-tracers = pytest.mark.parametrize("trace", [ray_depth, sphere_depth])
+tracers = pytest.mark.parametrize("trace", [ray_depth, sphere_traced_depth])
 SHEET = np.array([[[-1, -1, 0], [1, -1, 0], [1, 1, 0]], [[-1, -1, 0], [1, 1, 0], [-1, 1, 0]]], np.float64)
 
 
@@ -167,10 +167,10 @@ def test_only_what_is_seen_is_touched_and_nothing_seen_is_culled() -> None:
     faces = ball(6, 0.25)
     blocks = face_blocks(faces)
     pose = pose_at(np.array([0.25, 0, 0]), np.array([-1.0, 0, 0]), 0.005)
-    seen = faces_seen(blocks, pose, SENSOR)
+    seen = cull_faces(blocks, pose, SENSOR)
     assert 0 < seen.shape[2] < 0.01 * len(faces)
     away = pose_at(np.array([0.25, 0, 0]), np.array([1.0, 0, 0]), -0.001)
-    assert faces_seen(blocks, away, SENSOR).shape == (3, 3, 0)
+    assert cull_faces(blocks, away, SENSOR).shape == (3, 3, 0)
     truth = brute_force(faces, ray_origins(pose, coarse(6)), pose[:3, 2], SENSOR.range)
     assert np.abs(ray_depth(blocks, pose, coarse(6)) - truth.depth).max() <= 1e-8
 
@@ -185,7 +185,7 @@ def test_blocks_hold_every_face_once_and_fill_up_with_one() -> None:
 
 def test_sphere_tracing_says_which_rays_it_left_unsettled() -> None:
     wall = box((0.04, 0.04, 0.02), x=0.02 + 1e-5, z=0.015)
-    local = faces_seen(face_blocks(wall), np.eye(4), SENSOR)
+    local = cull_faces(face_blocks(wall), np.eye(4), SENSOR)
     depth, settled = march(local, SENSOR, 1e-7, 30)
     assert not settled.all()
     assert settled.mean() > 0.9
@@ -213,4 +213,4 @@ def test_bad_poses_and_tolerances_are_named() -> None:
     with pytest.raises(ValueError, match="rigid"):
         ray_depth(blocks, np.diag([1.0, 1, -1, 1]), SENSOR)
     with pytest.raises(ValueError, match="tolerance"):
-        sphere_depth(blocks, np.eye(4), SENSOR, tolerance=0.0)
+        sphere_traced_depth(blocks, np.eye(4), SENSOR, tolerance=0.0)

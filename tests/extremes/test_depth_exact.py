@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import assume
 
-from pipeline.kernels.geometry.mesh import face_vectors
-from pipeline.kernels.touch.prism import face_blocks
-from pipeline.kernels.touch.rays import ASIDE, grid_depth, ray_depth
+from pipeline.kernels.geometry.mesh import face_cross_products
+from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.ray_depth import ASIDE, face_depth, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, ray_origins
-from pipeline.kernels.touch.spheres import TOLERANCE, sphere_depth
+from pipeline.kernels.touch.sphere_tracing import TOLERANCE, sphere_traced_depth
 from tests.extremes.profile import for_all
 from tests.extremes.strategies import EPS, aspects, offsets, scales, seeds, sliver, turn
 from tests.extremes.test_depth import tracers
@@ -75,7 +75,7 @@ def height_of(face: np.ndarray) -> float:
 @for_all(few=15, many=600, seed=seeds)
 def test_a_depth_is_that_of_a_ray_next_to_its_own(make, seed) -> None:
     face = make(np.random.default_rng(seed))
-    depth = grid_depth(np.ascontiguousarray(face.T[:, :, None]), SMALL)
+    depth = face_depth(np.ascontiguousarray(face.T[:, :, None]), SMALL)
     aside = ASIDE * SMALL.width
     for row, y in enumerate(Y):
         for col, x in enumerate(X):
@@ -101,7 +101,7 @@ def test_a_scene_of_another_size_has_depths_of_that_size(seed, scale) -> None:
     np.testing.assert_array_equal(np.isfinite(here), np.isfinite(there))
     met = np.isfinite(here)
     assert np.abs(there[met] / scale - here[met]).max() <= 1e-14
-    marched = sphere_depth(face_blocks(triangles * scale), scaled, sensor, tolerance=TOLERANCE * scale)
+    marched = sphere_traced_depth(face_blocks(triangles * scale), scaled, sensor, tolerance=TOLERANCE * scale)
     assert np.abs(marched[met] - there[met]).max() <= 1.01 * TOLERANCE * scale
 
 
@@ -115,7 +115,7 @@ def test_a_scene_far_away_has_the_same_depths(trace, seed, offset) -> None:
     moved[:3, 3] += offset
     here, there = trace(face_blocks(triangles), pose, SMALL), trace(face_blocks(triangles + offset), moved, SMALL)
     sure = np.isfinite(here) & (here < SMALL.w)  # beyond, near the silhouette, a surface is too steep to compare
-    allowed = 16 * EPS * np.abs(offset).max() + 1e-14 + (trace is sphere_depth) * TOLERANCE
+    allowed = 16 * EPS * np.abs(offset).max() + 1e-14 + (trace is sphere_traced_depth) * TOLERANCE
     assert np.isfinite(there[sure]).all()
     assert np.abs(there[sure] - here[sure]).max() <= allowed
 
@@ -138,7 +138,7 @@ def test_inside_out_doubled_and_mixed_up_faces_change_nothing(trace, seed) -> No
     changed = trace(face_blocks(mixed), pose, SMALL)
     np.testing.assert_array_equal(np.isfinite(changed), np.isfinite(depth))
     met = np.isfinite(depth)
-    assert np.abs(changed[met] - depth[met]).max() <= (TOLERANCE if trace is sphere_depth else 4 * EPS)
+    assert np.abs(changed[met] - depth[met]).max() <= (TOLERANCE if trace is sphere_traced_depth else 4 * EPS)
 
 
 @tracers
@@ -165,7 +165,7 @@ def test_no_sliver_alone_is_stepped_through(trace, seed, aspect) -> None:
     """Half a metre long, across the middle ray: a distance to it may be wrong, a depth may not."""
     rng = np.random.default_rng(seed)
     face = 0.5 * sliver(aspect, rng)
-    normal = face_vectors(face[None])[0]
+    normal = face_cross_products(face[None])[0]
     assume(abs(normal[2]) > 0.1 * np.linalg.norm(normal))  # a wall has other tests
     face += [0, 0, 0.01] - rng.dirichlet([3, 3, 3]) @ face
     assert trace(face_blocks(face[None]), np.eye(4), coarse(3))[1, 1] == pytest.approx(0.01, abs=1.01 * TOLERANCE)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
-from pipeline.kernels.vision.camera import Camera, pose
-from pipeline.kernels.vision.raster import FAR, NEAR, RasterRenderer
-from pipeline.kernels.vision.second_side import second_side, squares_of
-from pipeline.kernels.vision.view import Label, View
+from pipeline.kernels.vision.camera import Camera, camera_pose
+from pipeline.kernels.vision.labels import Label
+from pipeline.reports.second_view import GraspView, gel_squares, second_view
+from stages.render_vision.renderer import FAR_PLANE, NEAR_PLANE, RenderedImage, Renderer
 from tests.vision.shapes import HERE, SCENE, ball, box
 
 DOWN = Camera(position=(0.0, 0.0, 1.0), rotation=(0.0, 0.0, 0.0), focal=(64.0, 64.0), centre=(16.5, 16.5), resolution=33)
@@ -20,8 +20,8 @@ AMBIENT = np.array(SCENE.ambient)
 
 
 @pytest.fixture(scope="module")
-def renderer() -> Iterator[RasterRenderer]:
-    with RasterRenderer(SCENE, 33) as opened:
+def renderer() -> Iterator[Renderer]:
+    with Renderer(SCENE, 33) as opened:
         yield opened
 
 
@@ -29,7 +29,7 @@ def floor(color: tuple[int, int, int] = (255, 255, 255), scale: float = 1.0, at:
     return Mesh(SQUARE * scale + at, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Look.plain(4, 2, color))
 
 
-def seen(renderer: RasterRenderer, mesh: Mesh, camera: Camera = DOWN, lamp: tuple[float, float, float] = (0, 0, 1e3)) -> View:
+def seen(renderer: Renderer, mesh: Mesh, camera: Camera = DOWN, lamp: tuple[float, float, float] = (0, 0, 1e3)) -> RenderedImage:
     part = renderer.add(mesh, Label.OBJECT)
     try:
         return renderer.render([(part, HERE)], camera, lamp)
@@ -76,7 +76,10 @@ def test_an_object_that_fills_the_image_and_one_that_no_pixel_meets(renderer) ->
     assert np.argwhere(lone == Label.OBJECT).tolist() == [[16, 16]]
 
 
-@pytest.mark.parametrize(("depth", "shown"), [(NEAR * 0.99, False), (NEAR * 1.01, True), (FAR * 0.99, True), (FAR * 1.01, False)])
+@pytest.mark.parametrize(
+    ("depth", "shown"),
+    [(0.99 * NEAR_PLANE, False), (1.01 * NEAR_PLANE, True), (0.99 * FAR_PLANE, True), (1.01 * FAR_PLANE, False)],
+)
 def test_what_is_nearer_or_farther_than_stated_is_not_drawn(renderer, depth, shown) -> None:
     assert (seen(renderer, floor(scale=100, at=(0, 0, 1 - depth))).segmentation == Label.OBJECT).all() == shown
 
@@ -108,14 +111,13 @@ def test_a_picture_from_the_second_side_of_an_object_larger_than_the_room(render
     large = ball(3.0, subdivisions=2)
     hand = box((0.1, 0.1, 0.1))
     parts = [renderer.add(mesh, label) for mesh, label in ((large, Label.OBJECT), (hand, Label.HAND))]
-    squares = squares_of(np.tile(np.eye(4), (1, 1, 1)), 0.02, 0.006) + [3.0, 0, 0.6]
-    images = second_side(
-        renderer, SCENE, 48, (parts[0], large), [(parts[1], hand, HERE)], [], np.array([0, 0, 1.0]), squares, [(255, 0, 0)]
-    )
+    squares = gel_squares(np.tile(np.eye(4), (1, 1, 1)), 0.02, 0.006) + [3.0, 0, 0.6]
+    grasp = GraspView((parts[0], large), [(parts[1], hand, HERE)], [], np.array([0, 0, 1.0]), squares, [(255, 0, 0)])
+    images = second_view(renderer, SCENE, 48, grasp)
     for part in parts:
         renderer.remove(part)
     background = np.rint(np.array(SCENE.background) * 255)
     shown = np.abs(images[1].astype(int) - background).max(axis=2) > 2
     assert 0.3 < shown.mean() < 0.9  # all of the ball, from outside: a disc
     assert not shown[0].any()
-    assert np.linalg.norm(pose(SCENE.camera)[:3, 3] - [0, 0, 0.6]) < 3.0
+    assert np.linalg.norm(camera_pose(SCENE.camera)[:3, 3] - [0, 0, 0.6]) < 3.0

@@ -10,11 +10,11 @@ import trimesh
 from hypothesis import strategies as st
 
 from pipeline.dataset.mesh_rows import mesh_row, read_mesh
-from pipeline.kernels.geometry.exterior import START, Sky, sample_exterior
-from pipeline.kernels.geometry.gate import FLAT, coincident, gate
-from pipeline.kernels.geometry.mesh import Mesh, face_vectors, flatness
-from pipeline.kernels.geometry.normalise import POSITION, normalise
-from pipeline.kernels.geometry.sampling import sample_triangles
+from pipeline.kernels.geometry.exterior_sampling import START, EscapeTest, sample_exterior
+from pipeline.kernels.geometry.mesh import Mesh, face_cross_products, flatness
+from pipeline.kernels.geometry.mesh_cleaning import FLAT, clean_mesh, number_positions
+from pipeline.kernels.geometry.normalise import POSITION, normalise_mesh
+from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from tests.conftest import mesh_of
 from tests.extremes.profile import for_all
 from tests.extremes.strategies import EPS, aspects, offsets, scales, seeds, sliver, turn
@@ -33,7 +33,7 @@ def exact_vector(triangle: np.ndarray) -> list[Fraction]:
 @for_all(few=50, many=3000, seed=seeds, scale=scales, offset=offsets, aspect=aspects)
 def test_face_vectors_err_by_a_few_units_of_the_edges_product(seed, scale, offset, aspect) -> None:
     triangle = sliver(aspect, np.random.default_rng(seed)) * scale + offset
-    error = [Fraction(float(got)) - true for got, true in zip(face_vectors(triangle[None])[0], exact_vector(triangle), strict=True)]
+    error = [Fraction(float(got)) - true for got, true in zip(face_cross_products(triangle[None])[0], exact_vector(triangle), strict=True)]
     edges = np.linalg.norm(triangle[1:] - triangle[0], axis=1)
     assert max(abs(float(e)) for e in error) <= 4 * EPS * edges.prod()
 
@@ -45,7 +45,7 @@ def test_the_gates_verdict_depends_on_shape_alone(seed, scale, offset, flat, twi
     vertices = BOX.vertices @ turn(rng).T * scale + offset
     faces = [BOX.faces, *([[k, k, 7 - k]] for k in range(flat)), *(rng.permutation(BOX.faces[k])[None] for k in range(twice))]
     faces = rng.permutation(np.vstack(faces))
-    gated, report = gate(Mesh.bare(vertices, faces), 100)
+    gated, report = clean_mesh(Mesh.bare(vertices, faces), 100)
     assert (report.degenerate_faces, report.duplicate_faces, report.watertight) == (flat, twice, True)
     assert len(gated.faces) == 12
 
@@ -55,7 +55,7 @@ def test_slivers_are_faces_and_what_rounding_makes_of_lines_is_none(seed, expone
     rng = np.random.default_rng(seed)
     thin = sliver(10.0**exponent, rng)
     line = np.array([thin[0], thin[1], (thin[0] + thin[1]) / 2])
-    report = gate(Mesh.bare(np.vstack([thin, line]), [[0, 1, 2], [3, 4, 5]]), 10)[1]
+    report = clean_mesh(Mesh.bare(np.vstack([thin, line]), [[0, 1, 2], [3, 4, 5]]), 10)[1]
     assert report.degenerate_faces == 1
     assert 10.0**-exponent > FLAT
 
@@ -66,9 +66,9 @@ def test_vertices_that_are_no_numbers_are_named(bad) -> None:
     vertices[0, 1] = bad
     mesh = Mesh.bare(vertices, BOX.faces)
     with pytest.raises(ValueError, match="1 of 8 vertices are not finite"):
-        gate(mesh, 100)
+        clean_mesh(mesh, 100)
     with pytest.raises(ValueError, match="some are NaN or infinite"):
-        normalise(mesh, "z", 0.5)
+        normalise_mesh(mesh, "z", 0.5)
     with pytest.raises(ValueError, match="of 12 triangles have NaN or infinite corners"):
         sample_exterior(mesh, 10, np.random.default_rng(0))
 
@@ -76,18 +76,18 @@ def test_vertices_that_are_no_numbers_are_named(bad) -> None:
 @pytest.mark.parametrize(("vertices", "message"), [(np.zeros((0, 3)), "there are none"), (np.ones((4, 3)), "all 4 vertices are at")])
 def test_what_has_no_size_cannot_be_scaled(vertices, message) -> None:
     with pytest.raises(ValueError, match=message):
-        normalise(Mesh.bare(vertices, np.zeros((0, 3))), "z", 0.5)
+        normalise_mesh(Mesh.bare(vertices, np.zeros((0, 3))), "z", 0.5)
 
 
 def test_minus_zero_is_zero() -> None:
-    places = coincident(np.array([[0.0, 1, 2], [-0.0, 1, 2], [0.0, 1, 3]]))
+    places = number_positions(np.array([[0.0, 1, 2], [-0.0, 1, 2], [0.0, 1, 3]]))
     assert places[0] == places[1] != places[2]
 
 
 @for_all(few=30, many=1000, scale=scales, offset=offsets, up=st.sampled_from("xyz"))
 def test_placing_is_the_same_for_every_size_and_place(scale, offset, up) -> None:
     """As far as the source's own float64 digits reach: a unit in the last place of its offset, scaled as the object is."""
-    here, there = (normalise(Mesh.bare(BALL.vertices * s + o, BALL.faces), up, 0.5).vertices for s, o in ((1, 0), (scale, offset)))
+    here, there = (normalise_mesh(Mesh.bare(BALL.vertices * s + o, BALL.faces), up, 0.5).vertices for s, o in ((1, 0), (scale, offset)))
     digits = EPS * (np.abs(offset).max() + scale) / scale
     assert np.abs(there - here).max() <= 4 * digits + 4 * EPS * POSITION.max()
 
@@ -154,10 +154,10 @@ def test_a_surface_without_area_is_named(faces, rng) -> None:
 def test_faces_that_placing_flattened_are_no_trouble(rng) -> None:
     """A face of 1e-18 m is one to the gate, and has no digit left at the object's place."""
     speck = np.array([[0, 0, 0], [0, 0, 1e-18], [1e-18, 0, 0]])
-    gated, report = gate(Mesh.bare(np.vstack([BOX.vertices, speck]), np.vstack([BOX.faces, [8, 9, 10]])), 100)
+    gated, report = clean_mesh(Mesh.bare(np.vstack([BOX.vertices, speck]), np.vstack([BOX.faces, [8, 9, 10]])), 100)
     assert report.degenerate_faces == 0
-    placed = normalise(gated, "z", 0.5)
-    assert (face_vectors(placed.triangles)[-1] == 0).all()
+    placed = normalise_mesh(gated, "z", 0.5)
+    assert (face_cross_products(placed.triangles)[-1] == 0).all()
     points, normals = sample_exterior(placed, 500, rng)
     assert np.isfinite(points).all()
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-12)
@@ -198,7 +198,7 @@ def test_a_solid_of_slivers_is_as_solid_as_another(aspect, rng) -> None:
     _, normals = sample_exterior(mesh, 2000, rng)
     thin = mesh.triangles[len(sides) :][[0, 3]]
     places = sample_triangles(thin, 200, rng)[0]
-    front, back, _ = Sky(mesh).escapes(places, np.tile([0, 0, 1.0], (200, 1)))
+    front, back, _ = EscapeTest(mesh).escapes(places, np.tile([0, 0, 1.0], (200, 1)))
     assert (front > back).all()
     np.testing.assert_allclose(np.abs(normals).max(axis=1), 1, atol=1e-9)
 

@@ -11,9 +11,9 @@ import trimesh
 
 from pipeline.engine.stage import Task
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.exterior import sample_exterior
+from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.normalise import normalise
+from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.kernels.hand.kinematics import forward, sensor_poses
 from pipeline.rng import numpy_rng
 from pipeline.toy_objects import CATEGORIES, generate
@@ -166,7 +166,7 @@ def test_a_row_is_what_the_schema_says() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("category", CATEGORIES)
 def test_most_kept_touches_succeed_at_standard_settings(category: str) -> None:
-    mesh = normalise(generate(category, numpy_rng(5, category)), "z", 0.5)
+    mesh = normalise_mesh(generate(category, numpy_rng(5, category)), "z", 0.5)
     points, normals = sample_exterior(mesh, 10_000, numpy_rng(6, category))
     with SimulateGrasps().session(GraspSettings(), {}) as process:
         row = process(task_of(mesh, points, normals))

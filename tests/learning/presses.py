@@ -12,9 +12,9 @@ import numpy as np
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import Cost, Task
 from pipeline.kernels.touch.contact import touch_success
-from pipeline.kernels.touch.prism import face_blocks
-from pipeline.kernels.touch.rays import ray_depth
-from pipeline.kernels.touch.shading import reading, untouched
+from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.store.pieces import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
@@ -60,7 +60,7 @@ class Made:
         return []
 
     def constants(self, settings: Settings) -> Row:
-        return {"untouched": untouched(SENSOR)} if self.output.name == "touch" else {}
+        return {"untouched": untouched_image(SENSOR)} if self.output.name == "touch" else {}
 
     def attributes(self, settings: Settings) -> dict[str, Any]:
         return {"sensor": SENSOR.model_dump(mode="json")} if self.output.name == "touch" else {}
@@ -73,7 +73,7 @@ class Made:
         def process(task: Task) -> Row:
             depth = depths(task.rng("balls"))
             if self.output.name == "touch":
-                images = [reading(image, SENSOR) for image in depth.reshape(-1, *SENSOR.shape)]
+                images = [tactile_image(image, SENSOR) for image in depth.reshape(-1, *SENSOR.shape)]
                 return {"depth": depth, "reading": np.stack(images).reshape(*depth.shape, 3)}
             return {
                 "hand_pose": np.tile(np.eye(4), (GRASPS_EACH, 1, 1)),

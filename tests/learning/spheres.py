@@ -20,8 +20,8 @@ from pipeline.engine.stage import Cost, Task
 from pipeline.kernels.charts.chart_square import chart_square
 from pipeline.kernels.networks.configurations import CONFIGURATIONS
 from pipeline.kernels.networks.deformation import DeformationNetwork
-from pipeline.kernels.touch.sensor import place
-from pipeline.kernels.touch.shading import reading, untouched
+from pipeline.kernels.touch.sensor import sensor_to_world
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import Camera, projection_matrix
 from pipeline.models.model_files import save_model
 from pipeline.store.pieces import Piece, Row
@@ -118,14 +118,14 @@ def vision(task: Task) -> Row:
 
 def touch(task: Task) -> Row:
     depth = each_sensor(depth_of, task)
-    readings = np.array([[reading(one, SENSOR) for one in grasp] for grasp in depth])
+    readings = np.array([[tactile_image(one, SENSOR) for one in grasp] for grasp in depth])
     return {"depth": depth, "reading": readings}
 
 
 def chart_of(task: Task, grasp: int, sensor: int) -> np.ndarray:
     """The sensor's square, laid on the ball where it touches."""
     flat = chart_square(SIDE)[0].numpy() * SENSOR.width
-    square = place(pose_of(task, grasp, sensor), flat[:, 0], flat[:, 1], flat[:, 2])
+    square = sensor_to_world(pose_of(task, grasp, sensor), flat[:, 0], flat[:, 1], flat[:, 2])
     if not touched(task, grasp, sensor):
         return square
     outward = square - CENTRE
@@ -183,7 +183,7 @@ def stages() -> list[Given]:
         Given(SURFACES, surfaces, (), {}, {}),
         Given(GRASPS, grasps, (SURFACES,), {}, {}),
         Given(VISION, vision, (GRASPS,), {"camera": projection_matrix(CAMERA)}, {}),
-        Given(TOUCH, touch, (SURFACES, GRASPS), {"untouched": untouched(SENSOR)}, sensor),
+        Given(TOUCH, touch, (SURFACES, GRASPS), {"untouched": untouched_image(SENSOR)}, sensor),
         Given(CHARTS, charts, (TOUCH,), {"chart_faces": chart_square(SIDE)[1].numpy().astype(np.int32)}, {}),
     ]
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.touch.shading import reading, untouched
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from tests.touch.scenes import SENSOR
 
 
@@ -55,7 +55,7 @@ def test_a_press_is_seen_where_it_presses() -> None:
     row, col = np.indices(SENSOR.shape)
     pressed = (row - 50) ** 2 + (col - 50) ** 2 < 20**2
     depth = np.where(pressed, 0.005 + 1e-6 * ((row - 50) ** 2 + (col - 50) ** 2), np.inf).astype(np.float32)
-    mask = contact_mask(torch.from_numpy(reading(depth, SENSOR)), torch.tensor(untouched(SENSOR))).numpy()
+    mask = contact_mask(torch.from_numpy(tactile_image(depth, SENSOR)), torch.tensor(untouched_image(SENSOR))).numpy()
     inside = (row - 50) ** 2 + (col - 50) ** 2 < 18**2
     outside = (row - 50) ** 2 + (col - 50) ** 2 > 22**2
     assert mask[inside].mean() > 0.95

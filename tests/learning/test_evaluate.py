@@ -12,7 +12,7 @@ from pipeline.engine.folders import fill, plan_folder
 from pipeline.engine.plan import Request
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.charts.chart_sphere import chart_sphere
-from pipeline.kernels.geometry.sampling import sample_triangles
+from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from pipeline.kernels.metrics.bootstrap import Interval
 from pipeline.kernels.metrics.distances import nearest_squared
 from pipeline.models.reconstruct import Reconstructor, View

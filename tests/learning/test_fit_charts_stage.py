@@ -16,7 +16,7 @@ from pipeline.kernels.charts.fit_rule import SUPPLEMENT, FitRule, StopRule
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.contact import local_points, touch_success
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
-from pipeline.kernels.touch.shading import reading, untouched
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.touch_model import save_touch_model
 from pipeline.store.pieces import Row
 from schemas.charts import FITTED, STOP_RULES
@@ -55,7 +55,7 @@ def task(heights: tuple[float, ...] = (0.003, 1.0, 0.0055, 0.00675), name: str =
     inputs = {
         "touch": {
             "depth": depth,
-            "reading": np.stack([reading(one, SENSOR) for one in depth.reshape(4, 100, 100)]).reshape(2, 2, 100, 100, 3),
+            "reading": np.stack([tactile_image(one, SENSOR) for one in depth.reshape(4, 100, 100)]).reshape(2, 2, 100, 100, 3),
         },
         "grasps": {"sensor_pose": poses(), "touch_success": touch_success(depth, SENSOR)},
     }
@@ -126,7 +126,7 @@ def trained(folder: Path, sensor: Sensor = SENSOR, constant: float = 0.6) -> dic
         *_, bias = network.parameters()
         bias.fill_(np.log(constant / (1 - constant)))
     folder.mkdir()
-    save_touch_model(folder, network, sensor, untouched(sensor), 0.001)
+    save_touch_model(folder, network, sensor, untouched_image(sensor), 0.001)
     return {UNET: folder}
 
 
@@ -142,7 +142,7 @@ def test_predicted_points_are_the_u_nets(tmp_path: Path) -> None:
 
 def test_a_touch_that_the_u_net_does_not_see_keeps_its_square(tmp_path: Path) -> None:
     blind = task()
-    blind.inputs["touch"]["reading"][:] = untouched(SENSOR)  # type: ignore[index]
+    blind.inputs["touch"]["reading"][:] = untouched_image(SENSOR)  # type: ignore[index]
     row = run(ChartSettings(), blind, trained(tmp_path / "unet"))
     assert row["stop_rule"].tolist() == [[StopRule.too_few_points, StopRule.no_touch]] * 2
     assert np.isfinite(row["vertices"]).all()

@@ -4,7 +4,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.kernels.geometry.sampling import sample_triangles
+from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from pipeline.kernels.metrics.chamfer import chamfer
 from pipeline.kernels.metrics.distances import distances, nearest_squared, sampled_area, sampling_floor
 

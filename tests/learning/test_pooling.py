@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from pipeline.kernels.networks.encoder import ENCODER_PLANS, ImageEncoder, MapGrid
 from pipeline.kernels.networks.pooling import NEAREST, pool, see
-from pipeline.kernels.vision.camera import Camera, project, projection_matrix
+from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
 
 SCENE = Camera(position=(0.972, 0.461, 0.974), rotation=(70.458, 4.94, 113.54), focal=(406.595, 406.595), centre=(128, 128), resolution=256)
 
@@ -109,7 +109,7 @@ def test_a_map_of_one_element() -> None:
 def test_points_are_seen_where_the_camera_projects_them() -> None:
     points = np.random.default_rng(1).uniform(-0.4, 0.4, size=(2, 40, 3)) + [0, 0, 0.6]
     pixels = see(scene_camera(), torch.from_numpy(points))
-    np.testing.assert_allclose(pixels.numpy(), project(scene_camera().numpy(), points), atol=1e-9)
+    np.testing.assert_allclose(pixels.numpy(), project_points(scene_camera().numpy(), points), atol=1e-9)
     each = see(scene_camera().expand(2, 3, 4), torch.from_numpy(points))
     torch.testing.assert_close(each, pixels)
 

@@ -15,7 +15,7 @@ from pipeline.inference.mesh_files import TOUCH_COLOR, joined
 from pipeline.inference.predict import predict
 from pipeline.kernels.charts.chart_sphere import CHART_VERTICES, chart_sphere
 from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.touch.shading import untouched
+from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models.touch_model import save_touch_model
 from tests.learning import spheres
 
@@ -33,7 +33,7 @@ def data(tmp_path_factory):
     unet.mkdir()
     with torch.random.fork_rng():
         torch.manual_seed(0)
-        save_touch_model(unet, UNet(8), spheres.SENSOR, untouched(spheres.SENSOR), 1e-3)
+        save_touch_model(unet, UNet(8), spheres.SENSOR, untouched_image(spheres.SENSOR), 1e-3)
     return folder
 
 

@@ -21,7 +21,7 @@ from pipeline.errors import StageError, StoreError
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.sensor import pixel_centres
-from pipeline.kernels.touch.shading import reading, untouched
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.touch_model import load_touch_model
 from pipeline.rng import seeded_weights
 from schemas.grasps import GRASPS
@@ -39,9 +39,9 @@ def split(objects: int, seed: int, touching: bool = True) -> Split:
     """A split in memory, as `load_split` gives it."""
     rng = np.random.default_rng(seed)
     depth = np.stack([depths(rng, touching) for _ in range(objects)])
-    readings = np.stack([reading(image, SENSOR) for image in depth.reshape(-1, *SENSOR.shape)]).reshape(*depth.shape, 3)
+    readings = np.stack([tactile_image(image, SENSOR) for image in depth.reshape(-1, *SENSOR.shape)]).reshape(*depth.shape, 3)
     success = touch_success(depth, SENSOR)
-    arrays = {"depth": depth, "reading": readings, "touch_success": success, "untouched": untouched(SENSOR)}
+    arrays = {"depth": depth, "reading": readings, "touch_success": success, "untouched": untouched_image(SENSOR)}
     names = [f"ball-{number}" for number in range(objects)]
     return Split("train", names, ["balls"] * objects, arrays, {"touch": {"sensor": SENSOR.model_dump(mode="json")}, "grasps": {}})
 
@@ -148,7 +148,7 @@ def test_the_stage_trains_on_touches_alone(trained: tuple[Path, dict[str, Any]])
 def test_the_folder_is_all_its_users_need(trained: tuple[Path, dict[str, Any]]) -> None:
     model = load_touch_model(trained[0] / "models", "cpu")
     assert model.sensor == SENSOR
-    assert (model.untouched == untouched(SENSOR)).all()
+    assert (model.untouched == untouched_image(SENSOR)).all()
     assert model.mask_threshold == 0.001
     felt = split(9, seed=1).arrays
     readings = felt["reading"].reshape(-1, *SENSOR.shape, 3)  # 54: more than a batch

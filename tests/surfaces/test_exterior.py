@@ -6,9 +6,9 @@ import pytest
 import trimesh
 from scipy import stats
 
-from pipeline.kernels.geometry.exterior import DIRECTIONS, ESCAPES, START, Sky, sample_exterior, spread_directions
-from pipeline.kernels.geometry.mesh import Mesh, face_vectors
-from pipeline.kernels.geometry.sampling import sample_triangles
+from pipeline.kernels.geometry.exterior_sampling import DIRECTIONS, ESCAPES, START, EscapeTest, sample_exterior, spread_directions
+from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
+from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from tests.conftest import mesh_of
 
 SPHERE = trimesh.creation.icosphere(subdivisions=3)
@@ -72,8 +72,8 @@ def test_the_early_stop_decides_as_the_full_count(rng):
     mesh = mesh_of(*parts, trimesh.creation.box((0.3, 0.3, 0.3)))
     triangles = mesh.triangles
     points, face = sample_triangles(triangles, 400, rng)
-    vectors = face_vectors(triangles)[face]
-    front, back, _ = Sky(mesh).escapes(points, vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+    vectors = face_cross_products(triangles)[face]
+    front, back, _ = EscapeTest(mesh).escapes(points, vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
     np.testing.assert_array_equal(front + back >= ESCAPES, _full_count(mesh, points) >= ESCAPES)
 
 

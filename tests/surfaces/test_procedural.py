@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from pipeline.kernels.geometry.mesh import Mesh, face_vectors
+from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
 from pipeline.toy_objects import CATEGORIES, bottle, cellphone, generate, knife, rifle
 
 SEEDS = 20
@@ -52,7 +52,7 @@ def check(mesh: Mesh) -> None:
     # no face so flat that float32 at the stored size would lose it: its height over its longest side
     diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
     longest = np.linalg.norm(mesh.triangles - np.roll(mesh.triangles, 1, axis=1), axis=2).max(axis=1)
-    height = np.linalg.norm(face_vectors(mesh.triangles), axis=1) / longest
+    height = np.linalg.norm(face_cross_products(mesh.triangles), axis=1) / longest
     assert height.min() > 1e-5 * diagonal
 
     assert look.uv.shape == (len(vertices), 2)

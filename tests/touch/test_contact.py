@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pipeline.kernels.touch.contact import local_points, touch_success
-from pipeline.kernels.touch.prism import face_blocks
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import ray_origins
 from tests.touch.scenes import SENSOR, pybullet_triangles, random_pose
 

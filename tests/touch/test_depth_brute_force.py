@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch.prism import face_blocks
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, ray_origins
-from pipeline.kernels.touch.spheres import TOLERANCE, sphere_depth
+from pipeline.kernels.touch.sphere_tracing import TOLERANCE, sphere_traced_depth
 from tests.touch.scenes import SENSOR, TWENTY, ball, coarse, pybullet_triangles, random_pose
 from tests.touch.twins import brute_force
 
@@ -24,7 +24,7 @@ def errors(triangles: np.ndarray, pose: np.ndarray, sensor: Sensor) -> dict[str,
     sure = ~truth.doubtful
     blocks = face_blocks(triangles)
     result = {}
-    for name, trace, limit in (("ray", ray_depth, EXACT), ("sphere", sphere_depth, 2 * TOLERANCE)):
+    for name, trace, limit in (("ray", ray_depth, EXACT), ("sphere", sphere_traced_depth, 2 * TOLERANCE)):
         depth = trace(blocks, pose, sensor)
         assert depth.shape == sensor.shape
         assert depth.dtype == np.float64

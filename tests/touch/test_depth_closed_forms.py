@@ -5,15 +5,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch.prism import face_blocks
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import pixel_centres
-from pipeline.kernels.touch.spheres import sphere_depth
+from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from tests.touch.scenes import SENSOR, ball, box, frame
 
 MICRON = 1e-6
 EXACT = 1e-8
-TRACERS = {"ray": ray_depth, "sphere": sphere_depth}
+TRACERS = {"ray": ray_depth, "sphere": sphere_traced_depth}
 Tracer = Callable[..., np.ndarray]
 LIMITS = {"ray": EXACT, "sphere": MICRON}
 X, Y = np.meshgrid(*pixel_centres(SENSOR))

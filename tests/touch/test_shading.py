@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.kernels.touch.prism import face_blocks
-from pipeline.kernels.touch.rays import ray_depth
+from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.shading import impression, reading, untouched
+from pipeline.kernels.touch.tactile_image import impression, tactile_image, untouched_image
 from tests.touch.scenes import SENSOR, ball, coarse, pybullet_triangles, random_pose
 from tests.touch.twins import slow_reading
 
@@ -29,7 +29,7 @@ def test_duck_at_full_size() -> None:
     pose = random_pose(triangles, np.random.default_rng(8))
     depth = ray_depth(face_blocks(triangles), pose, SENSOR).astype(np.float32)
     assert (depth < SENSOR.w).any()
-    assert same(reading(depth, SENSOR), twin(depth, SENSOR))
+    assert same(tactile_image(depth, SENSOR), twin(depth, SENSOR))
 
 
 @settings(max_examples=25, deadline=None)
@@ -39,15 +39,15 @@ def test_random_maps_and_sensors(seed: int, rows: int, cols: int, diffuse: float
     rng = np.random.default_rng(seed)
     depth = rng.uniform(0.004, 0.009, (rows, cols)).astype(np.float32)
     depth[rng.random((rows, cols)) < 0.2] = np.inf
-    difference = np.abs(reading(depth, sensor).astype(int) - twin(depth, sensor).astype(int))
+    difference = np.abs(tactile_image(depth, sensor).astype(int) - twin(depth, sensor).astype(int))
     assert difference.max() <= 1
     assert (difference > 0).mean() <= 0.02
 
 
 def test_untouched_is_the_reading_of_nothing_and_saturates_nowhere() -> None:
     nothing = np.full(SENSOR.shape, np.inf, np.float32)
-    image = untouched(SENSOR)
-    assert (image == reading(nothing, SENSOR)).all()
+    image = untouched_image(SENSOR)
+    assert (image == tactile_image(nothing, SENSOR)).all()
     assert same(image, twin(nothing, SENSOR))
     assert image.min() > 0
     assert image.max() < 255
@@ -59,14 +59,14 @@ def test_untouched_is_the_reading_of_nothing_and_saturates_nowhere() -> None:
 
 
 def test_a_surface_that_just_reaches_the_gel_reads_as_untouched() -> None:
-    assert (reading(np.full(SENSOR.shape, SENSOR.w), SENSOR) == untouched(SENSOR)).all()
+    assert (tactile_image(np.full(SENSOR.shape, SENSOR.w), SENSOR) == untouched_image(SENSOR)).all()
     assert (impression(np.full(SENSOR.shape, np.inf), SENSOR) == 0).all()
 
 
 def test_a_ball_is_brightest_towards_each_lamp() -> None:
     """In each channel, light falls on the side of a pressed ball that its lamp is on."""
     depth = ray_depth(face_blocks(ball(5, 0.006, z=SENSOR.w - 0.002 + 0.006)), np.eye(4), SENSOR)
-    image = reading(depth, SENSOR).astype(int) - untouched(SENSOR)
+    image = tactile_image(depth, SENSOR).astype(int) - untouched_image(SENSOR)
     lamps = (SENSOR.lights.red, SENSOR.lights.green, SENSOR.lights.blue)
     row, col = np.indices(SENSOR.shape)
     for channel, lamp in enumerate(lamps):
@@ -74,18 +74,18 @@ def test_a_ball_is_brightest_towards_each_lamp() -> None:
         centre = np.array([(gain * col).sum(), (gain * row).sum()]) / gain.sum() / 100 - 0.495
         towards = np.array(lamp[:2]) - 0.5
         assert centre @ towards / np.linalg.norm(centre) / np.linalg.norm(towards) > 0.95
-    assert ((image + untouched(SENSOR)) == 255).mean() < 0.01
+    assert ((image + untouched_image(SENSOR)) == 255).mean() < 0.01
 
 
 def test_rim_gradients_are_one_sided() -> None:
     sensor = coarse(4)
     depth = np.full((4, 4), SENSOR.w, np.float32)
     depth[0] -= np.float32(0.001)
-    assert (reading(depth, sensor)[0] == twin(depth, sensor)[0]).all()
+    assert (tactile_image(depth, sensor)[0] == twin(depth, sensor)[0]).all()
 
 
 def test_wrong_depths_are_named() -> None:
     with pytest.raises(ValueError, match=r"\(100, 100\)"):
-        reading(np.zeros((5, 5)), SENSOR)
+        tactile_image(np.zeros((5, 5)), SENSOR)
     with pytest.raises(ValueError, match="NaN"):
-        reading(np.full(SENSOR.shape, np.nan), SENSOR)
+        tactile_image(np.full(SENSOR.shape, np.nan), SENSOR)

@@ -10,7 +10,7 @@ from pipeline.engine.stage import Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.contact import local_points, touch_success
-from pipeline.kernels.touch.shading import reading
+from pipeline.kernels.touch.tactile_image import tactile_image
 from pipeline.store.pieces import Row
 from stages.simulate_touch.settings import TouchSettings
 from stages.simulate_touch.stage import SimulateTouch
@@ -56,7 +56,7 @@ def test_rows_are_as_declared_and_follow_from_depth(tracer: Literal["ray", "sphe
     assert np.isinf(row["depth"][1, 2]).all()
     assert (row["reading"][1, 1:] == STAGE.constants(settings)["untouched"]).all()
     for index in np.ndindex(2, 3):
-        assert (row["reading"][index] == reading(row["depth"][index], SENSOR)).all()
+        assert (row["reading"][index] == tactile_image(row["depth"][index], SENSOR)).all()
         points, count = local_points(row["depth"][index], poses[index], SENSOR)
         assert row["local_points"][index].tobytes() == points.tobytes()
         assert row["local_count"][index] == count

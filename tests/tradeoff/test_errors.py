@@ -24,7 +24,7 @@ from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.hand.model import load_hand
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.sensor import pixel_centres
-from pipeline.kernels.touch.shading import untouched
+from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.models.touch_model import save_touch_model
 from pipeline.store.pieces import Piece, Row
@@ -47,7 +47,7 @@ from tests.learning.presses import SENSOR
 UM, MM = 1e-6, 1e-3
 ATTRIBUTES: dict[str, dict[str, Any]] = {"touch": {"sensor": SENSOR.model_dump(mode="json")}}
 CONSTANTS: dict[str, Row] = {
-    "touch": {"untouched": untouched(SENSOR)},
+    "touch": {"untouched": untouched_image(SENSOR)},
     "vision": {"camera": projection_matrix(spheres.CAMERA)},
     "charts": {"chart_faces": np.zeros((1, 3), np.int32)},
 }
@@ -200,7 +200,7 @@ def pressed(task: Task) -> Row:
     depth[..., 5:15, 5:15] = PREDICTED - 0.1 * MM * (1 + number(task))
     if number(task):
         depth[0, 1] = 1 * MM
-    readings = np.tile(untouched(SENSOR), (1, 2, 1, 1, 1))
+    readings = np.tile(untouched_image(SENSOR), (1, 2, 1, 1, 1))
     readings[..., 5:15, 5:16, :] ^= 128
     return {"depth": depth, "reading": readings}
 
@@ -214,7 +214,7 @@ def test_a_network_that_says_one_depth_is_off_by_the_true_ones(tmp_path: Path) -
             parameter.zero_()
         network.head.load_state_dict({"weight": network.head.weight, "bias": torch.tensor([np.log(PREDICTED / (SENSOR.w - PREDICTED))])})
     (tmp_path / "models/unet").mkdir(parents=True)
-    save_touch_model(tmp_path / "models/unet", network, SENSOR, untouched(SENSOR), 1e-3)
+    save_touch_model(tmp_path / "models/unet", network, SENSOR, untouched_image(SENSOR), 1e-3)
     pitch = float(np.diff(pixel_centres(SENSOR)[0])[0]) / UM
     apart = np.sqrt(np.array([100, 100, 200]) ** 2 + pitch**2 / 11 / 2)
     sure(errors("train-unet", tmp_path), np.sqrt((2 * 100**2 + 200**2) / 3), apart.mean(), each=[100, 200], power=2)

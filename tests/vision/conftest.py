@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from pipeline.kernels.vision.raster import RasterRenderer
+from stages.render_vision.renderer import Renderer
 from tests.vision.shapes import SCENE
 
 
 @pytest.fixture(scope="session")
-def renderer() -> Iterator[RasterRenderer]:
-    with RasterRenderer(SCENE) as opened:
+def renderer() -> Iterator[Renderer]:
+    with Renderer(SCENE) as opened:
         yield opened

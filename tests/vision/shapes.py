@@ -7,7 +7,7 @@ import trimesh
 
 from pipeline.config.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Look, Mesh
-from pipeline.kernels.vision.camera import pose
+from pipeline.kernels.vision.camera import camera_pose
 
 SCENE = load_scene("supplement")
 CENTRE = np.array([0.0, 0.0, 0.6])
@@ -33,7 +33,7 @@ def box(extents: tuple[float, float, float] = (0.3, 0.2, 0.25), turn: tuple[floa
 
 def card(half: float, texture: np.ndarray | None, color: tuple[int, int, int, int] = (255, 255, 255, 255)) -> Mesh:
     """A square before the camera, upright in its image, at the distance of the object's centre; uv runs right and up."""
-    frame = pose(SCENE.camera)
+    frame = camera_pose(SCENE.camera)
     right, up = frame[:3, 0], frame[:3, 1]
     vertices = np.array([CENTRE + half * (x * right + y * up) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
     look = Look(

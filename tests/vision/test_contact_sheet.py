@@ -5,9 +5,9 @@ import pytest
 from PIL import Image
 
 from pipeline.kernels.hand.kinematics import sensor_poses
-from pipeline.kernels.vision.second_side import LIFT, patch, squares_of
 from pipeline.reports.contact_band import BandMaker, band_maker
 from pipeline.reports.contact_sheet import COLORS, PAGE, PICTURE, Band, depth_colors, draw
+from pipeline.reports.second_view import LIFT, gel_squares, touch_patch
 from tests.vision.shapes import ball
 
 WIDTH, GEL, REACH = 0.01641, 0.0068, 0.05
@@ -71,17 +71,17 @@ def test_a_patch_lies_before_the_surface_it_marks() -> None:
     frame = np.eye(4)
     frame[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     frame[:3, 3] = [1, 2, 3]
-    mesh = patch(depth, frame, WIDTH, GEL, COLORS[0])
+    mesh = touch_patch(depth, frame, WIDTH, GEL, COLORS[0])
     assert mesh is not None
     used = mesh.vertices[np.unique(mesh.faces)]
     assert used[:, 0] == pytest.approx(np.full(len(used), 1 + 0.004 - LIFT))  # the sensor's z is the world's x
     assert used[:, 2].max() < 3  # its rows run along the world's z, and the upper half felt nothing
     assert np.abs(used[:, 1] - 2).max() < WIDTH / 2
-    assert patch(np.full((100, 100), np.inf, np.float32), frame, WIDTH, GEL, COLORS[0]) is None
+    assert touch_patch(np.full((100, 100), np.inf, np.float32), frame, WIDTH, GEL, COLORS[0]) is None
 
 
 def test_squares_stand_at_the_gels_front() -> None:
-    corners = squares_of(np.eye(4)[None], WIDTH, GEL)[0]
+    corners = gel_squares(np.eye(4)[None], WIDTH, GEL)[0]
     assert corners[:, 2] == pytest.approx(np.full(4, GEL))
     assert np.ptp(corners[:, :2], axis=0) == pytest.approx([WIDTH, WIDTH])
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
-from pipeline.kernels.vision.camera import Camera, look_at, pose, project, projection_matrix
-from pipeline.kernels.vision.primitives import opaque, shrunk
-from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.view import Label, View
+from pipeline.kernels.vision.camera import Camera, camera_pose, look_at, project_points, projection_matrix
+from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.primitives import flatten_texture, shrink_texture
+from stages.render_vision.renderer import RenderedImage, Renderer
 from tests.vision.shapes import CENTRE, HERE, SCENE, ball, box, card, half_turned, turned_over
 from tests.vision.twins import cast
 
 
-def seen(renderer: RasterRenderer, *meshes: Mesh, camera: Camera | None = None) -> View:
+def seen(renderer: Renderer, *meshes: Mesh, camera: Camera | None = None) -> RenderedImage:
     """The first mesh is the object, the others are the hand."""
     parts = [renderer.add(mesh, Label.HAND if k else Label.OBJECT) for k, mesh in enumerate(meshes)]
     view = renderer.render([(part, HERE) for part in parts], camera)
@@ -49,7 +49,7 @@ def test_an_empty_image_is_the_background_to_the_bit(renderer) -> None:
 
 @pytest.mark.parametrize("resolution", [256, 97])
 def test_segmentation_is_a_ray_cast_at_pixel_centres(renderer, resolution) -> None:
-    camera = SCENE.camera.at(resolution)
+    camera = SCENE.camera.with_resolution(resolution)
     thing, hand = half_turned(ball(0.17)), box((0.1, 0.5, 0.05))
     truth = cast(camera, thing, hand)
     got = seen(renderer, thing, hand, camera=camera).segmentation
@@ -65,13 +65,13 @@ def test_projected_points_lie_where_the_segmentation_shows_them(renderer) -> Non
         small = Mesh(small.vertices + offset, small.faces, small.look)
         rows, cols = np.nonzero(seen(renderer, small).segmentation)
         centre = np.array([cols.mean() + 0.5, rows.mean() + 0.5])
-        assert centre == pytest.approx(project(matrix, CENTRE + offset), abs=0.15)  # half a pixel would be a wrong convention
+        assert centre == pytest.approx(project_points(matrix, CENTRE + offset), abs=0.15)  # half a pixel would be a wrong convention
 
 
 def test_a_plane_shows_the_shaders_closed_form(renderer) -> None:
     mesh = card(0.05, None, (200, 120, 40, 255))
     rgb = seen(renderer, mesh).rgb[128, 128] / 255
-    backward = pose(SCENE.camera)[:3, 2]
+    backward = camera_pose(SCENE.camera)[:3, 2]
     albedo = srgb_to_linear(np.array([200, 120, 40]) / 255)
     matt = linear_to_srgb(albedo * diffuse_light(backward, CENTRE))
     assert (rgb >= matt - 1 / 255).all()
@@ -84,7 +84,7 @@ def test_textures_are_the_right_way_up_and_keep_their_colours(renderer) -> None:
     texture[:16, :17, :3], texture[:16, 17:, :3] = corners["red"], corners["green"]
     texture[16:, :17, :3], texture[16:, 17:, :3] = corners["blue"], corners["yellow"]
     rgb = seen(renderer, card(0.2, texture)).rgb
-    centre = project(projection_matrix(SCENE.camera), CENTRE).round().astype(int)
+    centre = project_points(projection_matrix(SCENE.camera), CENTRE).round().astype(int)
     for (row, col), color in zip(((-30, -30), (-30, 30), (30, -30), (30, 30)), corners.values(), strict=True):
         pixel = rgb[centre[1] + row, centre[0] + col].astype(int)
         lit = np.array(color) > 0
@@ -119,12 +119,12 @@ def test_what_is_transparent_is_drawn_opaque_in_its_base_colour(renderer) -> Non
     assert (glass.segmentation == solid.segmentation).all()
     hole = np.zeros((8, 8, 4), np.uint8)
     assert (seen(renderer, card(0.1, hole, (200, 30, 30, 255))).rgb == solid.rgb).all()
-    assert (opaque(np.array([[[100, 0, 0, 128]]], np.uint8)) == [[[177, 127, 127, 255]]]).all()
+    assert (flatten_texture(np.array([[[100, 0, 0, 128]]], np.uint8)) == [[[177, 127, 127, 255]]]).all()
 
 
 def test_materials_paint_their_own_faces(renderer) -> None:
     mesh = ball()
-    right = pose(SCENE.camera)[:3, 0]
+    right = camera_pose(SCENE.camera)[:3, 0]
     side = (mesh.triangles.mean(1) - CENTRE) @ right > 0
     look = Look(
         uv=np.zeros((len(mesh.vertices), 2), np.float32),
@@ -138,15 +138,15 @@ def test_materials_paint_their_own_faces(renderer) -> None:
 
 
 def test_textures_are_shrunk_to_what_every_card_takes() -> None:
-    assert shrunk(np.full((3, 5000, 4), 7, np.uint8)).shape == (1, 1667, 4)
+    assert shrink_texture(np.full((3, 5000, 4), 7, np.uint8)).shape == (1, 1667, 4)
     small = np.zeros((20, 30, 4), np.uint8)
-    assert shrunk(small) is small
+    assert shrink_texture(small) is small
 
 
 def test_parts_move_and_those_not_named_are_not_shown(renderer) -> None:
     first, second = renderer.add(ball(0.05), Label.OBJECT), renderer.add(ball(0.05), Label.HAND)
     aside = np.eye(4)
-    aside[:3, 3] = 0.15 * pose(SCENE.camera)[:3, 0]
+    aside[:3, 3] = 0.15 * camera_pose(SCENE.camera)[:3, 0]
     both = renderer.render([(first, HERE), (second, aside)])
     alone = renderer.render([(first, HERE)])
     assert set(np.unique(both.segmentation)) == {0, 1, 2}
@@ -158,7 +158,7 @@ def test_parts_move_and_those_not_named_are_not_shown(renderer) -> None:
 
 def test_renderers_do_not_disturb_each_other(renderer) -> None:
     before = seen(renderer, ball())
-    with RasterRenderer(SCENE, 64) as other:
+    with Renderer(SCENE, 64) as other:
         assert seen(other, ball()).rgb.shape == (64, 64, 3)
     other.close()
     assert (seen(renderer, ball()).rgb == before.rgb).all()
@@ -166,7 +166,7 @@ def test_renderers_do_not_disturb_each_other(renderer) -> None:
 
 def test_another_camera_looks_and_the_first_comes_back(renderer) -> None:
     before = seen(renderer, box())
-    camera = look_at(SCENE.camera.at(96), (-1.0, 0.3, 0.2), (0.0, 0.0, 0.6))
+    camera = look_at(SCENE.camera.with_resolution(96), (-1.0, 0.3, 0.2), (0.0, 0.0, 0.6))
     view = seen(renderer, box(), camera=camera)
     assert view.rgb.shape == (96, 96, 3)
     assert ((view.segmentation > 0) != (cast(camera, box()) > 0)).sum() <= 2
@@ -176,11 +176,11 @@ def test_another_camera_looks_and_the_first_comes_back(renderer) -> None:
 PROCESS = """
 import hashlib, sys, numpy as np
 from tests.vision.shapes import SCENE, HERE, ball, box, card, half_turned
-from pipeline.kernels.vision.raster import RasterRenderer
-from pipeline.kernels.vision.view import Label
+from stages.render_vision.renderer import Renderer
+from pipeline.kernels.vision.labels import Label
 texture = np.random.default_rng(1).integers(0, 256, (50, 70, 4)).astype(np.uint8)
 digest = hashlib.sha256()
-with RasterRenderer(SCENE) as renderer:
+with Renderer(SCENE) as renderer:
     # Two copies of one ball in different labels: which of two coincident faces shows must not change from run to run.
     meshes = [(half_turned(ball()), Label.OBJECT), (ball(color=(9, 9, 200)), Label.HAND), (box(), Label.OBJECT)]
     meshes.append((card(0.2, texture), Label.OBJECT))
@@ -206,10 +206,10 @@ def test_without_opengl_the_error_names_the_packages_and_the_environment_is_left
     code = """
 import os
 from tests.vision.shapes import SCENE
-from pipeline.kernels.vision.context import NoOpenGL
-from pipeline.kernels.vision.raster import RasterRenderer
+from stages.render_vision.opengl_context import NoOpenGL
+from stages.render_vision.renderer import Renderer
 try:
-    RasterRenderer(SCENE)
+    Renderer(SCENE)
 except NoOpenGL as error:
     print(error)
 print("PYOPENGL_PLATFORM" in os.environ)
@@ -240,7 +240,7 @@ def test_memory_stays_flat_over_objects(renderer, objects) -> None:
             material_texture=np.zeros(1, np.int32),
             textures=(texture,),
         )
-        seen(renderer, Mesh(mesh.vertices, mesh.faces, look), camera=SCENE.camera.at(64))
+        seen(renderer, Mesh(mesh.vertices, mesh.faces, look), camera=SCENE.camera.with_resolution(64))
 
     for _ in range(20):
         one()

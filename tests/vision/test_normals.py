@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from pipeline.kernels.vision import shading
-from pipeline.kernels.vision.shading import corner_normals
+from pipeline.kernels.vision import corner_normals as module
+from pipeline.kernels.vision.corner_normals import corner_normals
 from tests.vision.shapes import CENTRE, ball, box, half_turned
 
 
@@ -32,7 +32,7 @@ def test_against_the_slow_twin_with_split_vertices_and_mixed_winding() -> None:
     mesh = half_turned(ball(subdivisions=1))
     soup = mesh.vertices[mesh.faces].reshape(-1, 3)  # every corner its own vertex
     faces = np.arange(len(soup), dtype=np.int32).reshape(-1, 3)
-    assert corner_normals(soup, faces) == pytest.approx(slow_corner_normals(soup, faces, shading.CREASE), abs=1e-12)
+    assert corner_normals(soup, faces) == pytest.approx(slow_corner_normals(soup, faces, module.CREASE), abs=1e-12)
 
 
 def test_a_ball_is_smooth_and_a_box_is_not() -> None:
@@ -48,7 +48,7 @@ def test_a_ball_is_smooth_and_a_box_is_not() -> None:
 def test_batches_change_nothing(monkeypatch) -> None:
     mesh = ball(subdivisions=2)
     whole = corner_normals(mesh.vertices, mesh.faces)
-    monkeypatch.setattr(shading, "PAIRS_AT_ONCE", 50)
+    monkeypatch.setattr(module, "PAIRS_PER_CHUNK", 50)
     assert (corner_normals(mesh.vertices, mesh.faces) == whole).all()
 
 

@@ -4,7 +4,7 @@ import pytest
 from pipeline.engine.stage import Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.model import load_hand
-from pipeline.kernels.vision.camera import project
+from pipeline.kernels.vision.camera import project_points
 from pipeline.store.pieces import Row
 from schemas.base import COMMON
 from stages.render_vision.settings import VisionSettings
@@ -82,7 +82,7 @@ def test_the_camera_matrix_fits_the_image(resolution) -> None:
     (row,) = rows(settings, task("a", 0.1))
     at = np.argwhere(row["segmentation"][0] == 1).mean(axis=0)[::-1] + 0.5
     assert camera.shape == (3, 4)
-    assert project(camera, np.array([0, 0, 0.6])) == pytest.approx(at, abs=0.01 * resolution)
+    assert project_points(camera, np.array([0, 0, 0.6])) == pytest.approx(at, abs=0.01 * resolution)
 
 
 def test_assets_are_files_and_the_attributes_name_the_lamp() -> None:

@@ -7,7 +7,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.vision.camera import Camera, pose
+from pipeline.kernels.vision.camera import Camera, camera_pose
 
 
 def cast(camera: Camera, *meshes: Mesh) -> np.ndarray:
@@ -15,7 +15,7 @@ def cast(camera: Camera, *meshes: Mesh) -> np.ndarray:
     rows, cols = np.indices((camera.resolution, camera.resolution))
     (fx, fy), (cx, cy) = camera.focal, camera.centre
     inside = np.stack([(cols + 0.5 - cx) / fx, -(rows + 0.5 - cy) / fy, -np.ones(rows.shape)], axis=-1).reshape(-1, 3)
-    frame = pose(camera)
+    frame = camera_pose(camera)
     directions = (inside @ frame[:3, :3].T).astype(np.float32)
     origins = np.broadcast_to(frame[:3, 3], directions.shape).astype(np.float32)
     scene = rtcore_scene.EmbreeScene()

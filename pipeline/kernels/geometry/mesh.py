@@ -66,7 +66,7 @@ class Mesh:
         return self.vertices[self.faces]
 
 
-def face_vectors(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def face_cross_products(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     """(F, 3) cross products of two edges: along the winding normal, twice the face's area long, m².
 
     Right to 4 units in the last place of the product of those edges' lengths, wherever the face is.

@@ -19,7 +19,7 @@ _TO_Z_UP = {
 }
 
 
-def normalise(mesh: Mesh, up: str, diagonal: float, metres_per_unit: float | None = None) -> Mesh:
+def normalise_mesh(mesh: Mesh, up: str, diagonal: float, metres_per_unit: float | None = None) -> Mesh:
     """The mesh upright at `POSITION`, its bounding box having the given diagonal, m.
 
     `up` names the axis of the source that points up. With `metres_per_unit` the object keeps its real size instead.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pipeline.kernels.geometry.mesh import face_vectors, flatness
+from pipeline.kernels.geometry.mesh import face_cross_products, flatness
 
 BLOCK = 4
 """Cells along the side of a block that is judged near or far by one exact distance."""
@@ -138,7 +138,7 @@ def distance_field(vertices: NDArray[np.float64], faces: np.ndarray, cell: float
     field = DistanceField(vertices, faces, tree, low + cell / 2, cell, shape, np.empty((0, 4), np.float32), inside)  # type: ignore[arg-type]
 
     on_surface = distance[flat, None] <= ON_SURFACE * cell  # has no direction away from it: either side will do
-    away = _unit(np.where(on_surface, face_vectors(vertices[faces[face]]), centres - closest))
+    away = _unit(np.where(on_surface, face_cross_products(vertices[faces[face]]), centres - closest))
     near_inside = _is_inside(field, closest, away, distance[flat])
     sign = np.where(inside == 1, -1.0, 1.0)
     sign[flat] = np.where(near_inside, -1.0, 1.0)

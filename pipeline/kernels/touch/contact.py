@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.touch.prism import FaceBlocks
-from pipeline.kernels.touch.rays import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, place
+from pipeline.kernels.touch.face_culling import FaceBlocks
+from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, sensor_to_world
 
 CONTACT = 1e-4
 """m: how far the surface must stand in the gel to count as a touch; less is within what physics leaves open."""
@@ -61,5 +61,5 @@ def local_points(depth: np.ndarray, pose: np.ndarray, sensor: Sensor) -> tuple[N
     row, col = np.nonzero(depth.astype(np.float64) < sensor.w)
     x, y = pixel_centres(sensor)
     points = np.zeros((sensor.rows * sensor.cols, 3), np.float32)
-    points[: len(row)] = place(check_pose(pose), x[col], y[row], depth[row, col].astype(np.float64))
+    points[: len(row)] = sensor_to_world(check_pose(pose), x[col], y[row], depth[row, col].astype(np.float64))
     return points, np.int32(len(row))

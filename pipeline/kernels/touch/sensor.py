@@ -80,7 +80,7 @@ def check_pose(pose: np.ndarray) -> NDArray[np.float64]:
     return pose
 
 
-def place(pose: NDArray[np.float64], x: np.ndarray, y: np.ndarray, z: np.ndarray) -> NDArray[np.float64]:
+def sensor_to_world(pose: NDArray[np.float64], x: np.ndarray, y: np.ndarray, z: np.ndarray) -> NDArray[np.float64]:
     """World points (..., 3) of sensor-frame coordinates that broadcast to one shape, m.
 
     Element by element, never by a matrix product: a point is the same to the last bit in whatever batch it comes.
@@ -91,4 +91,4 @@ def place(pose: NDArray[np.float64], x: np.ndarray, y: np.ndarray, z: np.ndarray
 def ray_origins(pose: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
     """(rows, cols, 3) world positions of the pixel centres on the sensor plane, m; rays leave along `pose[:3, 2]`."""
     x, y = pixel_centres(sensor)
-    return place(check_pose(pose), x[None, :], y[:, None], np.zeros(sensor.shape))
+    return sensor_to_world(check_pose(pose), x[None, :], y[:, None], np.zeros(sensor.shape))

@@ -1,1 +1,1 @@
-"""Cameras, scenes and images."""
+"""Cameras, scenes, and meshes prepared for rendering."""

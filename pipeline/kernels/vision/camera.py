@@ -1,7 +1,9 @@
-"""A pinhole camera: where it stands, what it sees of the world, and where a world point falls in its image.
+"""A pinhole camera: its pose, its projection matrix, and the projection of world points.
 
-Image coordinates are (column, row) in pixels from the image's top left corner, so that the centre of pixel (row, col) lies at
+Image coordinates are (column, row) in pixels from the image's top left corner: the centre of pixel (row, col) is
 (col + 1/2, row + 1/2).
+
+Valid range: cameras and points within 100 m of the origin, at least 1 mm apart. Image coordinates are then right to 1e-9 pixels.
 """
 
 from __future__ import annotations
@@ -22,13 +24,13 @@ class Camera(BaseModel):
     Attributes
     ----------
     position
-        Optical centre in the world, m.
+        Optical centre, world frame, m.
     rotation
         Extrinsic XYZ Euler angles in degrees: about the world's x first, then its y, then its z.
     focal, centre
         Focal lengths (x, y) and principal point (column, row), pixels.
     resolution
-        Pixels a side.
+        Pixels per side.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -39,10 +41,10 @@ class Camera(BaseModel):
     centre: tuple[float, float]
     resolution: int = Field(gt=0)
 
-    def at(self, resolution: int) -> Camera:
-        """The same view in another number of pixels a side, 1 or more: the intrinsics scale with it."""
+    def with_resolution(self, resolution: int) -> Camera:
+        """Return the camera with another number of pixels per side and the same field of view."""
         if resolution < 1:
-            raise ValueError(f"an image of {resolution} pixels a side shows nothing; ask for 1 or more")
+            raise ValueError(f"an image of {resolution} pixels per side shows nothing; ask for 1 or more")
         scale = resolution / self.resolution
         return self.model_copy(
             update={
@@ -53,8 +55,8 @@ class Camera(BaseModel):
         )
 
 
-def euler_xyz(degrees: Vector) -> NDArray[np.float64]:
-    """(3, 3) rotation by extrinsic XYZ Euler angles: R = Rz Ry Rx."""
+def rotation_from_euler(degrees: Vector) -> NDArray[np.float64]:
+    """Compute the (3, 3) rotation R = Rz Ry Rx of extrinsic XYZ Euler angles."""
     (cx, cy, cz), (sx, sy, sz) = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
@@ -62,48 +64,65 @@ def euler_xyz(degrees: Vector) -> NDArray[np.float64]:
     return np.asarray(about_z @ about_y @ about_x, np.float64)
 
 
-def pose(camera: Camera) -> NDArray[np.float64]:
-    """(4, 4) the camera's frame in the world: columns right, up, backwards, position."""
-    placed = np.eye(4)
-    placed[:3, :3] = euler_xyz(camera.rotation)
-    placed[:3, 3] = camera.position
-    return placed
+def camera_pose(camera: Camera) -> NDArray[np.float64]:
+    """Compute the (4, 4) pose of a camera, camera frame to world frame: columns right, up, backwards, position."""
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_from_euler(camera.rotation)
+    pose[:3, 3] = camera.position
+    return pose
 
 
 def projection_matrix(camera: Camera) -> NDArray[np.float64]:
-    """(3, 4) float64 projection of world points, m, to pixels: (u w, v w, w) = M (x, y, z, 1), u along columns, v along rows.
+    """Compute the (3, 4) float64 projection of world points, m, to pixels.
 
-    w is the distance along the viewing direction, m; points with w <= 0 lie behind the camera.
+    Notes
+    -----
+    (u w, v w, w) = M (x, y, z, 1), u along columns, v along rows; w is the distance along the viewing direction, m. Points with
+    w <= 0 lie behind the camera.
     """
     intrinsic = np.array([[camera.focal[0], 0, camera.centre[0]], [0, camera.focal[1], camera.centre[1]], [0, 0, 1.0]])
-    to_camera = np.linalg.inv(pose(camera))[:3]  # (3, 4), y up and z backwards
+    to_camera = np.linalg.inv(camera_pose(camera))[:3]  # (3, 4), y up and z backwards
     return np.asarray(intrinsic @ np.diag([1.0, -1.0, -1.0]) @ to_camera)
 
 
-def project(matrix: NDArray[np.float64], points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(..., 2) pixel coordinates (column, row) of finite world points (..., 3), m; NaN for points at or behind the camera.
+def project_points(matrix: NDArray[np.float64], points: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Project world points to image coordinates.
 
-    Right to 1.5e-14 times the focal length in pixels, times how often a point's distance from the camera goes into the largest
-    coordinate: 6e-9 pixels a kilometre from the origin.
+    Parameters
+    ----------
+    matrix
+        (3, 4) from `projection_matrix`.
+    points
+        (..., 3) world frame, m, finite.
+
+    Returns
+    -------
+    (..., 2) float64 (column, row), pixels; NaN for points at or behind the camera.
     """
     if not np.isfinite(points).all():
-        raise ValueError("NaN or infinite points have no place in an image; drop them first")
+        raise ValueError("points hold NaN or infinity; drop them before projecting")
     homogeneous = np.asarray(points, np.float64) @ matrix[:, :3].T + matrix[:, 3]  # (..., 3)
     depth = homogeneous[..., 2:]
     return np.where(depth > 0, homogeneous[..., :2] / np.where(depth > 0, depth, 1), np.nan)
 
 
 def look_at(camera: Camera, position: Vector, target: Vector) -> Camera:
-    """`camera` moved to `position`, m, its optical axis through `target`, without roll (the world's z is up).
+    """Move a camera to a position and point its optical axis at a target, without roll (the world's z is up).
+
+    Parameters
+    ----------
+    camera
+        Gives the intrinsics.
+    position, target
+        World frame, m.
 
     Raises
     ------
     ValueError
-        Where the target is straight above or below the position, or the same: then "without roll" says nothing. Or where
-        one of them is NaN or infinite.
+        One of them is NaN or infinite, or the target is straight above or below the position: "without roll" means nothing there.
     """
     if not np.isfinite([position, target]).all():
-        raise ValueError(f"no camera at {position} can look at {target}: both must be finite")
+        raise ValueError(f"camera position {position} and target {target} must be finite")
     backward = np.subtract(position, target)
     across = float(np.hypot(backward[0], backward[1]))
     if across == 0:

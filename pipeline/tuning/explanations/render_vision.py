@@ -8,7 +8,7 @@ from pathlib import Path
 from pipeline.engine.stage import Task
 from pipeline.kernels.hand.model import load_hand
 from pipeline.kernels.hand.visuals import visual_meshes
-from pipeline.kernels.vision.primitives import looks, shrunk
+from pipeline.kernels.vision.primitives import faces_by_material, shrink_texture
 from pipeline.tuning.explain import Part
 from stages.render_vision.settings import VisionSettings
 
@@ -24,8 +24,8 @@ def explain(settings: VisionSettings, models: Mapping[str, Path], tasks: Sequenc
         taken = 0 if number else shapes
         yield Part("hand shapes prepared, in one worker", taken, shapes - taken, "kept from object to object", "hand kept")
         look = task.mesh().look
-        drawn = len(looks(look))
+        drawn = len(faces_by_material(look))
         yield Part("materials drawn", drawn, len(look.base_color) - drawn, "they look like another one, and are drawn with it")
         texels = sum(texture.shape[0] * texture.shape[1] for texture in look.textures)
-        kept = sum(small.shape[0] * small.shape[1] for small in map(shrunk, look.textures))
+        kept = sum(small.shape[0] * small.shape[1] for small in map(shrink_texture, look.textures))
         yield Part("texels", kept, texels - kept, "finer than any image of this size shows")

@@ -13,7 +13,7 @@ from pipeline.kernels.hand.inverse import looked_at, solve
 from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.hand.reach import ball_points
 from pipeline.kernels.touch.contact import gel_only
-from pipeline.kernels.touch.prism import BLOCK, faces_seen
+from pipeline.kernels.touch.face_culling import BLOCK, cull_faces
 from pipeline.tuning.explain import Part
 from stages.simulate_grasps.rig import Rig, Scene, make_rig, make_scene
 from stages.simulate_grasps.settings import GraspSettings
@@ -49,5 +49,5 @@ def _grasp(rig: Rig, scene: Scene, pose: np.ndarray, angles: np.ndarray, sensors
     yield Part("balls measured exactly", measured, balls - measured, "clear of the object by the grid already", "doubtful balls")
     faces, near = scene.blocks.corners.shape[2] * BLOCK, gel_only(rig.sensor)
     for sensor in sensors:
-        met = faces_seen(scene.blocks, sensor, near).shape[2]
+        met = cull_faces(scene.blocks, sensor, near).shape[2]
         yield Part("faces taken to a sensor", met, faces - met, "not in its gel: they decide no contact", "gel only")

@@ -9,10 +9,10 @@ import numpy as np
 
 from pipeline.config.sensor_file import load_sensor
 from pipeline.engine.stage import Task
-from pipeline.kernels.touch.prism import BLOCK, face_blocks, faces_seen
+from pipeline.kernels.touch.face_culling import BLOCK, cull_faces, face_blocks
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.shading import impression
-from pipeline.kernels.touch.spheres import march
+from pipeline.kernels.touch.sphere_tracing import march
+from pipeline.kernels.touch.tactile_image import impression
 from pipeline.tuning.explain import Part
 from stages.simulate_touch.settings import TouchSettings
 
@@ -24,7 +24,7 @@ def explain(settings: TouchSettings, models: Mapping[str, Path], tasks: Sequence
         blocks = face_blocks(task.mesh().triangles)
         faces = blocks.corners.shape[2] * BLOCK
         poses = task.inputs["grasps"]["sensor_pose"].reshape(-1, 4, 4)
-        seen = [faces_seen(blocks, pose, sensor) for pose in poses]
+        seen = [cull_faces(blocks, pose, sensor) for pose in poses]
         for local in seen:
             yield Part("faces taken to a sensor", local.shape[2], faces - local.shape[2], "outside the prism of the sensor's rays", "prism")
             if settings.tracer == "sphere":

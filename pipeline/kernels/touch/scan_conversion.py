@@ -56,7 +56,7 @@ def _by_row(faces: NDArray[np.float64], face: int, width: float, rows: int, cols
 
 
 @compiled("void(float64[:, :, ::1], float64, float64[:, ::1])")
-def scan(faces: NDArray[np.float64], width: float, depth: NDArray[np.float64]) -> None:
+def scan_convert(faces: NDArray[np.float64], width: float, depth: NDArray[np.float64]) -> None:
     """Lower `depth` (rows, cols) where faces (3 axes, 3 corners, N), m in the frame of a sensor `width` m wide, are nearer."""
     rows, cols = depth.shape
     for face in range(faces.shape[2]):

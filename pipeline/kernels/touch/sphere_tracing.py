@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import flatness
-from pipeline.kernels.touch.prism import FaceBlocks, faces_seen
-from pipeline.kernels.touch.rays import grid_depth
-from pipeline.kernels.touch.scan import START
+from pipeline.kernels.touch.face_culling import FaceBlocks, cull_faces
+from pipeline.kernels.touch.ray_depth import face_depth
+from pipeline.kernels.touch.scan_conversion import START
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 TOLERANCE = 1e-7
@@ -23,7 +23,7 @@ SLIVER = 1e-3
 `TOLERANCE` from 1e-5 on, by all of it at 1e-8, and a ray that trusts it steps through the face."""
 
 
-def sphere_depth(
+def sphere_traced_depth(
     blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor, tolerance: float = TOLERANCE, max_steps: int = MAX_STEPS
 ) -> NDArray[np.float64]:
     """Depth D of the first surface along +z of every pixel by sphere tracing; the contract is that of `ray_depth`.
@@ -51,12 +51,12 @@ def sphere_depth(
     ray has before it. No ray is given up on its step count: those that `march` leaves unsettled (along walls, past
     silhouettes) are intersected exactly, and so are slivers.
     """
-    local = faces_seen(blocks, pose, sensor)
+    local = cull_faces(blocks, pose, sensor)
     sliver = flatness(local.transpose(2, 1, 0)) < SLIVER
     depth, settled = march(local[:, :, ~sliver], sensor, tolerance, max_steps)
     if sliver.any():
-        depth = np.minimum(depth, grid_depth(local[:, :, sliver], sensor))
-    return depth if settled.all() else np.where(settled, depth, grid_depth(local, sensor))
+        depth = np.minimum(depth, face_depth(local[:, :, sliver], sensor))
+    return depth if settled.all() else np.where(settled, depth, face_depth(local, sensor))
 
 
 def march(local: NDArray[np.float64], sensor: Sensor, tolerance: float, max_steps: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

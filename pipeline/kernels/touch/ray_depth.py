@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.touch.prism import FaceBlocks, faces_seen
-from pipeline.kernels.touch.scan import scan
+from pipeline.kernels.touch.face_culling import FaceBlocks, cull_faces
+from pipeline.kernels.touch.scan_conversion import scan_convert
 from pipeline.kernels.touch.sensor import Sensor
 
 ASIDE = 1e-15
@@ -35,12 +35,12 @@ def ray_depth(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor) -> NDArray[n
     nearest point or not; the rims of its neighbours are. A depth is that of a ray at most `ASIDE` widths beside its own,
     for faces of any shape; a scene far from the origin has the digits that float64 leaves there, 2e-13 m at a kilometre.
     """
-    return grid_depth(faces_seen(blocks, pose, sensor), sensor)
+    return face_depth(cull_faces(blocks, pose, sensor), sensor)
 
 
-def grid_depth(local: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
+def face_depth(local: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
     """`ray_depth` of faces (3 axes, 3 corners, N) that are in the sensor's frame already, m."""
     depth = np.full(sensor.shape, np.inf)
-    scan(np.ascontiguousarray(local), sensor.width, depth)
+    scan_convert(np.ascontiguousarray(local), sensor.width, depth)
     depth[depth > sensor.range] = np.inf
     return depth

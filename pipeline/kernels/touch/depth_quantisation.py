@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pipeline.kernels.touch.sensor import Sensor
 
 
-def stored_depth(depth: NDArray[np.float64], sensor: Sensor, gel_bits: int | None, far_bits: int | None) -> NDArray[np.float32]:
+def quantise_depth(depth: NDArray[np.float64], sensor: Sensor, gel_bits: int | None, far_bits: int | None) -> NDArray[np.float32]:
     """Depths (..., rows, cols) in m as they are stored, float32: multiples of 2^-gel_bits m in the gel, of 2^-far_bits m beyond it.
 
     The error is at most half a step and half a float32 unit in the last place. None keeps what float32 holds; +inf stays.

@@ -22,7 +22,7 @@ def impression(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
     return np.maximum(sensor.w - depth.astype(np.float64), 0.0)
 
 
-def reading(depth: np.ndarray, sensor: Sensor) -> NDArray[np.uint8]:
+def tactile_image(depth: np.ndarray, sensor: Sensor) -> NDArray[np.uint8]:
     """The tactile image R of a depth map (equations 1 to 5).
 
     Parameters
@@ -45,12 +45,12 @@ def reading(depth: np.ndarray, sensor: Sensor) -> NDArray[np.uint8]:
     """
     pressed = impression(depth, sensor)
     if not pressed.any():
-        return untouched(sensor).copy()
+        return untouched_image(sensor).copy()
     return _shade(pressed / sensor.width, sensor)
 
 
 @lru_cache(maxsize=8)
-def untouched(sensor: Sensor) -> NDArray[np.uint8]:
+def untouched_image(sensor: Sensor) -> NDArray[np.uint8]:
     """(rows, cols, 3) uint8: the reading of a sensor that nothing touches; read-only."""
     image = _shade(np.zeros(sensor.shape), sensor)
     image.setflags(write=False)

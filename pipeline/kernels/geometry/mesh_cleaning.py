@@ -14,7 +14,7 @@ FLAT = 1e-14
 
 
 @dataclass(frozen=True)
-class GateReport:
+class CleaningReport:
     """What the gate found: faces removed, and whether every edge that is left has two faces."""
 
     degenerate_faces: int
@@ -22,7 +22,7 @@ class GateReport:
     watertight: bool
 
 
-def gate(mesh: Mesh, max_faces: int) -> tuple[Mesh, GateReport]:
+def clean_mesh(mesh: Mesh, max_faces: int) -> tuple[Mesh, CleaningReport]:
     """A mesh fit for every later stage, and what had to be removed from it.
 
     Raises
@@ -49,15 +49,15 @@ def gate(mesh: Mesh, max_faces: int) -> tuple[Mesh, GateReport]:
     mesh = _keep_faces(mesh, ~flat)
     if len(mesh.faces) == 0:
         raise ValueError(f"all {faces} faces have zero area; the mesh has no surface")
-    places = coincident(mesh.vertices)[mesh.faces]
+    places = number_positions(mesh.vertices)[mesh.faces]
     _, first = np.unique(np.sort(places, axis=1), axis=0, return_index=True)
     once = np.zeros(len(mesh.faces), bool)
     once[first] = True
-    report = GateReport(int(flat.sum()), int((~once).sum()), _closed(places[once]))
+    report = CleaningReport(int(flat.sum()), int((~once).sum()), _closed(places[once]))
     return _keep_faces(mesh, once), report
 
 
-def coincident(vertices: NDArray[np.float64]) -> NDArray[np.intp]:
+def number_positions(vertices: NDArray[np.float64]) -> NDArray[np.intp]:
     """(V,) a number for every vertex, equal where positions are equal to the bit."""
     return np.unique(vertices + 0.0, axis=0, return_inverse=True)[1].reshape(-1)  # + 0.0 makes -0 and 0 the same
 

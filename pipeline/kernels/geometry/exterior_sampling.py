@@ -16,8 +16,8 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
-from pipeline.kernels.geometry.mesh import Mesh, face_vectors
-from pipeline.kernels.geometry.sampling import sample_triangles
+from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
+from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 
 DIRECTIONS = 256
 ESCAPES = 2
@@ -42,7 +42,7 @@ class Draw:
     asked: NDArray[np.intp]
 
 
-class Sky:
+class EscapeTest:
     """Tells which points of a mesh's surface see the outside, with rays traced by Embree."""
 
     def __init__(self, mesh: Mesh, directions: int = DIRECTIONS) -> None:
@@ -126,8 +126,8 @@ def draws(mesh: Mesh, count: int, rng: np.random.Generator, directions: int = DI
         raise ValueError(f"{count} points are no sample; ask for 1 or more")
     triangles = mesh.triangles
     sample_triangles(triangles, 0, rng)  # refuses what has no surface, before its size divides anything
-    vectors = face_vectors(triangles)
-    sky = Sky(mesh, directions)
+    vectors = face_cross_products(triangles)
+    sky = EscapeTest(mesh, directions)
     drawn = found = 0
     while found < count:
         if drawn >= MAX_DRAWS * count:

@@ -57,7 +57,7 @@ def face_blocks(triangles: np.ndarray) -> FaceBlocks:
     return FaceBlocks(corners, (low + high) / 2, (high - low) / 2)
 
 
-def faces_seen(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
+def cull_faces(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
     """Faces in the sensor's frame: all that a ray of the sensor can meet, and few others.
 
     The same corner gets the same coordinates to the last bit in whatever face it occurs, so shared edges stay shared.

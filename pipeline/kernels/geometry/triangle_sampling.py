@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.geometry.mesh import face_vectors
+from pipeline.kernels.geometry.mesh import face_cross_products
 
 
 def sample_triangles(triangles: NDArray[np.float64], count: int, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
@@ -25,7 +25,7 @@ def sample_triangles(triangles: NDArray[np.float64], count: int, rng: np.random.
     """
     if not np.isfinite(triangles).all():
         raise ValueError(f"{(~np.isfinite(triangles)).any(axis=(1, 2)).sum()} of {len(triangles)} triangles have NaN or infinite corners")
-    cumulative = np.cumsum(np.linalg.norm(face_vectors(triangles), axis=1))
+    cumulative = np.cumsum(np.linalg.norm(face_cross_products(triangles), axis=1))
     if not (len(cumulative) and cumulative[-1] >= np.finfo(np.float64).tiny):
         raise ValueError(f"none of the {len(triangles)} triangles has an area to draw points from")
     # random() is at most 1 - 2^-53, and no normal number times that rounds to itself: the end is never reached

@@ -1,0 +1,84 @@
+"""Shading normals of a mesh: smooth across gentle edges, sharp across creases, whatever the winding.
+
+Valid range: any scale from 1 µm to 1 km about the mesh's own position; a mesh d of its sizes away from the origin loses log10(d) digits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.geometry.mesh import face_cross_products
+
+CREASE = np.deg2rad(40.0)
+"""Faces that meet at a greater angle show an edge: a 12-sided cylinder looks round and a box has sharp edges."""
+
+MAX_NEIGHBOURS = 64
+"""A vertex where more faces meet is the hub of a fan (a cap, a cone's tip): its faces keep their own normals."""
+
+PAIRS_PER_CHUNK = 1_000_000
+"""Pairs of neighbouring corners processed together; they take about 100 MB."""
+
+
+def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32], crease: float = CREASE) -> NDArray[np.float64]:
+    """Compute a shading normal for every corner of every face.
+
+    Parameters
+    ----------
+    vertices
+        (V, 3) float64. Vertices at equal positions count as one.
+    faces
+        (F, 3) int32.
+    crease
+        Faces that meet at a greater angle, rad, are not smoothed together.
+
+    Returns
+    -------
+    (F, 3, 3) float64 unit normals (face, corner, xyz), on the side to which the face is wound.
+
+    Notes
+    -----
+    A corner's normal is the mean, weighted by the angle at the vertex, of the normals of those faces around it that make less than
+    `crease` with its own face. Faces wound the other way count as if turned over. A face without area has the normal +z and no
+    influence on its neighbours. The normal of a sliver of aspect a has an error of up to 8 a units in the last place.
+    """
+    triangles = vertices[faces]  # (F, 3, 3)
+    normal = face_cross_products(triangles)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.where(length > 0, normal / np.where(length > 0, length, 1), [0.0, 0.0, 1.0])
+    normal_of = np.repeat(normal, 3, axis=0)  # (3F, 3), one row per corner
+    weighted = normal_of * (_corner_angles(triangles) * (length > 0)).reshape(-1, 1)
+
+    position_of_vertex = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)
+    position = position_of_vertex[faces].reshape(-1)  # (3F,)
+    order = np.argsort(position, kind="stable")
+    count = np.bincount(position)
+    first = np.cumsum(count) - count
+
+    smooth = normal_of.copy()
+    corners = order[count[position[order]] <= MAX_NEIGHBOURS]
+    for chunk in _chunks(corners, count[position[corners]]):
+        neighbours = count[position[chunk]]
+        starts = np.cumsum(neighbours) - neighbours
+        rank = np.arange(neighbours.sum()) - np.repeat(starts, neighbours)
+        own, other = np.repeat(chunk, neighbours), order[np.repeat(first[position[chunk]], neighbours) + rank]  # (P,) pairs
+        cosine = np.einsum("ij,ij->i", normal_of[own], normal_of[other])
+        sign = np.where(np.abs(cosine) > np.cos(crease), np.sign(cosine), 0.0)
+        smooth[chunk] = np.add.reduceat(weighted[other] * sign[:, None], starts)
+    length = np.linalg.norm(smooth, axis=1, keepdims=True)
+    smooth = np.where(length > 0, smooth / np.where(length > 0, length, 1), normal_of)
+    return np.asarray(smooth.reshape(-1, 3, 3))
+
+
+def _corner_angles(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(F, 3) angle at every corner, rad."""
+    ahead = np.roll(triangles, -1, axis=1) - triangles
+    behind = np.roll(triangles, 1, axis=1) - triangles
+    cross = np.linalg.norm(np.cross(ahead, behind), axis=2)
+    return np.asarray(np.arctan2(cross, np.einsum("fci,fci->fc", ahead, behind)))
+
+
+def _chunks(corners: NDArray[np.intp], pairs: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Cut `corners` into runs of about `PAIRS_PER_CHUNK` pairs each."""
+    cuts = np.flatnonzero(np.diff(np.cumsum(pairs) // PAIRS_PER_CHUNK)) + 1
+    return [run for run in np.split(corners, cuts) if len(run)]

@@ -1,0 +1,192 @@
+"""A grasp from a second side: the hand on the object, and the object alone with the surface patch that each sensor touched."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.vision.camera import Camera, Vector, camera_pose, look_at, project_points, projection_matrix
+from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Scene
+from stages.render_vision.renderer import MeshHandle, PosedMesh, Renderer
+
+Color = tuple[int, int, int]
+
+AZIMUTHS = np.deg2rad(np.arange(-180, 180, 45))
+ELEVATIONS = np.deg2rad([25.0, -15.0])
+"""Directions around the object from which the second camera is chosen; a low one shows what the fingers do below."""
+
+MIN_TURN = np.deg2rad(40.0)
+"""Least angle between the second view and the first."""
+
+TRIAL_RESOLUTION = 48
+"""Pixels per side of the images that decide between the directions: enough to count what they show."""
+
+FILL = 0.92
+"""Share of the image's side that the subject takes up."""
+
+STRIDE = 3
+"""Every `STRIDE`-th pixel of a sensor becomes a vertex of its patch."""
+
+LINE, RIM = 1.5, 2.5
+"""Width of a square's outline, and of the white rim under it, pixels."""
+
+LIFT = 4e-4
+"""Distance of a patch in front of the surface it marks, m: it stays visible over a coarse mesh between its vertices."""
+
+
+@dataclass(frozen=True, eq=False)
+class GraspView:
+    """What the second view shows of one grasp, world frame, m.
+
+    Attributes
+    ----------
+    object_mesh
+        The object, as the renderer knows it, and its mesh.
+    hand
+        The hand's meshes, as the renderer knows them, their vertices, and the pose (4, 4) of each.
+    patches
+        The surface that each sensor touched (see `touch_patch`), in its colour.
+    palm
+        (3,) direction to which the palm faces: seen across it, fingers show what they do.
+    squares
+        (S, 4, 3) corners of the gels, drawn over both images to mark what hides a patch.
+    colors
+        (S,) sRGB of each sensor.
+    """
+
+    object_mesh: tuple[MeshHandle, Mesh]
+    hand: Sequence[tuple[MeshHandle, Mesh, NDArray[np.float64]]]
+    patches: Sequence[Mesh]
+    palm: NDArray[np.float64]
+    squares: NDArray[np.float64]
+    colors: Sequence[Color]
+
+
+def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Render a grasp from another side, with the lamp moved along with the camera.
+
+    Returns
+    -------
+    Two images, (R, R, 3) uint8: the hand close by, and the whole object alone with its touch sites.
+    """
+    camera = scene.camera.with_resolution(resolution)
+    handle, mesh = grasp.object_mesh
+    whole: PosedMesh = (handle, np.eye(4))
+    held: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]
+    corners = grasp.squares.reshape(-1, 3)
+    grip = np.vstack([*(hand.vertices @ pose[:3, :3].T + pose[:3, 3] for _, hand, pose in grasp.hand), corners])
+    views = [_zoomed(view, grip) for view in _around(camera, grip)]
+    near = max(
+        views,
+        key=lambda view: _shown(renderer, view.with_resolution(TRIAL_RESOLUTION), [whole, *held]) * _across(view, grasp.palm),
+    )
+    far = _zoomed(_towards(camera, mesh.vertices, camera_pose(near)[:3, 2]), np.vstack([mesh.vertices, corners]))
+    marks: list[PosedMesh] = [(renderer.add(patch, Label.HAND), np.eye(4)) for patch in grasp.patches]
+    try:
+        views_of = (([whole, *held], near), ([whole, *marks], far))
+        close, apart = (renderer.render(meshes, view, _lamp(scene, view)).rgb for meshes, view in views_of)
+    finally:
+        for mark, _ in marks:
+            renderer.remove(mark)
+    return _outlined(close, near, grasp.squares, grasp.colors), _outlined(apart, far, grasp.squares, grasp.colors)
+
+
+def touch_patch(depth: NDArray[np.float32], pose: NDArray[np.float64], width: float, gel: float, color: Color) -> Mesh | None:
+    """Make a mesh of the surface in a sensor's gel, `LIFT` in front of it; None where the gel is empty.
+
+    Parameters
+    ----------
+    depth
+        (rows, cols) m.
+    pose
+        (4, 4) sensor frame to world frame.
+    width, gel
+        Side of the sensor plane and thickness of the gel, m.
+    color
+        sRGB.
+    """
+    rows, cols = (np.arange(0, size, STRIDE) for size in depth.shape)
+    sampled = depth[np.ix_(rows, cols)].astype(np.float64)
+    inside = sampled < gel
+    x, y = (cols + 0.5) / depth.shape[1] - 0.5, (rows + 0.5) / depth.shape[0] - 0.5
+    local = np.stack([*np.meshgrid(x * width, y * width), np.where(inside, sampled - LIFT, 0)], axis=-1).reshape(-1, 3)
+    number = np.arange(local.shape[0]).reshape(inside.shape)
+    quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)
+    quads = quads[inside.reshape(-1)[quads].all(axis=1)]
+    if not len(quads):
+        return None
+    faces = np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.int32)
+    return Mesh(local @ pose[:3, :3].T + pose[:3, 3], faces, Look.plain(len(local), len(faces), color))
+
+
+def gel_squares(poses: NDArray[np.float64], width: float, gel: float) -> NDArray[np.float64]:
+    """Compute the (S, 4, 3) corners, world frame, m, of the gels' front faces from the sensors' poses (S, 4, 4)."""
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * width / 2
+    local = np.column_stack([corners, np.full(4, gel)])
+    return np.asarray(np.einsum("sij,cj->sci", poses[:, :3, :3], local) + poses[:, None, :3, 3])
+
+
+def _around(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
+    """Cameras on all sides of `points`, except near the given one."""
+    first = np.array(camera.position) - (points.min(axis=0) + points.max(axis=0)) / 2
+    found = []
+    for elevation in ELEVATIONS:
+        for azimuth in AZIMUTHS:
+            flat = np.cos(elevation)
+            away = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+            if away @ first < np.cos(MIN_TURN) * np.linalg.norm(first):
+                found.append(_towards(camera, points, away))
+    return found
+
+
+def _towards(camera: Camera, points: NDArray[np.float64], away: NDArray[np.float64]) -> Camera:
+    """The camera moved into the unit direction `away` from the middle of `points`, at its own distance but clear of them."""
+    lowest, highest = points.min(axis=0), points.max(axis=0)
+    target = (lowest + highest) / 2
+    distance = max(np.linalg.norm(np.array(camera.position) - target), np.linalg.norm(highest - lowest))
+    x, y, z = (target + distance * away).tolist()
+    return look_at(camera, (x, y, z), (float(target[0]), float(target[1]), float(target[2])))
+
+
+def _lamp(scene: Scene, camera: Camera) -> Vector:
+    """Position of the lamp when it moves with the camera: an image from behind is lit as one from the front."""
+    carried = camera_pose(camera) @ np.linalg.inv(camera_pose(scene.camera)) @ np.array([*scene.lamp.position, 1.0])
+    return float(carried[0]), float(carried[1]), float(carried[2])
+
+
+def _zoomed(camera: Camera, points: NDArray[np.float64]) -> Camera:
+    """The camera with the focal length at which `points` fill its image."""
+    reach = np.abs(project_points(projection_matrix(camera), points) - np.array(camera.centre)).max()
+    zoom = FILL * camera.resolution / 2 / float(reach)
+    return camera.model_copy(update={"focal": (camera.focal[0] * zoom, camera.focal[1] * zoom)})
+
+
+def _shown(renderer: Renderer, camera: Camera, meshes: Sequence[PosedMesh]) -> float:
+    """How much an image shows of both object and hand: the product of their areas, square pixels."""
+    segmentation = renderer.render(meshes, camera).segmentation
+    return float((segmentation == Label.OBJECT).sum()) * float((segmentation == Label.HAND).sum())
+
+
+def _across(camera: Camera, palm: NDArray[np.float64]) -> float:
+    """sin² of the angle between viewing direction and palm: 1 where the hand is seen from its side, 0 from its back."""
+    return 1 - float(camera_pose(camera)[:3, 2] @ palm) ** 2
+
+
+def _outlined(image: NDArray[np.uint8], camera: Camera, squares: NDArray[np.float64], colors: Sequence[Color]) -> NDArray[np.uint8]:
+    """The image with the sensors' squares drawn over it, smooth lines in their colours on a white rim."""
+    fine = 4  # Pillow draws no smooth lines: drawn four times as large and averaged
+    side = image.shape[0] * fine
+    canvas = Image.fromarray(image).resize((side, side), Image.Resampling.NEAREST)
+    pencil = ImageDraw.Draw(canvas)
+    matrix = projection_matrix(camera)
+    for square, color in zip(squares, colors, strict=True):
+        corners = [(float(u), float(v)) for u, v in project_points(matrix, square) * fine]
+        for ink, wide in (((255, 255, 255), RIM), (color, LINE)):
+            pencil.line([*corners, corners[0], corners[1]], fill=ink, width=round(wide * fine), joint="curve")
+    return np.asarray(canvas.resize((image.shape[1], image.shape[0]), Image.Resampling.BOX))

@@ -1,0 +1,117 @@
+"""An off-screen OpenGL context made by EGL, with or without a graphics card, and pyrender's renderer in it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+PACKAGES = "libegl1 libgl1 libxrender1 libgl1-mesa-dri"
+"""Debian's and Ubuntu's names of the system libraries that headless rendering needs."""
+
+PLATFORM = "PYOPENGL_PLATFORM"
+"""The environment variable that tells PyOpenGL, when it is imported, how to find OpenGL's functions."""
+
+
+class NoOpenGL(RuntimeError):
+    """Headless OpenGL does not work on this machine; the message says what to install."""
+
+
+def shader_paths() -> list[Path]:
+    """List the shaders' source files."""
+    return sorted(Path(str(resources.files("pipeline") / "assets" / "shaders")).iterdir())
+
+
+class OpenGLContext:
+    """One OpenGL context with one `pyrender.Renderer` in it.
+
+    Attributes
+    ----------
+    pyrender
+        The imported module; it may be imported only while the platform is set.
+    renderer
+        The `pyrender.Renderer`.
+
+    Raises
+    ------
+    NoOpenGL
+        No context can be made.
+
+    Notes
+    -----
+    pyrender's own `OffscreenRenderer` terminates the whole EGL display when it is deleted, and with it every other renderer of the
+    process. This class frees only its own context.
+    """
+
+    def __init__(self, resolution: int) -> None:
+        """Open a context for square images of `resolution` pixels per side."""
+        try:
+            with _egl_platform():
+                import pyrender
+                from OpenGL import EGL
+                from pyrender.platforms.egl import EGLPlatform
+
+                self._egl = EGL
+                self._platform = EGLPlatform(resolution, resolution)
+                self._platform.init_context()
+                self._platform.make_current()
+                self.pyrender = pyrender
+                self.renderer = _make_renderer(pyrender, resolution)
+        except Exception as error:  # EGL, PyOpenGL and pyrender each fail in their own way, AttributeError among them
+            raise NoOpenGL(
+                f"headless OpenGL (EGL) does not start: {error!r}. On Debian or Ubuntu: apt-get install {PACKAGES}. "
+                "Only render-vision needs it."
+            ) from error
+
+    def render(self, scene: Any, flags: int, resolution: int, labels: dict[Any, int] | None = None) -> Any:
+        """Render a `pyrender.Scene`: (R, R, 3) uint8 colours, or each node's label where `labels` and the flag SEG are given."""
+        self._platform.make_current()
+        self.renderer.viewport_width = self.renderer.viewport_height = resolution
+        color, _ = self.renderer.render(scene, flags | self.pyrender.RenderFlags.OFFSCREEN, labels)
+        return color
+
+    def close(self) -> None:
+        """Free the context; a second call does nothing."""
+        if self._platform is None:
+            return
+        egl, display, context = self._egl, self._platform._egl_display, self._platform._egl_context
+        self._platform.make_current()
+        self.renderer.delete()
+        egl.eglMakeCurrent(display, egl.EGL_NO_SURFACE, egl.EGL_NO_SURFACE, egl.EGL_NO_CONTEXT)
+        egl.eglDestroyContext(display, context)
+        self._platform._egl_display = self._platform._egl_context = None
+        self._platform = None
+
+
+@contextmanager
+def _egl_platform() -> Iterator[None]:
+    """Select EGL as PyOpenGL's platform while it is imported, unless the user chose a platform."""
+    chosen = PLATFORM in os.environ
+    os.environ.setdefault(PLATFORM, "egl")
+    try:
+        yield
+    finally:
+        if not chosen:
+            del os.environ[PLATFORM]
+
+
+def _make_renderer(pyrender: Any, resolution: int) -> Any:
+    """Make a `pyrender.Renderer` with the project's shaders that draws nodes in the order of the scene's `nodes_in_order`.
+
+    pyrender's own shaders take three times as long on a CPU and light one side of a face only. It also sorts a set of nodes by
+    distance, hence a different one of two coincident faces would win in every process.
+    """
+    from pyrender.shader_program import ShaderProgramCache
+
+    class Renderer(pyrender.Renderer):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__(resolution, resolution)
+            self._program_cache = ShaderProgramCache(shader_dir=str(shader_paths()[0].parent))
+
+        def _sorted_mesh_nodes(self, scene: Any) -> list[Any]:
+            return list(scene.nodes_in_order)
+
+    return Renderer()

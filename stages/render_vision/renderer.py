@@ -1,0 +1,165 @@
+"""Off-screen rendering of meshes with pyrender: one lamp, constant light, segmentation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.vision.camera import Camera, Vector, camera_pose
+from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.primitives import Primitive, mesh_primitives
+from pipeline.kernels.vision.scene import Scene
+from stages.render_vision.opengl_context import OpenGLContext
+
+NEAR_PLANE, FAR_PLANE = 0.05, 20.0
+"""Surfaces between these distances from the camera are drawn, m: well around a hand and an object a metre away."""
+
+
+@dataclass(frozen=True)
+class RenderedImage:
+    """An image and its segmentation.
+
+    Attributes
+    ----------
+    rgb
+        (R, R, 3) uint8, sRGB, antialiased.
+    segmentation
+        (R, R) uint8 of `Label`: the surface that the ray through the pixel's centre meets first.
+    """
+
+    rgb: NDArray[np.uint8]
+    segmentation: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class MeshHandle:
+    """A mesh that was added to a renderer: its scene node."""
+
+    node: Any
+
+
+PosedMesh = tuple[MeshHandle, NDArray[np.float64]]
+"""A mesh that was added to a renderer, and its pose, (4, 4) to the world frame."""
+
+
+class Renderer:
+    """Renders meshes in a scene.
+
+    Use it as a context manager, or call `close`: OpenGL frees nothing by itself. Several renderers in one process do not disturb each
+    other. The same calls give the same bytes in every process of one machine.
+
+    Parameters
+    ----------
+    scene
+        Camera, lamp, constant light and background.
+    resolution
+        Pixels per side; the camera's intrinsics scale with it.
+
+    Raises
+    ------
+    NoOpenGL
+        Headless OpenGL does not work; the message names the packages to install.
+    """
+
+    def __init__(self, scene: Scene, resolution: int = 256) -> None:
+        """Open an OpenGL context and set up the scene without meshes."""
+        self._camera, self._lamp_position = scene.camera.with_resolution(resolution), scene.lamp.position
+        self._context = OpenGLContext(resolution)
+        self._gl = self._context.pyrender
+        self._scene = self._gl.Scene(bg_color=np.array([*scene.background, 1.0]), ambient_light=np.array(scene.ambient))
+        self._labels: dict[Any, int] = {}
+        self._camera_node = self._scene.add(_gl_camera(self._gl, self._camera))
+        self._lamp_node = self._scene.add(self._gl.PointLight(color=np.array(scene.lamp.color), intensity=scene.lamp.intensity))
+
+    def __enter__(self) -> Renderer:
+        """Return the renderer itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Close the renderer."""
+        self.close()
+
+    def close(self) -> None:
+        """Free the context and all that was added to it."""
+        self._context.close()
+
+    def add(self, mesh: Mesh, label: Label) -> MeshHandle:
+        """Add a mesh; an image shows it when `render` is given its handle."""
+        node = self._scene.add(self._gl.Mesh([_gl_primitive(self._gl, primitive) for primitive in mesh_primitives(mesh)]))
+        self._labels[node] = int(label)
+        return MeshHandle(node)
+
+    def remove(self, handle: MeshHandle) -> None:
+        """Remove a mesh; its buffers and textures are freed when the next image is rendered."""
+        del self._labels[handle.node]
+        self._scene.remove_node(handle.node)
+
+    @contextmanager
+    def added(self, mesh: Mesh, label: Label) -> Iterator[MeshHandle]:
+        """Add a mesh for as long as the context lasts."""
+        handle = self.add(mesh, label)
+        try:
+            yield handle
+        finally:
+            self.remove(handle)
+
+    def render(self, meshes: Sequence[PosedMesh], camera: Camera | None = None, lamp: Vector | None = None) -> RenderedImage:
+        """Render the given meshes and no others.
+
+        Parameters
+        ----------
+        meshes
+            Handles, each with its pose in the world, (4, 4).
+        camera
+            Replaces the scene's camera; its resolution is the image's.
+        lamp
+            Replaces the position of the scene's lamp, world frame, m.
+        """
+        camera = camera or self._camera
+        self._camera_node.camera = _gl_camera(self._gl, camera)
+        self._scene.set_pose(self._camera_node, camera_pose(camera))
+        lamp_pose = np.eye(4)
+        lamp_pose[:3, 3] = lamp or self._lamp_position
+        self._scene.set_pose(self._lamp_node, lamp_pose)
+        for node in self._labels:
+            node.mesh.is_visible = False
+        for handle, pose in meshes:
+            handle.node.mesh.is_visible = True
+            self._scene.set_pose(handle.node, pose)
+        self._scene.nodes_in_order = [handle.node for handle, _ in meshes]
+        flags = self._gl.RenderFlags
+        rgb = self._context.render(self._scene, flags.NONE, camera.resolution)
+        segmentation = self._context.render(self._scene, flags.SEG, camera.resolution, self._labels)[..., 0]
+        return RenderedImage(np.ascontiguousarray(rgb, np.uint8), np.ascontiguousarray(segmentation, np.uint8))
+
+
+def _gl_camera(gl: Any, camera: Camera) -> Any:
+    (fx, fy), (cx, cy) = camera.focal, camera.centre
+    return gl.IntrinsicsCamera(fx=fx, fy=fy, cx=cx, cy=cy, znear=NEAR_PLANE, zfar=FAR_PLANE)
+
+
+def _gl_primitive(gl: Any, primitive: Primitive) -> Any:
+    texture = None
+    if primitive.texture is not None:
+        # RGBA although opaque: OpenGL pads rows of RGB to four bytes, which shears images of odd width.
+        texture = gl.Texture(source=primitive.texture, source_channels="RGBA")
+    material = gl.MetallicRoughnessMaterial(
+        baseColorFactor=np.array([*primitive.color, 1.0]),
+        baseColorTexture=texture,
+        alphaMode="OPAQUE",
+        doubleSided=False,  # every face is there twice, once for each side
+    )
+    return gl.Primitive(
+        positions=primitive.positions,
+        normals=primitive.normals,
+        texcoord_0=primitive.uv if texture is not None else None,
+        indices=primitive.indices,
+        material=material,
+    )
