@@ -53,6 +53,22 @@ class Regression:
         return {"loss": float((self.module(x) - 3 * x - 1).square().mean())}
 
 
+class Scripted(Regression):
+    """Has the losses it is told, by epoch, whatever its weights are."""
+
+    def __init__(self, training: Sequence[float] = (), validation: Sequence[float] = ()) -> None:
+        super().__init__(plain=True)
+        self.training, self.validation, self.validated = training, validation, 0
+
+    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+        told = self.training[self.validated] if self.training else 1.0
+        return 0 * super().loss(items, generator) + told
+
+    def validate(self) -> dict[str, float]:
+        self.validated += 1
+        return {"loss": self.validation[self.validated - 1] if self.validation else 1.0}
+
+
 def job(folder: Path, seed: int = 0) -> SetJob:
     folder.mkdir(parents=True, exist_ok=True)
     return SetJob(folder, folder, None, seed, {}, console_on(__import__("sys").stdout))
