@@ -11,11 +11,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.hand_file import load_hand
 from pipeline.config.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.kinematics import forward
-from pipeline.kernels.hand.model import load_hand
-from pipeline.kernels.hand.visuals import visual_meshes
 from pipeline.kernels.vision.labels import Label
 from pipeline.toy_objects import CATEGORIES, generate
 from stages.render_vision.renderer import MeshHandle, PosedMesh, Renderer
@@ -60,7 +59,7 @@ def measure() -> dict[str, float]:
     occluded: list[float] = []
     unoccluded: list[float] = []
     with renderer:
-        grip = [(renderer.add(mesh, Label.HAND), frames[link]) for link, mesh in visual_meshes(hand)]
+        grip = [(renderer.add(mesh, Label.HAND), frames[link]) for link, mesh in hand.visual_meshes]
         for category in CATEGORIES:
             mesh = generate(category, np.random.default_rng(0))
             size = np.linalg.norm(np.ptp(mesh.vertices, axis=0))

@@ -22,7 +22,6 @@ from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.kernels.hand import clearance
 from pipeline.kernels.hand.inverse import has_room, solve
 from pipeline.kernels.hand.kinematics import forward, sensor_poses
-from pipeline.kernels.hand.visuals import visual_meshes
 from pipeline.kernels.touch import tactile_image
 from pipeline.kernels.touch.contact import is_touched, local_points, touch_success
 from pipeline.kernels.touch.ray_depth import face_depth, ray_depth
@@ -221,7 +220,7 @@ def _renderer(bench: Bench) -> Iterator[Renderer]:
 def _images(bench: Bench, again: bool = False) -> Results:
     """The object with the hand, `size` + 1 times as if they were several objects."""
     found: dict[str, NDArray[np.uint8]] = {}
-    shapes = visual_meshes(bench.rig.hand)
+    shapes = bench.rig.hand.visual_meshes
     with _renderer(bench) as renderer:
         hand = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in shapes]
         for number in range(bench.size + 1):

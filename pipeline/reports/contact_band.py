@@ -8,11 +8,11 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.hand_file import load_hand
 from pipeline.config.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.kinematics import forward
-from pipeline.kernels.hand.model import Hand, load_hand
-from pipeline.kernels.hand.visuals import visual_meshes
+from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
 from pipeline.reports.contact_sheet import Band, finger_colors
@@ -26,7 +26,7 @@ class BandMaker:
     def __init__(self, renderer: Renderer, scene: Scene, hand: Hand, width: float, gel: float) -> None:
         """Take the hand's shapes into the renderer; the sensors' square is `width` m wide and their gel `gel` m thick."""
         self.renderer, self.scene, self.hand, self.width, self.gel = renderer, scene, hand, width, gel
-        self.shapes = [(link, renderer.add(mesh, Label.HAND), mesh) for link, mesh in visual_meshes(hand)]
+        self.shapes = [(link, renderer.add(mesh, Label.HAND), mesh) for link, mesh in hand.visual_meshes]
 
     def band(
         self,

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.config.hand_file import load_hand
 from pipeline.config.scene_file import load_scene, scene_path
 from pipeline.engine.stage import Cost, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.kinematics import forward
-from pipeline.kernels.hand.model import load_hand
-from pipeline.kernels.hand.visuals import visual_meshes
 from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.kernels.vision.labels import Label
 from pipeline.store.pieces import Row
@@ -68,7 +67,7 @@ class RenderVision:
         """One renderer a worker, with the hand's shapes in it."""
         hand = load_hand(settings.hand)
         with Renderer(load_scene(settings.scene), settings.resolution) as renderer:
-            meshes = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in visual_meshes(hand)]
+            meshes = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in hand.visual_meshes]
 
             def process(task: Task) -> Row:
                 _check_hand(task, settings)

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.hand_file import load_hand
 from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.bodies import Balls, Boxes, collision_balls, collision_boxes
 from pipeline.kernels.hand.distance import DistanceField, distance_field
 from pipeline.kernels.hand.inverse import PostureSamples, Wanted, sample_postures
-from pipeline.kernels.hand.model import Hand, load_hand
+from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.reach import FingerParts, finger_parts
 from pipeline.kernels.touch.face_culling import FaceBlocks, face_blocks
 from pipeline.kernels.touch.sensor import Sensor

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.config.hand_file import load_hand
 from pipeline.config.sensor_file import sensor_path
 from pipeline.engine.stage import Cost, Task
 from pipeline.errors import InvalidInput
-from pipeline.kernels.hand.model import load_hand
 from pipeline.store.pieces import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS

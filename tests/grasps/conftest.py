@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from pipeline.config.hand_file import load_hand
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.model import Hand, load_hand
+from pipeline.kernels.hand.model import Hand
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.attempt import Grasp, attempt
 from stages.simulate_grasps.physics import Simulation, simulation

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
-from pathlib import Path
 
 import numpy as np
 import pybullet
 import pytest
-import yaml
 
 from pipeline.kernels.hand.kinematics import forward, sensor_poses
-from pipeline.kernels.hand.model import Hand, load_hand
-from pipeline.kernels.hand.visuals import visual_meshes
+from pipeline.kernels.hand.model import Hand
 
 FLOAT32 = 2e-6  # PyBullet keeps poses in float32: 0.5e-6 was seen
 
@@ -118,53 +114,7 @@ def test_fingers_close_toward_the_palms_side(hand: Hand) -> None:
 
 def test_the_gel_is_drawn_and_does_not_collide(hand: Hand) -> None:
     tip = hand.fingers[0].tip
-    drawn = np.concatenate([mesh.vertices for link, mesh in visual_meshes(hand) if link == tip])
+    drawn = np.concatenate([mesh.vertices for link, mesh in hand.visual_meshes if link == tip])
     assert drawn[:, 0].max() == pytest.approx(0.0185, abs=1e-5)
     (box,) = hand.links[tip].collisions
     assert box.origin[0, 3] + box.size[0] / 2 == pytest.approx(0.0117)
-
-
-def test_another_urdf_works_by_another_hand_file(hand: Hand, tmp_path: Path, rng: np.random.Generator) -> None:
-    """Other names, other order of links, boxes for looks: all is found by name."""
-    text = hand.urdf.read_text()
-    text = text.replace("link_", "l-").replace("joint_", "j-").replace("base_link", "palm")
-    text = re.sub(r'<mesh filename="[^"]*"/>', '<sphere radius="0.01"/>', text)
-    body = re.findall(r"  <link .*?</link>\n", text, re.S)
-    for link in body:
-        text = text.replace(link, "")
-    text = text.replace("</robot>", "".join(reversed(body)) + "</robot>")
-    (tmp_path / "other.urdf").write_text(text)
-    file = yaml.safe_load(hand.path.read_text())
-    renamed = yaml.safe_dump(file).replace("link_", "l-").replace("joint_", "j-").replace("base_link", "palm")
-    path = tmp_path / "other.yaml"
-    path.write_text(renamed.replace("allegro_right.urdf", "other.urdf"))
-    other = load_hand(path)
-    angles = angles_of(hand, rng)
-    np.testing.assert_array_equal(sensor_poses(other, np.eye(4), angles), sensor_poses(hand, np.eye(4), angles))
-    assert {mesh.vertices.shape for _, mesh in visual_meshes(other)} == {(642, 3)}
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("joint_2.0", "joint_99", "moving joint 'joint_99' is not in allegro_right.urdf, which has joint_0.0"),
-        ("link_3.0_tip", "link_3", "sensor link 'link_3' is not in allegro_right.urdf"),
-        ("link_3.0_tip", "link_7.0_tip", "'link_7.0_tip' is not moved by the joints of finger 'index'"),
-        ("joint_4.0", "joint_0.0", "every moving joint belongs to one finger, but not so joint_0.0"),
-        ("normal: [1, 0, 0]", "normal: [0, 1, 0]", "not perpendicular"),
-        ("urdf: allegro_right.urdf", "urdf: nowhere.urdf", "'nowhere.urdf' is not there"),
-        ("palm:", "palms:", "not a hand file"),
-        ("link: base_link", "link: link_0.0", "is not the root"),
-    ],
-)
-def test_a_wrong_hand_file_is_named_with_what_is_wrong(hand: Hand, tmp_path: Path, old: str, new: str, message: str) -> None:
-    text = hand.path.read_text().replace(old, new, 1)
-    path = tmp_path / "wrong.yaml"
-    path.write_text(text.replace("urdf: allegro_right.urdf", f"urdf: {hand.urdf}"))
-    with pytest.raises(ValueError, match=re.escape(message)):
-        load_hand(path)
-
-
-def test_an_unknown_hand_is_told_which_there_are() -> None:
-    with pytest.raises(ValueError, match=r"no hand is called 'shadow'; there are allegro_right"):
-        load_hand("shadow")

@@ -15,13 +15,13 @@ import trimesh
 from benchmarks.stored_grasps import Seen
 from benchmarks.tradeoff.errors import ERRORS, SOUND, Errors
 from benchmarks.tradeoff.work import Made
+from pipeline.config.hand_file import load_hand
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request, make_plan
 from pipeline.engine.runner import execute
 from pipeline.engine.stage import Task
 from pipeline.kernels.hand.bodies import collision_boxes
 from pipeline.kernels.hand.kinematics import forward
-from pipeline.kernels.hand.model import load_hand
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import untouched_image

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from pipeline.config.hand_file import load_hand
 from pipeline.engine.stage import Task
 from pipeline.errors import InvalidInput
-from pipeline.kernels.hand.model import load_hand
 from pipeline.kernels.vision.camera import project_points
 from pipeline.store.pieces import Row
 from schemas.base import COMMON

@@ -10,8 +10,8 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
+from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.visuals import shape_mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,17 +62,17 @@ def collision_balls(hand: Hand, spacing: float, tolerance: float = 0.0) -> Balls
 
     Raises
     ------
-    ValueError
+    InvalidInput
         A collision shape is flat, or has NaN corners: it encloses nothing.
     """
     centres, radii, links = [np.empty((0, 3))], [np.empty(0)], [np.empty(0, np.intp)]
     for number, link in enumerate(hand.links):
         for shape in link.collisions:
             try:
-                hull = ConvexHull(shape_mesh(shape).vertices)
+                hull = ConvexHull(shape.mesh.vertices)
             except (QhullError, ValueError) as error:
                 what = shape.path or f"{shape.kind} of size {shape.size}"
-                raise ValueError(f"{hand.urdf}: collision shape {what} of link {link.name} is flat or not finite: {error}") from error
+                raise InvalidInput(f"{hand.urdf}: collision shape {what} of link {link.name} is flat or not finite: {error}") from error
             points, depth = _fill(hull, spacing)
             kept = _prune(points, depth, tolerance) if tolerance > 0 else np.arange(len(points))
             centres.append(points[kept])
@@ -86,7 +86,7 @@ def collision_boxes(hand: Hand) -> Boxes:
     frames, halves, links = [], [], []
     for number, link in enumerate(hand.links):
         for shape in link.collisions:
-            local = trimesh.transform_points(shape_mesh(shape).vertices, np.linalg.inv(shape.origin))
+            local = trimesh.transform_points(shape.mesh.vertices, np.linalg.inv(shape.origin))
             low, high = local.min(axis=0), local.max(axis=0)
             shift = np.eye(4)
             shift[:3, 3] = (low + high) / 2

@@ -1,59 +1,84 @@
-"""A hand: its URDF's links and joints, and what the hand file says they are for."""
+"""The model of a hand: links and joints, and which of them are fingers with a sensor."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pipeline.kernels.hand.urdf import MOVING, Joint, Link, parse_urdf
-
-Vector = tuple[float, float, float]
+from pipeline.kernels.geometry.mesh import Mesh
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A visual or collision shape of a link.
+
+    Attributes
+    ----------
+    kind, size
+        "box" and its (x, y, z), "sphere" and its (radius,), "cylinder" and its (radius, length along z), in m; or "mesh" and the
+        (x, y, z) scale of its file.
+    origin
+        (4, 4) frame of the shape in its link's frame.
+    mesh
+        The shape in its link's frame, m, with its colour.
+    path
+        The mesh file, None for other kinds.
+    """
+
+    kind: str
+    size: tuple[float, ...]
+    origin: NDArray[np.float64]
+    mesh: Mesh
+    path: Path | None = None
 
 
-class _SensorMount(_Part):
-    link: str
-    origin: Vector
-    normal: Vector
-    columns: Vector
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A rigid part of a hand: its name and shapes."""
 
-
-class _FingerEntry(_Part):
     name: str
-    joints: list[str] = Field(min_length=1)
-    sensor: _SensorMount
+    visuals: tuple[Shape, ...]
+    collisions: tuple[Shape, ...]
 
 
-class _PalmEntry(_Part):
-    link: str
-    facing: Vector
-    centre: Vector
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint from link number `parent` to link number `child`.
 
+    `origin` (4, 4) is the child's frame in the parent's at rest, `axis` a unit vector in the child's frame; limits in rad, of a
+    prismatic joint in m.
+    """
 
-class _HandFile(_Part):
     name: str
-    urdf: str
-    sensor: str
-    palm: _PalmEntry
-    fingers: list[_FingerEntry] = Field(min_length=1)
+    kind: str
+    parent: int
+    child: int
+    origin: NDArray[np.float64]
+    axis: NDArray[np.float64]
+    lower: float
+    upper: float
 
 
 @dataclass(frozen=True, eq=False)
 class Finger:
-    """A finger: `joints` are entries of the joint vector, `links` the links it moves, base to tip.
+    """A finger with one sensor.
 
-    `sensor_pose` (4, 4) is the sensor's frame in the frame of link `tip`: origin at the centre of the sensor plane (the gel's base),
-    +z outward, +x along image columns, +y along image rows.
+    Attributes
+    ----------
+    name
+        As the hand file calls it.
+    joints
+        Its entries of the joint vector.
+    links
+        The links that it moves, base to tip.
+    tip
+        The link that carries the sensor.
+    sensor_pose
+        (4, 4) sensor frame in the tip's frame: origin at the centre of the sensor plane, +z outward, +x along image columns, +y along
+        image rows.
     """
 
     name: str
@@ -65,7 +90,7 @@ class Finger:
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """A hand of L links, J joints that move and S fingers, each with one sensor.
+    """A hand of L links, J joints that move and S fingers.
 
     Attributes
     ----------
@@ -76,7 +101,7 @@ class Hand:
     sensor
         Name or path of the sensor file that every finger wears.
     links, joints
-        The URDF tree, the root link first, parents before children; fixed joints are among `joints`.
+        The URDF tree: the root link first, parents before children. Fixed joints are among `joints`.
     joint_links
         (J,) link that each entry of the joint vector moves: entry j is `joints[joint_links[j] - 1]`.
     joint_names, lower, upper
@@ -84,7 +109,7 @@ class Hand:
     fingers
         In sensor order.
     palm_facing, palm_centre
-        (3,) unit outward normal of the palm and the point of its face that is set over the object, in the root link's frame.
+        (3,) unit outward normal of the palm, and the point of its face that is set over the object, in the root link's frame.
     """
 
     name: str
@@ -103,101 +128,11 @@ class Hand:
 
     @property
     def files(self) -> list[Path]:
-        """The files this hand is made of, to be hashed into a key: hand file, URDF, meshes."""
-        meshes = {s.path for link in self.links for s in (*link.visuals, *link.collisions) if s.path is not None}
+        """The files that describe this hand: hand file, URDF, meshes."""
+        meshes = {shape.path for link in self.links for shape in (*link.visuals, *link.collisions) if shape.path is not None}
         return [self.path, self.urdf, *sorted(meshes)]
 
-
-def load_hand(name: str | Path) -> Hand:
-    """The hand called `name` among the project's own (`allegro_right`), or described by the hand file at that path.
-
-    Raises `ValueError`, naming file, entry and way out, when the hand file is malformed or names what its URDF does not have.
-    """
-    path = _find(name)
-    try:
-        entries: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-        file = _HandFile.model_validate(entries)
-    except (yaml.YAMLError, ValidationError) as error:
-        raise ValueError(f"{path}: not a hand file: {error}\nsee pipeline/assets/hands/allegro_right.yaml for one") from error
-    urdf = path.parent / Path(file.urdf).expanduser()
-    if not urdf.is_file():
-        raise ValueError(f"{path}: urdf {file.urdf!r} is not there ({urdf}); give a path relative to the hand file, or an absolute one")
-    links, joints = parse_urdf(urdf)
-    link_numbers = {link.name: i for i, link in enumerate(links)}
-    moving = {joint.name: joint for joint in joints if joint.kind in MOVING}
-
-    def find(kind: str, wanted: str, known: dict[str, Any]) -> Any:
-        if wanted not in known:
-            raise ValueError(f"{path}: {kind} {wanted!r} is not in {urdf.name}, which has {', '.join(sorted(known))}")
-        return known[wanted]
-
-    names = [joint for finger in file.fingers for joint in finger.joints]
-    chosen = [find("moving joint", joint, moving) for joint in names]
-    if len(set(names)) < len(names) or len(names) < len(moving):
-        wrong = sorted({n for n in names if names.count(n) > 1} or set(moving) - set(names))
-        raise ValueError(f"{path}: every moving joint belongs to one finger, but not so {', '.join(wrong)}")
-    if find("palm link", file.palm.link, link_numbers) != 0:
-        raise ValueError(f"{path}: palm link {file.palm.link!r} is not the root of {urdf.name}, which is {links[0].name!r}")
-    fingers = []
-    for entry in file.fingers:
-        own = tuple(names.index(joint) for joint in entry.joints)
-        tip = find("sensor link", entry.sensor.link, link_numbers)
-        moved = _descendants(joints, {chosen[j].child for j in own})
-        if tip not in moved:
-            raise ValueError(f"{path}: sensor link {entry.sensor.link!r} is not moved by the joints of finger {entry.name!r}")
-        fingers.append(Finger(entry.name, own, moved, tip, _sensor_pose(entry, path)))
-    return Hand(
-        name=file.name,
-        path=path,
-        urdf=urdf,
-        sensor=file.sensor,
-        links=links,
-        joints=joints,
-        joint_links=tuple(joint.child for joint in chosen),
-        joint_names=tuple(names),
-        lower=np.array([joint.lower for joint in chosen]),
-        upper=np.array([joint.upper for joint in chosen]),
-        fingers=tuple(fingers),
-        palm_facing=_unit(file.palm.facing, path, "palm facing"),
-        palm_centre=np.array(file.palm.centre, np.float64),
-    )
-
-
-def _find(name: str | Path) -> Path:
-    path = Path(name).expanduser()
-    if path.suffix in (".yaml", ".yml"):
-        if not path.is_file():
-            raise ValueError(f"hand file {path} is not there; give a path to one, or the name of one of the project's hands")
-        return path.resolve()
-    folder = Path(str(resources.files("pipeline") / "assets" / "hands"))
-    known = {file.stem: file for file in folder.glob("*.yaml")}
-    if str(name) not in known:
-        raise ValueError(f"no hand is called {str(name)!r}; there are {', '.join(sorted(known))}, or give the path of a hand file (.yaml)")
-    return known[str(name)]
-
-
-def _descendants(joints: tuple[Joint, ...], roots: set[int]) -> tuple[int, ...]:
-    """Numbers of the given links and of all that hang on them; `joints` come parents first."""
-    found = set(roots)
-    for joint in joints:
-        if joint.parent in found:
-            found.add(joint.child)
-    return tuple(sorted(found))
-
-
-def _sensor_pose(entry: _FingerEntry, path: Path) -> NDArray[np.float64]:
-    z = _unit(entry.sensor.normal, path, f"{entry.name}: normal")
-    x = _unit(entry.sensor.columns, path, f"{entry.name}: columns")
-    if abs(x @ z) > 1e-6:  # a typing slip, not a rounding: the two are written by hand
-        raise ValueError(f"{path}: {entry.name}: normal {entry.sensor.normal} and columns {entry.sensor.columns} are not perpendicular")
-    pose = np.eye(4)
-    pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
-    pose[:3, 3] = entry.sensor.origin
-    return pose
-
-
-def _unit(vector: Vector, path: Path, what: str) -> NDArray[np.float64]:
-    length = float(np.linalg.norm(vector))
-    if length == 0:
-        raise ValueError(f"{path}: {what} is the zero vector; give a direction")
-    return np.array(vector, np.float64) / length
+    @property
+    def visual_meshes(self) -> list[tuple[int, Mesh]]:
+        """What the hand looks like: (number of a link, mesh in that link's frame); gels included."""
+        return [(number, shape.mesh) for number, link in enumerate(self.links) for shape in link.visuals]

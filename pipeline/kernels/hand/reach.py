@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.bodies import Balls
 from pipeline.kernels.hand.distance import DistanceField
 from pipeline.kernels.hand.model import Hand
@@ -41,7 +42,7 @@ def finger_parts(hand: Hand, balls: Balls, width: float, thickness: float) -> Fi
     """Sort `balls` by finger and lay probes into gels of the given width and thickness, m."""
     bodiless = [finger.name for finger in hand.fingers if not len(balls.of(finger.links).radii)]
     if bodiless:
-        raise ValueError(
+        raise InvalidInput(
             f"{hand.urdf}: no link of {', '.join(bodiless)} has a collision shape; a finger needs one not to reach through things"
         )
     tips = tuple(balls.of([finger.tip]) for finger in hand.fingers)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from pipeline.config.hand_file import load_hand
 from pipeline.engine.stage import Task
-from pipeline.kernels.hand.model import load_hand
-from pipeline.kernels.hand.visuals import visual_meshes
 from pipeline.kernels.vision.primitives import faces_by_material, shrink_texture
 from pipeline.tuning.explain import Part
 from stages.render_vision.settings import VisionSettings
@@ -15,7 +14,7 @@ from stages.render_vision.settings import VisionSettings
 
 def explain(settings: VisionSettings, models: Mapping[str, Path], tasks: Sequence[Task]) -> Iterator[Part]:
     """Count images, hand shapes and looks of these objects."""
-    shapes = len(visual_meshes(load_hand(settings.hand)))
+    shapes = len(load_hand(settings.hand).visual_meshes)
     for number, task in enumerate(tasks):
         grasps = len(task.inputs["grasps"]["hand_pose"])
         held = grasps if settings.occluded else 0
