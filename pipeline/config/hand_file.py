@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pipeline.config.description_file import description_path, read_description
 from pipeline.config.urdf import MOVING, read_urdf
 from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.model import Finger, Hand, Joint
 
 Vector = tuple[float, float, float]
@@ -127,7 +128,7 @@ def _find(kind: str, name: str, known: Mapping[str, Value]) -> Value:
 
 
 def _unit(vector: Vector, what: str) -> NDArray[np.float64]:
-    length = float(np.linalg.norm(vector))
-    if length == 0:
+    size = float(length(vector))
+    if size == 0:
         raise InvalidInput(f"{what} is the zero vector; give a direction")
-    return np.array(vector, np.float64) / length
+    return np.array(vector, np.float64) / size

@@ -10,10 +10,10 @@ from xml.etree.ElementTree import Element, ParseError, parse
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.geometry.transforms import length, rotation_from_euler, transform_points
 from pipeline.kernels.hand.model import Joint, Link, Shape
 
 Color = tuple[int, int, int]
@@ -80,7 +80,7 @@ def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
         lower, upper = -np.pi, np.pi
     if kind in MOVING and not lower < upper:
         raise InvalidInput(f"joint {name} has limits {lower} … {upper}; the lower one must be the smaller")
-    return Joint(name, kind, ends[0], ends[1], _origin(element), axis / np.linalg.norm(axis), lower, upper)
+    return Joint(name, kind, ends[0], ends[1], _origin(element), axis / length(axis), lower, upper)
 
 
 def _in_tree_order(links: tuple[Link, ...], joints: list[Joint]) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
@@ -122,7 +122,7 @@ def _shape(element: Element, folder: Path, materials: Mapping[str, Color]) -> Sh
             body.vertices = body.vertices * np.array(size)
         else:
             continue
-        vertices = np.ascontiguousarray(trimesh.transform_points(body.vertices, origin), np.float64)
+        vertices = np.ascontiguousarray(transform_points(origin, body.vertices), np.float64)
         mesh = Mesh(vertices, np.ascontiguousarray(body.faces, np.int32), Look.plain(len(vertices), len(body.faces), color))
         return Shape(part.tag, size, origin, mesh, path)
     raise InvalidInput(f"a {element.tag} has no box, sphere, cylinder or mesh")
@@ -183,6 +183,6 @@ def _numbers(element: Element | None, key: str, default: tuple[float, ...]) -> N
 def _origin(element: Element) -> NDArray[np.float64]:
     origin = element.find("origin")
     pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("xyz", _numbers(origin, "rpy", (0.0, 0.0, 0.0))).as_matrix()  # fixed axes, as URDF says
+    pose[:3, :3] = rotation_from_euler(_numbers(origin, "rpy", (0.0, 0.0, 0.0)))  # fixed axes, as URDF says
     pose[:3, 3] = _numbers(origin, "xyz", (0.0, 0.0, 0.0))
     return pose

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from pipeline.kernels.vision.camera import camera_pose, look_at, project_points, projection_matrix, rotation_from_euler
+from pipeline.kernels.geometry.transforms import rotation_from_euler
+from pipeline.kernels.vision.camera import camera_pose, look_at, project_points, projection_matrix
 from pipeline.kernels.vision.scene import Scene
 from tests.vision.shapes import CENTRE, SCENE, ball
 
@@ -26,7 +27,7 @@ def test_pose_is_a_rotation_and_turns_about_the_worlds_axes_in_turn() -> None:
     assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-14)
     assert np.linalg.det(rotation) == pytest.approx(1)
     # Quarter turns about x, then z: y goes to z and stays there; z goes to -y, and then to x.
-    quarter = rotation_from_euler((90.0, 0.0, 90.0))
+    quarter = rotation_from_euler((np.pi / 2, 0.0, np.pi / 2))
     assert quarter @ [0, 1, 0] == pytest.approx([0, 0, 1], abs=1e-15)
     assert quarter @ [0, 0, 1] == pytest.approx([1, 0, 0], abs=1e-15)
 

@@ -17,6 +17,7 @@ from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
+from pipeline.kernels.geometry.transforms import length, sin_cos
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 
 DIRECTIONS = 256
@@ -49,7 +50,7 @@ class EscapeTest:
         corners = mesh.vertices[np.unique(mesh.faces)]
         low, high = corners.min(axis=0), corners.max(axis=0)
         self._centre = (low + high) / 2
-        self._scale = 1 / float(np.linalg.norm(high - low))  # Embree computes in float32: unit size, at the origin
+        self._scale = 1 / float(length(high - low))  # Embree computes in float32: unit size, at the origin
         self._scene = rtcore_scene.EmbreeScene()
         local = ((mesh.vertices - self._centre) * self._scale).astype(np.float32)
         self._mesh = TriangleMesh(self._scene, local, mesh.faces)
@@ -86,7 +87,7 @@ class EscapeTest:
         rays = np.tile(directions.astype(np.float32), (len(points), 1))
         hit = np.asarray(self._scene.run(origins, rays, query="OCCLUDED")).reshape(len(points), -1)
         free = hit != 0
-        ahead = normals @ directions.T > 0
+        ahead = np.einsum("nc,cd->nd", normals, np.ascontiguousarray(directions.T)) > 0
         return (free & ahead).sum(axis=1), (free & ~ahead).sum(axis=1)
 
 
@@ -95,7 +96,8 @@ def spread_directions(count: int) -> NDArray[np.float64]:
     index = np.arange(count) + 0.5
     z = 1 - 2 * index / count
     angle = index * np.pi * (3 - np.sqrt(5))
-    lattice = np.stack([np.sqrt(1 - z * z) * np.cos(angle), np.sqrt(1 - z * z) * np.sin(angle), z], axis=1)
+    sin, cos = sin_cos(angle)
+    lattice = np.stack([np.sqrt(1 - z * z) * cos, np.sqrt(1 - z * z) * sin, z], axis=1)
     golden = (np.arange(count) * ((np.sqrt(5) - 1) / 2)) % 1  # a low-discrepancy order
     return np.ascontiguousarray(lattice[np.argsort(np.argsort(golden, kind="stable"), kind="stable")])
 

@@ -69,7 +69,9 @@ def _closed(places: NDArray[np.intp]) -> bool:
 
 
 def _keep_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
-    """The mesh with these faces and the vertices they use."""
-    used, faces = np.unique(mesh.faces[keep], return_inverse=True)
+    """The mesh with these faces and the vertices they use, in the order of their use: readers of files number them by an unstable sort."""
+    vertices, first, entry = np.unique(mesh.faces[keep], return_index=True, return_inverse=True)
+    order = np.argsort(first, kind="stable")
+    used, faces = vertices[order], np.argsort(order, kind="stable")[entry]
     look: Look = replace(mesh.look, uv=mesh.look.uv[used], face_material=mesh.look.face_material[keep])
     return Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32), look)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.transforms import length
 
 POSITION = np.array([0.0, 0.0, 0.6])
 """Where the centre of an object's bounding box stands in the world, m."""
@@ -34,7 +35,7 @@ def normalise_mesh(mesh: Mesh, up: str, diagonal: float, metres_per_unit: float 
         raise ValueError(f"of {len(mesh.vertices)} vertices some are NaN or infinite, or there are none; gate the mesh first")
     upright = mesh.vertices @ _TO_Z_UP[up].T
     low, high = upright.min(axis=0), upright.max(axis=0)
-    size = float(np.linalg.norm(high - low))
+    size = float(length(high - low))
     if size == 0:
         raise ValueError(f"all {len(upright)} vertices are at {low}: nothing can be scaled to a size; gate the mesh first")
     scale = metres_per_unit if metres_per_unit is not None else diagonal / size

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.geometry.transforms import compose, solve_3x3
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
 
@@ -30,5 +31,6 @@ def draw_back(hand: Hand, joint_angles: NDArray[np.float64], distances: Sequence
         joints = list(finger.joints)
         own = jacobian[s][:, joints]
         for row, distance in enumerate(distances):
-            opened[row, joints] -= own.T @ np.linalg.solve(own @ own.T + DAMPING**2 * np.eye(3), distance * rest[s, :3, 2])
+            step = solve_3x3(compose(own, own.T) + DAMPING**2 * np.eye(3), distance * rest[s, :3, 2])
+            opened[row, joints] -= (own * step[:, None]).sum(axis=0)
     return np.clip(opened, hand.lower, hand.upper)

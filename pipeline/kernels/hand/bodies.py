@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.transforms import compose, invert_pose, transform_points
 from pipeline.kernels.hand.model import Hand
 
 
@@ -86,11 +87,11 @@ def collision_boxes(hand: Hand) -> Boxes:
     frames, halves, links = [], [], []
     for number, link in enumerate(hand.links):
         for shape in link.collisions:
-            local = trimesh.transform_points(shape.mesh.vertices, np.linalg.inv(shape.origin))
+            local = transform_points(invert_pose(shape.origin), shape.mesh.vertices)
             low, high = local.min(axis=0), local.max(axis=0)
             shift = np.eye(4)
             shift[:3, 3] = (low + high) / 2
-            frames.append(shape.origin @ shift)
+            frames.append(compose(shape.origin, shift))
             halves.append((high - low) / 2)
             links.append(number)
     return Boxes(np.array(frames).reshape(-1, 4, 4), np.array(halves).reshape(-1, 3), np.array(links, np.intp))
@@ -103,7 +104,7 @@ def _fill(hull: ConvexHull, spacing: float) -> tuple[NDArray[np.float64], NDArra
     counts = np.ceil((high - low) / spacing).astype(int)
     axes = [a + (np.arange(n) + 0.5) / n * (b - a) for a, b, n in zip(low, high, counts, strict=True)]
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    depth = -(lattice @ normals.T + offsets).max(axis=1)
+    depth = -(np.einsum("pc,cf->pf", lattice, np.ascontiguousarray(normals.T)) + offsets).max(axis=1)
     subdivide: Any = trimesh.remesh.subdivide_to_size
     surface, _ = subdivide(hull.points, hull.simplices, max_edge=spacing)
     surface = np.unique(np.round(surface, 9), axis=0)  # faces are split one by one: their common edges come twice

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.bodies import Boxes
 from pipeline.kernels.hand.boxes import box_gap
 from pipeline.kernels.hand.model import Hand
@@ -54,7 +55,7 @@ def _blocked(hand: Hand, boxes: Boxes, frames: NDArray[np.float64], gap: float) 
     fingers, options = len(hand.fingers), len(frames)
     blocked = np.zeros((fingers, fingers, options, options), bool)
     own = [np.flatnonzero(np.isin(boxes.link, finger.links)) for finger in hand.fingers]
-    world = frames[:, boxes.link] @ boxes.frames  # (O, C, 4, 4)
+    world = compose(frames[:, boxes.link], boxes.frames)  # (O, C, 4, 4)
     radius = np.linalg.norm(boxes.half, axis=1)
     for a in range(fingers):
         for b in range(a + 1, fingers):
@@ -105,6 +106,6 @@ def _owners(hand: Hand) -> list[int]:
 
 def _pair_gaps(boxes: Boxes, frames: NDArray[np.float64], pairs: list[tuple[int, int]]) -> NDArray[np.float64]:
     """(N, pairs) gaps for link frames (N, L, 4, 4)."""
-    world = frames[:, boxes.link] @ boxes.frames
+    world = compose(frames[:, boxes.link], boxes.frames)
     first, second = (list(part) for part in zip(*pairs, strict=True)) if pairs else ([], [])
     return box_gap(world[:, first], boxes.half[first], world[:, second], boxes.half[second])

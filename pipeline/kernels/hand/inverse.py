@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.bodies import Boxes
 from pipeline.kernels.hand.choice import choose_together, fingers_free_of_palm
 from pipeline.kernels.hand.distance import DistanceField
@@ -98,7 +99,7 @@ def has_room(
     without = np.ones(samples.free.shape[1], bool)
     for some in np.array_split(rows, SPREAD // A_FEW):
         asked = samples.free[some] & without
-        frames = pose @ samples.frames[some]
+        frames = compose(pose, samples.frames[some])
         asked &= clearance_of(parts.tips, field, frames, asked) >= clearance
         without &= ~(asked & (clearance_of(parts.others, field, frames, asked) >= clearance)).any(axis=0)
         if not without.any():
@@ -200,7 +201,8 @@ def _nth(value: NDArray[np.float64], count: int) -> NDArray[np.float64]:
 
 def looked_at(samples: PostureSamples, field: DistanceField, pose: NDArray[np.float64], wanted: Wanted) -> NDArray[np.intp]:
     """(LOOKED_AT + SPREAD, S) rows of `samples` whose clearance is computed: each finger's with most contact, and some of all."""
-    turned = np.tensordot(pose[:3, :3].astype(np.float32), samples.probes, axes=1) + pose[:3, 3].astype(np.float32)[:, None, None, None]
+    turn, shift = pose[:3, :3].astype(np.float32), pose[:3, 3].astype(np.float32)
+    turned = np.einsum("ij,jksp->iksp", turn, samples.probes) + shift[:, None, None, None]
     contact, coverage = gel_contact(field, turned, wanted.contact)  # (K, S)
     excess = np.maximum(np.abs(contact - wanted.contact + NEAR_CONTACT) - NEAR_CONTACT, 0) / MILLIMETRE
     first = np.where(samples.free, coverage - excess, -np.inf)
@@ -218,7 +220,7 @@ def _mix(
     for s, finger in enumerate(hand.fingers):
         angles[:, list(finger.joints)] = samples.joint_angles[rows[:, s]][:, list(finger.joints)]
         frames[:, list(finger.links)] = samples.frames[rows[:, s]][:, list(finger.links)]
-    return angles, pose @ frames
+    return angles, compose(pose, frames)
 
 
 def _best(hand: Hand, angles: NDArray[np.float64], value: NDArray[np.float64], count: int) -> NDArray[np.float64]:

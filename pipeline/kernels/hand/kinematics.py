@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.geometry.transforms import compose, sin_cos
 from pipeline.kernels.hand.model import Hand
 
 
@@ -46,9 +47,9 @@ def chain_forward(hand: Hand, frames: NDArray[np.float64], joint_angles: NDArray
     entry = {link: j for j, link in enumerate(hand.joint_links)}
     for link in links:
         joint = hand.joints[link - 1]
-        frame = frames[..., joint.parent, :, :] @ joint.origin
+        frame = compose(frames[..., joint.parent, :, :], joint.origin)
         if link in entry:
-            frame = frame @ _motion(joint.kind, joint.axis, joint_angles[..., entry[link]])
+            frame = compose(frame, _motion(joint.kind, joint.axis, joint_angles[..., entry[link]]))
         frames[..., link, :, :] = frame
 
 
@@ -59,7 +60,7 @@ def sensor_poses(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArr
 
 def sensors_on(hand: Hand, frames: NDArray[np.float64]) -> NDArray[np.float64]:
     """(..., S, 4, 4) float64 sensor frames P in the world, of a hand whose link frames are (..., L, 4, 4)."""
-    return np.stack([frames[..., f.tip, :, :] @ f.sensor_pose for f in hand.fingers], axis=-3)
+    return np.stack([compose(frames[..., f.tip, :, :], f.sensor_pose) for f in hand.fingers], axis=-3)
 
 
 def _motion(kind: str, axis: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -70,6 +71,6 @@ def _motion(kind: str, axis: NDArray[np.float64], value: NDArray[np.float64]) ->
         return motion
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    sin, cos = np.sin(value)[..., None, None], np.cos(value)[..., None, None]
-    motion[..., :3, :3] += sin * cross + (1 - cos) * (cross @ cross)
+    sin, cos = (part[..., None, None] for part in sin_cos(value))
+    motion[..., :3, :3] += sin * cross + (1 - cos) * compose(cross, cross)
     return motion

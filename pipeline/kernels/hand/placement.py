@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.geometry.transforms import compose, invert_pose, length, sin_cos
 from pipeline.kernels.hand.model import Hand
 
 
@@ -31,18 +32,18 @@ def tangent_pose(hand: Hand, point: NDArray[np.float64], normal: NDArray[np.floa
     if not (np.isfinite(point).all() and 0 < longest < np.inf):
         raise ValueError(f"no hand can face the point {point} with normal {normal}: they must be finite, the normal not zero")
     normal = normal / longest  # of any length: its square may not leave float64's range
-    return _frame(normal, angle, point + distance * normal / np.linalg.norm(normal)) @ np.linalg.inv(
-        _frame(-hand.palm_facing, 0.0, hand.palm_centre)
-    )
+    palm = _frame(-hand.palm_facing, 0.0, hand.palm_centre)
+    return compose(_frame(normal, angle, point + distance * normal / length(normal)), invert_pose(palm))
 
 
 def _frame(z: NDArray[np.float64], angle: float, origin: NDArray[np.float64]) -> NDArray[np.float64]:
     """A right-handed frame with the given third axis, turned about it by `angle`."""
-    z = z / np.linalg.norm(z)
+    z = z / length(z)
     x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
-    x /= np.linalg.norm(x)
+    x /= length(x)
     y = np.cross(z, x)
+    sin, cos = sin_cos(angle)
     frame = np.eye(4)
-    frame[:3, :3] = np.column_stack([np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x, z])
+    frame[:3, :3] = np.column_stack([cos * x + sin * y, cos * y - sin * x, z])
     frame[:3, 3] = origin
     return frame

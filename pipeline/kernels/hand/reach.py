@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.bodies import Balls
 from pipeline.kernels.hand.distance import DistanceField
 from pipeline.kernels.hand.model import Hand
@@ -49,8 +50,8 @@ def finger_parts(hand: Hand, balls: Balls, width: float, thickness: float) -> Fi
     others = tuple(balls.of([link for link in finger.links if link != finger.tip]) for finger in hand.fingers)
     steps = ((np.arange(PROBES) + 0.5) / PROBES - 0.5) * width
     x, y = (axis.ravel() for axis in np.meshgrid(steps, steps))
-    points = np.stack([x, y, np.full_like(x, PROBE_DEPTH * thickness), np.ones_like(x)])
-    probes = np.stack([(finger.sensor_pose @ points)[:3].T for finger in hand.fingers])
+    points = np.stack([x, y, np.full_like(x, PROBE_DEPTH * thickness)], axis=-1)
+    probes = np.stack([transform_points(finger.sensor_pose, points) for finger in hand.fingers])
     return FingerParts(tips, others, probes)
 
 
@@ -94,5 +95,5 @@ def ball_points(balls: Balls, frames: NDArray[Any]) -> NDArray[Any]:
     centres = np.concatenate([balls.centres.T, np.ones((1, len(balls.link)))]).astype(frames.dtype)
     edges = np.flatnonzero(np.diff(balls.link, prepend=-1, append=-1))
     for first, last in pairwise(edges):
-        points[:, :, first:last] = np.moveaxis(frames[:, balls.link[first], :3] @ centres[:, first:last], 1, 0)
+        points[:, :, first:last] = np.einsum("nij,jb->inb", frames[:, balls.link[first], :3], centres[:, first:last])
     return points

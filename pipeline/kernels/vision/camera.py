@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from pipeline.kernels.geometry.transforms import compose, invert_pose, rotation_from_euler
+
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
 
@@ -55,19 +57,10 @@ class Camera(BaseModel):
         )
 
 
-def rotation_from_euler(degrees: Vector) -> NDArray[np.float64]:
-    """Compute the (3, 3) rotation R = Rz Ry Rx of extrinsic XYZ Euler angles."""
-    (cx, cy, cz), (sx, sy, sz) = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
-    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
-    return np.asarray(about_z @ about_y @ about_x, np.float64)
-
-
 def camera_pose(camera: Camera) -> NDArray[np.float64]:
     """Compute the (4, 4) pose of a camera, camera frame to world frame: columns right, up, backwards, position."""
     pose = np.eye(4)
-    pose[:3, :3] = rotation_from_euler(camera.rotation)
+    pose[:3, :3] = rotation_from_euler(np.deg2rad(camera.rotation))
     pose[:3, 3] = camera.position
     return pose
 
@@ -81,8 +74,8 @@ def projection_matrix(camera: Camera) -> NDArray[np.float64]:
     w <= 0 lie behind the camera.
     """
     intrinsic = np.array([[camera.focal[0], 0, camera.centre[0]], [0, camera.focal[1], camera.centre[1]], [0, 0, 1.0]])
-    to_camera = np.linalg.inv(camera_pose(camera))[:3]  # (3, 4), y up and z backwards
-    return np.asarray(intrinsic @ np.diag([1.0, -1.0, -1.0]) @ to_camera)
+    to_camera = invert_pose(camera_pose(camera))[:3]  # (3, 4), y up and z backwards
+    return compose(intrinsic * [1.0, -1.0, -1.0], to_camera)
 
 
 def project_points(matrix: NDArray[np.float64], points: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -1,0 +1,90 @@
+"""Rigid transforms, equal to the last bit on every x86-64 processor.
+
+`@` and `np.linalg` hand small matrices to BLAS and LAPACK, which round differently from one processor to the next. So do the sines of
+numpy and of the C library. Here products are added in a fixed order, and sines are rounded from extended precision.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.kernels.compiled import compiled
+
+
+def compose(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Multiply matrices, as `left @ right` does.
+
+    Parameters
+    ----------
+    left, right
+        (..., N, K) and (..., K, M) float64: two poses (4, 4), for example; leading dimensions broadcast.
+
+    Returns
+    -------
+    (..., N, M) float64.
+    """
+    if left.shape[-1] != right.shape[-2]:
+        raise ValueError(f"no product of matrices {left.shape} and {right.shape}: the last dimension must be the other's last but one")
+    batch = np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
+    product = np.empty((*batch, left.shape[-2], right.shape[-1]))
+    _multiply(_stacked(left, batch), _stacked(right, batch), product.reshape(-1, *product.shape[-2:]))
+    return product
+
+
+def _stacked(matrices: NDArray[np.float64], batch: tuple[int, ...]) -> NDArray[np.float64]:
+    """Copy matrices (..., N, K), broadcast to `batch`, as (B, N, K)."""
+    shape = matrices.shape[-2:]
+    return np.array(np.broadcast_to(matrices, (*batch, *shape)), np.float64, order="C").reshape(-1, *shape)
+
+
+@compiled("void(float64[:, :, ::1], float64[:, :, ::1], float64[:, :, ::1])")
+def _multiply(left: NDArray[np.float64], right: NDArray[np.float64], product: NDArray[np.float64]) -> None:
+    for n in range(product.shape[0]):
+        for row in range(product.shape[1]):
+            for col in range(product.shape[2]):
+                total = 0.0
+                for k in range(left.shape[2]):
+                    total += left[n, row, k] * right[n, k, col]
+                product[n, row, col] = total
+
+
+def transform_points(pose: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Transform points (..., P, 3) by poses (..., 4, 4): (..., P, 3) float64, in the frame that the poses are given in."""
+    turned = np.einsum("...ij,...pj->...pi", pose[..., :3, :3], points)  # einsum calls no BLAS unless it is asked to optimise
+    return np.asarray(turned + pose[..., None, :3, 3])
+
+
+def invert_pose(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Invert rigid transforms (..., 4, 4)."""
+    inverse = pose.copy()
+    inverse[..., :3, :3] = np.swapaxes(pose[..., :3, :3], -1, -2)
+    inverse[..., :3, 3] = -np.einsum("...ij,...j->...i", inverse[..., :3, :3], pose[..., :3, 3])
+    return inverse
+
+
+def solve_3x3(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Solve `matrix` (3, 3) x = `target` (3,) by Cramer's rule; the error grows with the matrix's condition."""
+    columns = matrix.T
+    crosses = np.cross(columns[[1, 2, 0]], columns[[2, 0, 1]])
+    return np.asarray((crosses * target).sum(axis=1) / (crosses[0] * columns[0]).sum())
+
+
+def length(vectors: ArrayLike) -> NDArray[np.float64]:
+    """Compute Euclidean lengths along the last axis; `np.linalg.norm` without an axis calls BLAS."""
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
+def sin_cos(angles: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Compute sines and cosines of angles, rad."""
+    extended = np.asarray(angles, np.longdouble)
+    return np.sin(extended).astype(np.float64), np.cos(extended).astype(np.float64)
+
+
+def rotation_from_euler(angles: ArrayLike) -> NDArray[np.float64]:
+    """Compute the rotation (3, 3) by extrinsic XYZ Euler angles (3,), rad: R = Rz Ry Rx, about the fixed x axis first."""
+    (sx, sy, sz), (cx, cy, cz) = sin_cos(angles)
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return compose(compose(about_z, about_y), about_x)
