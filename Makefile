@@ -34,11 +34,11 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system dataset summary train train-unet evaluate report reproduce test test-slow lint bench bench-peers tradeoff clean FORCE
+.PHONY: help setup system dataset summary train train-unet evaluate report reproduce test test-slow lint bench bench-peers tradeoff tradeoff-missing clean FORCE
 FORCE:
 
 help:  ## list the targets
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-16s %s\n", $$1, $$2}'
 
 dataset: summary  ## make the data set, then print its statistics and draw its contact sheets
 
@@ -128,6 +128,9 @@ bench: $(VENV)/installed-dev  ## measure every stage beside its raw limit, in on
 
 tradeoff: $(VENV)/installed-dev  ## measure what every setting costs and how wrong it is; writes docs/tradeoff.md (about two hours)
 	@$(BIN)/python -m benchmarks.tradeoff
+
+tradeoff-missing: $(VENV)/installed-dev  ## list the settings that make tradeoff has not measured, or on older code
+	@$(BIN)/python -m benchmarks.tradeoff.missing
 
 PEERS    := .venv-peers
 

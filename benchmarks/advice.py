@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.tradeoff.errors import ERRORS
-from benchmarks.tradeoff.variants import Study, Variant, studies
-from benchmarks.tradeoff.work import COMMON, MADE_BY, VT_PIPELINE, Made, command, link_common
+from benchmarks.tradeoff.runs import COMMON, MADE_BY, VT_PIPELINE, Made, command, link_common
+from benchmarks.tradeoff.study_plan import StudyPlan, Variant, study_plans
 
 PRESET = "standard"
 
@@ -55,18 +55,18 @@ def _advice(question: list[str]) -> dict[str, Any]:
 
 def _error(stage: str, manifest: Path, place: Path, settings: list[str], more: list[str]) -> float:
     """The error of a stage's output, of what was asked for when it was measured, against its reference made from the same inputs."""
-    study = next(study for study in studies() if study.stage == stage)
+    study = next(study for study in study_plans() if study.stage == stage)
     data, reference = place / COMMON, Path()
-    always = Variant("preset", PRESET, PRESET, study.always).assignments(stage)
-    if set(always) - set(settings):
-        data = _beside(study, manifest, place, "asked-for", PRESET, [*settings, *always], more)
-    if exact := study.against():
+    fixed = Variant("preset", PRESET, PRESET, study.fixed).assignments(stage)
+    if set(fixed) - set(settings):
+        data = _beside(study, manifest, place, "asked-for", PRESET, [*settings, *fixed], more)
+    if exact := study.reference_variant():
         reference = _beside(study, manifest, place, "reference", exact.preset, exact.assignments(stage), more, exact.seed)
     return ERRORS[stage](Made(data, 0.0, 0.0, {}), reference).error
 
 
 def _beside(
-    study: Study, manifest: Path, place: Path, name: str, preset: str, settings: list[str], more: list[str], seed: int | None = None
+    study: StudyPlan, manifest: Path, place: Path, name: str, preset: str, settings: list[str], more: list[str], seed: int | None = None
 ) -> Path:
     """Make a stage once more, from what stands."""
     data = place / f"{study.stage}-{name}"

@@ -1,15 +1,23 @@
-"""What stands above every figure that is kept: which checkout made it, on which machine."""
+"""Provenance of figures: command, commit, machine, date."""
 
 from __future__ import annotations
 
+import datetime
 import os
 import platform
 import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ("pipeline", "stages", "schemas", "benchmarks", ":!pipeline/tuning/tradeoff.json")
-"""What figures depend on; those that are kept among them do not."""
+"""What figures depend on."""
+
+
+def provenance(plain: str, module: str) -> dict[str, str]:
+    """Collect the provenance of a measurement by this process: `plain` is its command without arguments, `module` with them."""
+    command = " ".join([module, *sys.argv[1:]]) if sys.argv[1:] else plain
+    return {"command": command, "commit": commit(), "machine": machine(), "date": datetime.date.today().isoformat()}
 
 
 def commit() -> str:

@@ -1,7 +1,7 @@
-"""Every setting that changes results against its cost: `python -m benchmarks.tradeoff [--only STUDY_OR_SECTION] [--root DATA]`.
+"""Measure every setting that changes results: `python -m benchmarks.tradeoff [--only STUDY_OR_SECTION] [--root DATA]`.
 
 Variants are runs of `vt-pipeline` in directories of their own, as many side by side as there are cores, each on one; a second
-run makes only what is missing or stale. Ends with `docs/tradeoff.md`, its plots, and the figures that `vt-pipeline` itself reads.
+run makes only what is missing or stale. Ends with `docs/tradeoff.md`, its plots, and the figures that `vt-pipeline` quotes.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from itertools import repeat
 from pathlib import Path
@@ -16,110 +17,110 @@ from typing import Any
 
 from rich.console import Console
 
-from benchmarks.tradeoff import work
+from benchmarks.provenance import provenance
+from benchmarks.tradeoff import runs
 from benchmarks.tradeoff.alternatives import alternatives
 from benchmarks.tradeoff.end_to_end import end_to_end
 from benchmarks.tradeoff.errors import ERRORS, Errors
+from benchmarks.tradeoff.figures import SECTIONS, read_figures, write_figures
+from benchmarks.tradeoff.page import write_page
 from benchmarks.tradeoff.same import same_results
-from benchmarks.tradeoff.shortcuts import measure as measure_shortcuts
-from benchmarks.tradeoff.variants import Study, Variant, studies
-from benchmarks.tradeoff.write import SECTIONS, read_asset, stamp, write_asset, write_page
+from benchmarks.tradeoff.shortcuts import measure_all
+from benchmarks.tradeoff.study_plan import StudyPlan, Variant, study_plans
 from pipeline.console import Meter, console_on
+from pipeline.engine.keys import code_hash
+from pipeline.tuning.measurements import load_studies
+from stages.registry import load_stage
 
 DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
-FELT = ("sample-surfaces", "simulate-grasps", "simulate-touch")
+TOUCH_ONLY = ("sample-surfaces", "simulate-grasps", "simulate-touch")
 LEARNING = ("train-unet", "fit-charts", "train-gcn")
-TOUCH = "train-gcn.configuration=touch"
-LOOKED_AT: dict[str, set[str]] = {"same": {"few", "learning"}, "end_to_end": set(), "alternatives": {"few"}, "shortcuts": set()}
-"""The common directories that a section beside the studies looks into."""
+TOUCH_NETWORK = "train-gcn.configuration=touch"
+COMMON = {"few": ("standard", DATASET), "four": ("standard", TOUCH_ONLY), "learning": ("draft", (*DATASET, *LEARNING))}
+"""Preset and stages of the common directory of each manifest."""
+MANIFESTS_OF = {"same": {"few", "learning"}, "end_to_end": set[str](), "alternatives": {"few"}, "shortcuts": set[str]()}
+"""The common directories that each section reads."""
 
 
 def main() -> None:
     """Measure, and write what was measured."""
-    everything = [*(study.name for study in studies()), *SECTIONS]
+    plans = study_plans()
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("--root", type=Path, default=Path("data/tradeoff"))
-    parser.add_argument("--only", action="append", choices=everything, help="again; the rest stays as it was")
-    parser.add_argument("--page", action="store_true", help="only write the page and its plots anew")
+    parser.add_argument("--only", action="append", choices=[*(plan.name for plan in plans), *SECTIONS], help="the rest stays as it was")
+    parser.add_argument("--page", action="store_true", help="only write the page and its plots")
     options = parser.parse_args()
-    console = console_on(sys.stdout)
-    found = read_asset()
+    figures, asked = read_figures(), options.only or [*(plan.name for plan in plans), *SECTIONS]
     if not options.page:
-        made, asked = stamp(), options.only or everything
-        chosen = [study for study in studies() if study.name in asked]
-        _prepare(options.root, {study.objects for study in chosen}.union(*(LOOKED_AT[name] for name in SECTIONS if name in asked)), console)
-        for study in chosen:  # written one by one: a killed run keeps what it has measured
-            trades = found["trades"] | {study.name: _trade(options.root, study, console)}
-            found["trades"] = {one.name: trades[one.name] for one in studies() if one.name in trades}
-            found["made"][study.name] = made
-            write_asset(found)
-        for name in SECTIONS:
-            if name in asked:
-                found[name] = _section(name, options.root, console)
-                found["made"][name] = made
-                write_asset(found)
-    write_page(found)
+        _measure(figures, [plan for plan in plans if plan.name in asked], [name for name in SECTIONS if name in asked], options.root)
+    write_page(figures, load_studies().values())
+
+
+def _measure(figures: dict[str, Any], plans: Sequence[StudyPlan], sections: Sequence[str], root: Path) -> None:
+    """Measure studies and sections; each is written when it is done, so that a killed run keeps it."""
+    console, made = console_on(sys.stdout), provenance("make tradeoff", "python -m benchmarks.tradeoff")
+    for name in sorted({plan.objects for plan in plans}.union(*(MANIFESTS_OF[name] for name in sections))):
+        preset, stages = COMMON[name]
+        console.print(f"objects {name}: {', '.join(stages)}")
+        runs.prepare(root, name, {stage: [TOUCH_NETWORK] if stage == "train-gcn" else [] for stage in stages}, preset)
+    for plan in plans:
+        code = code_hash(load_stage(plan.stage))
+        study = {**runs.described(plan), "provenance": {**made, "code": code}, "measurements": _measurements(root, plan, console)}
+        studies = figures["studies"] | {plan.name: study}
+        figures["studies"] = {one.name: studies[one.name] for one in study_plans() if one.name in studies}
+        write_figures(figures)
+    for name in sections:
+        figures["sections"][name] = {"provenance": made, "rows": _section(name, root, console)}
+        write_figures(figures)
 
 
 def _section(name: str, root: Path, console: Console) -> list[dict[str, Any]]:
-    """What is measured beside the studies."""
     match name:
         case "same":
             return same_results(root, console)
         case "end_to_end":
             return end_to_end(root, console)
         case "alternatives":
-            return alternatives(root / "few" / work.COMMON)
+            return alternatives(root / "few" / runs.COMMON)
         case _:
-            return [vars(shortcut) for shortcut in measure_shortcuts()]
+            return measure_all()
 
 
-def _prepare(root: Path, objects: set[str], console: Console) -> None:
-    """The common directories of some objects."""
-    wanted = {"few": ("standard", DATASET), "four": ("standard", FELT), "learning": ("draft", (*DATASET, *LEARNING))}
-    for name, (preset, steps) in wanted.items():
-        if name in objects:
-            console.print(f"objects {name}: {', '.join(steps)}")
-            work.prepare(root, name, {step: [TOUCH] if step == "train-gcn" else [] for step in steps}, preset)
-
-
-def _trade(root: Path, study: Study, console: Console) -> dict[str, Any]:
+def _measurements(root: Path, plan: StudyPlan, console: Console) -> list[dict[str, Any]]:
     """Make a study's variants and measure them."""
-    variants, against = study.variants(), study.against()
-    with Meter(console, study.name, len(variants) + bool(against), "settings") as meter, ThreadPoolExecutor(os.cpu_count()) as pool:
+    variants, reference = plan.variants(), plan.reference_variant()
+    with Meter(console, plan.name, len(variants) + bool(reference), "settings") as meter, ThreadPoolExecutor(os.cpu_count()) as pool:
 
-        def one(variant: Variant) -> work.Made:
-            made = work.make(root, study, variant)
-            if study.stage == "train-gcn":
-                name = variant.settings(study.stage).model_dump()["configuration"]
-                work.command("evaluate", study.manifest, study.base, made.data, [f"evaluate.configurations=[{name}]"])
+        def make(variant: Variant) -> runs.Made:
+            made = runs.make(root, plan, variant)
+            if plan.stage == "train-gcn":
+                name = variant.settings(plan.stage).model_dump()["configuration"]
+                runs.command("evaluate", plan.manifest, plan.base, made.data, [f"evaluate.configurations=[{name}]"])
             meter.advance(variant.label)
             return made
 
-        exact = pool.submit(one, against) if against else None
-        made = list(pool.map(one, variants))
-        reference = exact.result().data if exact else Path()
+        exact = pool.submit(make, reference) if reference else None
+        made = list(pool.map(make, variants))
+        reference_data = exact.result().data if exact else Path()
     with ProcessPoolExecutor(os.cpu_count()) as processes:
-        errors = list(processes.map(ERRORS[study.stage], made, repeat(reference)))
-    again = [error.error for variant, error in zip(variants, errors, strict=True) if variant.kind == "seed" or _is_base(study, variant)]
-    points = [_point(study, *of, again) for of in zip(variants, made, errors, strict=True)]
-    described = {"costs": study.costs, "skipped": dict(study.skip), "always": dict(study.always), "beside": dict(study.beside)}
-    return {"stage": study.stage, **work.extent(study), **described, "points": points}
+        errors = list(processes.map(ERRORS[plan.stage], made, repeat(reference_data)))
+    repeated = [
+        error.error
+        for variant, error in zip(variants, errors, strict=True)
+        if variant.kind == "seed" or (variant.kind == "preset" and plan.base in variant.label.split(", "))
+    ]
+    return [_measurement(plan, *of, repeated) for of in zip(variants, made, errors, strict=True)]
 
 
-def _is_base(study: Study, variant: Variant) -> bool:
-    return variant.kind == "preset" and study.base in variant.label.split(", ")
-
-
-def _point(study: Study, variant: Variant, made: work.Made, error: Errors, seeds: list[float]) -> dict[str, Any]:
+def _measurement(plan: StudyPlan, variant: Variant, made: runs.Made, error: Errors, repeated: list[float]) -> dict[str, Any]:
     return {
         "label": variant.label,
         "kind": variant.kind,
-        "settings": variant.settings(study.stage).accuracy(),
+        "settings": variant.settings(plan.stage).accuracy(),
         "seconds": round(made.seconds, 4),
         "kilobytes": round(made.kilobytes, 2),
         "figures": {name: float(f"{value:.4g}") for name, value in error.figures.items()},
-        "bound": float(f"{error.bound(seeds):.4g}"),
+        "bound": float(f"{error.bound(repeated):.4g}"),
     }
 
 

@@ -1,4 +1,4 @@
-"""What a cheaper data set costs in the end: the Chamfer distance of a network that was trained and tested on it."""
+"""What a cheaper dataset costs in the end: the Chamfer distance of a network that was trained and tested on it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from benchmarks.tradeoff import work
-from benchmarks.tradeoff.variants import HERE
+from benchmarks.tradeoff import runs
+from benchmarks.tradeoff.study_plan import HERE
 from pipeline.console import Meter
 from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
 from pipeline.store.collection import Collection
@@ -22,7 +22,7 @@ from schemas.catalogue import ARTIFACTS
 MANIFEST = HERE / "learning.yaml"
 STAGES = ("sample-surfaces", "simulate-grasps", "simulate-touch", "train-unet", "fit-charts", "train-gcn", "evaluate")
 LEARNT = ["train-gcn.configuration=touch", "evaluate.configurations=[touch]"]
-DATA_SETS: dict[str, list[str]] = {
+DATASETS: dict[str, list[str]] = {
     "draft": [],
     "twelve placements an object": ["simulate-grasps.attempts=12"],
     "hardly searched grasps": ["simulate-grasps.attempts=8", "simulate-grasps.ik_samples=256", "simulate-grasps.ik_refinements=0"],
@@ -33,25 +33,25 @@ DATA_SETS: dict[str, list[str]] = {
 
 
 def end_to_end(root: Path, console: Console) -> list[dict[str, Any]]:
-    """A row a data set: seconds an object before learning, touches, and the distance in the end."""
-    with Meter(console, "end to end", len(DATA_SETS), "data sets") as meter, ThreadPoolExecutor(os.cpu_count()) as pool:
+    """One row per dataset: seconds per object before learning, touches, and the distance in the end."""
+    with Meter(console, "end to end", len(DATASETS), "datasets") as meter, ThreadPoolExecutor(os.cpu_count()) as pool:
 
         def one(label: str) -> dict[str, Any]:
             data = root / "learning" / "end-to-end" / file_name(label)
             for stage in STAGES:
                 if stage != "train-unet" or "true" not in label:
-                    work.command(stage, MANIFEST, "draft", data, [*LEARNT, *DATA_SETS[label]])
+                    runs.command(stage, MANIFEST, "draft", data, [*LEARNT, *DATASETS[label]])
             meter.advance(label)
             return {"label": label, **_row(data)}
 
-        return list(pool.map(one, DATA_SETS))
+        return list(pool.map(one, DATASETS))
 
 
 def _row(data: Path) -> dict[str, Any]:
     made = {name: Collection(Layout(data), ARTIFACTS[name]) for name in ("surfaces", "grasps", "touch")}
     seconds = [np.mean(shard.attributes["seconds"]) for collection in made.values() for shard in collection.shards]
     touched = np.mean([made["grasps"].view(name)["touch_success"].mean() for name in made["grasps"]])
-    table = work.load_json(data / "evaluation/metrics.json")["tables"]["table_3"]
+    table = runs.load_json(data / "evaluation/metrics.json")["tables"]["table_3"]
     chamfer, low, high = (round(TABLE_3_FACTOR * float(np.mean(table[name][0])), 3) for name in ("chamfer", "low", "high"))
     return {
         "seconds": round(float(sum(seconds)), 2),

@@ -19,7 +19,7 @@ from skimage.metrics import structural_similarity
 from skimage.transform import resize
 
 from benchmarks.stored_grasps import examine
-from benchmarks.tradeoff.work import Made, load_json
+from benchmarks.tradeoff.runs import Made, load_json
 from pipeline.dataset.split import load_split
 from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres

@@ -7,8 +7,8 @@ from typing import Any
 
 from rich.console import Console
 
-from benchmarks.tradeoff import work
-from benchmarks.tradeoff.variants import HERE
+from benchmarks.tradeoff import runs
+from benchmarks.tradeoff.study_plan import HERE
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from pipeline.store.record import Record
@@ -32,15 +32,15 @@ QUICK = {"train-gcn": ["epochs=2", "configuration=touch"], "train-unet": ["epoch
 
 
 def same_results(root: Path, console: Console) -> list[dict[str, Any]]:
-    """A row a stage and label: seconds, and the digest of what was made."""
+    """One row per stage and label: seconds, and the digest of what was made."""
     rows = []
     for stage, tried in TRIED.items():
         objects = "few" if stage == "simulate-grasps" else "learning"
         for label, (options, assignments) in tried.items():
             data = root / objects / "same" / f"{stage} {label}".replace(" ", "-")
-            work.link_common(root / objects, data, work.MADE_BY[stage])
+            runs.link_common(root / objects, data, runs.MADE_BY[stage])
             settings = [f"{stage}.{one}" for one in (*QUICK[stage], *assignments)]
-            work.command(stage, HERE / f"{objects}.yaml", "draft", data, settings, more=options)
+            runs.command(stage, HERE / f"{objects}.yaml", "draft", data, settings, more=options)
             rows.append({"stage": stage, "label": label, **_seen(data, stage)})
             console.print(f"{stage} {label}: {rows[-1]['digest'][:12]}")
         if len({row["digest"] for row in rows if row["stage"] == stage}) > 1:
@@ -49,7 +49,7 @@ def same_results(root: Path, console: Console) -> list[dict[str, Any]]:
 
 
 def _seen(data: Path, stage: str) -> dict[str, Any]:
-    name = "models/gcn/touch" if stage == "train-gcn" else work.MADE_BY[stage]
+    name = "models/gcn/touch" if stage == "train-gcn" else runs.MADE_BY[stage]
     if name in ARTIFACTS:
         collection = Collection(Layout(data), ARTIFACTS[name])
         seconds = sum(float(value) for shard in collection.shards for value in shard.attributes["seconds"])

@@ -1,70 +1,86 @@
-"""What leaving out saves: the same work with and without every shortcut, in turns. `python -m benchmarks.tradeoff.shortcuts`.
+"""Time the same work with and without every shortcut: `python -m benchmarks.tradeoff.shortcuts`.
 
-Seconds are the processor's on one thread, the least of a few; what is timed together is a stage's work on one modelled object, or
-one step or batch of it. The names are those of `vt-pipeline run STAGE --explain`.
+Seconds are the processor's on one thread, the least of a few; what is timed is a stage's work on one modelled object, or one step
+or batch of it. The names are those of `vt-pipeline run STAGE --explain`.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
-import torch
+import numpy as np
 
-from benchmarks.tradeoff import pairs_data, pairs_learning
-from benchmarks.tradeoff.pairs import EQUAL, Pair, Results, difference
+from benchmarks.timing import each, side_by_side
 
-ROUNDS = 2
-"""Timed turns, after one that warms up."""
+Results = Mapping[str, np.ndarray]
+EQUAL = "bit for bit"
+TURNS = 2
 
 
 @dataclass(frozen=True)
 class Shortcut:
-    """A shortcut of a stage, what it leaves out, processor seconds with and without it, and how far the results are apart."""
+    """A shortcut of a stage, with the same work done without it.
+
+    Attributes
+    ----------
+    what
+        What the shortcut leaves out.
+    with_, without
+        Do the work, and return arrays by name: equal to the bit where `bound` is 0, else at most `bound` apart, in `unit`.
+    """
 
     stage: str
     name: str
     what: str
-    seconds_with: float
-    seconds_without: float
-    difference: str
+    with_: Callable[[], Results]
+    without: Callable[[], Results]
+    bound: float = 0.0
+    unit: str = ""
 
 
-def measure() -> list[Shortcut]:
-    """Every shortcut, in the order of the stages."""
+def difference(ours: Results, plain: Results) -> float:
+    """Compute the greatest difference of any number; 0 where all are equal to the bit, infinite where shapes or infinities differ."""
+    worst = 0.0
+    for name in ours.keys() | plain.keys():
+        a, b = (np.asarray(results[name]) for results in (ours, plain))
+        if a.shape != b.shape:
+            return np.inf
+        if a.tobytes() != b.tobytes():
+            with np.errstate(invalid="ignore"):
+                apart = np.where(a == b, 0, np.abs(a.astype(np.float64) - b.astype(np.float64)))
+            worst = max(worst, float(np.nan_to_num(apart, nan=np.inf, posinf=np.inf).max()), np.finfo(np.float64).tiny)
+    return worst
+
+
+def measure(shortcut: Shortcut, turns: int = TURNS) -> dict[str, Any]:
+    """Time both ways of a shortcut in turns, and compare their results; a row of the table."""
+    apart = difference(shortcut.with_(), shortcut.without())
+    times = side_by_side({way: each(lambda call: call(), [getattr(shortcut, way)]) for way in ("with_", "without")}, turns)
+    return {
+        "stage": shortcut.stage,
+        "name": shortcut.name,
+        "what": shortcut.what,
+        "seconds_with": float(f"{times['with_'].least / 1e3:.3g}"),
+        "seconds_without": float(f"{times['without'].least / 1e3:.3g}"),
+        "difference": f"{apart:.0e} {shortcut.unit}" if apart else EQUAL,
+    }
+
+
+def measure_all() -> list[dict[str, Any]]:
+    """Measure every shortcut, in the order of the stages."""
+    import torch
+
+    from benchmarks.tradeoff import shortcuts_data, shortcuts_learning
+
     torch.set_num_threads(1)
-    bench = pairs_data.Bench(size=2, attempts=12)
-    return [measured(pair) for pair in (*pairs_data.pairs(bench), *pairs_learning.pairs(pairs_learning.Bench()))]
-
-
-def measured(pair: Pair, rounds: int = ROUNDS) -> Shortcut:
-    """Time both ways of a pair in turns and compare what they give."""
-    ours, plain = pair.with_(), pair.without()
-    seconds: tuple[list[float], list[float]] = ([], [])
-    for _ in range(rounds):
-        for way, spent in zip((pair.with_, pair.without), seconds, strict=True):
-            spent.append(_seconds(way))
-    apart = difference(ours, plain)
-    return Shortcut(pair.stage, pair.name, pair.what, min(seconds[0]), min(seconds[1]), f"{apart:.0e} {pair.unit}" if apart else EQUAL)
-
-
-def _seconds(way: Callable[[], Results]) -> float:
-    start = time.process_time()
-    way()
-    return time.process_time() - start
-
-
-def main() -> None:
-    """Print the table."""
-    print(f"{'stage':16} {'shortcut':20} {'with, s':>9} {'without':>9} {'times':>6}  {'difference':14} what is left out")
-    for one in measure():
-        times = one.seconds_without / one.seconds_with
-        print(
-            f"{one.stage:16} {one.name:20} {one.seconds_with:9.4f} {one.seconds_without:9.4f} {times:6.1f}  {one.difference:14} {one.what}",
-            flush=True,
-        )
+    data, learning = shortcuts_data.Bench(size=2, attempts=12), shortcuts_learning.Bench()
+    return [measure(one) for one in (*shortcuts_data.shortcuts(data), *shortcuts_learning.shortcuts(learning))]
 
 
 if __name__ == "__main__":
-    main()
+    print(f"{'stage':16} {'shortcut':20} {'with, s':>9} {'without':>9} {'times':>6}  {'difference':14} what is left out")
+    for row in measure_all():
+        ours, plain = row["seconds_with"], row["seconds_without"]
+        print(f"{row['stage']:16} {row['name']:20} {ours:9.4f} {plain:9.4f} {plain / ours:6.1f}  {row['difference']:14} {row['what']}")

@@ -32,7 +32,6 @@ from pipeline.engine.workers import Outcome
 from pipeline.errors import StoreError
 from pipeline.store.record import Record
 from pipeline.store.shard import Shard
-from pipeline.tuning.tradeoff import in_words
 from stages.registry import STAGES, is_set_stage, load_stage
 
 
@@ -65,8 +64,6 @@ def run(
         request = make_request(loaded, manifest, preset, data, objects, assignments or [], seed, shards, workers, strict, retry, object_id)
         if object_id is not None and object_id not in {item.object_id for item in request.objects}:
             fail(f"manifest {request.manifest} has no object {object_id}")
-        if known := in_words(stage, request.settings):
-            say(f"{stage}, {preset}: {known}")
         if is_set_stage(loaded):
             if object_id is not None or shard is not None:
                 fail(f"{stage} looks at all objects at once; run it without --object and --shard")

@@ -1,171 +1,192 @@
-"""Which settings fit a time or an error: chosen among measured ones (`pipeline.tuning.tradeoff`), with times as this machine takes them."""
+"""Advise settings for a time or an error: choose among measured settings, try the choice on this machine, choose again."""
 
 from __future__ import annotations
 
-import itertools
-import math
-import re
+import os
+import sys
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import redirect_stdout
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from pipeline.config.manifest import Object, load_manifest
+from pipeline.config.presets import resolve
+from pipeline.config.settings import Settings
+from pipeline.engine.plan import Request
 from pipeline.errors import AdviceError
-from pipeline.tuning.tradeoff import Point, Trade, assigned
+from pipeline.tuning.choice import PRESET, Choice, Limit, MachineSpeed, Workload, fastest, within_error, within_time
+from pipeline.tuning.measurements import Study, load_studies
+from pipeline.tuning.trial import measure_speed, trial_objects
+from stages.registry import STAGES, load_stage
 
-_UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+STAGES_OF = {
+    "dataset": ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch"),
+    "train": ("sample-surfaces", "simulate-grasps", "simulate-touch", "train-unet", "fit-charts", "train-gcn"),
+}
+"""Stages that settings are chosen for, by target of make. The network that is trained has touch alone as input."""
+TOUCH_NETWORK = "train-gcn.configuration=touch"
+TRIAL_OBJECTS_PER_WORKER = 3
+MOST_TRIALS = 3
+"""Choices that are tried at most; the second already differs little from the first."""
 
 
 @dataclass(frozen=True)
-class Pace:
-    """How fast this machine is at a stage.
+class Question:
+    """What advice is asked for.
 
     Attributes
     ----------
-    factor
-        Its seconds over those that were measured.
-    start
-        Seconds a run beside its objects.
-    packing
-        Seconds a kilobyte of output, which workers do not share: rows are packed by one process once all are made.
+    target
+        A key of `STAGES_OF`.
+    manifest, meshes
+        The objects: a manifest, and a folder of meshes for manifests that name none.
+    goal
+        Seconds that all stages together may take, or the limit on one stage's error.
     """
 
-    factor: float = 1.0
-    start: float = 0.0
-    packing: float = 0.0
+    target: str
+    manifest: str
+    meshes: Path | None
+    goal: float | Limit
 
 
 @dataclass(frozen=True)
-class Choice:
-    """A setting for a stage, and how long it takes for all objects here, s."""
+class Advice:
+    """The chosen settings, one per stage, for `objects` objects."""
 
-    trade: Trade
-    point: Point
-    seconds: float
+    question: Question
+    objects: int
+    choices: Sequence[Choice]
+
+    @property
+    def assignments(self) -> list[str]:
+        """What differs from `PRESET`, as `--set` takes it."""
+        return _assignments(self.choices)
+
+    @property
+    def seconds(self) -> float:
+        """Predicted time of all stages."""
+        return sum(choice.seconds for choice in self.choices)
+
+    @property
+    def command(self) -> str:
+        """The command that does what is advised."""
+        question = self.question
+        folder = f" OBJECTS={question.meshes}" if question.meshes else ""
+        network = " CONFIGURATIONS=touch" if question.target == "train" else ""
+        settings = f' SET="{" ".join(self.assignments)}"' if self.assignments else ""
+        return f"make {question.target} MANIFEST={question.manifest}{folder} PRESET={PRESET}{network}{settings}"
+
+    def table(self) -> Table:
+        """Lay out the choices for a console."""
+        table = Table("stage", "setting", "s", "MB", "error", "at most", "", box=None, padding=(0, 2))
+        for stage, entry in self.as_json()["stages"].items():
+            numbers = (f"{entry['seconds']:.0f}", *(f"{entry[name]:.3g}" for name in ("megabytes", "error", "bound")))
+            table.add_row(stage, escape(entry["setting"]), *numbers, escape(entry["metric"]))
+        return table
+
+    def sources(self) -> list[str]:
+        """Say on which commits the figures were measured, one line per commit."""
+        stages: dict[str, list[str]] = {}
+        for choice in self.choices:
+            stages.setdefault(choice.study.source(), []).append(choice.study.stage)
+        return [f"{', '.join(names)}: measured at {source}" for source, names in stages.items()]
+
+    def as_json(self) -> dict[str, Any]:
+        """Collect everything as plain values."""
+        return {
+            "objects": self.objects,
+            "seconds": round(self.seconds, 1),
+            "stages": {choice.study.stage: self._entry(choice) for choice in self.choices},
+            "set": [*self.assignments, *([TOUCH_NETWORK] if self.question.target == "train" else [])],
+            "command": self.command,
+        }
+
+    def _entry(self, choice: Choice) -> dict[str, Any]:
+        study, measured = choice.study, choice.measurement
+        settings = resolve(load_stage(study.stage), PRESET, [*self.assignments, TOUCH_NETWORK], STAGES)
+        return {
+            "setting": measured.label,
+            "seconds": round(choice.seconds, 1),
+            "megabytes": round(measured.kilobytes * (1 if study.whole_dataset else self.objects) / 1e3, 2),
+            "error": measured.error,
+            "bound": measured.bound,
+            "metric": study.metric + study.fixed_otherwise(settings),
+            "measured": study.source(),
+        }
 
 
-def duration(text: str) -> float:
-    """Seconds of "90s", "10min" or "1.5h"; an `AdviceError` at anything else."""
-    match = re.fullmatch(r"([0-9.]+) *(s|min|h)", text.strip())
-    if not match or (value := _number(match[1])) is None or value <= 0:
-        raise AdviceError(f"{text!r} is no time; write 90s, 10min or 1.5h")
-    return value * _UNITS[match[2]]
-
-
-@dataclass(frozen=True)
-class Limit:
-    """An error that is not to be passed: of a stage, or of the one stage that is measured in its unit."""
-
-    value: float
-    unit: str
-    stage: str | None = None
-
-    def is_on(self, trade: Trade) -> bool:
-        """Whether it is a limit on this stage's error."""
-        return self.unit == trade.unit if self.stage is None else self.stage == trade.stage
-
-
-def error_limit(text: str) -> Limit:
-    """The limit that "5um", "2%" or "fit-charts=200um" says; an `AdviceError` at anything else."""
-    match = re.fullmatch(r"(?:([a-z-]+) *= *)?([0-9.]+(?:[eE][-+]?[0-9]+)?) *([^0-9. ].*)?", text.strip())
-    if not match or (value := _number(match[2])) is None or not (match[1] or match[3]):
-        raise AdviceError(f"{text!r} is no error; write a number and the unit it is measured in, as 5um, 2% or fit-charts=200um")
-    return Limit(value, (match[3] or "").replace("µm", "um"), match[1])
-
-
-def within_time(
-    trades: Sequence[Trade], paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int, seconds: float
-) -> list[Choice]:
-    """Of every stage one setting, all together within a time, so that the product of their bounds is least.
-
-    `objects` are how many each stage has to do with, `workers` the processes that share them where they are done one by one.
-    Bounds have units of their own, so they are compared by ratios: to halve one counts as much as to halve another.
+def advise(question: Question, log: Console) -> Advice:
+    """Choose settings, and try them on a few of the objects, so that times are this machine's and these objects'.
 
     Raises
     ------
     AdviceError
-        The cheapest settings take longer: with how long.
+        No measured settings reach the goal, or the objects are too few to try a training.
     """
-    plans: list[_Plan] = [(0.0, 0.0, ())]
-    for trade in trades:
-        options = [_choice(trade, point, paces, objects, workers) for point in trade.front()]
-        plans = _undominated(
-            [(t + one.seconds, e + _log_bound(one), (*row, one)) for (t, e, row), one in itertools.product(plans, options)]
-        )
-    if plans[0][0] > seconds:
-        raise AdviceError(f"the fastest measured settings take {plans[0][0]:.0f} s, {seconds:.0f} s were given; take fewer objects")
-    return list([plan for plan in plans if plan[0] <= seconds][-1][2])  # the slowest of them is the most accurate
+    started = time.process_time()  # the imports, which every command pays for
+    if missing := [stage for stage in STAGES_OF[question.target] if stage not in load_studies()]:
+        raise AdviceError(f"{', '.join(missing)}: not measured; run make tradeoff")
+    studies = [load_studies()[stage] for stage in STAGES_OF[question.target]]
+    objects = load_manifest(question.manifest).objects(question.meshes)
+    if question.target == "train" and len(objects) < 2:
+        raise AdviceError(f"{question.manifest} has {len(objects)} object; a training needs two, one of them for validation")
+    workers = len(os.sched_getaffinity(0))
+    request = _trial_request(question, objects, workers)
+    learned = sum(item.split == "train" for item in objects)
+    workload = Workload({study.stage: learned if study.whole_dataset else len(objects) for study in studies}, workers)
+    tried: list[list[str]] = []
+    with TemporaryDirectory() as folder, redirect_stdout(sys.stderr):  # standard output is for the advice
+        while True:
+            choices = _choose(studies, workload, question.goal)
+            labels = [f"{choice.study.stage} {choice.measurement.label}" for choice in choices]
+            if labels in tried or len(tried) == MOST_TRIALS:
+                return Advice(question, len(objects), choices)
+            log.print(escape(f"trying out {', '.join(labels)} on {len(request.objects)} objects"))
+            speeds = _try(replace(request, data=Path(folder) / str(len(tried))), choices, log)
+            workload = replace(workload, speeds={name: replace(speed, startup=speed.startup + started) for name, speed in speeds.items()})
+            tried.append(labels)
 
 
-def fastest(trades: Sequence[Trade], paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int) -> list[Choice]:
-    """Of every stage the setting that takes least time."""
-    return [
-        min((_choice(trade, point, paces, objects, workers) for point in trade.front()), key=lambda one: one.seconds) for trade in trades
-    ]
-
-
-def within_error(
-    trades: Sequence[Trade], paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int, limit: Limit, otherwise: str
-) -> list[Choice]:
-    """Of the stage that the limit is on the fastest setting whose bound is within it, of the others the preset `otherwise`.
-
-    Raises
-    ------
-    AdviceError
-        The limit is on no stage or on several, or no setting is accurate enough: with the best there is.
-    """
-    limited = [trade for trade in trades if limit.is_on(trade)]
-    if len(limited) != 1:
-        measured = ", ".join(f"{trade.stage} in {trade.unit or 'a number without unit'}" for trade in trades)
-        if limit.stage is not None:
-            raise AdviceError(f"settings are not chosen for {limit.stage} here, but for {measured}")
-        raise AdviceError(f"{'several stages are' if limited else 'no stage is'} measured so; say which, as STAGE=5um: {measured}")
-    (stage,) = limited
-    if limit.unit != stage.unit:
-        raise AdviceError(f"{stage.stage} is measured in {stage.unit or 'a number without unit'}: {stage.metric}")
-    fits = [point for point in stage.choices if point.bound <= limit.value]
-    if not fits:
-        best = min(point.bound for point in stage.choices)
-        raise AdviceError(f"{stage.name}: {stage.metric}, stays below {best:.3g} at best, 19 times in 20, not {limit.value:g}")
-    chosen = []
-    for trade in trades:
-        candidates = fits if trade is stage else [point for point in trade.points if point.is_preset(otherwise)]
-        row = [_choice(trade, point, paces, objects, workers) for point in candidates]
-        chosen.append(min(row, key=lambda choice: (round(choice.seconds, 1), choice.point.kilobytes, choice.point.bound)))
-    return chosen
-
-
-def assignments(choice: Choice, standing: Mapping[str, object]) -> list[str]:
-    """What `--set` has to say for a choice where the settings stand otherwise as given."""
-    changed = {setting: value for setting, value in choice.point.settings.items() if standing[setting] != value}
-    return [f"{choice.trade.stage}.{assigned(setting, value)}" for setting, value in changed.items()]
-
-
-_Plan = tuple[float, float, tuple[Choice, ...]]
-"""Seconds, logarithm of the product of bounds, and the settings of some stages."""
-
-
-def _undominated(plans: list[_Plan]) -> list[_Plan]:
-    """Those than which none is both faster and more accurate, the fastest first."""
-    kept: list[_Plan] = []
-    for plan in sorted(plans, key=lambda plan: plan[:2]):
-        if not kept or plan[1] < kept[-1][1]:
-            kept.append(plan)
-    return kept
-
-
-def _choice(trade: Trade, point: Point, paces: Mapping[str, Pace], objects: Mapping[str, int], workers: int) -> Choice:
-    pace, count = paces.get(trade.stage, Pace()), objects[trade.stage]
-    share = count / trade.objects if trade.whole else math.ceil(count / workers)
-    packed = 0.0 if trade.whole else count * point.kilobytes * pace.packing
-    return Choice(trade, point, pace.start + share * point.seconds * pace.factor + packed)
-
-
-def _log_bound(choice: Choice) -> float:
-    """A bound of zero says that others are measured against this setting: it counts as the smallest above zero."""
-    return math.log(choice.point.bound or min((point.bound for point in choice.trade.points if point.bound > 0), default=1.0))
-
-
-def _number(text: str) -> float | None:
+def _choose(studies: Sequence[Study], workload: Workload, goal: float | Limit) -> list[Choice]:
+    if isinstance(goal, Limit):
+        return within_error(studies, workload, goal)
     try:
-        return float(text)
-    except ValueError:
-        return None
+        return within_time(studies, workload, goal)
+    except AdviceError:
+        if workload.speeds:
+            raise
+        return fastest(studies, workload)  # this machine may be faster than the one that measured
+
+
+def _trial_request(question: Question, objects: Sequence[Object], workers: int) -> Request[Any]:
+    """The run that tries a stage out; `_try` sets stage, settings and folder."""
+    manifest = load_manifest(question.manifest)
+    stage = load_stage(STAGES_OF[question.target][0])
+    some = trial_objects(objects, TRIAL_OBJECTS_PER_WORKER * workers)
+    return Request(stage, stage.settings_type(), manifest.name, some, PRESET, manifest.seed, Path(), workers=workers)
+
+
+def _try(request: Request[Any], choices: Sequence[Choice], log: Console) -> Mapping[str, MachineSpeed]:
+    """Run every stage at its chosen settings; the speed of this machine by stage."""
+    assignments, speeds = [*_assignments(choices), TOUCH_NETWORK], {}
+    for choice in choices:
+        stage = load_stage(choice.study.stage)
+        settings = resolve(stage, PRESET, assignments, STAGES)
+        speeds[choice.study.stage] = measure_speed(replace(request, stage=stage, settings=settings), choice, log)
+    return speeds
+
+
+def _assignments(choices: Sequence[Choice]) -> list[str]:
+    return [line for choice in choices for line in choice.assignments(_preset(choice.study.stage).accuracy())]
+
+
+def _preset(stage: str) -> Settings:
+    return resolve(load_stage(stage), PRESET, [], STAGES)

@@ -8,24 +8,24 @@ from pathlib import Path
 from pipeline.engine.stage import SetJob
 from pipeline.kernels.networks.configurations import CONFIGURATIONS
 from pipeline.models.reconstruct import Reconstructor
-from pipeline.tuning.explain import Part, arrays_read
+from pipeline.tuning.explain import Count, arrays_read
 from stages.evaluate.measure import cases_of
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
 from stages.evaluate.truth import arrays_of, load_truth
 
 
-def explain(job: SetJob) -> Iterator[Part]:
+def explain(job: SetJob) -> Iterator[Count]:
     """Count models, reconstructions, images and rings of an evaluation."""
     settings: EvaluationSettings = job.settings
     models = {Path(name).name: Reconstructor(folder) for name, folder in job.models.items()}
-    yield Part("models evaluated", len(models), len(CONFIGURATIONS) - len(models), "not named in `configurations`")
+    yield Count("models evaluated", len(models), len(CONFIGURATIONS) - len(models), "not named in `configurations`")
     yield arrays_read(arrays_of(list(models.values())), Evaluate().inputs(settings))
     truth = load_truth(job.data, list(models.values()), settings)
     for model in models.values():
         numbers, cases = cases_of(model, truth.grasps, settings)
         figures = truth.grasps * len(numbers)
         same = "the same grasps in another order, or inputs that the model is not given"
-        yield Part("reconstructions", len(cases) * len(truth), (figures - len(cases)) * len(truth), same, "each case once")
+        yield Count("reconstructions", len(cases) * len(truth), (figures - len(cases)) * len(truth), same, "each case once")
         sites = int(truth.touched.sum())
-        yield Part("touch sites with rings", sites, truth.touched.size - sites, "nothing was touched there")
+        yield Count("touch sites with rings", sites, truth.touched.size - sites, "nothing was touched there")

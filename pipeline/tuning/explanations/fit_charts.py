@@ -9,27 +9,27 @@ from pipeline.dataset.touch_charts import is_surface
 from pipeline.engine.stage import Task
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.models.touch_model import load_touch_model
-from pipeline.tuning.explain import Part
+from pipeline.tuning.explain import Count
 from stages.fit_charts.settings import ChartSettings
 from stages.fit_charts.stage import UNET
 
 
-def explain(settings: ChartSettings, models: Mapping[str, Path], tasks: Sequence[Task]) -> Iterator[Part]:
+def explain(settings: ChartSettings, models: Mapping[str, Path], tasks: Sequence[Task]) -> Iterator[Count]:
     """Count charts, readings, pixels and steps of these objects."""
     model = load_touch_model(models[UNET], settings.device) if settings.cloud == "predicted" else None
     for task in tasks:
         touched, own = task.inputs["grasps"]["touch_success"], task.inputs["charts"]
         sensors, felt = touched.size, int(touched.sum())
         fitted = int(is_surface(own["stop_rule"]).sum())
-        yield Part("charts fitted", fitted, sensors - fitted, "nothing touched: the undeformed square")
+        yield Count("charts fitted", fitted, sensors - fitted, "nothing touched: the undeformed square")
         if model is None:
             depth = task.inputs["touch"]["depth"][touched]
             inside = int((depth < Sensor.model_validate(task.attributes["touch"]["sensor"]).w).sum())
-            yield Part("readings through the U-Net", 0, felt, "`cloud` is true: the points are the depth map's")
-            yield Part("points fitted to", inside, depth.size - inside, "beyond the gel")
+            yield Count("readings through the U-Net", 0, felt, "`cloud` is true: the points are the depth map's")
+            yield Count("points fitted to", inside, depth.size - inside, "beyond the gel")
         else:
             mask = model.mask(task.inputs["touch"]["reading"][touched])
-            yield Part("readings through the U-Net", felt, sensors - felt, "nothing touched", "touched readings")
-            yield Part("points fitted to", int(mask.sum()), int((~mask).sum()), "the pixel shows no contact")
+            yield Count("readings through the U-Net", felt, sensors - felt, "nothing touched", "touched readings")
+            yield Count("points fitted to", int(mask.sum()), int((~mask).sum()), "the pixel shows no contact")
         taken = int(own["iterations"].sum())
-        yield Part("steps", taken, fitted * settings.max_iterations - taken, "the chart was near enough")
+        yield Count("steps", taken, fitted * settings.max_iterations - taken, "the chart was near enough")

@@ -14,40 +14,40 @@ from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.hand.reach import ball_points
 from pipeline.kernels.touch.contact import gel_only
 from pipeline.kernels.touch.face_culling import BLOCK, cull_faces
-from pipeline.tuning.explain import Part
+from pipeline.tuning.explain import Count
 from stages.simulate_grasps.rig import Rig, Scene, make_rig, make_scene
 from stages.simulate_grasps.settings import GraspSettings
 
 
-def explain(settings: GraspSettings, models: Mapping[str, Path], tasks: Sequence[Task]) -> Iterator[Part]:
+def explain(settings: GraspSettings, models: Mapping[str, Path], tasks: Sequence[Task]) -> Iterator[Count]:
     """Count attempts of these objects, and what was looked at around their kept grasps."""
     rig = make_rig(settings)
     for task in tasks:
         surface, row = task.inputs["surfaces"], task.inputs["grasps"]
         made = int(row["attempts"])
-        yield Part("attempts", made, max(settings.attempts - made, 0), "no further one could be kept", "enough attempts")
+        yield Count("attempts", made, max(settings.attempts - made, 0), "no further one could be kept", "enough attempts")
         scene = make_scene(task.mesh(), surface["points"], surface["normals"], settings.grid_cell)
         exact = int(scene.field.records[:, 1:].any(axis=1).sum())
         cells = len(scene.field.records)
-        yield Part("grid cells measured", exact, cells - exact, "farther from the object than any part of a hand is asked about")
+        yield Count("grid cells measured", exact, cells - exact, "farther from the object than any part of a hand is asked about")
         for pose, angles, sensors in zip(row["hand_pose"], row["joint_angles"], row["sensor_pose"], strict=True):
             rng = task.rng("explain")
             found = solve(rig.hand, rig.parts, rig.boxes, rig.samples, scene.field, pose, rig.wanted, settings.ik_refinements, rng)
             why = "its contact or its tip already keeps the posture from being the best"
-            yield Part("fingers measured whole, a posture around kept grasps", found.measured, found.spared, why, "bounds first")
+            yield Count("fingers measured whole, a posture around kept grasps", found.measured, found.spared, why, "bounds first")
             yield from _grasp(rig, scene, pose, angles, sensors)
 
 
-def _grasp(rig: Rig, scene: Scene, pose: np.ndarray, angles: np.ndarray, sensors: np.ndarray) -> Iterator[Part]:
+def _grasp(rig: Rig, scene: Scene, pose: np.ndarray, angles: np.ndarray, sensors: np.ndarray) -> Iterator[Count]:
     """What was looked at for one kept grasp."""
     postures = rig.samples.free.size
     looked = looked_at(rig.samples, scene.field, pose, rig.wanted).size
-    yield Part("sampled postures told apart by room", looked, postures - looked, "others of the same finger press in farther")
+    yield Count("sampled postures told apart by room", looked, postures - looked, "others of the same finger press in farther")
     points = ball_points(rig.dense, forward(rig.hand, pose, angles)[None])[:, 0]
     balls = len(rig.dense.radii)
     measured = len(doubtful(scene.field, rig.dense, points))
-    yield Part("balls measured exactly", measured, balls - measured, "clear of the object by the grid already", "doubtful balls")
+    yield Count("balls measured exactly", measured, balls - measured, "clear of the object by the grid already", "doubtful balls")
     faces, near = scene.blocks.corners.shape[2] * BLOCK, gel_only(rig.sensor)
     for sensor in sensors:
         met = cull_faces(scene.blocks, sensor, near).shape[2]
-        yield Part("faces taken to a sensor", met, faces - met, "not in its gel: they decide no contact", "gel only")
+        yield Count("faces taken to a sensor", met, faces - met, "not in its gel: they decide no contact")

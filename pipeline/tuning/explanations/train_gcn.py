@@ -14,7 +14,7 @@ from pipeline.kernels.charts.chart_square import SIDE
 from pipeline.kernels.networks.configurations import CONFIGURATIONS
 from pipeline.kernels.networks.graph import batch_graph
 from pipeline.training.loop import read_metrics
-from pipeline.tuning.explain import Part, arrays_read
+from pipeline.tuning.explain import Count, arrays_read
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
@@ -22,38 +22,37 @@ from stages.train_gcn.items import arrays_of
 from stages.train_gcn.settings import GcnSettings
 
 
-def explain(job: SetJob) -> Iterator[Part]:
+def explain(job: SetJob) -> Iterator[Count]:
     """Count what a training of one configuration looks at."""
     settings: GcnSettings = job.settings
     config = settings.network(chart_side(job.data) if settings.named.touch else SIDE)
-    yield Part("configurations trained", 1, len(CONFIGURATIONS) - 1, "each is a training of its own, and none needs another")
+    yield Count("configurations trained", 1, len(CONFIGURATIONS) - 1, "each is a training of its own, and none needs another")
     artifacts = (SURFACES, *([VISION] if config.image else []), *([CHARTS] if config.touch else []))
     yield arrays_read(arrays_of(config), artifacts)
     if config.image is not None:
-        yield Part("runs of the image encoder, a step", 1, config.passes - 1, "the image is the same in every pass", "encoder once")
+        yield Count("runs of the image encoder, a step", 1, config.passes - 1, "the image is the same in every pass")
     charts = 0
     if config.touch:
         split = load_split(job.data, ["stop_rule"], "train")
         charts = min(settings.max_grasps, split.arrays["stop_rule"].shape[1]) * split.arrays["stop_rule"].shape[2]
         touch_vertices = charts * config.side**2
-        yield Part(
+        yield Count(
             "features of touch vertices, an item",
             touch_vertices,
             touch_vertices * (config.passes - 1),
             "they never move: the same in every pass",
-            "touch features once",
         )
     graph = batch_graph(chart_sphere(config.splits), config.side, [charts], torch.device("cpu"), torch.float32)
     neighbours = graph.mean.values().numel()
     size = sum(graph.sizes)
-    yield Part("pairs of vertices averaged, an item", neighbours, size**2 - neighbours, "no neighbours", "sparse neighbours")
+    yield Count("pairs of vertices averaged, an item", neighbours, size**2 - neighbours, "no neighbours", "sparse neighbours")
     if graph.cuts:
         layers = min(len(graph.cuts), config.gcn_layers - 1)
         entering = sum(len(cut.entering) for cut in graph.cuts[:layers])
         why = "no vertex that moves is near enough to learn of them"
-        yield Part(f"vertices in the last {layers} layers, an item", entering, layers * size - entering, why, "what reaches vision")
+        yield Count(f"vertices in the last {layers} layers, an item", entering, layers * size - entering, why)
     points = load_split(job.data, ["points"], "valid").arrays["points"].shape[1]
     asked = min(settings.loss_points, points)
-    yield Part("points of the object asked, an item", asked, points - asked, "drawn anew each step; all are there to be near", "")
+    yield Count("points of the object asked, an item", asked, points - asked, "drawn anew each step; all are there to be near", "")
     done = len(read_metrics(job.folder))
-    yield Part("epochs", done, settings.epochs - done, "patience was at its end")
+    yield Count("epochs", done, settings.epochs - done, "patience was at its end")

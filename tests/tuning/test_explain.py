@@ -1,4 +1,4 @@
-"""`run STAGE --explain`, of all stages, on a tiny data set: the counts are those of the scene."""
+"""`run STAGE --explain`, of all stages, on a tiny dataset: the counts are those of the scene."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from benchmarks.tradeoff import shortcuts_data, shortcuts_learning
 from pipeline.cli import app
 from pipeline.cli import explain as command
+from pipeline.console import console
 from pipeline.engine.plan import Request, make_plan
 from pipeline.engine.runner import execute
 from pipeline.kernels.touch.face_culling import BLOCK, face_blocks
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
-from pipeline.tuning.explain import Part, arrays_read, shards_opened, total
+from pipeline.tuning.explain import Count, Explanation, arrays_read, processed_tasks, shards_opened, total
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from stages.registry import STAGES, load_stage
 from stages.sample_surfaces.settings import SurfaceSettings
-from tests.explain.test_shortcuts import small
 from tests.learning.tiny_data import ASSIGNMENTS, manifest
 
 SETS = [
@@ -35,7 +36,7 @@ SETS = [
     *("evaluate.configurations=[touch]", "configuration=touch", "simulate-grasps.attempts=5"),
 ]
 OBJECTS, SENSORS = 3, 20
-Explained = dict[str, list[Part]]
+Explained = dict[str, list[Count]]
 
 
 @pytest.fixture(scope="module")
@@ -52,11 +53,10 @@ def explained(data) -> Explained:
     manifest.write_text(yaml.safe_dump({"name": "tiny", "description": "d", "seed": 0, "splits": splits, "sources": [source]}))
     sets = [part for assignment in SETS for part in ("--set", assignment)]
     found: Explained = {}
-    genuine = command._show
 
-    def show(title: str, parts: list[Part]) -> None:
-        found[title.split()[0]] = total(parts)
-        genuine(title, parts)
+    def show(explanation: Explanation, request: Request) -> None:
+        found[request.stage.name] = list(explanation.counts)
+        console.print(explanation.table())
 
     with patch.object(command, "_show", show):
         for stage in STAGES:
@@ -67,7 +67,7 @@ def explained(data) -> Explained:
     return found
 
 
-def of(parts: list[Part], what: str, shortcut: str = "") -> Part:
+def of(parts: list[Count], what: str, shortcut: str = "") -> Count:
     (found,) = (part for part in parts if part.what == what and part.shortcut == shortcut)
     return found
 
@@ -77,11 +77,11 @@ def rows(data: Path, artifact) -> Iterator:
     return (collection.view(object_id) for object_id in collection)
 
 
-def test_every_stage_says_what_it_left_out_and_every_shortcut_it_names_is_measured(explained):
+def test_every_stage_leaves_something_out_and_names_measured_shortcuts(explained):
     assert list(explained) == list(STAGES)
     named = {part.shortcut for parts in explained.values() for part in parts} - {""}
-    assert named <= set(small())
-    assert len(named) >= 10
+    measured = (*shortcuts_data.shortcuts(shortcuts_data.Bench(1, 8)), *shortcuts_learning.shortcuts(shortcuts_learning.Bench()))
+    assert named <= {one.name for one in measured}
     for stage, parts in explained.items():
         assert any(part.left_out for part in parts), stage
         assert all(part.modelled >= 0 and part.left_out >= 0 and part.why for part in parts), stage
@@ -95,10 +95,10 @@ def test_rays_and_points_of_surfaces_add_up(explained):
     assert 0 < rays.modelled < rays.left_out
 
 
-def test_attempts_and_faces_of_grasps_are_those_of_the_rows(explained, data):
+def test_attempts_and_faces_of_grasps_equal_those_of_the_rows(explained, data):
     parts = explained["simulate-grasps"]
     assert of(parts, "attempts", "enough attempts").modelled == sum(int(row["attempts"]) for row in rows(data, GRASPS))
-    faces = of(parts, "faces taken to a sensor", "gel only")
+    faces = of(parts, "faces taken to a sensor", "")
     assert faces.modelled + faces.left_out == SENSORS * _faces(data)
     whole = of(parts, "fingers measured whole, a posture around kept grasps", "bounds first")
     assert 0 < whole.modelled < 0.5 * whole.left_out
@@ -110,23 +110,23 @@ def _faces(data: Path) -> int:
     return sum(face_blocks(one).corners.shape[2] * BLOCK for one in triangles)
 
 
-def test_images_and_hands_are_counted(explained):
+def test_images_and_hand_shapes_are_counted(explained):
     parts = explained["render-vision"]
     assert (of(parts, "images").modelled, of(parts, "images").left_out) == (OBJECTS * 6, 0)
-    shapes = of(parts, "hand shapes prepared, in one worker", "hand kept")
+    shapes = of(parts, "hand shapes prepared, in one worker")
     assert shapes.left_out == (OBJECTS - 1) * shapes.modelled
 
 
-def test_sensors_and_readings_of_touch_are_those_of_the_depths(explained, data):
+def test_sensors_and_tactile_images_equal_those_of_the_depths(explained, data):
     parts = explained["simulate-touch"]
     depth = np.concatenate([row["depth"].reshape(-1, 100, 100) for row in rows(data, TOUCH)])
     assert of(parts, "readings shaded", "untouched reading").modelled == int((depth < 6.8e-3).any(axis=(1, 2)).sum())
     assert of(parts, "sensors traced").modelled >= int(np.isfinite(depth).any(axis=(1, 2)).sum())
-    stored = of(parts, "local points stored", "points from depth")
+    stored = of(parts, "local points stored")
     assert (stored.modelled, stored.left_out) == (0, OBJECTS * SENSORS * 10_000)
 
 
-def test_touches_learnt_from_and_charts_fitted_are_those_that_touched(explained, data):
+def test_only_successful_touches_are_learned_from_and_fitted(explained, data):
     touched = [int(row["touch_success"].sum()) for row in rows(data, GRASPS)]
     charts = of(explained["fit-charts"], "charts fitted")
     assert (charts.modelled, charts.modelled + charts.left_out) == (sum(touched), OBJECTS * SENSORS)
@@ -135,23 +135,23 @@ def test_touches_learnt_from_and_charts_fitted_are_those_that_touched(explained,
     assert learnt.modelled + learnt.left_out == 2 * SENSORS  # train and valid
 
 
-def test_what_touch_alone_does_not_see_is_not_opened(explained):
+def test_network_with_touch_alone_opens_no_images(explained):
     parts = explained["train-gcn"]
-    assert not [part for part in parts if part.shortcut == "encoder once"]
+    assert not [part for part in parts if part.what == "runs of the image encoder, a step"]
     assert "vision" in of(parts, "shards opened").why
     assert of(parts, "arrays read").modelled == 3  # points, vertices, stop_rule
     pairs = of(parts, "pairs of vertices averaged, an item", "sparse neighbours")
     assert pairs.modelled + pairs.left_out == (1824 + 20 * 81) ** 2
 
 
-def test_reconstructions_are_the_cases_of_one_test_object(explained):
+def test_reconstructions_are_counted_once_per_case(explained):
     made = of(explained["evaluate"], "reconstructions", "each case once")
     assert (made.modelled, made.left_out) == (21, 4)
 
 
-def test_alike_parts_are_added_up_in_order():
-    parts = [Part("a", 1, 2, "w"), Part("b", 1, 0, "w"), Part("a", 3, 4, "w"), Part("a", 1, 1, "other")]
-    assert total(parts) == [Part("a", 4, 6, "w"), Part("b", 1, 0, "w"), Part("a", 1, 1, "other")]
+def test_equal_counts_are_added_up_in_order():
+    parts = [Count("a", 1, 2, "w"), Count("b", 1, 0, "w"), Count("a", 3, 4, "w"), Count("a", 1, 1, "other")]
+    assert total(parts) == [Count("a", 4, 6, "w"), Count("b", 1, 0, "w"), Count("a", 1, 1, "other")]
 
 
 def test_shards_and_arrays_that_are_no_input_are_left_out(tmp_path):
@@ -173,10 +173,10 @@ def test_one_object_is_explained_before_its_shard_is_packed(tmp_path):
     assert not (tmp_path / "surfaces").exists()
 
 
-def test_what_was_just_made_is_explained_and_not_the_shard_that_stands(tmp_path):
+def test_explanation_is_of_what_was_just_made(tmp_path):
     objects, stage = manifest().objects(), load_stage("sample-surfaces")
     for points, only in ((100, None), (150, objects[0].object_id)):
         plan = make_plan(Request(stage, SurfaceSettings(points=points), "tiny", objects, "draft", 0, tmp_path, only=only), 0)
         list(execute(plan))
-    (task,) = command._tasks(plan)
+    (task,) = processed_tasks(plan)
     assert len(task.inputs["surfaces"]["points"]) == 150

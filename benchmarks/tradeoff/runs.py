@@ -1,4 +1,4 @@
-"""Where variants are made: a data directory each, which shares what it does not vary with its study's common one."""
+"""Make variants: each in a data directory of its own, which shares what it does not vary with its study's common one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.tradeoff.variants import HERE, Study, Variant
+from benchmarks.tradeoff.study_plan import HERE, StudyPlan, Variant
 from pipeline.config.manifest import load_manifest
 from pipeline.store.layout import Layout
 from pipeline.store.record import Record
@@ -81,13 +81,13 @@ def link_common(objects: Path, data: Path, own: str) -> None:
             link.symlink_to(common)
 
 
-def make(root: Path, study: Study, variant: Variant) -> Made:
+def make(root: Path, plan: StudyPlan, variant: Variant) -> Made:
     """Make a variant unless it stands, and say what it took when it was made."""
-    data = root / study.objects / study.name.replace(" ", "-") / file_name(variant.label)
-    own = MADE_BY[study.stage]
-    link_common(root / study.objects, data, own)
-    command(study.stage, study.manifest, variant.preset, data, variant.assignments(study.stage), variant.seed)
-    return _of_folder(data, study, variant) if is_set_stage(load_stage(study.stage)) else _of_shard(data, own)
+    data = root / plan.objects / plan.name.replace(" ", "-") / file_name(variant.label)
+    own = MADE_BY[plan.stage]
+    link_common(root / plan.objects, data, own)
+    command(plan.stage, plan.manifest, variant.preset, data, variant.assignments(plan.stage), variant.seed)
+    return _of_folder(data, plan, variant) if is_set_stage(load_stage(plan.stage)) else _of_shard(data, own)
 
 
 def _of_shard(data: Path, artifact: str) -> Made:
@@ -97,9 +97,9 @@ def _of_shard(data: Path, artifact: str) -> Made:
     return Made(data, sum(seconds) / len(seconds), _bytes(path) / 1e3 / len(seconds), {})
 
 
-def _of_folder(data: Path, study: Study, variant: Variant) -> Made:
-    stage: Any = load_stage(study.stage)
-    record = Record(data / stage.folder(variant.settings(study.stage)))
+def _of_folder(data: Path, plan: StudyPlan, variant: Variant) -> Made:
+    stage: Any = load_stage(plan.stage)
+    record = Record(data / stage.folder(variant.settings(plan.stage)))
     facts = dict(record.content["facts"])
     weights = sum(path.stat().st_size for path in record.folder.glob("*.safetensors"))
     return Made(data, float(facts.get("training_seconds", record.content["seconds"])), (weights or _bytes(record.folder)) / 1e3, facts)
@@ -109,12 +109,20 @@ def _bytes(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
-def extent(study: Study) -> dict[str, Any]:
-    """How many objects a study is measured on, those that are learned from or tested, and whether all of them at once."""
-    whole = is_set_stage(load_stage(study.stage))
-    items = load_manifest(str(study.manifest)).objects(None)
-    split = "test" if study.stage == "evaluate" else "train"
-    return {"objects": sum(item.split == split for item in items) if whole else len(items), "whole": whole}
+def described(plan: StudyPlan) -> dict[str, Any]:
+    """Describe a study as `pipeline.tuning.measurements.Study` does, without its measurements."""
+    whole = is_set_stage(load_stage(plan.stage))
+    items = load_manifest(str(plan.manifest)).objects(None)
+    split = "test" if plan.stage == "evaluate" else "train"
+    return {
+        "stage": plan.stage,
+        "objects": sum(item.split == split for item in items) if whole else len(items),
+        "whole_dataset": whole,
+        "costs": list(plan.costs),
+        "fixed": dict(plan.fixed),
+        "varied_at": dict(plan.varied_at),
+        "skipped": dict(plan.skipped),
+    }
 
 
 def load_json(path: Path) -> Any:

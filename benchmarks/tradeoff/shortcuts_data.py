@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
 from functools import cached_property
 from unittest.mock import patch
 
@@ -11,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.touch import press
-from benchmarks.tradeoff.pairs import Pair, Results
 from benchmarks.tradeoff.plain_search import has_room as plain_has_room
 from benchmarks.tradeoff.plain_search import measuring_all
-from pipeline.config.scene_file import load_scene
+from benchmarks.tradeoff.shortcuts import Results, Shortcut
 from pipeline.engine.stage import Task
 from pipeline.kernels.geometry import exterior_sampling
 from pipeline.kernels.geometry.mesh import Mesh
@@ -23,18 +21,13 @@ from pipeline.kernels.hand import clearance
 from pipeline.kernels.hand.inverse import has_room, solve
 from pipeline.kernels.hand.kinematics import forward, sensor_poses
 from pipeline.kernels.touch import tactile_image
-from pipeline.kernels.touch.contact import is_touched, local_points, touch_success
 from pipeline.kernels.touch.ray_depth import face_depth, ray_depth
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.vision.labels import Label
 from pipeline.toy_objects import generate
-from stages.render_vision.renderer import Renderer
 from stages.simulate_grasps import stage as grasping
 from stages.simulate_grasps.attempt import _draw_pose
 from stages.simulate_grasps.rig import Rig, Scene, make_rig, make_scene
 from stages.simulate_grasps.settings import GraspSettings
-from stages.simulate_touch.settings import TouchSettings
-from stages.simulate_touch.stage import SimulateTouch
 
 
 class Bench:
@@ -82,60 +75,26 @@ class Bench:
         return self.rig.sensor
 
 
-def pairs(bench: Bench) -> list[Pair]:
-    """Every shortcut of these stages."""
+def shortcuts(bench: Bench) -> list[Shortcut]:
+    """List the shortcuts of these stages."""
     return [
-        Pair("sample-surfaces", "sure of side", "rays whose answer is known", lambda: _exterior(bench), lambda: _all_rays(bench)),
-        Pair(
-            "simulate-grasps",
-            "bounds first",
-            "distances of postures that cannot be the best",
-            lambda: _postures(bench, has_room),
-            lambda: _all_postures(bench),
+        Shortcut("sample-surfaces", "sure of side", "rays whose answer is known", lambda: _exterior(bench), lambda: _all_rays(bench)),
+        Shortcut(
+            *("simulate-grasps", "bounds first", "distances of postures that cannot be the best"),
+            *(lambda: _postures(bench, has_room), lambda: _all_postures(bench)),
         ),
-        Pair(
-            "simulate-grasps",
-            "doubtful balls",
-            "exact distances of balls clear of the object",
-            lambda: _depths(bench),
-            lambda: _all_balls(bench),
+        Shortcut(
+            *("simulate-grasps", "doubtful balls", "exact distances of balls clear of the object"),
+            *(lambda: _depths(bench), lambda: _all_balls(bench)),
         ),
-        Pair("simulate-grasps", "gel only", "rays beyond the gel", lambda: _touches(bench), lambda: _far_touches(bench)),
-        Pair(
-            "simulate-grasps",
-            "kept only",
-            "soundness of what cannot be kept (here with `exhaustive=true`)",
-            lambda: _grasps(bench, exhaustive=True),
-            lambda: _all_grasps(bench),
+        Shortcut(
+            *("simulate-grasps", "enough attempts", "attempts none of which could be kept (`exhaustive=false`)"),
+            *(lambda: _grasps(bench), lambda: _grasps(bench, exhaustive=True)),
         ),
-        Pair(
-            "simulate-grasps",
-            "enough attempts",
-            "attempts none of which could be kept (`exhaustive=false`)",
-            lambda: _grasps(bench),
-            lambda: _grasps(bench, exhaustive=True),
-        ),
-        Pair(
-            "render-vision",
-            "hand kept",
-            "the hand's shapes, prepared anew for every object",
-            lambda: _images(bench),
-            lambda: _all_images(bench),
-        ),
-        Pair("simulate-touch", "prism", "faces that no ray of the sensor meets", lambda: _depth(bench), lambda: _all_faces(bench)),
-        Pair(
-            "simulate-touch",
-            "untouched reading",
-            "shading where nothing is in the gel",
-            lambda: _readings(bench),
-            lambda: _all_readings(bench),
-        ),
-        Pair(
-            "simulate-touch",
-            "points from depth",
-            "local points, which the reader recomputes (three quarters of the bytes)",
-            lambda: _felt(bench, store=False),
-            lambda: _felt(bench, store=True),
+        Shortcut("simulate-touch", "prism", "faces that no ray of the sensor meets", lambda: _depth(bench), lambda: _all_faces(bench)),
+        Shortcut(
+            *("simulate-touch", "untouched reading", "shading where nothing is in the gel"),
+            *(lambda: _readings(bench), lambda: _all_readings(bench)),
         ),
     ]
 
@@ -174,15 +133,6 @@ def _all_balls(bench: Bench) -> Results:
         return _depths(bench)
 
 
-def _touches(bench: Bench) -> Results:
-    return {"touched": np.array([is_touched(bench.scene.blocks, pose, bench.sensor) for pose in bench.sensors])}
-
-
-def _far_touches(bench: Bench) -> Results:
-    blocks, sensor = bench.scene.blocks, bench.sensor
-    return {"touched": np.array([bool(touch_success(ray_depth(blocks, pose, sensor), sensor)) for pose in bench.sensors])}
-
-
 def _task(bench: Bench) -> Task:
     points, normals = bench.surface
     surface = {"points": points.astype(np.float32), "normals": normals.astype(np.float32)}
@@ -204,40 +154,6 @@ def _grasps(bench: Bench, exhaustive: bool = False) -> Results:
     with patch.object(grasping, "make_rig", lambda _: bench.rig), grasping.SimulateGrasps().session(settings, {}) as process:
         row = process(_task(bench))
     return {name: row[name] for name in ("hand_pose", "joint_angles", "sensor_pose", "touch_success", "penetration")}
-
-
-def _all_grasps(bench: Bench) -> Results:
-    with patch.object(grasping, "fewest_to_keep", lambda kept, count: 0):
-        return _grasps(bench, exhaustive=True)
-
-
-@contextmanager
-def _renderer(bench: Bench) -> Iterator[Renderer]:
-    with Renderer(load_scene("supplement"), 128) as renderer:
-        yield renderer
-
-
-def _images(bench: Bench, again: bool = False) -> Results:
-    """The object with the hand, `size` + 1 times as if they were several objects."""
-    found: dict[str, NDArray[np.uint8]] = {}
-    shapes = bench.rig.hand.visual_meshes
-    with _renderer(bench) as renderer:
-        hand = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in shapes]
-        for number in range(bench.size + 1):
-            if again and number:
-                for _, part in hand:
-                    renderer.remove(part)
-                hand = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in shapes]
-            thing = renderer.add(bench.mesh, Label.OBJECT)
-            frames = bench.frames[number]
-            view = renderer.render([(thing, np.eye(4)), *((part, frames[link]) for link, part in hand)])
-            renderer.remove(thing)
-            found |= {f"rgb {number}": view.rgb, f"segmentation {number}": view.segmentation}
-    return found
-
-
-def _all_images(bench: Bench) -> Results:
-    return _images(bench, again=True)
 
 
 def _depth(bench: Bench) -> Results:
@@ -266,18 +182,3 @@ def _readings(bench: Bench) -> Results:
 def _all_readings(bench: Bench) -> Results:
     depth, sensor = _nothing(bench), bench.sensor
     return {f"{k}": tactile_image._shade(tactile_image.impression(depth, sensor) / sensor.width, sensor) for k in range(8 * bench.size)}
-
-
-def _felt(bench: Bench, store: bool) -> Results:
-    """Depths and readings; the local points of all sensors as stored, or those that a reader makes of one grasp's depths."""
-    task = _task(bench)
-    with ExitStack() as stack:
-        process = stack.enter_context(SimulateTouch().session(TouchSettings(store_points=store), {}))
-        row = process(task)
-    if not store:
-        poses = task.inputs["grasps"]["sensor_pose"]
-        made = [local_points(depth, pose, bench.sensor) for depth, pose in zip(row["depth"][0], poses[0], strict=True)]
-        row["local_points"] = np.stack([points for points, _ in made])
-    else:
-        row["local_points"] = row["local_points"][0]
-    return {name: row[name] for name in ("depth", "reading", "local_points")}

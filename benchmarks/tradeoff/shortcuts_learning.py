@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from functools import cached_property
-from itertools import count
-from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -14,15 +12,12 @@ from torch import Tensor
 
 from benchmarks.charts import SENSOR, press
 from benchmarks.gcn import batch
-from benchmarks.tradeoff.pairs import Pair, Results
+from benchmarks.tradeoff.shortcuts import Results, Shortcut
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.fit_rule import FitRule
-from pipeline.kernels.metrics.distances import Cloud, distances
 from pipeline.kernels.networks import zero_neighbour
 from pipeline.kernels.networks.configurations import CONFIGURATIONS
 from pipeline.kernels.networks.deformation import DeformationNetwork
-from pipeline.kernels.networks.graph import ChartGraph
-from pipeline.kernels.networks.graph_network import GraphNetwork
 from pipeline.kernels.networks.touch_losses import projected_chamfer_loss
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.sensor import pixel_centres
@@ -49,9 +44,8 @@ class Bench:
         features: int = 96,
         width: float = 0.5,
         unet: int = 8,
-        points: int = 10_000,
     ) -> None:
-        self.items, self.points = items, points
+        self.items = items
         self._sizes = {"gcn_layers": layers, "gcn_features": features, "encoder_width": width}
         self._unet = unet
 
@@ -96,65 +90,39 @@ class Bench:
         rng = np.random.default_rng(0)
         return [press(kind, rng) for kind in PRESSED]
 
-    @cached_property
-    def clouds(self) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
-        """A truth (points, 3), and predictions of it."""
-        rng = np.random.default_rng(0)
-        truth = rng.normal(size=(self.points, 3))
-        truth *= 0.25 / np.linalg.norm(truth, axis=1, keepdims=True)
-        return truth, [truth[rng.permutation(self.points)] + rng.normal(scale=0.01, size=truth.shape) for _ in range(3)]
 
-
-def pairs(bench: Bench) -> list[Pair]:
-    """Every shortcut of these stages."""
+def shortcuts(bench: Bench) -> list[Shortcut]:
+    """List the shortcuts of these stages."""
     return [
-        Pair(
+        Shortcut(
             *("train-unet", "fewer loss points", "points of a touch's Chamfer loss beyond 2000 (unbiased; one draw is compared)"),
             *(lambda: _loss(bench, 2000), lambda: _loss(bench, None)),
             bound=2e-6,
             unit="sensor widths²",
         ),
-        Pair(
+        Shortcut(
             *("fit-charts", "touched readings", "readings of sensors that touched nothing, here half of them"),
             *(lambda: _clouds(bench, half=True), lambda: _clouds(bench, half=False)),
             bound=1e-8,
             unit="m",
         ),
-        Pair(
+        Shortcut(
             *("fit-charts", "fewer samples a step", "samples and points beyond 500 in a step's loss; what halts is exact"),
             *(lambda: _fits(bench, FitRule()), lambda: _fits(bench, ALL_SAMPLES)),
             bound=CHARTS_APART,
             unit="m RMS",
         ),
-        Pair(
-            *("train-gcn", "encoder once", "the image encoder in the second and third pass"),
-            *(lambda: _deformed(bench), lambda: _encoding_each_pass(bench)),
-        ),
-        Pair(
-            *("train-gcn", "touch features once", "image features of touch vertices in the second and third pass"),
-            *(lambda: _deformed(bench), lambda: _touching_each_pass(bench)),
-        ),
-        Pair(
+        Shortcut(
             *("train-gcn", "sparse neighbours", "products with pairs of vertices that are no neighbours"),
             *(lambda: _deformed(bench), lambda: _dense(bench)),
             bound=1e-6,
             unit="m",
         ),
-        Pair(
-            *("train-gcn", "what reaches vision", "vertices in the last layers from which nothing comes to a vertex that moves"),
-            *(lambda: _step(bench), lambda: _whole_step(bench)),
-            bound=1e-6,
-            unit="m",
-        ),
-        Pair(
+        Shortcut(
             *("evaluate", "each case once", "all grasps given once more for every first grasp"),
             *(lambda: _reconstructed(bench, 1), lambda: _reconstructed(bench, GRASPS)),
             bound=1e-6,
             unit="m",
-        ),
-        Pair(
-            *("evaluate", "one tree a truth", "the search tree of the true points for every reconstruction"),
-            *(lambda: _measured(bench, Cloud(bench.clouds[0])), lambda: _measured(bench, bench.clouds[0])),
         ),
     ]
 
@@ -186,31 +154,6 @@ def _deformed(bench: Bench) -> Results:
         return {"vertices": bench.network(*bench.given).numpy()}
 
 
-def _encoding_each_pass(bench: Bench) -> Results:
-    images = bench.given[0]
-    genuine, passes = DeformationNetwork._step, count()
-
-    def step(self: DeformationNetwork, positions: Tensor, touch: Tensor, maps: list[Tensor], *rest: Any) -> Tensor:
-        assert self.encoder is not None
-        again = self.encoder(images) if next(passes) else maps  # the first pass has the maps made for it
-        return genuine(self, positions, touch, again, *rest)
-
-    with patch.object(DeformationNetwork, "_step", step):
-        return _deformed(bench)
-
-
-def _touching_each_pass(bench: Bench) -> Results:
-    _, _, vertices, touched, counts = bench.given
-    genuine, passes = DeformationNetwork._step, count()
-
-    def step(self: DeformationNetwork, positions: Tensor, touch: Tensor, maps: list[Tensor], camera: Tensor, graphs: Any) -> Tensor:
-        again = self._touch_features(vertices, touched, counts, maps, camera) if next(passes) else touch
-        return genuine(self, positions, again, maps, camera, graphs)
-
-    with patch.object(DeformationNetwork, "_step", step):
-        return _deformed(bench)
-
-
 def _dense(bench: Bench) -> Results:
     dense: dict[int, tuple[Tensor, Tensor]] = {}  # each with what it was made of, which keeps its id taken
 
@@ -223,23 +166,6 @@ def _dense(bench: Bench) -> Results:
         return _deformed(bench)
 
 
-def _step(bench: Bench) -> Results:
-    """A training step but for its Chamfer loss."""
-    bench.felt.zero_grad()
-    _, _, vertices, touched, counts = bench.given
-    moved = bench.felt(None, None, vertices, touched, counts)
-    moved.square().mean().backward()
-    return {"vertices": moved.detach().numpy()}
-
-
-def _whole_step(bench: Bench) -> Results:
-    def of_vision(self: GraphNetwork, features: Tensor, graph: ChartGraph) -> Tensor:
-        return graph.of_vision(self(features, graph))
-
-    with patch.object(GraphNetwork, "of_vision", of_vision):
-        return _step(bench)
-
-
 def _reconstructed(bench: Bench, firsts: int) -> Results:
     """One item with all grasps, as they come, or once for every first grasp; what they have in common is compared."""
     _, _, vertices, touched, _ = bench.given
@@ -250,8 +176,3 @@ def _reconstructed(bench: Bench, firsts: int) -> Results:
             order = torch.arange(charts).roll(-first * SENSORS)
             found.append(bench.felt(None, None, vertices[order], touched[order], [charts])[0].numpy())
     return {f"{k}": found[k if firsts > 1 else 0] for k in range(GRASPS)}
-
-
-def _measured(bench: Bench, truth: Cloud | NDArray[np.float64]) -> Results:
-    apart = [distances(predicted, truth) for predicted in bench.clouds[1]]
-    return {"predicted": np.stack([one.predicted for one in apart]), "truth": np.stack([one.truth for one in apart])}

@@ -14,7 +14,7 @@ import trimesh
 
 from benchmarks.stored_grasps import Seen
 from benchmarks.tradeoff.errors import ERRORS, SOUND, Errors
-from benchmarks.tradeoff.work import Made
+from benchmarks.tradeoff.runs import Made
 from pipeline.config.hand_file import load_hand
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request, make_plan
@@ -289,3 +289,26 @@ def test_objects_that_failed_on_either_side_are_left_out(tmp_path: Path, stage: 
     made, true = store(tmp_path / "made", artifact, row, 3, "a"), store(tmp_path / "true", artifact, true_row, 3, "b")
     found = errors(stage, made, true)
     assert [found.error, *found.each] == pytest.approx([error, error], rel=2e-3)
+
+
+@pytest.mark.parametrize("power", [1, 2])
+@pytest.mark.parametrize("trained", [False, True])
+def test_bound_holds_for_nineteen_other_datasets_in_twenty(power, trained, rng: np.random.Generator) -> None:
+    """Objects differ, and so do trainings: ten objects, four trainings."""
+
+    def dataset(trainings: int) -> tuple[np.ndarray, np.ndarray]:
+        each = rng.gamma(9.0, 1.0, 10)
+        luck = 1 + 0.15 * rng.normal(size=trainings) * trained
+        return each * luck[0], np.mean(each**power) ** (1 / power) * luck
+
+    kept = 0
+    for _ in range(1000):
+        each, trainings = dataset(4)
+        bound = Errors({"error": trainings[0]}, list(each), power).bound(list(trainings) if trained else [])
+        kept += dataset(1)[1][0] <= bound
+    assert 0.9 <= kept / 1000 <= 0.985  # squares of few objects are skew
+
+
+def test_bound_of_no_missing_touch_follows_the_rule_of_three():
+    assert Errors({"missing, %": 0.0}, [0.0] * 10, touches=200).bound([]) == 1.5
+    assert Errors({"missing, %": 60.0}, [0.0, 100.0, 100.0], touches=60).bound([]) == 100

@@ -1,0 +1,122 @@
+"""Write `docs/tradeoff.md`: a table and a plot per study, and the sections beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.provenance import ROOT
+from benchmarks.tradeoff.plot import draw
+from pipeline.tuning.measurements import TIE_TOLERANCE, Measurement, Provenance, Study
+
+PAGE = ROOT / "docs" / "tradeoff.md"
+PLOTS = ROOT / "docs" / "tradeoff"
+BEGIN = """# Speed against accuracy
+
+Every setting that changes results, varied alone and with others, and the presets: what a setting costs and how large its error is.
+Seconds and kilobytes are per object, on one core; where a stage processes the dataset as one, they are the whole training's. **•** marks
+settings that no other beats in both cost and error (times within {tolerance:.0f} % count as equal). *At most* is the 95 % upper bound of
+the error on another dataset of as many such objects; `vt-pipeline advise` promises that one. Each table is of the commit above it;
+`make tradeoff-missing` lists what has not been measured since.
+"""
+NOTES = {
+    "sample-surfaces": "On these objects 128 directions find what 256 find. No preset takes fewer: their number is part of what an "
+    "exterior point is, and on objects of abutting parts more keep finding the walls of narrower gaps.",
+    "simulate-grasps": "Single settings are varied at `attempts=12`: with 50 nearly every sensor touches whatever the others are.",
+    "simulate-touch": "The error of `sphere` is its tolerance; `paper` keeps it because the supplement prescribes it, although `ray` is "
+    "faster and more accurate.",
+    "fit-charts": "`paper` continues as long as the supplement's rule says, with its step: 25 times the time, and no closer.",
+    "train-unet": "Seeds differ from the base in nothing but chance: smaller differences than theirs are noise.",
+    "train-gcn": "As above: compare with the seeds before believing a difference. A network with touch alone has no image encoder: the "
+    "encoder's settings change nothing here.",
+}
+KINDS = ("preset", "setting", "combination", "seed")
+
+
+def write_page(figures: Mapping[str, Any], studies: Iterable[Study]) -> None:
+    """Write the page and the plots."""
+    PLOTS.mkdir(parents=True, exist_ok=True)
+    parts = [BEGIN.format(tolerance=100 * TIE_TOLERANCE["seconds"])]
+    for study in studies:
+        picture = PLOTS / f"{study.name.replace(' ', '-')}.png"
+        draw(study, picture)
+        parts.append(study_section(study, picture))
+    for name, (title, write) in SECTIONS.items():
+        if section := figures["sections"].get(name):
+            text, head, rows = write(section["rows"])
+            parts.append(f"## {title}\n\n{_source(Provenance(**section['provenance']))}\n\n{text}\n\n{_table(head, rows)}")
+    PAGE.write_text("\n".join(parts))
+
+
+def study_section(study: Study, picture: Path) -> str:
+    """Write a study's section."""
+    front, figures = study.front(), list(study.measurements[0].figures)
+    head = ["", "setting", "seconds", "kB", figures[0], "at most", *figures[1:]]
+    rows = [_row(one, one in front, figures) for kind in KINDS for one in study.measurements if one.kind == kind]
+    notes = [f"Not measured as a whole: `{preset}` ({why})." for preset, why in study.skipped.items()]
+    notes += [NOTES[study.name]] if study.name in NOTES else []
+    text = " ".join(notes) + "\n\n" if notes else ""
+    stamp = f"{study.objects} objects. {_source(study.provenance)}"
+    return f"## {study.name}\n\n{stamp}\n\n![{study.name}](tradeoff/{picture.name})\n\n{text}{_table(head, rows)}"
+
+
+def _source(made: Provenance) -> str:
+    return f"`{made.command}`, commit {made.commit}, {made.machine}, {made.date}."
+
+
+def _row(one: Measurement, best: bool, figures: Sequence[str]) -> list[str]:
+    label = {"preset": f"**{one.label}**", "seed": one.label}.get(one.kind, f"`{one.label}`")
+    error, *others = (f"{one.figures[name]:.4g}" if name in one.figures else "–" for name in figures)
+    return ["•" if best else "", label, f"{one.seconds:.3g}", f"{one.kilobytes:.4g}", error, f"{one.bound:.4g}", *others]
+
+
+_Rows = list[dict[str, Any]]
+_Section = tuple[str, Sequence[str], list[list[Any]]]
+"""A text, the heads of a table, and its rows."""
+
+
+def _end_to_end(rows: _Rows) -> _Section:
+    text = "Datasets that differ from `draft` in one thing, each used to train and test draft's U-Net, charts and touch network."
+    head = ["dataset", "s per object", "touches, %", "Chamfer x 9000", "95 %"]
+    return text, head, [[*(row[k] for k in ("label", "seconds", "touches", "chamfer")), f"{row['low']} to {row['high']}"] for row in rows]
+
+
+def _alternatives(rows: _Rows) -> _Section:
+    text = "Choices that are no setting, because one of them is enough. Seconds per depth map of one sensor, or per grasp attempt."
+    words = ["; ".join(f"{name}: {value:.4g}" for name, value in row["figures"].items()) for row in rows]
+    lines = [[row["what"], row["label"], row["seconds"], line] for row, line in zip(rows, words, strict=True)]
+    return text, ["choice", "", "seconds", "figures"], lines
+
+
+def _same(rows: _Rows) -> _Section:
+    lines = [[row["stage"], f"`{row['label']}`", row["seconds"], f"`{row['digest'][:16]}`"] for row in rows]
+    return "The digests of the outputs, made in separate directories.", ["stage", "run with", "seconds", "digest"], lines
+
+
+def _shortcuts(rows: _Rows) -> _Section:
+    text = (
+        "Work that the scene does not require is left out (`vt-pipeline run STAGE --explain`): the same work with and without each "
+        "shortcut.\n\nRemoved on 2026-11-22, because each saved less than 1.5 × of its stage (measured before, commit 891b9e3): rays "
+        "beyond the gel 1.2 ×, soundness of what cannot be kept 0.9 ×, the hand's shapes kept between objects 1.1 ×, local points 1.2 × "
+        "(the setting `store_points` remains), the image encoder once 1.3 ×, touch features once 1.1 ×, vertices that reach no vision "
+        "vertex 1.3 ×, one search tree per true surface 1.1 ×."
+    )
+    head = ["stage", "what is not done", "s with", "s without", "times", "difference of results"]
+    lines = []
+    for row in rows:
+        ours, plain = row["seconds_with"], row["seconds_without"]
+        lines.append([row["stage"], row["what"], f"{ours:.3g}", f"{plain:.3g}", f"{plain / ours:.1f}", row["difference"]])
+    return text, head, lines
+
+
+SECTIONS = {
+    "end_to_end": ("What a cheaper dataset costs in the end", _end_to_end),
+    "alternatives": ("What could be built otherwise", _alternatives),
+    "same": ("What only changes speed", _same),
+    "shortcuts": ("Only what a scene requires", _shortcuts),
+}
+
+
+def _table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    return "".join(f"| {' | '.join(map(str, line))} |\n" for line in (head, ["---"] * len(head), *rows))

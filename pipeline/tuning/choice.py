@@ -1,0 +1,203 @@
+"""Choose settings for a time or an error, among measured ones (`pipeline.tuning.measurements`)."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from pipeline.errors import AdviceError
+from pipeline.tuning.measurements import Measurement, Study
+from pipeline.tuning.quote import assignment
+
+PRESET = "standard"
+"""Advice is given as changes to this preset."""
+_UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+
+
+@dataclass(frozen=True)
+class MachineSpeed:
+    """How fast this machine runs a stage.
+
+    Attributes
+    ----------
+    factor
+        Its seconds per measured second.
+    startup
+        Seconds of one run apart from its objects.
+    packing
+        Seconds per kilobyte of output that workers do not share: one process packs all rows.
+    """
+
+    factor: float = 1.0
+    startup: float = 0.0
+    packing: float = 0.0
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A measured setting for a stage, and the seconds that it takes for all objects here."""
+
+    study: Study
+    measurement: Measurement
+    seconds: float
+
+    @property
+    def log_bound(self) -> float:
+        """Logarithm of the error's bound; for a bound of zero (the reference's) that of the smallest above zero."""
+        positive = (one.bound for one in self.study.measurements if one.bound > 0)
+        return math.log(self.measurement.bound or min(positive, default=1.0))
+
+    def assignments(self, preset: Mapping[str, object]) -> list[str]:
+        """Write as `--set` takes them the settings that differ from a preset's."""
+        changed = {name: value for name, value in self.measurement.settings.items() if preset[name] != value}
+        return [f"{self.study.stage}.{assignment(name, value)}" for name, value in changed.items()]
+
+
+@dataclass(frozen=True)
+class Workload:
+    """What is to be made, and how fast this machine is.
+
+    Attributes
+    ----------
+    objects
+        Number of objects that each stage processes, by stage.
+    workers
+        Processes that share them, where they are processed one by one.
+    speeds
+        By stage; the measured speed where there is none.
+    """
+
+    objects: Mapping[str, int]
+    workers: int
+    speeds: Mapping[str, MachineSpeed] = field(default_factory=dict)
+
+    def choice(self, study: Study, measurement: Measurement) -> Choice:
+        """Predict the time of a measured setting here."""
+        speed, objects = self.speeds.get(study.stage, MachineSpeed()), self.objects[study.stage]
+        share = objects / study.objects if study.whole_dataset else math.ceil(objects / self.workers)
+        packing = 0.0 if study.whole_dataset else objects * measurement.kilobytes * speed.packing
+        return Choice(study, measurement, speed.startup + share * measurement.seconds * speed.factor + packing)
+
+
+@dataclass(frozen=True)
+class Limit:
+    """An upper limit on an error: of one stage, or of the only stage whose error has this unit."""
+
+    value: float
+    unit: str
+    stage: str | None = None
+
+    def applies_to(self, study: Study) -> bool:
+        """Whether it limits the error of this study's stage."""
+        return self.unit == study.unit if self.stage is None else self.stage == study.stage
+
+
+def duration(text: str) -> float:
+    """Parse seconds from "90s", "10min" or "1.5h".
+
+    Raises
+    ------
+    AdviceError
+        The text is something else.
+    """
+    match = re.fullmatch(r"([0-9.]+) *(s|min|h)", text.strip())
+    if not match or (value := _number(match[1])) is None or value <= 0:
+        raise AdviceError(f"{text!r} is no time; write 90s, 10min or 1.5h")
+    return value * _UNITS[match[2]]
+
+
+def error_limit(text: str) -> Limit:
+    """Parse a limit from "5um", "2%" or "fit-charts=200um".
+
+    Raises
+    ------
+    AdviceError
+        The text is something else.
+    """
+    match = re.fullmatch(r"(?:([a-z-]+) *= *)?([0-9.]+(?:[eE][-+]?[0-9]+)?) *([^0-9. ].*)?", text.strip())
+    if not match or (value := _number(match[2])) is None or not (match[1] or match[3]):
+        raise AdviceError(f"{text!r} is no error; write a number and the unit it is measured in, as 5um, 2% or fit-charts=200um")
+    return Limit(value, (match[3] or "").replace("µm", "um"), match[1])
+
+
+def within_time(studies: Sequence[Study], workload: Workload, seconds: float) -> list[Choice]:
+    """Choose one setting per stage, all together within a time, such that the product of their error bounds is least.
+
+    Bounds have different units, so they are compared by ratios: halving one counts as much as halving another.
+
+    Raises
+    ------
+    AdviceError
+        Even the fastest settings take longer; the message says how long.
+    """
+    plans: list[_Plan] = [(0.0, 0.0, ())]
+    for study in studies:
+        options = [workload.choice(study, one) for one in study.front()]
+        plans = _undominated(
+            [(t + one.seconds, e + one.log_bound, (*chosen, one)) for (t, e, chosen), one in itertools.product(plans, options)]
+        )
+    if plans[0][0] > seconds:
+        raise AdviceError(f"the fastest measured settings take {plans[0][0]:.0f} s, {seconds:.0f} s were given; take fewer objects")
+    return list([plan for plan in plans if plan[0] <= seconds][-1][2])  # the slowest of them is the most accurate
+
+
+def fastest(studies: Sequence[Study], workload: Workload) -> list[Choice]:
+    """Choose the fastest setting of every stage."""
+    return [min((workload.choice(study, one) for one in study.front()), key=lambda choice: choice.seconds) for study in studies]
+
+
+def within_error(studies: Sequence[Study], workload: Workload, limit: Limit) -> list[Choice]:
+    """Choose the fastest setting whose bound is within the limit, and `PRESET` for the stages that it does not limit.
+
+    Raises
+    ------
+    AdviceError
+        The limit applies to no stage or to several, or no setting is accurate enough; the message says what there is.
+    """
+    limited = _limited(studies, limit)
+    fits = [one for one in limited.choices if one.bound <= limit.value]
+    if not fits:
+        best = min(one.bound for one in limited.choices)
+        raise AdviceError(f"{limited.name}: {limited.metric}, stays below {best:.3g} at best, 19 times in 20, not {limit.value:g}")
+    chosen = []
+    for study in studies:
+        candidates = fits if study is limited else [one for one in study.measurements if one.is_preset(PRESET)]
+        options = [workload.choice(study, one) for one in candidates]
+        chosen.append(min(options, key=lambda one: (round(one.seconds, 1), one.measurement.kilobytes, one.measurement.bound)))
+    return chosen
+
+
+def _limited(studies: Sequence[Study], limit: Limit) -> Study:
+    """The one study that a limit applies to."""
+    found = [study for study in studies if limit.applies_to(study)]
+    if len(found) != 1:
+        measured = ", ".join(f"{study.stage} in {study.unit or 'a number without unit'}" for study in studies)
+        if limit.stage is not None:
+            raise AdviceError(f"settings are not chosen for {limit.stage} here, but for {measured}")
+        raise AdviceError(f"{'several stages are' if found else 'no stage is'} measured so; say which, as STAGE=5um: {measured}")
+    if limit.unit != found[0].unit:
+        raise AdviceError(f"{found[0].stage} is measured in {found[0].unit or 'a number without unit'}: {found[0].metric}")
+    return found[0]
+
+
+_Plan = tuple[float, float, tuple[Choice, ...]]
+"""Seconds, logarithm of the product of bounds, and one choice for each of the first stages."""
+
+
+def _undominated(plans: list[_Plan]) -> list[_Plan]:
+    """The plans than which no other is both faster and more accurate, the fastest first."""
+    kept: list[_Plan] = []
+    for plan in sorted(plans, key=lambda plan: plan[:2]):
+        if not kept or plan[1] < kept[-1][1]:
+            kept.append(plan)
+    return kept
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
