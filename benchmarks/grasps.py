@@ -93,7 +93,7 @@ def _grasp(
         if grasp and (before[0] < settings.grasps or grasp.touched.sum() > before[1]):
             angles, _ = physics.advance((MORE_STEPS, MORE_STEPS), 0.0)
             later = [
-                touch_success(ray_depth(scene.blocks, pose, rig.sensor), rig.sensor)
+                touch_success(ray_depth(scene.faces, pose, rig.sensor), rig.sensor)
                 for pose in sensor_poses(rig.hand, grasp.hand_pose, angles)
             ]
             changed[id(grasp)] = grasp.touched != np.array(later)

@@ -17,7 +17,7 @@ from benchmarks.grasps import MORE_STEPS, POINTS, independent_depth
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.touch.contact import touch_success
-from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
@@ -51,7 +51,7 @@ def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
                 continue
             row, surface = grasps.view(object_id), surfaces.view(object_id)
             mesh = read_mesh(surface)
-            blocks = face_blocks(mesh.triangles)
+            faces = box_faces(mesh.triangles)
             physics.load(mesh)
             for g, (pose, angles) in enumerate(zip(row["hand_pose"], row["joint_angles"], strict=True)):
                 touched, recorded = row["touch_success"][g], float(row["penetration"][g])
@@ -59,7 +59,7 @@ def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
                 depth = independent_depth(rig, mesh, grasp, np.random.default_rng(g), points)
                 physics.settle(pose, angles, angles, (0, 0), 0.0)
                 later, _ = physics.advance((MORE_STEPS, MORE_STEPS), 0.0)
-                after = [touch_success(ray_depth(blocks, sensor, rig.sensor), rig.sensor) for sensor in sensor_poses(rig.hand, pose, later)]
+                after = [touch_success(ray_depth(faces, sensor, rig.sensor), rig.sensor) for sensor in sensor_poses(rig.hand, pose, later)]
                 found.setdefault(object_id, []).append(
                     Seen(depth, recorded, touched, touched != np.array(after), bool(surface["watertight"]))
                 )

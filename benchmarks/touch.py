@@ -12,7 +12,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
 from pipeline.config.sensor_file import load_sensor
-from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, ray_origins
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
@@ -68,20 +68,20 @@ def row(subdivisions: int, sensor: Sensor, rng: np.random.Generator) -> str:
     scene = EmbreeScene()
     mesh = TriangleMesh(scene, triangles.astype(np.float32))
     start = time.perf_counter()
-    blocks = face_blocks(triangles)
+    faces = box_faces(triangles)
     prepare = (time.perf_counter() - start) * 1e3
 
     def embree(rays: tuple[np.ndarray, np.ndarray]) -> None:
         scene.run(*rays)
 
     def ray(pose: np.ndarray) -> None:
-        ray_depth(blocks, pose, sensor)
+        ray_depth(faces, pose, sensor)
 
     def whole(pose: np.ndarray) -> None:
-        tactile_image(ray_depth(blocks, pose, sensor).astype(np.float32), sensor)
+        tactile_image(ray_depth(faces, pose, sensor).astype(np.float32), sensor)
 
     def sphere(pose: np.ndarray) -> None:
-        sphere_traced_depth(blocks, pose, sensor)
+        sphere_traced_depth(faces, pose, sensor)
 
     raw = timed(embree, [float32_rays(pose, sensor) for pose in poses])
     cells = [timed(kernel, poses) for kernel in (ray, whole, sphere)]

@@ -15,7 +15,7 @@ from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.images import network_input
 from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
 from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
@@ -39,7 +39,7 @@ def presses(sensor: Sensor, count: int, rng: np.random.Generator) -> tuple[Tenso
     for _ in range(count):
         radius, pressed = rng.uniform(0.006, 0.02), rng.uniform(0.001, 0.003)
         centre = [*rng.uniform(-0.004, 0.004, 2), sensor.w - pressed + radius]
-        depths.append(ray_depth(face_blocks(faces * radius + centre), np.eye(4), sensor).astype(np.float32))
+        depths.append(ray_depth(box_faces(faces * radius + centre), np.eye(4), sensor).astype(np.float32))
     return torch.from_numpy(np.stack([tactile_image(depth, sensor) for depth in depths])), torch.from_numpy(np.stack(depths))
 
 

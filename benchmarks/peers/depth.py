@@ -18,7 +18,7 @@ from benchmarks.timing import side_by_side, three_digits
 from benchmarks.touch import float32_rays, press, wavy_ball
 from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, ray_origins
 from pipeline.kernels.touch.tactile_image import tactile_image
@@ -85,9 +85,9 @@ def measure(cases: Sequence[Case], turns: int) -> Table:
 
 def methods(table: Table, cases: Sequence[Case], sensor: Sensor) -> dict[str, list[DepthOf]]:
     """Every way to a depth map, a function of the pose for each case."""
-    blocks = [face_blocks(case.mesh.triangles) for case in cases]
+    faces = [box_faces(case.mesh.triangles) for case in cases]
     ways: dict[str, list[DepthOf]] = {
-        OURS: [lambda pose, b=b: ray_depth(b, pose, sensor) for b in blocks],
+        OURS: [lambda pose, b=b: ray_depth(b, pose, sensor) for b in faces],
         "Embree, float32": [_embree(case, sensor) for case in cases],
     }
     try:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from benchmarks.peers.cases import Case
 from benchmarks.peers.table import Table
 from benchmarks.timing import each, side_by_side, three_digits
-from pipeline.kernels.geometry.exterior_sampling import ESCAPES, EscapeTest, sample_exterior
+from pipeline.kernels.geometry.exterior_sampling import MIN_ESCAPES, EscapeTest, sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
 
 POINTS = 10_000
@@ -35,8 +35,8 @@ def measure(cases: Sequence[Case], turns: int) -> Table:
         ["ms an object", "÷ ours", "off the surface, µm: median / 99 % / most", "hidden inside, %", "exterior missed, %"],
         [
             f"Mean of {', '.join(case.name for case in cases)}. Processor milliseconds of one core, least / median; ratios of the least.",
-            f"Hidden: the nearest place of the mesh sees the outside in fewer than {ESCAPES} of {JUDGES:,} directions, by the same test as "
-            "our sampler's with eight times the directions, so that ours is not judged by its own rays alone. Missed: of so judged "
+            f"Hidden: the nearest place of the mesh sees the outside in fewer than {MIN_ESCAPES} of {JUDGES:,} directions, by the same "
+            "test as our sampler's with eight times the directions, so that ours is not judged by its own rays alone. Missed: of so judged "
             f"exterior places, those with no point within {1e3 * FAR:g} mm.",
             "Not comparable: trimesh's sampling is asked for points on any face and gives that. Carving voxels is trimesh's `voxelized`, "
             "`fill('orthographic')`, `marching_cubes`, samples of that: it makes a closed solid, as our samples are not, closes "
@@ -97,5 +97,5 @@ def sees_outside(mesh: Mesh, places: NDArray[np.float64], face: NDArray[np.int64
     """Whether each place (N, 3) on a face (N,) of the mesh is exterior, judged along `JUDGES` directions."""
     vectors = face_cross_products(mesh.triangles)
     normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    front, back, *_ = EscapeTest(mesh, JUDGES).escapes(np.ascontiguousarray(places), normals[face])
-    return np.asarray(front + back >= ESCAPES)
+    front, back = EscapeTest(mesh, JUDGES).count(np.ascontiguousarray(places), normals[face])
+    return np.asarray(front + back >= MIN_ESCAPES)

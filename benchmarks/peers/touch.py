@@ -19,7 +19,7 @@ from benchmarks.provenance import ROOT
 from benchmarks.timing import Round, Times, each, side_by_side, three_digits
 from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_quantisation import quantise_depth
-from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres, sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image
@@ -83,8 +83,10 @@ def measure(cases: Sequence[Case], turns: int) -> Table:
 def our_depth(cases: Sequence[Case], sensor: Sensor) -> Depth:
     """Depth as the stage stores it, of a case's number and a pose."""
     settings = TouchSettings()
-    blocks = [face_blocks(case.mesh.triangles) for case in cases]
-    return lambda number, pose: quantise_depth(ray_depth(blocks[number], pose, sensor), sensor, settings.gel_bits, settings.far_bits)
+    faces = [box_faces(case.mesh.triangles) for case in cases]
+    return lambda number, pose: quantise_depth(
+        ray_depth(faces[number], pose, sensor), sensor, gel_bits=settings.gel_bits, far_bits=settings.far_bits
+    )
 
 
 def over_cases(cases: Sequence[Case], call: Callable[[int, NDArray[np.float64]], object]) -> Round:

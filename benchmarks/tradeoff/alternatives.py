@@ -30,7 +30,7 @@ from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.face_culling import FaceBlocks, face_blocks
+from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, ray_origins
 from pipeline.kernels.vision.labels import Label
@@ -66,8 +66,8 @@ class Object:
         self.poses: NDArray[np.float64] = grasps["sensor_pose"][grasps["touch_success"]]
 
     @cached_property
-    def blocks(self) -> FaceBlocks:
-        return face_blocks(self.mesh.triangles)
+    def faces(self) -> BoxedFaces:
+        return box_faces(self.mesh.triangles)
 
 
 def alternatives(data: Path) -> list[dict[str, Any]]:
@@ -81,10 +81,10 @@ def _pixels(objects: list[Object]) -> Iterator[dict[str, Any]]:
     """Depth maps with fewer or more pixels, enlarged to the finest and compared where both see the gel's contents."""
     sensor = load_sensor("gel_16mm")
     fine = sensor.model_copy(update={"rows": FINEST, "cols": FINEST})
-    truth = [ray_depth(one.blocks, pose, fine) for one in objects for pose in one.poses]
+    truth = [ray_depth(one.faces, pose, fine) for one in objects for pose in one.poses]
     for pixels in PIXELS:
         coarse = sensor.model_copy(update={"rows": pixels, "cols": pixels})
-        depths, seconds = _timed(objects, lambda one, pose, coarse=coarse: ray_depth(one.blocks, pose, coarse))
+        depths, seconds = _timed(objects, lambda one, pose, coarse=coarse: ray_depth(one.faces, pose, coarse))
         squares = []
         for depth, exact in zip(depths, truth, strict=True):
             ours = resize(np.minimum(depth, sensor.w), exact.shape, order=1, mode="edge")
@@ -97,7 +97,7 @@ def _pixels(objects: list[Object]) -> Iterator[dict[str, Any]]:
 def _tracers(objects: list[Object]) -> Iterator[dict[str, Any]]:
     """The same rays in float64, as scan conversion, and in float32, as Embree's first hits."""
     sensor = load_sensor("gel_16mm")
-    exact, seconds = _timed(objects, lambda one, pose: ray_depth(one.blocks, pose, sensor))
+    exact, seconds = _timed(objects, lambda one, pose: ray_depth(one.faces, pose, sensor))
     yield _row("precision of rays", "float64 (ours)", seconds, {"worst in the gel, um": 0.0})
     scenes = {id(one): EmbreeScene() for one in objects}
     held = [TriangleMesh(scenes[id(one)], one.mesh.triangles.astype(np.float32)) for one in objects]
@@ -214,7 +214,7 @@ def _timed(
     """What is traced of every touch, and the mean seconds of one."""
     found = []
     for one in objects:
-        _ = one.blocks
+        _ = one.faces
     start = time.perf_counter()
     for one in objects:
         found += [trace(one, pose) for pose in one.poses]

@@ -20,8 +20,7 @@ from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.kernels.hand import clearance
 from pipeline.kernels.hand.inverse import has_room, solve
 from pipeline.kernels.hand.kinematics import forward, sensor_poses
-from pipeline.kernels.touch import tactile_image
-from pipeline.kernels.touch.ray_depth import face_depth, ray_depth
+from pipeline.kernels.touch.ray_depth import local_depth, ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.toy_objects import generate
 from stages.simulate_grasps import stage as grasping
@@ -92,10 +91,6 @@ def shortcuts(bench: Bench) -> list[Shortcut]:
             *(lambda: _grasps(bench), lambda: _grasps(bench, exhaustive=True)),
         ),
         Shortcut("simulate-touch", "prism", "faces that no ray of the sensor meets", lambda: _depth(bench), lambda: _all_faces(bench)),
-        Shortcut(
-            *("simulate-touch", "untouched reading", "shading where nothing is in the gel"),
-            *(lambda: _readings(bench), lambda: _all_readings(bench)),
-        ),
     ]
 
 
@@ -105,7 +100,7 @@ def _exterior(bench: Bench) -> Results:
 
 
 def _all_rays(bench: Bench) -> Results:
-    with patch.object(exterior_sampling, "SURE_OF_SIDE", exterior_sampling.DIRECTIONS + 1):
+    with patch.object(exterior_sampling, "CERTAIN_ESCAPES", exterior_sampling.DIRECTIONS + 1):
         return _exterior(bench)
 
 
@@ -157,28 +152,15 @@ def _grasps(bench: Bench, exhaustive: bool = False) -> Results:
 
 
 def _depth(bench: Bench) -> Results:
-    return {f"{k}": ray_depth(bench.scene.blocks, pose, bench.sensor) for k, pose in enumerate(bench.sensors)}
+    return {f"{k}": ray_depth(bench.scene.faces, pose, bench.sensor) for k, pose in enumerate(bench.sensors)}
 
 
 def _all_faces(bench: Bench) -> Results:
     """Every face is taken to the sensor's frame and looked at by the tracer."""
     found = {}
-    corners = bench.scene.blocks.corners.reshape(3, 3, -1)
+    corners = bench.scene.faces.corners
     for k, pose in enumerate(bench.sensors):
         rotation, offset = pose[:3, :3], corners - pose[:3, 3][:, None, None]
         local = np.stack([r[0] * offset[0] + r[1] * offset[1] + r[2] * offset[2] for r in rotation.T])
-        found[f"{k}"] = face_depth(local, bench.sensor)
+        found[f"{k}"] = local_depth(local, bench.sensor)
     return found
-
-
-def _nothing(bench: Bench) -> NDArray[np.float32]:
-    return np.full(bench.sensor.shape, np.inf, np.float32)
-
-
-def _readings(bench: Bench) -> Results:
-    return {f"{k}": tactile_image.tactile_image(_nothing(bench), bench.sensor) for k in range(8 * bench.size)}
-
-
-def _all_readings(bench: Bench) -> Results:
-    depth, sensor = _nothing(bench), bench.sensor
-    return {f"{k}": tactile_image._shade(tactile_image.impression(depth, sensor) / sensor.width, sensor) for k in range(8 * bench.size)}

@@ -1,4 +1,4 @@
-"""Loops that numpy could only spell as heaps of temporaries: written out for one element, and compiled."""
+"""Compilation of loops that numpy could only express with large temporary arrays."""
 
 from __future__ import annotations
 
@@ -11,19 +11,28 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def compiled(signature: str | None = None) -> Callable[[F], F]:
-    """Compile a function of numbers and arrays to machine code, and keep that beside its file, or else in the user's cache.
+    """Compile a function of numbers and arrays to machine code, cached beside its file or in the user's cache.
 
-    With a signature it is compiled for these types alone, when its file is first imported, once an installation; without, when a
-    compiled function calls it. So several processes that compile at once write the same.
+    Parameters
+    ----------
+    signature
+        Types for which the function is compiled when its file is first imported; without, it is compiled when a compiled function
+        calls it.
 
-    The result is what Python computes, to the bit: nothing is reordered or fused, division by zero gives infinity or NaN, and
-    indices are not checked. `.py_func` of what is returned is the function itself, which tests compare with.
+    Returns
+    -------
+    The decorator. `.py_func` of the decorated function is the Python function.
+
+    Notes
+    -----
+    The result has the bits of the Python function: nothing is reordered or fused, division by zero gives infinity or NaN. Indices are
+    not checked.
     """
 
-    def compile_it(function: F) -> F:
+    def compile_function(function: F) -> F:
         try:
             return cast(F, numba.njit(signature, cache=True, error_model="numpy")(function))
-        except RuntimeError:  # no folder may be written to: it is compiled anew in every process
+        except RuntimeError:  # no cache folder is writable: every process compiles for itself
             return cast(F, numba.njit(signature, error_model="numpy")(function))
 
-    return compile_it
+    return compile_function

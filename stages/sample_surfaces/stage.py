@@ -11,7 +11,6 @@ import numpy as np
 
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Cost, Task
-from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
@@ -21,7 +20,7 @@ from pipeline.store.pieces import Row
 from pipeline.toy_objects import KINDS, generate
 from schemas.base import Artifact
 from schemas.surfaces import SURFACES
-from stages.sample_surfaces.mesh_files import load_mesh
+from stages.sample_surfaces.mesh_reader import load_mesh
 from stages.sample_surfaces.settings import SurfaceSettings
 
 
@@ -65,13 +64,9 @@ class SampleSurfaces:
 
 def _process(task: Task, settings: SurfaceSettings) -> Row:
     source = task.source
-    try:
-        mesh, report = clean_mesh(source_mesh(task), settings.max_faces)
-        mesh = normalise_mesh(mesh, source.get("up", "z"), settings.diagonal, source.get("metres_per_unit"))
-        rng = task.rng("sample-surfaces")
-        points, normals = sample_exterior(mesh, settings.points, rng, settings.directions)
-    except (ValueError, OSError) as error:
-        raise InvalidInput(str(error)) from error
+    mesh, report = clean_mesh(source_mesh(task), settings.max_faces)
+    mesh = normalise_mesh(mesh, source.get("up", "z"), settings.diagonal, source.get("metres_per_unit"))
+    points, normals = sample_exterior(mesh, settings.points, task.rng("sample-surfaces"), settings.directions)
     return {
         "points": points,
         "normals": normals,
@@ -83,7 +78,7 @@ def _process(task: Task, settings: SurfaceSettings) -> Row:
 
 
 def source_mesh(task: Task) -> Mesh:
-    """The object's mesh as its source has it: modelled, or read from its file."""
+    """Make the mesh of a procedural object, or read that of another from its file."""
     if "procedural" not in task.source:
         return load_mesh(Path(task.source["file"]))
     category, variant, seed = (task.source[name] for name in ("procedural", "variant", "seed"))

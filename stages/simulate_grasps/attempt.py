@@ -14,7 +14,8 @@ from pipeline.kernels.hand.inverse import has_room, solve
 from pipeline.kernels.hand.kinematics import forward, sensors_on
 from pipeline.kernels.hand.placement import tangent_pose
 from pipeline.kernels.hand.reach import ball_points, finger_clearance
-from pipeline.kernels.touch.contact import is_touched
+from pipeline.kernels.touch.contact import touch_success
+from pipeline.kernels.touch.ray_depth import ray_depth
 from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.rig import Rig, Scene
 from stages.simulate_grasps.settings import GraspSettings
@@ -113,7 +114,7 @@ def _close(
     angles, rests = physics.settle(pose, start, target, (LEAST_STEPS, settings.settle_steps), settings.resting_speed)
     frames = forward(rig.hand, pose, angles)
     sensors = sensors_on(rig.hand, frames)
-    touched = np.array([is_touched(scene.blocks, sensor, rig.sensor) for sensor in sensors])
+    touched = np.array([touch_success(ray_depth(scene.faces, sensor, rig.sensor), rig.sensor) for sensor in sensors])
     within = bool(((angles >= rig.hand.lower) & (angles <= rig.hand.upper)).all())
     if not (rests and within and touched.sum() >= fewest and hand_gap(rig.hand, rig.boxes, frames) >= 0):
         return Grasp(pose, angles, sensors, touched, np.nan, sound=False)

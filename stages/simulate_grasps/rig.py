@@ -15,7 +15,7 @@ from pipeline.kernels.hand.distance import DistanceField, distance_field
 from pipeline.kernels.hand.inverse import PostureSamples, Wanted, sample_postures
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.reach import FingerParts, finger_parts
-from pipeline.kernels.touch.face_culling import FaceBlocks, face_blocks
+from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
 from pipeline.kernels.touch.sensor import Sensor
 from stages.simulate_grasps.settings import GraspSettings
 
@@ -50,7 +50,7 @@ class Scene:
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
     field: DistanceField
-    blocks: FaceBlocks
+    faces: BoxedFaces
 
 
 def make_rig(settings: GraspSettings) -> Rig:
@@ -80,5 +80,5 @@ def make_scene(mesh: Mesh, points: np.ndarray, normals: np.ndarray, cell: float)
         points=points.astype(np.float64),
         normals=normals.astype(np.float64),
         field=distance_field(mesh.vertices, mesh.faces, cell, GRID_BAND),
-        blocks=face_blocks(mesh.triangles),
+        faces=box_faces(mesh.triangles),
     )

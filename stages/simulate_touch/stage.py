@@ -14,7 +14,7 @@ from pipeline.engine.stage import Cost, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.depth_quantisation import quantise_depth
-from pipeline.kernels.touch.face_culling import FaceBlocks, face_blocks
+from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
@@ -66,14 +66,9 @@ class SimulateTouch:
 
         def process(task: Task) -> Row:
             _check_sensor(task, settings)
-            blocks = face_blocks(task.mesh().triangles)
+            faces = box_faces(task.mesh().triangles)
             poses = task.inputs["grasps"]["sensor_pose"]  # (grasp, sensor, 4, 4)
-            rows = []
-            for grasp, finger in np.ndindex(poses.shape[:2]):
-                try:
-                    rows.append(_feel(blocks, poses[grasp, finger], sensor, settings))
-                except ValueError as error:
-                    raise InvalidInput(f"sensor {finger} of grasp {grasp}: {error}") from error
+            rows = [_touch(faces, poses[index], sensor, settings) for index in np.ndindex(poses.shape[:2])]
             arrays = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
             return {name: array.reshape(*poses.shape[:2], *array.shape[1:]) for name, array in arrays.items()}
 
@@ -86,13 +81,13 @@ def _check_sensor(task: Task, settings: TouchSettings) -> None:
         raise InvalidInput(f"the hand wears sensor {worn}, simulate-touch.sensor is {settings.sensor}; --set simulate-touch.sensor={worn}")
 
 
-def _feel(blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor, settings: TouchSettings) -> Row:
-    """One sensor's arrays; reading and points are made from the depth as it is stored."""
+def _touch(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, settings: TouchSettings) -> Row:
+    """Compute one sensor's arrays; tactile image and local points follow from the depth as it is stored."""
     if settings.tracer == "ray":
-        exact = ray_depth(blocks, pose, sensor)
+        exact = ray_depth(faces, pose, sensor)
     else:
-        exact = sphere_traced_depth(blocks, pose, sensor, settings.sphere_tolerance, settings.sphere_steps)
-    depth = quantise_depth(exact, sensor, settings.gel_bits, settings.far_bits)
+        exact = sphere_traced_depth(faces, pose, sensor, tolerance=settings.sphere_tolerance, max_steps=settings.sphere_steps)
+    depth = quantise_depth(exact, sensor, gel_bits=settings.gel_bits, far_bits=settings.far_bits)
     row: Row = {"depth": depth, "reading": tactile_image(depth, sensor)}
     if settings.store_points:
         points, count = local_points(depth, pose, sensor)

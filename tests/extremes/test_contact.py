@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from pipeline.kernels.touch.contact import CONTACT, is_touched, local_points, touch_success
+from pipeline.kernels.touch.contact import CONTACT_MARGIN, local_points, touch_success
 from pipeline.kernels.touch.depth_quantisation import quantise_depth
-from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Lights, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import impression, tactile_image, untouched_image
@@ -55,19 +55,18 @@ def test_a_needle_in_the_gel_is_one_point() -> None:
 def test_a_surface_in_front_of_the_whole_gel() -> None:
     """A ball of a metre, and one that holds the sensor within."""
     at = pose_at(np.array([0, 0, -1.0]), np.array([0, 0, 1.0]), SENSOR.w - 0.003)
-    depth = ray_depth(face_blocks(ball(5, 1.0)), at, SENSOR)
+    depth = ray_depth(box_faces(ball(5, 1.0)), at, SENSOR)
     assert (depth < SENSOR.w).all()
     assert local_points(depth.astype(np.float32), at, SENSOR)[1] == 10_000
-    assert np.isinf(ray_depth(face_blocks(ball(5, 1.0)), np.eye(4), SENSOR)).all()
-    assert not is_touched(face_blocks(ball(5, 1.0)), np.eye(4), SENSOR)
+    assert np.isinf(ray_depth(box_faces(ball(5, 1.0)), np.eye(4), SENSOR)).all()
 
 
 @for_all(few=30, many=300, nearest=st.floats(0, 0.01))
 def test_touch_is_judged_in_float32_and_by_gel_alone(nearest) -> None:
     floor = np.array([[[-1, -1, nearest], [3, -1, nearest], [-1, 3, nearest]]])
     judged = float(np.float32(nearest))
-    expected = 0 < judged < SENSOR.w - CONTACT
-    assert is_touched(face_blocks(floor), np.eye(4), SENSOR) == expected
+    expected = 0 < judged < SENSOR.w - CONTACT_MARGIN
+    assert touch_success(ray_depth(box_faces(floor), np.eye(4), SENSOR), SENSOR) == expected
     assert touch_success(np.full(SENSOR.shape, nearest), SENSOR) == expected
     assert touch_success(np.full(SENSOR.shape, np.float32(nearest)), SENSOR) == expected
 
@@ -84,7 +83,7 @@ def test_depths_that_are_none_are_named(bad) -> None:
         for ask in (
             lambda: touch_success(one_pixel(bad), SMALL),
             lambda: local_points(one_pixel(bad).astype(np.float32), np.eye(4), SMALL),
-            lambda: quantise_depth(one_pixel(bad), SMALL, 26, 18),
+            lambda: quantise_depth(one_pixel(bad), SMALL, gel_bits=26, far_bits=18),
         ):
             with pytest.raises(ValueError, match="depth holds NaN"):
                 ask()
@@ -166,12 +165,12 @@ def test_storing_moves_a_depth_by_half_a_step_at_most_and_nothing_twice(seed, ge
     depth = np.concatenate(
         [rng.uniform(0, 0.05, 200), SENSOR.w + rng.normal(size=50) * 1e-9, [0, np.inf, 5e-324, np.nextafter(SENSOR.w, 0)]]
     )
-    stored = quantise_depth(depth, SENSOR, gel, far)
+    stored = quantise_depth(depth, SENSOR, gel_bits=gel, far_bits=far)
     step = np.where(depth < SENSOR.w, *(0 if bits is None else 2.0**-bits for bits in (gel, far)))
     finite = np.isfinite(depth)
     assert np.isinf(stored[~finite]).all()
     unit = np.spacing(depth[finite].astype(np.float32)).astype(np.float64)
     assert (np.abs(stored[finite] - depth[finite]) <= (step[finite] + unit) / 2).all()
     inner = np.abs(depth - SENSOR.w) > 1e-3  # what storing does not carry from the gel to beyond it, or back
-    again = quantise_depth(stored.astype(np.float64), SENSOR, gel, far)
+    again = quantise_depth(stored.astype(np.float64), SENSOR, gel_bits=gel, far_bits=far)
     np.testing.assert_array_equal(again[inner & finite], stored[inner & finite])

@@ -6,10 +6,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch.face_culling import BLOCK, cull_faces, face_blocks
+from pipeline.kernels.touch.face_culling import box_faces, cull_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import pixel_centres, ray_origins
-from pipeline.kernels.touch.sphere_tracing import march, sphere_traced_depth
+from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth, trace_spheres
 from tests.touch.scenes import SENSOR, ball, box, coarse, pose_at, pybullet_triangles, random_pose
 from tests.touch.twins import brute_force
 
@@ -26,26 +26,26 @@ def sheet(z: float, half: float = 0.1, x: float = 0, y: float = 0) -> np.ndarray
 
 @tracers
 def test_nothing_there(trace: Tracer) -> None:
-    assert np.isinf(trace(face_blocks(np.zeros((0, 3, 3))), np.eye(4), SENSOR)).all()
+    assert np.isinf(trace(box_faces(np.zeros((0, 3, 3))), np.eye(4), SENSOR)).all()
 
 
 @tracers
 @pytest.mark.parametrize("z", [-0.001, 0.0501])
 def test_behind_or_out_of_range(trace: Tracer, z: float) -> None:
-    assert np.isinf(trace(face_blocks(sheet(z)), np.eye(4), SENSOR)).all()
+    assert np.isinf(trace(box_faces(sheet(z)), np.eye(4), SENSOR)).all()
 
 
 @tracers
 @pytest.mark.parametrize("z", [0.0, 1e-12, 0.05])
 def test_ends_of_the_range_count(trace: Tracer, z: float) -> None:
-    depth = trace(face_blocks(sheet(z)), np.eye(4), SENSOR)
+    depth = trace(box_faces(sheet(z)), np.eye(4), SENSOR)
     assert np.abs(depth - z).max() <= 1e-7
     assert (depth >= 0).all()
 
 
 @tracers
 def test_surface_just_behind_the_plane_hides_nothing(trace: Tracer) -> None:
-    depth = trace(face_blocks(np.concatenate([sheet(-5e-8), sheet(0.01)])), np.eye(4), SENSOR)
+    depth = trace(box_faces(np.concatenate([sheet(-5e-8), sheet(0.01)])), np.eye(4), SENSOR)
     assert np.abs(depth - 0.01).max() <= 1e-7
 
 
@@ -55,7 +55,7 @@ def test_rays_start_on_a_slanted_surface(trace: Tracer) -> None:
     sensor = coarse(25)
     plane = sheet(0.0)
     plane[..., 2] = 0.5 * plane[..., 0]
-    depth = trace(face_blocks(plane), np.eye(4), sensor)
+    depth = trace(box_faces(plane), np.eye(4), sensor)
     x, _ = pixel_centres(sensor)
     ahead = x >= 0
     assert np.abs(depth[:, ahead] - 0.5 * x[ahead]).max() <= 1e-7
@@ -66,7 +66,7 @@ def test_rays_start_on_a_slanted_surface(trace: Tracer) -> None:
 def test_one_pixel(trace: Tracer) -> None:
     x, y = pixel_centres(SENSOR)
     tiny = sheet(0.003, half=1e-5, x=x[17], y=y[80])
-    depth = trace(face_blocks(tiny), np.eye(4), SENSOR)
+    depth = trace(box_faces(tiny), np.eye(4), SENSOR)
     assert np.argwhere(np.isfinite(depth)).tolist() == [[80, 17]]
     assert abs(depth[80, 17] - 0.003) <= 1e-7
 
@@ -75,7 +75,7 @@ def test_one_pixel(trace: Tracer) -> None:
 @pytest.mark.parametrize("size", [1e-6, 1e-4])
 def test_tiny_objects(trace: Tracer, size: float) -> None:
     x, y = pixel_centres(SENSOR)
-    depth = trace(face_blocks(ball(2, size, x[50], y[50], 0.004)), np.eye(4), SENSOR)
+    depth = trace(box_faces(ball(2, size, x[50], y[50], 0.004)), np.eye(4), SENSOR)
     assert abs(depth[50, 50] - (0.004 - size)) <= 0.05 * size + 1e-7
 
 
@@ -87,7 +87,7 @@ def test_offset_changes_nothing(trace: Tracer, offset: float) -> None:
     moved = pose.copy()
     moved[:3, 3] += offset
     sensor = coarse(30)
-    here, there = trace(face_blocks(triangles), pose, sensor), trace(face_blocks(triangles + offset), moved, sensor)
+    here, there = trace(box_faces(triangles), pose, sensor), trace(box_faces(triangles + offset), moved, sensor)
     both = np.isfinite(here) & np.isfinite(there)
     assert (np.isfinite(here) != np.isfinite(there)).sum() <= (1 if offset else 0)  # a kilometre's rounding moves rims
     assert np.quantile(np.abs(here[both] - there[both]), 0.99) <= 2e-7
@@ -98,10 +98,10 @@ def test_winding_duplicates_and_order_change_nothing(trace: Tracer) -> None:
     triangles = pybullet_triangles("random_urdfs/063/063.obj")
     pose = random_pose(triangles, np.random.default_rng(5))
     sensor = coarse(40)
-    depth = trace(face_blocks(triangles), pose, sensor)
+    depth = trace(box_faces(triangles), pose, sensor)
     assert np.isfinite(depth).any()
     for other in (triangles[:, ::-1], np.concatenate([triangles, triangles[:, [1, 2, 0]]]), triangles[::-1]):
-        changed = trace(face_blocks(other), pose, sensor)
+        changed = trace(box_faces(other), pose, sensor)
         assert (np.isfinite(changed) == np.isfinite(depth)).all()
         met = np.isfinite(depth)
         assert np.abs(changed[met] - depth[met]).max() <= 1e-7
@@ -110,7 +110,7 @@ def test_winding_duplicates_and_order_change_nothing(trace: Tracer) -> None:
 def test_thousands_of_faces_on_top_of_each_other_in_bounded_memory() -> None:
     layers = np.concatenate([sheet(z) for z in np.random.default_rng(8).permutation(np.linspace(0.004, 0.04, 1500))])
     tracemalloc.start()
-    depth = ray_depth(face_blocks(layers), np.eye(4), SENSOR)
+    depth = ray_depth(box_faces(layers), np.eye(4), SENSOR)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert np.abs(depth - 0.004).max() <= 1e-12
@@ -124,7 +124,7 @@ def test_faces_without_area_change_nothing(trace: Tracer) -> None:
     across = spot + np.array([[-0.01, 0, 0], [0, 0, 0], [0.02, 0, 0]])
     upright = spot + np.array([[0, 0, 0], [0, 0, 0.001], [0, 0, 0.002]])
     flat = np.stack([np.tile(spot, (3, 1)), upright, across + np.array([0, 1e-5, 0])])
-    depth = trace(face_blocks(np.concatenate([sheet(0.006), flat])), np.eye(4), SENSOR)
+    depth = trace(box_faces(np.concatenate([sheet(0.006), flat])), np.eye(4), SENSOR)
     assert np.abs(depth - 0.006).max() <= 1e-7
 
 
@@ -132,7 +132,7 @@ def test_faces_without_area_change_nothing(trace: Tracer) -> None:
 def test_open_mesh_is_seen_from_inside(trace: Tracer) -> None:
     bowl = ball(3, 0.02, z=0.003)
     bowl = bowl[(bowl[..., 2] > 0.003).all(axis=1)]
-    depth = trace(face_blocks(bowl), np.eye(4), SENSOR)
+    depth = trace(box_faces(bowl), np.eye(4), SENSOR)
     assert abs(depth[50, 50] - 0.023) <= 1e-4
 
 
@@ -147,7 +147,7 @@ def test_no_ray_slips_through_edges_and_corners(trace: Tracer) -> None:
     for quarter in range(4):
         c4, s4 = np.round([np.cos(quarter * np.pi / 2), np.sin(quarter * np.pi / 2)])
         turned = triangles @ np.array([[c4, -s4, 0], [s4, c4, 0], [0, 0, 1]]).T
-        depth = trace(face_blocks(turned), np.eye(4), sensor)
+        depth = trace(box_faces(turned), np.eye(4), sensor)
         assert np.abs(depth[1:-1, 1:-1] - 0.005).max() <= 1e-7
 
 
@@ -160,36 +160,28 @@ def test_closed_fan_seen_through_its_hub() -> None:
         rim = np.stack([np.cos(angle), np.sin(angle), rng.normal(size=9) * 0.3], axis=1) * 0.05
         fan = np.stack([np.zeros((9, 3)), rim, np.roll(rim, -1, axis=0)], axis=1) + np.array([0, 0, 0.006])
         pose = pose_at(np.array([0, 0, 0.006]), np.array([0, 0, 1.0]), 0.006, rng.uniform(0, 6))
-        assert abs(ray_depth(face_blocks(fan), pose, sensor)[1, 1] - 0.006) <= 1e-9
+        assert abs(ray_depth(box_faces(fan), pose, sensor)[1, 1] - 0.006) <= 1e-9
 
 
 def test_only_what_is_seen_is_touched_and_nothing_seen_is_culled() -> None:
-    faces = ball(6, 0.25)
-    blocks = face_blocks(faces)
+    triangles = ball(6, 0.25)
+    faces = box_faces(triangles)
     pose = pose_at(np.array([0.25, 0, 0]), np.array([-1.0, 0, 0]), 0.005)
-    seen = cull_faces(blocks, pose, SENSOR)
-    assert 0 < seen.shape[2] < 0.01 * len(faces)
+    seen = cull_faces(faces, pose, SENSOR)
+    assert 0 < seen.shape[2] < 0.01 * len(triangles)
     away = pose_at(np.array([0.25, 0, 0]), np.array([1.0, 0, 0]), -0.001)
-    assert cull_faces(blocks, away, SENSOR).shape == (3, 3, 0)
-    truth = brute_force(faces, ray_origins(pose, coarse(6)), pose[:3, 2], SENSOR.range)
-    assert np.abs(ray_depth(blocks, pose, coarse(6)) - truth.depth).max() <= 1e-8
-
-
-def test_blocks_hold_every_face_once_and_fill_up_with_one() -> None:
-    triangles = np.random.default_rng(7).normal(size=(BLOCK + 3, 3, 3))
-    held = face_blocks(triangles).corners.reshape(3, 3, -1).transpose(2, 1, 0)
-    assert len(held) == 2 * BLOCK
-    assert len(np.unique(held.reshape(-1, 9), axis=0)) == BLOCK + 3
-    assert {t.tobytes() for t in held} == {t.tobytes() for t in triangles}
+    assert cull_faces(faces, away, SENSOR).shape == (3, 3, 0)
+    truth = brute_force(triangles, ray_origins(pose, coarse(6)), pose[:3, 2], SENSOR.range)
+    assert np.abs(ray_depth(faces, pose, coarse(6)) - truth.depth).max() <= 1e-8
 
 
 def test_sphere_tracing_says_which_rays_it_left_unsettled() -> None:
     wall = box((0.04, 0.04, 0.02), x=0.02 + 1e-5, z=0.015)
-    local = cull_faces(face_blocks(wall), np.eye(4), SENSOR)
-    depth, settled = march(local, SENSOR, 1e-7, 30)
+    local = cull_faces(box_faces(wall), np.eye(4), SENSOR)
+    depth, settled = trace_spheres(local, SENSOR, 1e-7, 30)
     assert not settled.all()
     assert settled.mean() > 0.9
-    exact = ray_depth(face_blocks(wall), np.eye(4), SENSOR)
+    exact = ray_depth(box_faces(wall), np.eye(4), SENSOR)
     assert (np.isfinite(depth) == np.isfinite(exact))[settled].all()
 
 
@@ -199,18 +191,18 @@ def test_sphere_tracing_says_which_rays_it_left_unsettled() -> None:
 )
 def test_bad_triangles_are_named(triangles: np.ndarray, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        face_blocks(triangles)
+        box_faces(triangles)
 
 
 def test_bad_poses_and_tolerances_are_named() -> None:
-    blocks = face_blocks(sheet(0.01))
+    faces = box_faces(sheet(0.01))
     with pytest.raises(ValueError, match=r"shape \(3, 4\)"):
-        ray_depth(blocks, np.eye(4)[:3], SENSOR)
+        ray_depth(faces, np.eye(4)[:3], SENSOR)
     with pytest.raises(ValueError, match="NaN"):
-        ray_depth(blocks, np.full((4, 4), np.nan), SENSOR)
+        ray_depth(faces, np.full((4, 4), np.nan), SENSOR)
     with pytest.raises(ValueError, match="rigid"):
-        ray_depth(blocks, 2 * np.eye(4), SENSOR)
+        ray_depth(faces, 2 * np.eye(4), SENSOR)
     with pytest.raises(ValueError, match="rigid"):
-        ray_depth(blocks, np.diag([1.0, 1, -1, 1]), SENSOR)
+        ray_depth(faces, np.diag([1.0, 1, -1, 1]), SENSOR)
     with pytest.raises(ValueError, match="tolerance"):
-        sphere_traced_depth(blocks, np.eye(4), SENSOR, tolerance=0.0)
+        sphere_traced_depth(faces, np.eye(4), SENSOR, tolerance=0.0)

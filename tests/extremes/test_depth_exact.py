@@ -9,8 +9,8 @@ import pytest
 from hypothesis import assume
 
 from pipeline.kernels.geometry.mesh import face_cross_products
-from pipeline.kernels.touch.face_culling import face_blocks
-from pipeline.kernels.touch.ray_depth import ASIDE, face_depth, ray_depth
+from pipeline.kernels.touch.face_culling import box_faces
+from pipeline.kernels.touch.ray_depth import RAY_TOLERANCE, local_depth, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, ray_origins
 from pipeline.kernels.touch.sphere_tracing import TOLERANCE, sphere_traced_depth
 from tests.extremes.profile import for_all
@@ -75,8 +75,8 @@ def height_of(face: np.ndarray) -> float:
 @for_all(few=15, many=600, seed=seeds)
 def test_a_depth_is_that_of_a_ray_next_to_its_own(make, seed) -> None:
     face = make(np.random.default_rng(seed))
-    depth = face_depth(np.ascontiguousarray(face.T[:, :, None]), SMALL)
-    aside = ASIDE * SMALL.width
+    depth = local_depth(np.ascontiguousarray(face.T[:, :, None]), SMALL)
+    aside = RAY_TOLERANCE * SMALL.width
     for row, y in enumerate(Y):
         for col, x in enumerate(X):
             met = exact(face, float(x), float(y))
@@ -97,11 +97,11 @@ def test_a_scene_of_another_size_has_depths_of_that_size(seed, scale) -> None:
     triangles, pose = pressed_ball(np.random.default_rng(seed), np.zeros(3))
     scaled = pose.copy()
     scaled[:3, 3] *= scale
-    here, there = ray_depth(face_blocks(triangles), pose, SMALL), ray_depth(face_blocks(triangles * scale), scaled, sensor)
+    here, there = ray_depth(box_faces(triangles), pose, SMALL), ray_depth(box_faces(triangles * scale), scaled, sensor)
     np.testing.assert_array_equal(np.isfinite(here), np.isfinite(there))
     met = np.isfinite(here)
     assert np.abs(there[met] / scale - here[met]).max() <= 1e-14
-    marched = sphere_traced_depth(face_blocks(triangles * scale), scaled, sensor, tolerance=TOLERANCE * scale)
+    marched = sphere_traced_depth(box_faces(triangles * scale), scaled, sensor, tolerance=TOLERANCE * scale)
     assert np.abs(marched[met] - there[met]).max() <= 1.01 * TOLERANCE * scale
 
 
@@ -113,7 +113,7 @@ def test_a_scene_far_away_has_the_same_depths(trace, seed, offset) -> None:
     triangles, pose = pressed_ball(rng, np.zeros(3))
     moved = pose.copy()
     moved[:3, 3] += offset
-    here, there = trace(face_blocks(triangles), pose, SMALL), trace(face_blocks(triangles + offset), moved, SMALL)
+    here, there = trace(box_faces(triangles), pose, SMALL), trace(box_faces(triangles + offset), moved, SMALL)
     sure = np.isfinite(here) & (here < SMALL.w)  # beyond, near the silhouette, a surface is too steep to compare
     allowed = 16 * EPS * np.abs(offset).max() + 1e-14 + (trace is sphere_traced_depth) * TOLERANCE
     assert np.isfinite(there[sure]).all()
@@ -131,11 +131,11 @@ def pressed_ball(rng: np.random.Generator, middle: np.ndarray) -> tuple[np.ndarr
 def test_inside_out_doubled_and_mixed_up_faces_change_nothing(trace, seed) -> None:
     rng = np.random.default_rng(seed)
     triangles, pose = pressed_ball(rng, np.array([0, 0, 0.6]))
-    depth = trace(face_blocks(triangles), pose, SMALL)
+    depth = trace(box_faces(triangles), pose, SMALL)
     doubled = np.concatenate([triangles, triangles[rng.random(len(triangles)) < 0.5]])
     doubled[rng.random(len(doubled)) < 0.5] = doubled[rng.random(len(doubled)) < 0.5][:1]  # one face, hundreds of times
     mixed = np.concatenate([triangles, rng.permutation(doubled)[:, rng.permutation(3)]])
-    changed = trace(face_blocks(mixed), pose, SMALL)
+    changed = trace(box_faces(mixed), pose, SMALL)
     np.testing.assert_array_equal(np.isfinite(changed), np.isfinite(depth))
     met = np.isfinite(depth)
     assert np.abs(changed[met] - depth[met]).max() <= (TOLERANCE if trace is sphere_traced_depth else 4 * EPS)
@@ -149,7 +149,7 @@ def test_rays_that_graze_a_plate_meet_its_nearest_point_or_nothing(trace, across
     plate = np.array([[[0, -0.1, 0.004], [0, 0.1, 0.004], [0, 0, 0.01]]])
     lid = np.array([[[0, -0.1, 0.004], [0, 0.1, 0.004], [1e-6, 0, 0.004]]])
     alone, covered = (
-        trace(face_blocks(faces[..., [1, 0, 2]] if across else faces), np.eye(4), sensor) for faces in (plate, np.concatenate([plate, lid]))
+        trace(box_faces(faces[..., [1, 0, 2]] if across else faces), np.eye(4), sensor) for faces in (plate, np.concatenate([plate, lid]))
     )
     on = np.zeros(sensor.shape, bool)
     on[2 if across else slice(None), slice(None) if across else 2] = True
@@ -168,7 +168,7 @@ def test_no_sliver_alone_is_stepped_through(trace, seed, aspect) -> None:
     normal = face_cross_products(face[None])[0]
     assume(abs(normal[2]) > 0.1 * np.linalg.norm(normal))  # a wall has other tests
     face += [0, 0, 0.01] - rng.dirichlet([3, 3, 3]) @ face
-    assert trace(face_blocks(face[None]), np.eye(4), coarse(3))[1, 1] == pytest.approx(0.01, abs=1.01 * TOLERANCE)
+    assert trace(box_faces(face[None]), np.eye(4), coarse(3))[1, 1] == pytest.approx(0.01, abs=1.01 * TOLERANCE)
 
 
 @for_all(few=20, many=500, seed=seeds, offset=offsets)
@@ -190,4 +190,4 @@ def test_poses_with_another_last_row_are_named(spoil) -> None:
 def test_a_sensor_of_the_fewest_pixels_and_of_unequal_sides() -> None:
     sensor: Sensor = SENSOR.model_copy(update={"rows": 2, "cols": 7})
     floor = np.array([[[-1, -1, 0.005], [3, -1, 0.005], [-1, 3, 0.005]]])
-    assert ray_depth(face_blocks(floor), np.eye(4), sensor).tolist() == [[0.005] * 7] * 2
+    assert ray_depth(box_faces(floor), np.eye(4), sensor).tolist() == [[0.005] * 7] * 2

@@ -15,7 +15,7 @@ from pipeline.kernels.vision.camera import camera_pose, look_at, project_points,
 from pipeline.kernels.vision.corner_normals import corner_normals
 from pipeline.kernels.vision.primitives import MAX_TEXTURE_SIDE, flatten_texture, linear_from_srgb, mesh_primitives, shrink_texture
 from pipeline.reports.second_view import LIFT, STRIDE, gel_squares, touch_patch
-from stages.sample_surfaces.mesh_files import load_mesh
+from stages.sample_surfaces.mesh_reader import load_mesh
 from tests.extremes.profile import for_all
 from tests.extremes.strategies import EPS, aspects, offsets, scales, seeds, sliver, turn
 from tests.vision.shapes import SCENE

@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import Cost, Task
 from pipeline.kernels.touch.contact import touch_success
-from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.store.pieces import Row
@@ -28,8 +28,8 @@ def press(rng: np.random.Generator) -> np.ndarray:
     """Depth (20, 20) of a ball somewhere over the sensor, 0.5 to 3 mm in its gel."""
     radius, pressed = rng.uniform(0.006, 0.02), rng.uniform(0.0005, 0.003)
     x, y = rng.uniform(-0.004, 0.004, 2)
-    blocks = face_blocks(ball(3, radius, x, y, SENSOR.w - pressed + radius))
-    return ray_depth(blocks, np.eye(4), SENSOR).astype(np.float32)
+    faces = box_faces(ball(3, radius, x, y, SENSOR.w - pressed + radius))
+    return ray_depth(faces, np.eye(4), SENSOR).astype(np.float32)
 
 
 def depths(rng: np.random.Generator, touching: bool = True) -> np.ndarray:

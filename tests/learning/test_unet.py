@@ -8,7 +8,7 @@ from torch import Tensor
 from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
 from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from tests.touch.scenes import SENSOR, ball
@@ -145,7 +145,7 @@ def test_one_touch_is_learnt_to_50_micrometres(loss: str, steps: int) -> None:
     on the ball's steep flanks is less than the error along the ray.
     """
     radius, pressed = 0.012, 0.003
-    depth = ray_depth(face_blocks(ball(4, radius, z=SENSOR.w - pressed + radius)), np.eye(4), SENSOR).astype(np.float32)
+    depth = ray_depth(box_faces(ball(4, radius, z=SENSOR.w - pressed + radius)), np.eye(4), SENSOR).astype(np.float32)
     felt, true = torch.from_numpy(tactile_image(depth, SENSOR))[None], torch.from_numpy(depth)[None]
     mask = contact_mask(felt, torch.tensor(untouched_image(SENSOR)))
     readings = felt.permute(0, 3, 1, 2) / 255

@@ -6,7 +6,7 @@ import pytest
 import trimesh
 from scipy import stats
 
-from pipeline.kernels.geometry.exterior_sampling import DIRECTIONS, ESCAPES, START, EscapeTest, sample_exterior, spread_directions
+from pipeline.kernels.geometry.exterior_sampling import DIRECTIONS, MIN_ESCAPES, RAY_OFFSET, EscapeTest, sample_exterior, spread_directions
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from tests.conftest import mesh_of
@@ -73,13 +73,13 @@ def test_the_early_stop_decides_as_the_full_count(rng):
     triangles = mesh.triangles
     points, face = sample_triangles(triangles, 400, rng)
     vectors = face_cross_products(triangles)[face]
-    front, back, _ = EscapeTest(mesh).escapes(points, vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
-    np.testing.assert_array_equal(front + back >= ESCAPES, _full_count(mesh, points) >= ESCAPES)
+    front, back = EscapeTest(mesh).count(points, vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+    np.testing.assert_array_equal(front + back >= MIN_ESCAPES, _full_count(mesh, points) >= MIN_ESCAPES)
 
 
 def _full_count(mesh: Mesh, points: np.ndarray) -> np.ndarray:
     """Slow twin: every direction of every point against every triangle, in float64 (Möller & Trumbore)."""
-    start = START * np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    start = RAY_OFFSET * np.linalg.norm(np.ptp(mesh.vertices, axis=0))
     a, b, c = np.moveaxis(mesh.triangles, 1, 0)
     free = np.zeros(len(points), int)
     for direction in spread_directions(DIRECTIONS):

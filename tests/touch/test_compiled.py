@@ -5,22 +5,22 @@ import pytest
 
 from pipeline.kernels.touch import ray_depth as depth_module
 from pipeline.kernels.touch import scan_conversion
-from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.face_culling import box_faces
 from tests.touch.scenes import coarse, pybullet_triangles, random_pose
 
 
 @pytest.mark.parametrize("name", ["duck.obj", "objects/mug.obj", "random_urdfs/126/126.obj"])
 def test_compiled_and_interpreted_give_the_same_bits(name: str, monkeypatch) -> None:
     triangles = pybullet_triangles(name)
-    blocks, rng, sensor = face_blocks(triangles), np.random.default_rng(2), coarse(40)
+    faces, rng, sensor = box_faces(triangles), np.random.default_rng(2), coarse(40)
     poses = [random_pose(triangles, rng) for _ in range(4)]
-    compiled = [depth_module.ray_depth(blocks, pose, sensor) for pose in poses]
+    compiled = [depth_module.ray_depth(faces, pose, sensor) for pose in poses]
     functions = {name: function.py_func for name, function in vars(scan_conversion).items() if hasattr(function, "py_func")}
     assert len(functions) == 5
     for name_of, function in functions.items():
         monkeypatch.setattr(scan_conversion, name_of, function)
     monkeypatch.setattr(depth_module, "scan_convert", functions["scan_convert"])
-    interpreted = [depth_module.ray_depth(blocks, pose, sensor) for pose in poses]
+    interpreted = [depth_module.ray_depth(faces, pose, sensor) for pose in poses]
     assert sum(int(np.isfinite(depth).sum()) for depth in compiled) > 1000
     for ours, theirs in zip(compiled, interpreted, strict=True):
         assert ours.tobytes() == theirs.tobytes()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.kernels.touch.contact import local_points, touch_success
-from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import ray_origins
 from tests.touch.scenes import SENSOR, pybullet_triangles, random_pose
@@ -21,7 +21,7 @@ def test_rule() -> None:
 def test_points_are_those_in_the_gel_in_order_and_exact() -> None:
     triangles = pybullet_triangles("duck.obj")
     pose = random_pose(triangles, np.random.default_rng(9))
-    exact = ray_depth(face_blocks(triangles), pose, SENSOR)
+    exact = ray_depth(box_faces(triangles), pose, SENSOR)
     depth = exact.astype(np.float32)
     points, count = local_points(depth, pose, SENSOR)
     assert points.shape == (10_000, 3)
@@ -37,7 +37,7 @@ def test_points_are_the_same_to_the_bit_when_had_again() -> None:
     triangles = pybullet_triangles("objects/mug.obj")
     for _ in range(5):
         pose = random_pose(triangles, rng)
-        depth = ray_depth(face_blocks(triangles), pose, SENSOR).astype(np.float32)
+        depth = ray_depth(box_faces(triangles), pose, SENSOR).astype(np.float32)
         first, again = local_points(depth, pose, SENSOR), local_points(depth.copy(order="F"), pose.copy(), SENSOR)
         assert first[0].tobytes() == again[0].tobytes()
         assert first[1] == again[1]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, ray_origins
 from pipeline.kernels.touch.sphere_tracing import TOLERANCE, sphere_traced_depth
@@ -22,10 +22,10 @@ def errors(triangles: np.ndarray, pose: np.ndarray, sensor: Sensor) -> dict[str,
     """|depth error| of both tracers in m, and the rays float64 leaves open; asserts no other is lost, false or off."""
     truth = brute_force(triangles, ray_origins(pose, sensor), pose[:3, 2], sensor.range)
     sure = ~truth.doubtful
-    blocks = face_blocks(triangles)
+    faces = box_faces(triangles)
     result = {}
     for name, trace, limit in (("ray", ray_depth, EXACT), ("sphere", sphere_traced_depth, 2 * TOLERANCE)):
-        depth = trace(blocks, pose, sensor)
+        depth = trace(faces, pose, sensor)
         assert depth.shape == sensor.shape
         assert depth.dtype == np.float64
         lost = np.isinf(depth) & np.isfinite(truth.depth) & sure

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
@@ -34,7 +34,7 @@ def somewhere(triangles: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]
 def test_sphere(name: str, radius: float, subdivisions: int) -> None:
     centre = np.array([0.001, -0.0015, SENSOR.w - 0.0012 + radius])
     triangles, pose = somewhere(ball(subdivisions, radius, *centre), 0)
-    depth = TRACERS[name](face_blocks(triangles), pose, SENSOR)
+    depth = TRACERS[name](box_faces(triangles), pose, SENSOR)
     squared = (X - centre[0]) ** 2 + (Y - centre[1]) ** 2
     sagitta = radius - np.linalg.norm(ball(subdivisions, radius).mean(axis=1), axis=1).min()
     inside = squared < (0.8 * radius) ** 2
@@ -52,7 +52,7 @@ def test_tilted_plane(name: str, degrees: float) -> None:
     corner = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
     vertices = np.column_stack([corner, 0.004 + slope * corner[:, 0]])
     triangles, pose = somewhere(vertices[np.array([[0, 1, 2], [0, 2, 3]])], int(degrees))
-    depth = TRACERS[name](face_blocks(triangles), pose, SENSOR)
+    depth = TRACERS[name](box_faces(triangles), pose, SENSOR)
     closed = 0.004 + slope * X
     seen = (closed > 0) & (closed < SENSOR.range)
     assert np.abs(depth[seen] - closed[seen]).max() <= LIMITS[name]
@@ -65,14 +65,14 @@ def test_cube_edge(name: str) -> None:
     cube = box((side, side, side))
     turn = np.array([[np.sqrt(0.5), 0, np.sqrt(0.5)], [0, 1, 0], [-np.sqrt(0.5), 0, np.sqrt(0.5)]])
     triangles, pose = somewhere(cube @ turn.T + np.array([0, 0, height + half * np.sqrt(2)]), 5)
-    depth = TRACERS[name](face_blocks(triangles), pose, SENSOR)
+    depth = TRACERS[name](box_faces(triangles), pose, SENSOR)
     assert np.abs(depth - (height + np.abs(X))).max() <= LIMITS[name]
 
 
 def test_cube_face_beside_a_wall(name: str) -> None:
     """Half the sensor is under a cube whose walls are parallel to the rays: the hard case of sphere tracing."""
     triangles, pose = somewhere(box((0.04, 0.04, 0.02), x=0.02 + 1e-5, z=0.015), 6)
-    depth = TRACERS[name](face_blocks(triangles), pose, SENSOR)
+    depth = TRACERS[name](box_faces(triangles), pose, SENSOR)
     covered = X > 1e-5
     assert np.abs(depth[covered] - 0.005).max() <= LIMITS[name]
     assert np.isinf(depth[~covered]).all()

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.kernels.touch.face_culling import face_blocks
+from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import impression, tactile_image, untouched_image
@@ -27,7 +27,7 @@ def same(fast: np.ndarray, slow: np.ndarray) -> bool:
 def test_duck_at_full_size() -> None:
     triangles = pybullet_triangles("duck.obj")
     pose = random_pose(triangles, np.random.default_rng(8))
-    depth = ray_depth(face_blocks(triangles), pose, SENSOR).astype(np.float32)
+    depth = ray_depth(box_faces(triangles), pose, SENSOR).astype(np.float32)
     assert (depth < SENSOR.w).any()
     assert same(tactile_image(depth, SENSOR), twin(depth, SENSOR))
 
@@ -54,8 +54,6 @@ def test_untouched_is_the_reading_of_nothing_and_saturates_nowhere() -> None:
     spread = image.reshape(-1, 3).astype(int)
     assert (np.ptp(spread, axis=0) > 50).all()
     assert not (image[..., 0] == image[..., 1]).all()
-    with pytest.raises(ValueError, match="read-only"):
-        image[0, 0] = 0
 
 
 def test_a_surface_that_just_reaches_the_gel_reads_as_untouched() -> None:
@@ -65,7 +63,7 @@ def test_a_surface_that_just_reaches_the_gel_reads_as_untouched() -> None:
 
 def test_a_ball_is_brightest_towards_each_lamp() -> None:
     """In each channel, light falls on the side of a pressed ball that its lamp is on."""
-    depth = ray_depth(face_blocks(ball(5, 0.006, z=SENSOR.w - 0.002 + 0.006)), np.eye(4), SENSOR)
+    depth = ray_depth(box_faces(ball(5, 0.006, z=SENSOR.w - 0.002 + 0.006)), np.eye(4), SENSOR)
     image = tactile_image(depth, SENSOR).astype(int) - untouched_image(SENSOR)
     lamps = (SENSOR.lights.red, SENSOR.lights.green, SENSOR.lights.blue)
     row, col = np.indices(SENSOR.shape)

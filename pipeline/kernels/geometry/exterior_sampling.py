@@ -1,52 +1,44 @@
-"""Which points of a surface can be seen from outside, and on which side outside is.
+"""Sampling of the exterior surface of a mesh, with outward normals.
 
-CAD models carry geometry inside; a hand or a camera meets none of it. A surface point is *exterior* when at least
-two of 256 directions spread over its sphere leave the object unhindered. One is not enough: rounding lets a few per
-cent of interior points out. More directions keep finding the walls of ever narrower gaps, so their number is part of
-the definition.
+CAD models contain interior geometry that no hand or camera meets. A surface point is *exterior* when rays in at least two of 256
+directions spread over the sphere escape from it without hitting the object. One is not enough: rounding lets a few per cent of the
+interior points escape. More directions keep finding the walls of ever narrower gaps, hence their number is part of the definition.
+
+Valid range: meshes from 1e-9 to 1e9 units large; open, inside-out and self-intersecting meshes. A wall or gap thinner than 2e-5 of
+the object's diagonal may count as a single sheet: rays start off the surface, and Embree computes in float32.
 """
 
 from __future__ import annotations
-
-from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
+from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
 from pipeline.kernels.geometry.transforms import length, sin_cos
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 
 DIRECTIONS = 256
-ESCAPES = 2
-SURE_OF_SIDE = 2 * ESCAPES
-"""Escapes on one side, and none on the other, that settle which side is outside; else all directions are counted."""
+MIN_ESCAPES = 2
+"""Escaping rays that make a point exterior."""
 
-START = 4e-6
-"""Rays start this share of the object's diagonal off the surface: beyond float32 rounding, below any real gap."""
+CERTAIN_ESCAPES = 2 * MIN_ESCAPES
+"""Escaping rays on one side, and none on the other, that decide which side is outside; else all directions are counted."""
+
+RAY_OFFSET = 4e-6
+"""Distance of a ray's start from the surface over the object's diagonal: beyond float32 rounding, below any real gap."""
 
 MAX_DRAWS = 200
-"""Give up when fewer than one point in so many is exterior."""
-
-
-@dataclass(frozen=True, eq=False)
-class Draw:
-    """Points (N, 3) drawn from a whole surface, their outward unit normals (N, 3), which of them are exterior (N,), and in how many
-    directions (N,) each was looked."""
-
-    points: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    exterior: NDArray[np.bool_]
-    asked: NDArray[np.intp]
+"""Sampling fails when fewer than one of `MAX_DRAWS` points is exterior."""
 
 
 class EscapeTest:
-    """Tells which points of a mesh's surface see the outside, with rays traced by Embree."""
+    """Counts the rays that escape from points on a mesh's surface, traced by Embree."""
 
     def __init__(self, mesh: Mesh, directions: int = DIRECTIONS) -> None:
+        """Build the ray tracer's scene; rays are traced in the first so many of `spread_directions`."""
         corners = mesh.vertices[np.unique(mesh.faces)]
         low, high = corners.min(axis=0), corners.max(axis=0)
         self._centre = (low + high) / 2
@@ -56,34 +48,38 @@ class EscapeTest:
         self._mesh = TriangleMesh(self._scene, local, mesh.faces)
         self._directions = spread_directions(directions)
 
-    def escapes(
-        self, points: NDArray[np.float64], normals: NDArray[np.float64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Count directions that leave unhindered from points (N, 3), in front of and behind their normals (N, 3).
+    def count(self, points: NDArray[np.float64], normals: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Count the rays that escape in front of and behind a surface.
 
-        Returns both counts, and in how many directions it was looked, each (N,). Counting stops for a point as soon as it is exterior
-        and its side sure (`SURE_OF_SIDE`): whether there are `ESCAPES` is what the full count says, how many there are beyond that is
-        not.
+        Parameters
+        ----------
+        points, normals
+            (N, 3) float64, points on the surface and its unit normals there, frame of the mesh.
+
+        Returns
+        -------
+        front, back
+            (N,) counts. They stop at `CERTAIN_ESCAPES` on one side and none on the other; whether a point is exterior and where
+            outside is are the full count's answers.
         """
-        front, back, asked = (np.zeros(len(points), np.intp) for _ in range(3))
-        open_points = np.arange(len(points))
+        front, back = np.zeros(len(points), np.intp), np.zeros(len(points), np.intp)
+        undecided = np.arange(len(points))
         first, size = 0, 8
-        while first < len(self._directions) and len(open_points):
+        while first < len(self._directions) and len(undecided):
             directions = self._directions[first : first + size]
-            ahead, behind = self._round(points[open_points], normals[open_points], directions)
-            front[open_points] += ahead
-            back[open_points] += behind
-            asked[open_points] += len(directions)
-            known = (np.maximum(front, back) >= SURE_OF_SIDE) & (np.minimum(front, back) == 0)
-            open_points = open_points[~known[open_points]]
+            ahead, behind = self._trace(points[undecided], normals[undecided], directions)
+            front[undecided] += ahead
+            back[undecided] += behind
+            certain = (np.maximum(front, back) >= CERTAIN_ESCAPES) & (np.minimum(front, back) == 0)
+            undecided = undecided[~certain[undecided]]
             first, size = first + size, max(size, first + size)  # 8, 8, 16, 32, …
-        return front, back, asked
+        return front, back
 
-    def _round(
+    def _trace(
         self, points: NDArray[np.float64], normals: NDArray[np.float64], directions: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         local = (points - self._centre) * self._scale
-        origins = (local[:, None] + START * directions).astype(np.float32).reshape(-1, 3)
+        origins = (local[:, None] + RAY_OFFSET * directions).astype(np.float32).reshape(-1, 3)
         rays = np.tile(directions.astype(np.float32), (len(points), 1))
         hit = np.asarray(self._scene.run(origins, rays, query="OCCLUDED")).reshape(len(points), -1)
         free = hit != 0
@@ -92,7 +88,7 @@ class EscapeTest:
 
 
 def spread_directions(count: int) -> NDArray[np.float64]:
-    """(count, 3) unit vectors spread evenly over the sphere (Fibonacci lattice), any first few spread widely too."""
+    """Compute (count, 3) unit vectors spread evenly over the sphere (Fibonacci lattice); the first few are spread widely too."""
     index = np.arange(count) + 0.5
     z = 1 - 2 * index / count
     angle = index * np.pi * (3 - np.sqrt(5))
@@ -105,40 +101,50 @@ def spread_directions(count: int) -> NDArray[np.float64]:
 def sample_exterior(
     mesh: Mesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Draw `count` points area-uniformly from the exterior surface, with outward unit normals.
+    """Draw points area-uniformly from the exterior surface of a mesh, with outward normals.
 
-    Returns points (count, 3) and normals (count, 3), float64, in the mesh's unit and frame. Open, inside-out and
-    self-intersecting meshes are welcome: outside is where the escaping directions point, not what the winding says.
-    Where a sheet is seen from both sides alike, the winding decides. A wall with a thickness or gap of less than 2e-5 of the
-    object's diagonal may count as a sheet: rays start off the surface, and Embree computes in float32.
+    Parameters
+    ----------
+    mesh
+        A mesh of any winding.
+    count
+        Number of points, at least 1.
+    rng
+        Source of randomness.
+    directions
+        Number of directions in which rays are traced.
+
+    Returns
+    -------
+    points, normals
+        (count, 3) float64, unit and frame of the mesh. Normals point to the side where more rays escape; where both sides are equal,
+        the winding decides.
 
     Raises
     ------
-    ValueError
-        Fewer than one point in `MAX_DRAWS` is exterior, a corner is NaN or infinite, no face has an area, or `count` is below 1.
+    InvalidInput
+        Fewer than one of `MAX_DRAWS` points is exterior, a corner is NaN or infinite, or no face has an area.
     """
-    batches = [(draw.points[draw.exterior], draw.normals[draw.exterior]) for draw in draws(mesh, count, rng, directions)]
-    points, normals = (np.concatenate(part)[:count] for part in zip(*batches, strict=True))
-    return points, normals
-
-
-def draws(mesh: Mesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> Iterator[Draw]:
-    """Draw from the whole surface, batch by batch, until `count` points are exterior; see `sample_exterior`."""
     if count < 1:
         raise ValueError(f"{count} points are no sample; ask for 1 or more")
     triangles = mesh.triangles
-    sample_triangles(triangles, 0, rng)  # refuses what has no surface, before its size divides anything
+    sample_triangles(triangles, 0, rng)  # refuses a mesh without a surface before its size divides anything
     vectors = face_cross_products(triangles)
-    sky = EscapeTest(mesh, directions)
-    drawn = found = 0
-    while found < count:
+    escapes = EscapeTest(mesh, directions)
+    points, normals = np.zeros((0, 3)), np.zeros((0, 3))
+    drawn = 0
+    while len(points) < count:
         if drawn >= MAX_DRAWS * count:
-            raise ValueError(f"{found} of {drawn} points on the surface are exterior, too few to draw {count}; is it all inside out?")
-        share = found / drawn if found else 1.0
-        batch = int(min(max((count - found) / share * 1.05, 256), 4 * count))
-        places, face = sample_triangles(triangles, batch, rng)
-        unit = vectors[face] / np.linalg.norm(vectors[face], axis=1, keepdims=True)  # a face that is drawn has an area
-        front, back, asked = sky.escapes(places, unit)
-        exterior = front + back >= ESCAPES
-        yield Draw(places, np.where(back > front, -1.0, 1.0)[:, None] * unit, exterior, asked)
-        drawn, found = drawn + batch, found + int(exterior.sum())
+            raise InvalidInput(
+                f"{len(points)} of {drawn} points on the surface are exterior, too few to draw {count}; does the mesh enclose its surface?"
+            )
+        share = len(points) / drawn if len(points) else 1.0
+        size = int(min(max((count - len(points)) / share * 1.05, 256), 4 * count))
+        candidates, face = sample_triangles(triangles, size, rng)
+        unit = vectors[face] / np.linalg.norm(vectors[face], axis=1, keepdims=True)
+        front, back = escapes.count(candidates, unit)
+        exterior = front + back >= MIN_ESCAPES
+        outward = np.where(back > front, -1.0, 1.0)[:, None] * unit
+        points, normals = np.concatenate([points, candidates[exterior]]), np.concatenate([normals, outward[exterior]])
+        drawn += size
+    return points[:count], normals[:count]

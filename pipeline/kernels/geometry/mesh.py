@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Look:
-    """What a mesh looks like: one material a face, each a base colour and perhaps a texture.
+    """The look of a mesh: one material per face, each with a base colour and perhaps a texture.
 
     Attributes
     ----------
@@ -21,7 +21,7 @@ class Look:
     base_color
         (M, 4) uint8, sRGB and opacity of every material; it multiplies the texture where there is one.
     material_texture
-        (M,) int32, the entry of `textures` that each material wears, -1 for none.
+        (M,) int32, the index in `textures` of each material's texture, -1 for none.
     textures
         Images, each (height, width, 4) uint8, sRGB and opacity, first row at the top.
     """
@@ -34,7 +34,7 @@ class Look:
 
     @staticmethod
     def plain(vertices: int, faces: int, color: tuple[int, int, int] = (178, 178, 178)) -> Look:
-        """One opaque colour for a mesh of so many vertices and faces."""
+        """Make the look of one opaque colour for a mesh with these numbers of vertices and faces."""
         return Look(
             uv=np.zeros((vertices, 2), np.float32),
             face_material=np.zeros(faces, np.int32),
@@ -53,7 +53,7 @@ class Mesh:
 
     @staticmethod
     def bare(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-        """A mesh of the given shape in plain grey."""
+        """Make a mesh of this shape in plain grey."""
         return Mesh(
             np.ascontiguousarray(vertices, np.float64),
             np.ascontiguousarray(faces, np.int32),
@@ -67,16 +67,24 @@ class Mesh:
 
 
 def face_cross_products(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(F, 3) cross products of two edges: along the winding normal, twice the face's area long, m².
+    """Compute the cross product of two edges of every face.
 
-    Right to 4 units in the last place of the product of those edges' lengths, wherever the face is.
+    Parameters
+    ----------
+    triangles
+        (F, 3, 3) corner positions, m.
+
+    Returns
+    -------
+    (F, 3) float64, m²: along the winding normal, with twice the face's area as length. The error is at most 4 units in the last place
+    of the product of the two edges' lengths.
     """
     return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
 
 
 def flatness(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(F,) height of every face (F, 3, 3) over its longest edge, 1/aspect: 0.87 for equal sides, 0 for no area; of any size."""
-    edges = triangles - np.roll(triangles, 1, axis=1)  # far from the origin, products of coordinates would cancel
+    """Compute the height of every face (F, 3, 3) over its longest edge: (F,), 0.87 for equal sides, 0 for no area, at any scale."""
+    edges = triangles - np.roll(triangles, 1, axis=1)
     longest = np.linalg.norm(edges, axis=2).max(axis=1)
-    edges = edges / np.where(longest > 0, longest, 1)[:, None, None]  # nor may their squares leave float64's range
+    edges = edges / np.where(longest > 0, longest, 1)[:, None, None]
     return np.asarray(np.linalg.norm(np.cross(edges[:, 1], edges[:, 2]), axis=1))

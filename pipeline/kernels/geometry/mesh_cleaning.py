@@ -1,4 +1,7 @@
-"""The gate every mesh passes: what is no surface is refused with a reason, what is harmless is removed and counted."""
+"""Checks and cleaning of a mesh as it was read from a file.
+
+Valid range: meshes from 1e-9 to 1e9 units large, anywhere within 1e6 of their size from the origin.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Look, Mesh, flatness
 
-FLAT = 1e-14
-"""A face is degenerate when it is flatter than this, its height over its longest edge: zero, but for rounding."""
+MIN_FLATNESS = 1e-14
+"""A face is degenerate when its height over its longest edge is at most this: zero, but for rounding."""
 
 
 @dataclass(frozen=True)
 class CleaningReport:
-    """What the gate found: faces removed, and whether every edge that is left has two faces."""
+    """Numbers of faces that `clean_mesh` removed, and whether every remaining edge has two faces."""
 
     degenerate_faces: int
     duplicate_faces: int
@@ -23,47 +27,55 @@ class CleaningReport:
 
 
 def clean_mesh(mesh: Mesh, max_faces: int) -> tuple[Mesh, CleaningReport]:
-    """A mesh fit for every later stage, and what had to be removed from it.
+    """Remove degenerate and duplicate faces and unused vertices, and refuse a mesh that has no usable surface.
+
+    Parameters
+    ----------
+    mesh
+        A mesh in the units and axes of its file.
+    max_faces
+        Largest number of faces allowed.
+
+    Returns
+    -------
+    The cleaned mesh, and what was removed from it.
 
     Raises
     ------
-    ValueError
-        No faces, too many, faces that name missing vertices, vertices that are not finite, or no area: with the
-        numbers, and what a person can do.
+    InvalidInput
+        No faces, too many, faces that name missing vertices, vertices that are not finite, or no area; the message has the numbers
+        and the remedy.
     """
     faces = len(mesh.faces)
     if faces == 0:
-        raise ValueError(f"the mesh has {len(mesh.vertices)} vertices and no faces; export it as a triangle mesh")
+        raise InvalidInput(f"the mesh has {len(mesh.vertices)} vertices and no faces; export it as a triangle mesh")
     if faces > max_faces:
-        raise ValueError(f"{faces} faces exceed max_faces = {max_faces}; decimate the mesh or raise sample-surfaces.max_faces")
+        raise InvalidInput(f"{faces} faces exceed max_faces = {max_faces}; decimate the mesh or raise sample-surfaces.max_faces")
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
-        raise ValueError(f"a face names a vertex outside 0..{len(mesh.vertices) - 1}; the file is damaged")
+        raise InvalidInput(f"a face names a vertex outside 0..{len(mesh.vertices) - 1}; the file is damaged")
     used = mesh.vertices[np.unique(mesh.faces)]
     if bad := int((~np.isfinite(used)).any(axis=1).sum()):
-        raise ValueError(f"{bad} of {len(used)} vertices are not finite (NaN or infinite); repair the file")
-    scale = float(np.ptp(used, axis=0).max())
-    if not 1e-150 < scale < 1e150:
-        raise ValueError(f"the mesh is {scale:g} units across; areas need 1e-150 to 1e150: rescale it")
+        raise InvalidInput(f"{bad} of {len(used)} vertices are not finite (NaN or infinite); repair the file")
 
-    flat = flatness(mesh.triangles) <= FLAT
-    mesh = _keep_faces(mesh, ~flat)
+    degenerate = flatness(mesh.triangles) <= MIN_FLATNESS
+    mesh = _keep_faces(mesh, ~degenerate)
     if len(mesh.faces) == 0:
-        raise ValueError(f"all {faces} faces have zero area; the mesh has no surface")
-    places = number_positions(mesh.vertices)[mesh.faces]
-    _, first = np.unique(np.sort(places, axis=1), axis=0, return_index=True)
-    once = np.zeros(len(mesh.faces), bool)
-    once[first] = True
-    report = CleaningReport(int(flat.sum()), int((~once).sum()), _closed(places[once]))
-    return _keep_faces(mesh, once), report
+        raise InvalidInput(f"all {faces} faces have zero area; the mesh has no surface")
+    positions = number_positions(mesh.vertices)[mesh.faces]
+    _, first = np.unique(np.sort(positions, axis=1), axis=0, return_index=True)
+    unique = np.zeros(len(mesh.faces), bool)
+    unique[first] = True
+    report = CleaningReport(int(degenerate.sum()), int((~unique).sum()), _is_watertight(positions[unique]))
+    return _keep_faces(mesh, unique), report
 
 
 def number_positions(vertices: NDArray[np.float64]) -> NDArray[np.intp]:
-    """(V,) a number for every vertex, equal where positions are equal to the bit."""
+    """Number the positions of vertices (V, 3): (V,) numbers, equal where positions are equal to the bit."""
     return np.unique(vertices + 0.0, axis=0, return_inverse=True)[1].reshape(-1)  # + 0.0 makes -0 and 0 the same
 
 
-def _closed(places: NDArray[np.intp]) -> bool:
-    edges = np.sort(places[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+def _is_watertight(positions: NDArray[np.intp]) -> bool:
+    edges = np.sort(positions[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     _, count = np.unique(edges, axis=0, return_counts=True)
     return bool((count == 2).all())
 

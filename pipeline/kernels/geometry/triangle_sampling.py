@@ -1,33 +1,53 @@
-"""Points drawn area-uniformly from triangles."""
+"""Area-uniform sampling of points on triangles.
+
+Valid range: triangles from 1e-9 to 1e9 units large, of any shape.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import face_cross_products
 
 
 def sample_triangles(triangles: NDArray[np.float64], count: int, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Draw `count` points from `triangles` (F, 3, 3), each place equally likely.
+    """Draw points area-uniformly from triangles.
 
-    Returns the points (count, 3), in the triangles' unit and frame, and the face (count,) of each. A face is drawn with
-    its share of the area, then a point in it by folding the unit square over its diagonal (Osada et al., Shape
-    Distributions, 2002, is the same up to a square root).
+    Parameters
+    ----------
+    triangles
+        (F, 3, 3) float64 corner positions.
+    count
+        Number of points.
+    rng
+        Source of randomness.
 
-    A triangle without area is never drawn. A point lies on its triangle to within 8 units in the last place of the
-    triangle's largest coordinate. Triangles may be 1e-75 to 1e75 units large: float64 must hold the square of an area.
+    Returns
+    -------
+    points
+        (count, 3) float64, unit and frame of the triangles; on its triangle to within 8 units in the last place of the largest
+        coordinate.
+    face
+        (count,) the triangle of each point; a triangle without area is never drawn.
 
     Raises
     ------
-    ValueError
+    InvalidInput
         A corner is NaN or infinite, or no triangle has an area.
+
+    Notes
+    -----
+    A face is drawn with its share of the area, then a point in it by folding the unit square over its diagonal (Osada et al., Shape
+    Distributions, 2002, with the fold in place of their square root).
     """
     if not np.isfinite(triangles).all():
-        raise ValueError(f"{(~np.isfinite(triangles)).any(axis=(1, 2)).sum()} of {len(triangles)} triangles have NaN or infinite corners")
+        bad = (~np.isfinite(triangles)).any(axis=(1, 2)).sum()
+        raise InvalidInput(f"{bad} of {len(triangles)} triangles have NaN or infinite corners; repair the mesh")
     cumulative = np.cumsum(np.linalg.norm(face_cross_products(triangles), axis=1))
-    if not (len(cumulative) and cumulative[-1] >= np.finfo(np.float64).tiny):
-        raise ValueError(f"none of the {len(triangles)} triangles has an area to draw points from")
+    if not (len(cumulative) and cumulative[-1] > 0):
+        raise InvalidInput(f"none of the {len(triangles)} triangles has an area to draw points from")
     # random() is at most 1 - 2^-53, and no normal number times that rounds to itself: the end is never reached
     face = np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right")
     u, v = rng.random((2, count))

@@ -1,1 +1,1 @@
-"""Simulated touch: sensors, depth by ray and sphere tracing, readings, contact."""
+"""Simulated touch: sensors, depth by ray and sphere tracing, tactile images, contact."""

@@ -1,4 +1,4 @@
-"""Scan conversion in float64: faces to rows of pixels, rows to depths. A loop for one element, compiled."""
+"""Scan conversion of faces in float64, compiled: faces to rows of pixels, rows to depths."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.compiled import compiled
 
-START = 1e-9
-"""m behind the sensor plane within which a surface still counts as lying on it (depth 0): rounding must not open it."""
+PLANE_TOLERANCE = 1e-9
+"""m behind the sensor plane within which a surface still counts as lying on it (depth 0): rounding must not lose it."""
+
 Point = tuple[float, float, float]
 """x in columns, y in rows (pixel centres: integers), z in m."""
 
 
 @compiled()
-def _along(low: Point, high: Point, row: float) -> tuple[float, float]:
+def _edge_at_row(low: Point, high: Point, row: float) -> tuple[float, float]:
     """Column and depth at which an edge crosses a row."""
     if row == high[1]:
         return high[0], high[2]
@@ -25,14 +26,14 @@ def _along(low: Point, high: Point, row: float) -> tuple[float, float]:
 
 
 @compiled()
-def _cross(a: Point, b: Point, c: Point, row: float) -> tuple[float, float, float, float]:
-    """Where a row of pixel centres enters and leaves a face: columns left <= right, each with its depth.
+def _face_at_row(a: Point, b: Point, c: Point, row: float) -> tuple[float, float, float, float]:
+    """Columns left <= right, each with its depth, between which a row of pixel centres crosses a face.
 
-    An edge is always run through from its lower to its upper row and meets its corners exactly. So two faces that share
-    an edge cross it at the same column to the last bit: no ray slips between them.
+    An edge is always followed from its lower to its upper row and meets its corners exactly. So two faces that share an edge cross
+    it at the same column to the last bit: no ray passes between them.
     """
-    long = _along(a, c, row)
-    short = _along(b, c, row) if row > b[1] else _along(a, b, row)
+    long = _edge_at_row(a, c, row)
+    short = _edge_at_row(b, c, row) if row > b[1] else _edge_at_row(a, b, row)
     return (*short, *long) if short[0] < long[0] else (*long, *short)
 
 
@@ -43,7 +44,7 @@ def _in_pixels(faces: NDArray[np.float64], face: int, corner: int, width: float,
 
 
 @compiled()
-def _by_row(faces: NDArray[np.float64], face: int, width: float, rows: int, cols: int) -> tuple[Point, Point, Point]:
+def _corners_by_row(faces: NDArray[np.float64], face: int, width: float, rows: int, cols: int) -> tuple[Point, Point, Point]:
     """A face's corners in the order of their rows."""
     a, b, c = [_in_pixels(faces, face, corner, width, rows, cols) for corner in (0, 1, 2)]
     if b[1] < a[1]:
@@ -57,14 +58,24 @@ def _by_row(faces: NDArray[np.float64], face: int, width: float, rows: int, cols
 
 @compiled("void(float64[:, :, ::1], float64, float64[:, ::1])")
 def scan_convert(faces: NDArray[np.float64], width: float, depth: NDArray[np.float64]) -> None:
-    """Lower `depth` (rows, cols) where faces (3 axes, 3 corners, N), m in the frame of a sensor `width` m wide, are nearer."""
+    """Lower a depth map where faces are nearer.
+
+    Parameters
+    ----------
+    faces
+        (3 axes, 3 corners, N) float64, contiguous, sensor frame, m.
+    width
+        Side of the sensor plane, m.
+    depth
+        (rows, cols) float64, contiguous, m; changed in place.
+    """
     rows, cols = depth.shape
     for face in range(faces.shape[2]):
-        a, b, c = _by_row(faces, face, width, rows, cols)
+        a, b, c = _corners_by_row(faces, face, width, rows, cols)
         if a[1] == c[1]:
             continue
         for row in range(int(max(math.ceil(a[1]), 0.0)), int(min(math.floor(c[1]), rows - 1.0)) + 1):
-            left, z_left, right, z_right = _cross(a, b, c, float(row))
+            left, z_left, right, z_right = _face_at_row(a, b, c, float(row))
             if right > left:
                 slope = (z_right - z_left) / (right - left)
             else:
@@ -72,4 +83,4 @@ def scan_convert(faces: NDArray[np.float64], width: float, depth: NDArray[np.flo
             line = depth[row]
             for col in range(int(max(math.ceil(left), 0.0)), int(min(math.floor(right), cols - 1.0)) + 1):
                 z = z_left + slope * (col - left)
-                line[col] = min(line[col], max(0.0, z) if z >= -START else math.inf)
+                line[col] = min(line[col], max(0.0, z) if z >= -PLANE_TOLERANCE else math.inf)

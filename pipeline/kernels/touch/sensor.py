@@ -1,19 +1,24 @@
-"""The description of a tactile sensor, and where its pixels and rays are."""
+"""The description of a tactile sensor, the positions of its pixels, and its pose.
+
+The sensor frame has its origin at the centre of the sensor plane, the base of the gel; +x runs along image columns, +y along image
+rows, +z is the outward normal. Lengths are metres.
+"""
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from pipeline.errors import InvalidInput
+
 Length = Annotated[float, Field(gt=0)]
 Position = tuple[float, float, Annotated[float, Field(gt=0)]]
 
 POSE_TOLERANCE = 1e-6
-"""How far a pose's axes may be from orthonormal: what float32 arithmetic upstream may leave, no more."""
+"""Largest deviation of a pose's axes from orthonormal: what float32 arithmetic may leave."""
 
 
 class Lights(BaseModel):
@@ -27,11 +32,7 @@ class Lights(BaseModel):
 
 
 class Sensor(BaseModel):
-    """A gel on a square sensor plane, looked at from below.
-
-    The sensor frame has its origin at the centre of the sensor plane, the base of the gel; +x runs along image columns,
-    +y along image rows, +z is the outward normal. Lengths are metres.
-    """
+    """A gel on a square sensor plane, seen by a camera below it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -40,9 +41,9 @@ class Sensor(BaseModel):
     rows: Annotated[int, Field(ge=2, description="pixels along +y; a gradient needs two")]
     cols: Annotated[int, Field(ge=2, description="pixels along +x; a gradient needs two")]
     w: Annotated[Length, Field(description="thickness of the gel, m (equation 1)")]
-    range: Annotated[Length, Field(description="how far a ray looks for a surface, m")]
+    range: Annotated[Length, Field(description="greatest depth at which a surface is found, m")]
     diffuse: Annotated[float, Field(gt=0, description="diffuse reflection constant, lambda of equation 2")]
-    noise: Annotated[Literal["none"], Field(description="noise added to a reading")]
+    noise: Annotated[Literal["none"], Field(description="noise added to a tactile image")]
     lights: Lights
 
     @property
@@ -51,44 +52,62 @@ class Sensor(BaseModel):
         return self.rows, self.cols
 
 
-@lru_cache(maxsize=8)
 def pixel_centres(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """X (cols,) and y (rows,) of the pixel centres in the sensor frame, m; read-only."""
+    """Compute x (cols,) and y (rows,) of the pixel centres, float64, sensor frame, m."""
     x = ((np.arange(sensor.cols) + 0.5) / sensor.cols - 0.5) * sensor.width
     y = ((np.arange(sensor.rows) + 0.5) / sensor.rows - 0.5) * sensor.width
-    x.setflags(write=False)
-    y.setflags(write=False)
     return x, y
 
 
 def check_pose(pose: np.ndarray) -> NDArray[np.float64]:
-    """A sensor pose as (4, 4) float64, sensor frame to world frame; a `ValueError` where it is no rigid motion."""
+    """Check that a sensor pose is a rigid motion, sensor frame to world frame, and return it as (4, 4) float64.
+
+    Raises
+    ------
+    ValueError
+        The shape is not (4, 4).
+    InvalidInput
+        An entry is NaN or infinite, the axes are not orthonormal and right-handed, or the last row is not 0 0 0 1.
+    """
     pose = np.asarray(pose, np.float64)
     if pose.shape != (4, 4):
         raise ValueError(f"sensor pose has shape {pose.shape}; it must be (4, 4), sensor frame to world frame")
     if not np.isfinite(pose).all():
-        raise ValueError(f"sensor pose holds NaN or infinity; it must be finite:\n{pose}")
+        raise InvalidInput(f"sensor pose holds NaN or infinity; it must be finite:\n{pose}")
     rotation = pose[:3, :3]
     deviation = np.abs(rotation.T @ rotation - np.eye(3)).max()
     if deviation > POSE_TOLERANCE or np.linalg.det(rotation) < 0:
-        raise ValueError(
+        raise InvalidInput(
             f"sensor pose is no rigid motion: its axes are {deviation:.3g} from orthonormal "
             f"(at most {POSE_TOLERANCE:g}, determinant +1); scale belongs into the mesh, not the pose:\n{pose}"
         )
     if (pose[3] != (0, 0, 0, 1)).any():
-        raise ValueError(f"sensor pose has the last row {pose[3]}; it must be 0 0 0 1 (is the pose transposed?):\n{pose}")
+        raise InvalidInput(f"sensor pose has the last row {pose[3]}; it must be 0 0 0 1 (is the pose transposed?):\n{pose}")
     return pose
 
 
 def sensor_to_world(pose: NDArray[np.float64], x: np.ndarray, y: np.ndarray, z: np.ndarray) -> NDArray[np.float64]:
-    """World points (..., 3) of sensor-frame coordinates that broadcast to one shape, m.
+    """Transform points from the sensor frame to the world frame.
 
-    Element by element, never by a matrix product: a point is the same to the last bit in whatever batch it comes.
+    Parameters
+    ----------
+    pose
+        (4, 4) float64, sensor frame to world frame.
+    x, y, z
+        Coordinates that broadcast to one shape (...), sensor frame, m.
+
+    Returns
+    -------
+    (..., 3) float64, world frame, m.
+
+    Notes
+    -----
+    Element by element, not by a matrix product: a point has the same bits in an array of any size.
     """
     return np.stack([row[3] + (row[0] * x + row[1] * y + row[2] * z) for row in pose[:3]], axis=-1)
 
 
 def ray_origins(pose: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
-    """(rows, cols, 3) world positions of the pixel centres on the sensor plane, m; rays leave along `pose[:3, 2]`."""
+    """Compute the (rows, cols, 3) pixel centres on the sensor plane, world frame, m; rays leave along `pose[:3, 2]`."""
     x, y = pixel_centres(sensor)
     return sensor_to_world(check_pose(pose), x[None, :], y[:, None], np.zeros(sensor.shape))

@@ -1,4 +1,7 @@
-"""Orthographic depth by sphere tracing on the unsigned distance, the supplement's way (1.5)."""
+"""Orthographic depth by sphere tracing on the unsigned distance, the supplement's method (1.5).
+
+Valid range: that of `ray_depth`.
+"""
 
 from __future__ import annotations
 
@@ -7,31 +10,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import flatness
-from pipeline.kernels.touch.face_culling import FaceBlocks, cull_faces
-from pipeline.kernels.touch.ray_depth import face_depth
-from pipeline.kernels.touch.scan_conversion import START
+from pipeline.kernels.touch.face_culling import BoxedFaces, cull_faces
+from pipeline.kernels.touch.ray_depth import local_depth
+from pipeline.kernels.touch.scan_conversion import PLANE_TOLERANCE
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 TOLERANCE = 1e-7
-"""m: how short of the surface a ray may stop. A tenth of the micrometre that is promised, for a fifth more time."""
-MAX_STEPS = 100
-"""What is still under way then (0.4 % of the rays on twenty real meshes, 7 % of the worst sensor) runs along walls."""
+"""m: greatest distance before the surface at which a ray may stop. A tenth of what is promised, for a fifth more time."""
 
+MAX_STEPS = 100
+"""Rays that are still under way then (0.4 % on twenty real meshes, 7 % of the worst sensor) run along walls."""
 
 SLIVER = 1e-3
-"""Flatter faces are intersected exactly. libigl's distance to a face errs by some 1e-16 / flatness² of its length: more than
-`TOLERANCE` from 1e-5 on, by all of it at 1e-8, and a ray that trusts it steps through the face."""
+"""Flatter faces are intersected exactly. libigl's distance to a face has an error of some 1e-16 / flatness² of its length: more than
+`TOLERANCE` from 1e-5 on, all of it at 1e-8, and a ray that trusts it steps through the face."""
 
 
 def sphere_traced_depth(
-    blocks: FaceBlocks, pose: np.ndarray, sensor: Sensor, tolerance: float = TOLERANCE, max_steps: int = MAX_STEPS
+    faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, *, tolerance: float = TOLERANCE, max_steps: int = MAX_STEPS
 ) -> NDArray[np.float64]:
-    """Depth D of the first surface along +z of every pixel by sphere tracing; the contract is that of `ray_depth`.
+    """Compute the depth map of a sensor by sphere tracing; the result is that of `ray_depth` to within `tolerance`.
 
     Parameters
     ----------
-    blocks
-        The object, from `face_blocks`, world frame, m.
+    faces
+        The object, from `box_faces`, world frame, m.
     pose
         (4, 4) float64, sensor frame to world frame.
     sensor
@@ -43,37 +46,40 @@ def sphere_traced_depth(
 
     Returns
     -------
-    (rows, cols) float64, m from the sensor plane, +inf where nothing is met within the sensor's range.
+    (rows, cols) float64, m from the sensor plane; +inf where nothing is met within the sensor's range.
 
     Notes
     -----
-    The distance is that to the faces the sensor can see: never less than that to the mesh, and never more than what a
-    ray has before it. No ray is given up on its step count: those that `march` leaves unsettled (along walls, past
-    silhouettes) are intersected exactly, and so are slivers.
+    The distance is that to the faces the sensor can see: never less than that to the mesh, and never more than the free length of
+    the ray. Rays that `trace_spheres` leaves unsettled (along walls, past silhouettes) are intersected exactly, and so are slivers.
     """
-    local = cull_faces(blocks, pose, sensor)
+    local = cull_faces(faces, pose, sensor)
     sliver = flatness(local.transpose(2, 1, 0)) < SLIVER
-    depth, settled = march(local[:, :, ~sliver], sensor, tolerance, max_steps)
+    depth, settled = trace_spheres(local[:, :, ~sliver], sensor, tolerance, max_steps)
     if sliver.any():
-        depth = np.minimum(depth, face_depth(local[:, :, sliver], sensor))
-    return depth if settled.all() else np.where(settled, depth, face_depth(local, sensor))
+        depth = np.minimum(depth, local_depth(local[:, :, sliver], sensor))
+    return depth if settled.all() else np.where(settled, depth, local_depth(local, sensor))
 
 
-def march(local: NDArray[np.float64], sensor: Sensor, tolerance: float, max_steps: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Sphere tracing alone, without the exact end.
+def trace_spheres(
+    local: NDArray[np.float64], sensor: Sensor, tolerance: float, max_steps: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Trace spheres along every ray, without exact intersection of what stays unsettled.
 
     Parameters
     ----------
     local
-        (3 axes, 3 corners, N) faces in the sensor's frame, m, from `faces_seen`, none flatter than `SLIVER`.
+        (3 axes, 3 corners, N) faces from `cull_faces`, sensor frame, m, none flatter than `SLIVER`.
     sensor, tolerance, max_steps
-        As in `sphere_depth`.
+        As in `sphere_traced_depth`.
 
     Returns
     -------
-    (rows, cols) float64 depth, m, +inf for a miss, and (rows, cols) bool, True where it is certain. A hit is certain
-    when the face that a ray stops at lies across the ray, at most `tolerance` ahead; a miss when the ray has passed
-    every face or the range.
+    depth
+        (rows, cols) float64, m; +inf for a miss.
+    settled
+        (rows, cols) bool. A hit is settled when the face at which the ray stops lies across the ray, at most `tolerance` ahead; a miss
+        when the ray has passed every face or the range.
     """
     if not tolerance > 0 or max_steps < 1:
         raise ValueError(f"sphere tracing needs tolerance > 0 and max_steps >= 1, not {tolerance} and {max_steps}")
@@ -84,21 +90,21 @@ def march(local: NDArray[np.float64], sensor: Sensor, tolerance: float, max_step
     x, y = pixel_centres(sensor)
     points = np.stack([np.tile(x, sensor.rows), np.repeat(y, sensor.cols), np.zeros(len(depth))], axis=1)
     points[:, 2] = max(local[2].min() - tolerance, 0.0)  # no face is nearer to the plane
-    end = min(local[2].max() + START, sensor.range)
+    end = min(local[2].max() + PLANE_TOLERANCE, sensor.range)
     corners = np.ascontiguousarray(local.transpose(2, 1, 0))  # (N, corner, xyz)
-    soup, faces = corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3)
+    vertices, faces = corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3)
     tree = igl.AABB()
-    tree.init(soup, faces)
+    tree.init(vertices, faces)
     cosine = _cosines(corners)
     active = np.arange(len(depth))
     for _ in range(max_steps):
-        squared, nearest, _ = tree.squared_distance(soup, faces, points[active])
+        squared, nearest, _ = tree.squared_distance(vertices, faces, points[active])
         distance = np.sqrt(squared)
         arrived = distance <= tolerance * cosine[nearest]
         stop = active[arrived]
-        gap = _gap(corners[nearest[arrived]], points[stop])
+        gap = _gap_along_ray(corners[nearest[arrived]], points[stop])
         height = points[stop, 2]
-        across = (gap >= -START) & (gap <= 2 * tolerance)  # twice: rounding may not undo `arrived`
+        across = (gap >= -PLANE_TOLERANCE) & (gap <= 2 * tolerance)  # twice: rounding may not undo `arrived`
         across &= height + gap <= sensor.range
         depth[stop[across]] = height[across]
         settled[stop[~across]] = False
@@ -119,7 +125,7 @@ def _cosines(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.abs(cosine)
 
 
-def _gap(corners: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _gap_along_ray(corners: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) m along +z from each point to its face (n, 3, 3); NaN where the ray does not pass through the face."""
     edge = corners - points[:, None]  # the point as the origin
     x, y = edge[:, :, 0], edge[:, :, 1]

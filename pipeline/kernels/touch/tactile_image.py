@@ -1,8 +1,9 @@
-"""What the camera under the gel sees: three lamps on the impression, equations 1 to 5."""
+"""The tactile image: three lamps shine on the impression in the gel, equations 1 to 5.
+
+Valid range: sensors of any size from 10 µm to 10 m, lamps at any position above the sensor plane, depths from 0 to +inf.
+"""
 
 from __future__ import annotations
-
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ WHITE = 255
 
 
 def impression(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
-    """D' = ReLU(w - D), how deep the surface presses into the gel: (rows, cols) float64, m (equation 1)."""
+    """Compute the impression D' = ReLU(w - D) of a depth map (rows, cols): (rows, cols) float64, m (equation 1)."""
     if depth.shape != sensor.shape:
         raise ValueError(f"depth has shape {depth.shape}; sensor {sensor.name!r} has {sensor.shape} (rows, cols)")
     if not (depth >= 0).all():
@@ -23,7 +24,7 @@ def impression(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
 
 
 def tactile_image(depth: np.ndarray, sensor: Sensor) -> NDArray[np.uint8]:
-    """The tactile image R of a depth map (equations 1 to 5).
+    """Compute the tactile image R of a depth map (equations 1 to 5).
 
     Parameters
     ----------
@@ -38,27 +39,12 @@ def tactile_image(depth: np.ndarray, sensor: Sensor) -> NDArray[np.uint8]:
 
     Notes
     -----
-    All lengths are sensor widths: x = (col + ½)/cols, y = (row + ½)/rows, z = D'/width. Derivatives are central
-    differences, one-sided at the rim. A lamp that stands on the surface itself has no direction from there: that point is
-    unlit. Depth in float32 instead of float64 moves an intensity by at most 2^-23 lambda w/width times the pixels a side, 5e-6
-    for the shipped sensor: no value by more than 1, and nearly none by that.
+    All lengths are sensor widths: x = (col + ½)/cols, y = (row + ½)/rows, z = D'/width. Derivatives are central differences, one-sided
+    at the rim. A lamp does not light a point of the surface at its own position. Depth in float32 instead of float64 moves an
+    intensity by at most 2^-23 lambda w/width times the pixels per side, 5e-6 for the shipped sensor: few values change, none by more
+    than 1.
     """
-    pressed = impression(depth, sensor)
-    if not pressed.any():
-        return untouched_image(sensor).copy()
-    return _shade(pressed / sensor.width, sensor)
-
-
-@lru_cache(maxsize=8)
-def untouched_image(sensor: Sensor) -> NDArray[np.uint8]:
-    """(rows, cols, 3) uint8: the reading of a sensor that nothing touches; read-only."""
-    image = _shade(np.zeros(sensor.shape), sensor)
-    image.setflags(write=False)
-    return image
-
-
-def _shade(z: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:
-    """Equations 2 to 5 on a height map z (rows, cols) in sensor widths."""
+    z = impression(depth, sensor) / sensor.width
     slope_x = _slope(z.T, sensor.cols).T
     slope_y = _slope(z, sensor.rows)
     steepness = slope_x * slope_x + slope_y * slope_y + 1.0  # |n|²
@@ -69,11 +55,15 @@ def _shade(z: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:
         to_x, to_y, to_z = lamp_x - x, lamp_y - y, lamp_z - z
         dot = to_z - slope_x * to_x - slope_y * to_y  # n · (P - S)
         squared = to_x * to_x + to_y * to_y + to_z * to_z
-        if not squared.all():  # the lamp stands on the surface, or so near that its distance's square is 0
-            squared[squared == 0] = 1
+        squared[squared == 0] = 1  # the lamp is at a point of the surface, where `dot` is 0
         dot *= sensor.diffuse / np.sqrt(steepness * squared)
         image[..., channel] = np.rint(np.clip(dot, 0.0, 1.0) * WHITE)
     return image
+
+
+def untouched_image(sensor: Sensor) -> NDArray[np.uint8]:
+    """Compute the tactile image (rows, cols, 3) uint8 of a sensor that nothing touches."""
+    return tactile_image(np.full(sensor.shape, np.inf), sensor)
 
 
 def _slope(z: NDArray[np.float64], count: int) -> NDArray[np.float64]:

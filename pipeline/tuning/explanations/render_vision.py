@@ -15,13 +15,11 @@ from stages.render_vision.settings import VisionSettings
 def explain(settings: VisionSettings, models: Mapping[str, Path], tasks: Sequence[Task]) -> Iterator[Count]:
     """Count images, hand shapes and looks of these objects."""
     shapes = len(load_hand(settings.hand).visual_meshes)
-    for number, task in enumerate(tasks):
+    for task in tasks:
         grasps = len(task.inputs["grasps"]["hand_pose"])
         held = grasps if settings.occluded else 0
         yield Count("images", 1 + held, grasps - held, "`occluded` is off: no image with a hand is asked for")
         yield Count("hand shapes drawn", shapes * held, shapes * (1 + grasps - held), "no hand is in these images")
-        taken = 0 if number else shapes
-        yield Count("hand shapes prepared, in one worker", taken, shapes - taken, "kept from object to object")
         look = task.mesh().look
         drawn = len(faces_by_material(look))
         yield Count("materials drawn", drawn, len(look.base_color) - drawn, "they look like another one, and are drawn with it")

@@ -12,8 +12,6 @@ from pipeline.kernels.hand.clearance import doubtful
 from pipeline.kernels.hand.inverse import looked_at, solve
 from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.hand.reach import ball_points
-from pipeline.kernels.touch.contact import gel_only
-from pipeline.kernels.touch.face_culling import BLOCK, cull_faces
 from pipeline.tuning.explain import Count
 from stages.simulate_grasps.rig import Rig, Scene, make_rig, make_scene
 from stages.simulate_grasps.settings import GraspSettings
@@ -30,15 +28,15 @@ def explain(settings: GraspSettings, models: Mapping[str, Path], tasks: Sequence
         exact = int(scene.field.records[:, 1:].any(axis=1).sum())
         cells = len(scene.field.records)
         yield Count("grid cells measured", exact, cells - exact, "farther from the object than any part of a hand is asked about")
-        for pose, angles, sensors in zip(row["hand_pose"], row["joint_angles"], row["sensor_pose"], strict=True):
+        for pose, angles in zip(row["hand_pose"], row["joint_angles"], strict=True):
             rng = task.rng("explain")
             found = solve(rig.hand, rig.parts, rig.boxes, rig.samples, scene.field, pose, rig.wanted, settings.ik_refinements, rng)
             why = "its contact or its tip already keeps the posture from being the best"
             yield Count("fingers measured whole, a posture around kept grasps", found.measured, found.spared, why, "bounds first")
-            yield from _grasp(rig, scene, pose, angles, sensors)
+            yield from _grasp(rig, scene, pose, angles)
 
 
-def _grasp(rig: Rig, scene: Scene, pose: np.ndarray, angles: np.ndarray, sensors: np.ndarray) -> Iterator[Count]:
+def _grasp(rig: Rig, scene: Scene, pose: np.ndarray, angles: np.ndarray) -> Iterator[Count]:
     """What was looked at for one kept grasp."""
     postures = rig.samples.free.size
     looked = looked_at(rig.samples, scene.field, pose, rig.wanted).size
@@ -47,7 +45,3 @@ def _grasp(rig: Rig, scene: Scene, pose: np.ndarray, angles: np.ndarray, sensors
     balls = len(rig.dense.radii)
     measured = len(doubtful(scene.field, rig.dense, points))
     yield Count("balls measured exactly", measured, balls - measured, "clear of the object by the grid already", "doubtful balls")
-    faces, near = scene.blocks.corners.shape[2] * BLOCK, gel_only(rig.sensor)
-    for sensor in sensors:
-        met = cull_faces(scene.blocks, sensor, near).shape[2]
-        yield Count("faces taken to a sensor", met, faces - met, "not in its gel: they decide no contact")

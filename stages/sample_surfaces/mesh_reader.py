@@ -1,4 +1,4 @@
-"""Reading a mesh file of any of the usual formats, with its look."""
+"""Reading of mesh files in any of the usual formats, with their materials and textures."""
 
 from __future__ import annotations
 
@@ -10,38 +10,41 @@ import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
+from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
-STAND_IN = trimesh.visual.material.empty_material().image
-"""What trimesh puts where a file has texture coordinates and no material."""
+PLACEHOLDER = trimesh.visual.material.empty_material().image
+"""The image that trimesh substitutes where a file has texture coordinates and no material."""
 
-LARGEST_UV = 2.0**20
-"""Repeats of a texture beyond which float32 no longer tells its pixels apart: such coordinates are damage, and become 0."""
+MAX_UV = 2.0**20
+"""Repeats of a texture beyond which float32 cannot tell its pixels apart: such coordinates are damaged, and become 0."""
 
 GREY = (178, 178, 178, 255)
-"""The colour of what states none, as 3D Warehouse's default material."""
+"""The colour of faces without a material, as 3D Warehouse's default material."""
 
 
 def load_mesh(file: Path) -> Mesh:
-    """The triangles of a file, in its own units and axes, with its materials and textures.
+    """Read the triangles of a file, in its own units and axes, with their materials and textures.
 
     Raises
     ------
-    ValueError
-        The file is empty, is not what its suffix says, or holds no triangle mesh.
+    InvalidInput
+        The file is missing or empty, is not what its suffix says, or holds no triangle mesh.
     """
+    if not file.is_file():
+        raise InvalidInput(f"{file.name} is not there ({file}); put it back, or take it out of the manifest")
     if file.stat().st_size == 0:
-        raise ValueError(f"{file.name} is an empty file")
+        raise InvalidInput(f"{file.name} is an empty file")
     try:
         meshes = _read(file)
     except Exception as error:  # trimesh's readers raise whatever their parsing trips over
         try:
-            meshes = _read(file, skip_materials=True)  # a picture that is cut short is no reason to do without the shape
+            meshes = _read(file, skip_materials=True)  # a damaged texture does not make the shape unusable
         except Exception:
-            raise ValueError(f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}") from error
+            raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}") from error
     if not meshes:
-        raise ValueError(f"{file.name} holds no triangle mesh; is it text, a point cloud or an empty export?")
-    return join(meshes)
+        raise InvalidInput(f"{file.name} holds no triangle mesh; is it text, a point cloud or an empty export?")
+    return join_meshes(meshes)
 
 
 def _read(file: Path, skip_materials: bool = False) -> list[Mesh]:
@@ -50,15 +53,15 @@ def _read(file: Path, skip_materials: bool = False) -> list[Mesh]:
     return [_mesh(part) for part in scene.dump(concatenate=False) if isinstance(part, trimesh.Trimesh)]
 
 
-def join(meshes: list[Mesh]) -> Mesh:
-    """Several meshes as one, each keeping its look."""
+def join_meshes(meshes: list[Mesh]) -> Mesh:
+    """Join meshes to one, each keeping its look."""
     vertices, materials, textures = 0, 0, 0
     faces, face_material, material_texture = [], [], []
     for mesh in meshes:
         faces.append(mesh.faces + vertices)
         face_material.append(mesh.look.face_material + materials)
-        worn = mesh.look.material_texture
-        material_texture.append(np.where(worn >= 0, worn + textures, -1))
+        texture = mesh.look.material_texture
+        material_texture.append(np.where(texture >= 0, texture + textures, -1))
         vertices += len(mesh.vertices)
         materials += len(mesh.look.base_color)
         textures += len(mesh.look.textures)
@@ -79,28 +82,29 @@ def _mesh(part: trimesh.Trimesh) -> Mesh:
 
 
 def _look(visual: Any, vertices: int, faces: int) -> Look:
+    """The look of one of trimesh's visuals, for a mesh with these numbers of vertices and faces."""
     if visual.kind == "texture":
-        colour, texture = _material(visual.material)
+        color, texture = _material(visual.material)
         uv = np.zeros((vertices, 2), np.float32)
         textured = texture is not None and visual.uv is not None and len(visual.uv) == vertices
         if textured:
             stated = np.asarray(visual.uv, np.float64)[:, :2]
-            uv[:] = np.where(np.abs(stated) < LARGEST_UV, stated, 0)  # NaN too
+            uv[:] = np.where(np.abs(stated) < MAX_UV, stated, 0)  # NaN too
         return Look(
             uv=uv,
             face_material=np.zeros(faces, np.int32),
-            base_color=colour[None],
+            base_color=color[None],
             material_texture=np.array([0 if textured else -1], np.int32),
             textures=(texture,) if textured and texture is not None else (),
         )
     if visual.kind in ("face", "vertex"):
         # A vertex colour becomes the colour of the faces around it: `face_colors` takes their mean.
-        colours, face_material = np.unique(np.asarray(visual.face_colors, np.uint8), axis=0, return_inverse=True)
+        colors, face_material = np.unique(np.asarray(visual.face_colors, np.uint8), axis=0, return_inverse=True)
         return Look(
             uv=np.zeros((vertices, 2), np.float32),
             face_material=face_material.reshape(-1).astype(np.int32),
-            base_color=colours,
-            material_texture=np.full(len(colours), -1, np.int32),
+            base_color=colors,
+            material_texture=np.full(len(colors), -1, np.int32),
         )
     return Look.plain(vertices, faces, GREY[:3])
 
@@ -110,22 +114,22 @@ def _material(material: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | Non
     if isinstance(material, trimesh.visual.material.PBRMaterial):  # glTF: a linear factor, white by default, times the texture
         factor = np.asarray([1, 1, 1, 1] if material.baseColorFactor is None else material.baseColorFactor)
         linear = factor / 255 if factor.dtype.kind in "iu" else factor.astype(float)
-        return _srgb(np.concatenate([linear, [1.0]])[:4]), _image(material.baseColorTexture)
-    picture, diffuse = getattr(material, "image", None), getattr(material, "diffuse", None)
-    if picture is not None and picture.size == STAND_IN.size and picture.tobytes() == STAND_IN.tobytes():
-        return np.array(GREY, np.uint8), None  # the file states no material, or one that is not there
-    if picture is not None:
-        return np.full(4, 255, np.uint8), _image(picture)
-    colour = np.asarray(GREY if diffuse is None else diffuse, np.uint8)
-    return np.concatenate([colour, [255]]).astype(np.uint8)[:4], None
+        return _srgb_from_linear(np.concatenate([linear, [1.0]])[:4]), _rgba(material.baseColorTexture)
+    image, diffuse = getattr(material, "image", None), getattr(material, "diffuse", None)
+    if image is not None and image.size == PLACEHOLDER.size and image.tobytes() == PLACEHOLDER.tobytes():
+        return np.array(GREY, np.uint8), None  # the file states no material, or a missing one
+    if image is not None:
+        return np.full(4, 255, np.uint8), _rgba(image)
+    color = np.asarray(GREY if diffuse is None else diffuse, np.uint8)
+    return np.concatenate([color, [255]]).astype(np.uint8)[:4], None
 
 
-def _srgb(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
+def _srgb_from_linear(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
     """8-bit sRGB of linear light (IEC 61966-2-1); opacity, the fourth value, stays linear."""
     light = np.clip(linear, 0, 1)
     encoded = np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
     return np.asarray(np.rint(255 * np.concatenate([encoded[:3], light[3:]])), np.uint8)
 
 
-def _image(image: Any) -> NDArray[np.uint8] | None:
+def _rgba(image: Any) -> NDArray[np.uint8] | None:
     return None if image is None else np.array(image.convert("RGBA") if isinstance(image, Image.Image) else image, np.uint8)
