@@ -121,7 +121,7 @@ test: lint  ## run the tests, a toy shard through every stage among them (under 
 	@$(BIN)/pytest -n auto --dist loadfile -m 'not slow'
 
 test-slow: lint  ## run the same suites at full size
-	@$(BIN)/pytest -n auto --dist loadfile
+	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
 
 bench: $(VENV)/installed-dev  ## measure every stage beside its raw limit, in one run
 	@for name in surfaces grasps vision touch chamfer unet charts gcn; do $(BIN)/python -m benchmarks.$$name || exit 1; done

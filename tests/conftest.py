@@ -1,12 +1,21 @@
-"""What tests of several areas share: meshes with known answers, and a small artifact with a stage that makes it."""
+"""What tests of several areas share: hypothesis profiles, and meshes with known answers.
+
+Tests with hypothesis try a few examples in `make test` and many in `make test-slow`, which loads the profile `thorough`. The examples
+follow from the test alone, and no clock decides.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import HealthCheck, settings
 
 from pipeline.kernels.geometry.mesh import Mesh
+
+settings.register_profile("quick", max_examples=15, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("thorough", settings.get_profile("quick"), max_examples=500)
+settings.load_profile("quick")
 
 
 def mesh_of(*parts: trimesh.Trimesh) -> Mesh:
