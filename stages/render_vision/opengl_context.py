@@ -15,6 +15,9 @@ PACKAGES = "libegl1 libgl1 libxrender1 libgl1-mesa-dri"
 PLATFORM = "PYOPENGL_PLATFORM"
 """The environment variable that tells PyOpenGL, when it is imported, how to find OpenGL's functions."""
 
+SAME_ON_EVERY_PROCESSOR = {"GALLIUM_OVERRIDE_CPU_CAPS": "sse4.1", "LP_NATIVE_VECTOR_WIDTH": "128"}
+"""What Mesa's software renderer may use of a processor: what every x86-64 processor that numpy supports has. Mesa crashes at width 512."""
+
 
 class NoOpenGL(RuntimeError):
     """Headless OpenGL does not work on this machine; the message says what to install."""
@@ -49,7 +52,7 @@ class OpenGLContext:
     def __init__(self, resolution: int) -> None:
         """Open a context for square images of `resolution` pixels per side."""
         try:
-            with _egl_platform():
+            with _environment():
                 import pyrender
                 from OpenGL import EGL
                 from pyrender.platforms.egl import EGLPlatform
@@ -87,15 +90,19 @@ class OpenGLContext:
 
 
 @contextmanager
-def _egl_platform() -> Iterator[None]:
-    """Select EGL as PyOpenGL's platform while it is imported, unless the user chose a platform."""
-    chosen = PLATFORM in os.environ
-    os.environ.setdefault(PLATFORM, "egl")
+def _environment() -> Iterator[None]:
+    """Set what PyOpenGL reads when it is imported and Mesa when it opens its first context; a platform that the user chose is kept."""
+    values = {PLATFORM: os.environ.get(PLATFORM, "egl"), **SAME_ON_EVERY_PROCESSOR}
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
     try:
         yield
     finally:
-        if not chosen:
-            del os.environ[PLATFORM]
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def _make_renderer(pyrender: Any, resolution: int) -> Any:
