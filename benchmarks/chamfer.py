@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
+from functools import partial
 
-import numpy as np
 import torch
 from torch import Tensor
 
+from benchmarks.timing import alone, side_by_side
 from pipeline.kernels.metrics.chamfer import Target, chamfer
 
-SECONDS = 1.0
-"""How long each figure is measured."""
+TURNS = 5
 POINTS = 10_000
 RADIUS = 0.25
 """m, of the sphere that the points lie on: an object's size."""
+Distance = Callable[[Tensor], Tensor]
 
 
 def cloud(seed: int, offset: float, dtype: torch.dtype, device: str) -> Tensor:
@@ -30,22 +30,14 @@ def all_pairs(a: Tensor, b: Tensor) -> Tensor:
     return pairs.min(dim=1).values.square().mean() + pairs.min(dim=0).values.square().mean()
 
 
-def timed(distance: Callable[[Tensor], Tensor], a: Tensor) -> tuple[float, float]:
-    """Median milliseconds of a call, and of a call with its gradient."""
-    both: list[float] = []
-    for backward in (False, True):
-        times: list[float] = []
-        stop = time.perf_counter() + SECONDS
-        while time.perf_counter() < stop or len(times) < 3:
-            points = a.clone().requires_grad_(backward)
-            start = time.perf_counter()
-            value = distance(points)
-            if backward:
-                value.backward()  # type: ignore[no-untyped-call]
-            value.item()
-            times.append((time.perf_counter() - start) * 1e3)
-        both.append(float(np.median(times)))
-    return both[0], both[1]
+def forward(distance: Distance, points: Tensor) -> None:
+    distance(points).item()
+
+
+def forward_backward(distance: Distance, points: Tensor) -> None:
+    value = distance(points.clone().requires_grad_())
+    value.backward()  # type: ignore[no-untyped-call]
+    value.item()
 
 
 def row(name: str, offset: float, dtype: torch.dtype, device: str) -> str:
@@ -53,12 +45,12 @@ def row(name: str, offset: float, dtype: torch.dtype, device: str) -> str:
     a, b = cloud(0, 0.0, dtype, device), cloud(1, offset, dtype, device)
     target = Target(b)
     exact = float(all_pairs(a.double().cpu(), b.double().cpu()))
-    pairs = timed(lambda points: all_pairs(points, b), a)
-    ours = timed(lambda points: chamfer(points, b), a)
-    kept = timed(lambda points: chamfer(points, target), a)
+    ways: list[Distance] = [lambda points: all_pairs(points, b), lambda points: chamfer(points, b), lambda points: chamfer(points, target)]
+    rounds = {(k, call): alone(partial(call, way, a)) for k, way in enumerate(ways) for call in (forward, forward_backward)}
+    times = [one.median for one in side_by_side(rounds, TURNS).values()]
     error = abs(float(chamfer(a, b)) - exact) / exact
-    cells = "  ".join(f"{forward:7.1f} {backward:7.1f}" for forward, backward in (pairs, ours, kept))
-    return f"{name:<22} {cells}  {pairs[1] / ours[1]:6.1f} x  {error:8.1e}"
+    cells = "  ".join(f"{once:7.1f} {both:7.1f}" for once, both in zip(times[::2], times[1::2], strict=True))
+    return f"{name:<22} {cells}  {times[1] / times[3]:6.1f} x  {error:8.1e}"
 
 
 def main() -> None:

@@ -1,7 +1,6 @@
-"""How well and how fast objects are grasped: `python -m benchmarks.grasps --objects 3 --attempts 50`.
+"""How often sensors touch and how long attempts take: `python -m benchmarks.grasps --objects 3 --attempts 50`.
 
-Penetration is measured by other means than those that choose grasps: random points on the collision boxes against igl's signed
-distance with winding numbers, and random points on the object against the boxes.
+How sound stored grasps are is measured by `benchmarks.stored_grasps`.
 """
 
 from __future__ import annotations
@@ -10,28 +9,17 @@ import argparse
 import time
 from dataclasses import dataclass, field
 
-import igl
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
-from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import normalise_mesh
-from pipeline.kernels.geometry.triangle_sampling import sample_triangles
-from pipeline.kernels.hand.kinematics import forward, sensor_poses
-from pipeline.kernels.touch.contact import touch_success
-from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.rng import numpy_rng
 from pipeline.toy_objects import CATEGORIES, generate
 from stages.simulate_grasps.attempt import Grasp, attempt, keep_best
 from stages.simulate_grasps.physics import Simulation, simulation
 from stages.simulate_grasps.rig import Rig, Scene, make_rig, make_scene
 from stages.simulate_grasps.settings import GraspSettings
-
-MORE_STEPS = 500
-"""Steps that must not change a touch."""
-POINTS = 200_000
-"""Random points on the hand, and on the object, that look for penetration: about 1 mm apart."""
 
 
 @dataclass
@@ -40,8 +28,6 @@ class Tally:
 
     touched: list[NDArray[np.bool_]] = field(default_factory=list)
     kept: list[Grasp] = field(default_factory=list)
-    depths: list[float] = field(default_factory=list)
-    flips: list[NDArray[np.bool_]] = field(default_factory=list)
     unsound: int = 0
     short: int = 0
 
@@ -68,7 +54,7 @@ def main() -> None:
                 scene = make_scene(mesh, points, normals, settings.grid_cell)
                 physics.load(mesh)
                 prepared.append(time.perf_counter() - start)
-                seconds += _grasp(rig, scene, physics, settings, mesh, tally, (options.seed, category, variant))
+                seconds += _grasp(rig, scene, physics, settings, tally, (options.seed, category, variant))
     print(
         f"object prepared in {np.mean(prepared):.2f} s; an attempt {1e3 * np.mean(seconds):.0f} ms, 95 % within "
         f"{1e3 * np.percentile(seconds, 95):.0f} ms"
@@ -77,55 +63,21 @@ def main() -> None:
 
 
 def _grasp(
-    rig: Rig, scene: Scene, physics: Simulation, settings: GraspSettings, mesh: Mesh, tally: Tally, identity: tuple[int, str, int]
+    rig: Rig, scene: Scene, physics: Simulation, settings: GraspSettings, tally: Tally, identity: tuple[int, str, int]
 ) -> list[float]:
+    """Try one object; seconds of each attempt."""
     seconds: list[float] = []
     kept: list[Grasp] = []
-    changed: dict[int, NDArray[np.bool_]] = {}
     for number in range(settings.attempts):
         start = time.perf_counter()
         grasp = attempt(rig, scene, physics, settings, numpy_rng(*identity, "attempt", number))
         seconds.append(time.perf_counter() - start)
         tally.touched.append(grasp.touched if grasp else np.zeros(len(rig.hand.fingers), bool))
         tally.unsound += grasp is None or not grasp.sound
-        before = len(kept), min((int(one.touched.sum()) for one in kept), default=0)
         kept = keep_best(kept, grasp, settings.grasps)
-        if grasp and (before[0] < settings.grasps or grasp.touched.sum() > before[1]):
-            angles, _ = physics.advance((MORE_STEPS, MORE_STEPS), 0.0)
-            later = [
-                touch_success(ray_depth(scene.faces, pose, rig.sensor), rig.sensor)
-                for pose in sensor_poses(rig.hand, grasp.hand_pose, angles)
-            ]
-            changed[id(grasp)] = grasp.touched != np.array(later)
     tally.short += len(kept) < settings.grasps
     tally.kept += kept
-    tally.flips += [changed[id(grasp)] for grasp in kept]
-    tally.depths += [independent_depth(rig, mesh, grasp, numpy_rng(*identity, "depth", k)) for k, grasp in enumerate(kept)]
     return seconds
-
-
-def independent_depth(rig: Rig, mesh: Mesh, grasp: Grasp, rng: np.random.Generator, points: int = POINTS) -> float:
-    """Deepest of so many random points on the collision boxes in the object, or on the object in the boxes, m; 0 where there is none."""
-    frames = forward(rig.hand, grasp.hand_pose, grasp.joint_angles)[rig.boxes.link] @ rig.boxes.frames  # (C, 4, 4)
-    half = rig.boxes.half
-    share = points // len(half)
-    unit = rng.uniform(-1, 1, (len(half), share, 3))
-    axis = rng.integers(3, size=(len(half), share, 1))
-    np.put_along_axis(unit, axis, np.sign(rng.uniform(-1, 1, axis.shape)), axis=2)
-    on_hand = (np.einsum("cij,cpj->cpi", frames[:, :3, :3], unit * half[:, None]) + frames[:, None, :3, 3]).reshape(-1, 3)
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    on_hand = on_hand[((on_hand > low) & (on_hand < high)).all(axis=1)]
-    deepest = 0.0
-    if len(on_hand):
-        signed, *_ = igl.signed_distance(
-            on_hand, mesh.vertices, mesh.faces.astype(np.int64), sign_type=igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
-        )
-        deepest = max(deepest, -float(np.min(signed)))
-    on_object = np.concatenate([sample_triangles(mesh.triangles, points, rng)[0], mesh.vertices])
-    for frame, extent in zip(frames, half, strict=True):
-        inside = (extent - np.abs((on_object - frame[:3, 3]) @ frame[:3, :3])).min(axis=1)
-        deepest = max(deepest, float(inside.max()))
-    return deepest
 
 
 def _print(rig: Rig, tallies: dict[str, Tally]) -> None:
@@ -139,13 +91,6 @@ def _print(rig: Rig, tallies: dict[str, Tally]) -> None:
     for label, rows in (("all attempts", touched), ("kept", kept)):
         histogram = np.bincount([int(row.sum()) for row in rows], minlength=len(rig.hand.fingers) + 1) / len(rows)
         print(f"{label + ' with 0 … touches, %':36}" + "".join(f"{100 * part:8.1f}" for part in histogram))
-    depths = 1e3 * np.array([depth for tally in tallies.values() for depth in tally.depths])
-    flips = np.array([flip for tally in tallies.values() for flip in tally.flips])
-    print(
-        f"penetration, measured independently: ≤ 1 mm {100 * np.mean(depths <= 1):.1f} %, median {np.median(depths):.3f}, "
-        f"99 % {np.percentile(depths, 99):.3f}, worst {depths.max():.3f} mm"
-    )
-    print(f"{MORE_STEPS} more steps change {100 * flips.mean():.2f} % of touches, {100 * flips.any(axis=1).mean():.2f} % of grasps")
 
 
 def _shares(rows: list[NDArray[np.bool_]]) -> str:

@@ -1,7 +1,8 @@
-"""How sound the grasps of a data set are, measured anew: `python -m benchmarks.stored_grasps DATA`.
+"""Measure how sound the grasps of a dataset are: `python -m benchmarks.stored_grasps DATA`.
 
-Penetration by other means than those that chose the grasps, and whether touches outlast 500 more steps of physics. Meshes
-that are not watertight have no inside for a winding number to tell: of them only the object's points in the hand count.
+Penetration by other means than those that chose the grasps (random points on the collision boxes against igl's signed distance with
+winding numbers, and random points on the object against the boxes), and whether touches outlast 500 more steps of physics. Meshes
+that are not watertight have no inside for a winding number: of them only the object's points in the hand count.
 """
 
 from __future__ import annotations
@@ -10,12 +11,14 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import igl
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.grasps import MORE_STEPS, POINTS, independent_depth
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.kernels.hand.kinematics import sensor_poses
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.triangle_sampling import sample_triangles
+from pipeline.kernels.hand.kinematics import forward, sensor_poses
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
@@ -25,8 +28,13 @@ from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from stages.simulate_grasps.attempt import Grasp
 from stages.simulate_grasps.physics import simulation
-from stages.simulate_grasps.rig import make_rig
+from stages.simulate_grasps.rig import Rig, make_rig
 from stages.simulate_grasps.settings import GraspSettings
+
+MORE_STEPS = 500
+"""Steps that must not change a touch."""
+POINTS = 200_000
+"""Random points on the hand, and on the object, that look for penetration: about 1 mm apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +72,30 @@ def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
                     Seen(depth, recorded, touched, touched != np.array(after), bool(surface["watertight"]))
                 )
     return found
+
+
+def independent_depth(rig: Rig, mesh: Mesh, grasp: Grasp, rng: np.random.Generator, points: int = POINTS) -> float:
+    """Measure the deepest of random points on the collision boxes in the object, or on the object in the boxes, m; 0 if none is."""
+    frames = forward(rig.hand, grasp.hand_pose, grasp.joint_angles)[rig.boxes.link] @ rig.boxes.frames  # (C, 4, 4)
+    half = rig.boxes.half
+    share = points // len(half)
+    unit = rng.uniform(-1, 1, (len(half), share, 3))
+    axis = rng.integers(3, size=(len(half), share, 1))
+    np.put_along_axis(unit, axis, np.sign(rng.uniform(-1, 1, axis.shape)), axis=2)
+    on_hand = (np.einsum("cij,cpj->cpi", frames[:, :3, :3], unit * half[:, None]) + frames[:, None, :3, 3]).reshape(-1, 3)
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    on_hand = on_hand[((on_hand > low) & (on_hand < high)).all(axis=1)]
+    deepest = 0.0
+    if len(on_hand):
+        signed, *_ = igl.signed_distance(
+            on_hand, mesh.vertices, mesh.faces.astype(np.int64), sign_type=igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
+        )
+        deepest = max(deepest, -float(np.min(signed)))
+    on_object = np.concatenate([sample_triangles(mesh.triangles, points, rng)[0], mesh.vertices])
+    for frame, extent in zip(frames, half, strict=True):
+        inside = (extent - np.abs((on_object - frame[:3, 3]) @ frame[:3, :3])).min(axis=1)
+        deepest = max(deepest, float(inside.max()))
+    return deepest
 
 
 def main() -> None:

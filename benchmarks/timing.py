@@ -1,6 +1,6 @@
-"""Times of several ways to do the same work, taken in turns so that the machine's moods meet all of them.
+"""Time several ways to do the same work, in turns, so that whatever else the machine does affects all of them alike.
 
-Times are the processor's, of all threads of the process: what else the machine does counts little, and a second thread is no gain.
+Times are the processor's, of all threads of the process: a second thread is no gain.
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ from statistics import median
 from typing import TypeVar
 
 T = TypeVar("T")
+K = TypeVar("K")
 Round = Callable[[], float]
-"""Does its work once and says how many processor milliseconds that took, an item."""
+"""Does its work once; processor milliseconds per item."""
 
 
 @dataclass(frozen=True)
 class Times:
-    """Least and median processor milliseconds an item."""
+    """Least and median processor milliseconds per item."""
 
     least: float
     median: float
@@ -29,7 +30,7 @@ class Times:
 
 
 def three_digits(value: float) -> str:
-    """A number with three digits that count: 0.0123, 1.23, 12.3, 1230; what is below a thousandth as 1e-05."""
+    """Format three significant digits: 0.0123, 1.23, 12.3, 1230; below a thousandth as 1e-05."""
     if abs(value) < 1e-3 or not math.isfinite(value):
         return f"{value:.0e}" if value else "0"
     decimals = 2 - math.floor(math.log10(abs(value)))
@@ -37,7 +38,7 @@ def three_digits(value: float) -> str:
 
 
 def each(call: Callable[[T], object], items: Sequence[T]) -> Round:
-    """A round that calls with every item and gives the mean milliseconds of one call."""
+    """Make a round that calls with every item, and returns the mean milliseconds of one call."""
 
     def once() -> float:
         start = time.process_time()
@@ -48,9 +49,14 @@ def each(call: Callable[[T], object], items: Sequence[T]) -> Round:
     return once
 
 
-def side_by_side(rounds: Mapping[str, Round], count: int) -> dict[str, Times]:
-    """Every way in turn, `count` times over, after one turn that warms up."""
-    taken: dict[str, list[float]] = {name: [] for name in rounds}
+def alone(call: Callable[[], object]) -> Round:
+    """Make a round of one call without arguments."""
+    return each(lambda _: call(), [None])
+
+
+def side_by_side(rounds: Mapping[K, Round], count: int) -> dict[K, Times]:
+    """Time every way in turn, `count` times, after one turn to warm up."""
+    taken: dict[K, list[float]] = {name: [] for name in rounds}
     for turn in range(count + 1):
         for name, once in rounds.items():
             milliseconds = once()

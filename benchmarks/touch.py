@@ -1,29 +1,23 @@
-"""One sensor end to end beside the raw limit: Embree on the same rays, in one run. `python -m benchmarks.touch`."""
+"""`python -m benchmarks.touch`: one sensor beside the raw limit, Embree on the same rays."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
-from typing import TypeVar
-
 import numpy as np
 import trimesh
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 
+from benchmarks.embree import EmbreeDepth
+from benchmarks.timing import alone, each, side_by_side
 from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, ray_origins
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from pipeline.kernels.touch.tactile_image import tactile_image
 
-SECONDS = 0.4
-"""How long each figure is measured."""
+TURNS = 20
 POSES = 5
-"""Sensor poses a mesh; what is timed is one sensor, the mean of these."""
+"""Sensor poses per mesh; times are the mean per sensor."""
 RADIUS = 0.25
-T = TypeVar("T")
 
 
 def wavy_ball(subdivisions: int) -> np.ndarray:
@@ -49,54 +43,24 @@ def press(triangles: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return pose
 
 
-def timed(call: Callable[[T], object], arguments: Sequence[T]) -> tuple[float, float]:
-    """Least and median milliseconds of a call, each the mean over the arguments."""
-    times: list[float] = []
-    stop = time.perf_counter() + SECONDS
-    while time.perf_counter() < stop or len(times) < 3:
-        start = time.perf_counter()
-        for argument in arguments:
-            call(argument)
-        times.append((time.perf_counter() - start) * 1e3 / len(arguments))
-    return min(times), float(np.median(times))
-
-
 def row(subdivisions: int, sensor: Sensor, rng: np.random.Generator) -> str:
     """Measure one mesh; a line of the table."""
     triangles = wavy_ball(subdivisions)
     poses = [press(triangles, rng) for _ in range(POSES)]
-    scene = EmbreeScene()
-    mesh = TriangleMesh(scene, triangles.astype(np.float32))
-    start = time.perf_counter()
-    faces = box_faces(triangles)
-    prepare = (time.perf_counter() - start) * 1e3
-
-    def embree(rays: tuple[np.ndarray, np.ndarray]) -> None:
-        scene.run(*rays)
-
-    def ray(pose: np.ndarray) -> None:
-        ray_depth(faces, pose, sensor)
-
-    def whole(pose: np.ndarray) -> None:
-        tactile_image(ray_depth(faces, pose, sensor).astype(np.float32), sensor)
-
-    def sphere(pose: np.ndarray) -> None:
-        sphere_traced_depth(faces, pose, sensor)
-
-    raw = timed(embree, [float32_rays(pose, sensor) for pose in poses])
-    cells = [timed(kernel, poses) for kernel in (ray, whole, sphere)]
     away = poses[0].copy()
     away[:3, 3] += 4 * RADIUS
-    far = timed(ray, [away])
-    del mesh
-    columns = "  ".join(f"{low:6.2f} /{middle:6.2f} {low / raw[0]:6.2f} x" for low, middle in cells)
-    return f"{len(triangles):8}  {raw[0]:5.2f} /{raw[1]:5.2f}  {columns}  {far[0]:5.2f} /{far[1]:5.2f}  {prepare:9.1f}"
-
-
-def float32_rays(pose: np.ndarray, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
-    """Origins and directions (rows · cols, 3) of a sensor's rays as Embree takes them."""
-    origins = ray_origins(pose, sensor).reshape(-1, 3).astype(np.float32)
-    return origins, np.tile(pose[:3, 2].astype(np.float32), (len(origins), 1))
+    embree, faces = EmbreeDepth(triangles, sensor), box_faces(triangles)
+    ways = {
+        "raw": each(embree.trace, [embree.rays(pose) for pose in poses]),
+        "ray": each(lambda pose: ray_depth(faces, pose, sensor), poses),
+        "whole": each(lambda pose: tactile_image(ray_depth(faces, pose, sensor).astype(np.float32), sensor), poses),
+        "sphere": each(lambda pose: sphere_traced_depth(faces, pose, sensor), poses),
+        "far": each(lambda pose: ray_depth(faces, pose, sensor), [away]),
+        "prepare": alone(lambda: box_faces(triangles)),
+    }
+    times = side_by_side(ways, TURNS)
+    cells = "  ".join(f"{times[way]!s:>14} {times[way].least / times['raw'].least:6.2f} x" for way in ("ray", "whole", "sphere"))
+    return f"{len(triangles):8}  {times['raw']!s:>14}  {cells}  {times['far']!s:>14}  {times['prepare'].least:11.1f}"
 
 
 def main() -> None:
@@ -104,8 +68,8 @@ def main() -> None:
     sensor = load_sensor("gel_16mm")
     rng = np.random.default_rng(0)
     print(f"One sensor, {sensor.rows} x {sensor.cols} rays: least / median ms, and the least over raw Embree's least.")
-    kernels = "  ".join(f"{name:>23}" for name in ("ray", "ray + reading", "sphere"))
-    print(f"{'faces':>8}  {'raw Embree':>12}  {kernels}  {'far sensor':>12}  {'once a mesh':>9}")
+    kernels = "  ".join(f"{name:>23}" for name in ("ray", "ray + image", "sphere"))
+    print(f"{'faces':>8}  {'raw Embree':>14}  {kernels}  {'far sensor':>14}  {'once a mesh':>11}")
     for subdivisions in (3, 4, 5, 6, 7):
         print(row(subdivisions, sensor, rng), flush=True)
 

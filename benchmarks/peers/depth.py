@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from benchmarks.embree import EmbreeDepth
 from benchmarks.peers.cases import POSES, Case
 from benchmarks.peers.rasterisers import ParallelRasteriser, PerspectiveRasteriser
 from benchmarks.peers.table import Table
 from benchmarks.peers.touch import over_cases
 from benchmarks.timing import side_by_side, three_digits
-from benchmarks.touch import float32_rays, press, wavy_ball
+from benchmarks.touch import press, wavy_ball
 from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.face_culling import box_faces
@@ -23,7 +21,6 @@ from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, ray_origins
 from pipeline.kernels.touch.tactile_image import tactile_image
 from stages.render_vision.opengl_context import NoOpenGL, OpenGLContext
-from tests.touch.twins import brute_force
 
 EYES = {"pyrender, perspective of 40°": 0.0225, "pyrender, eye 1 m away": 1.0}
 """m from the eye to the gel's face: 40° over the sensor's width is what the paper's authors' own simulator has; 1 m is nearly parallel."""
@@ -88,7 +85,7 @@ def methods(table: Table, cases: Sequence[Case], sensor: Sensor) -> dict[str, li
     faces = [box_faces(case.mesh.triangles) for case in cases]
     ways: dict[str, list[DepthOf]] = {
         OURS: [lambda pose, b=b: ray_depth(b, pose, sensor) for b in faces],
-        "Embree, float32": [_embree(case, sensor) for case in cases],
+        "Embree, float32": [EmbreeDepth(case.mesh.triangles, sensor).depth for case in cases],
     }
     try:
         context = OpenGLContext(sensor.cols)
@@ -99,17 +96,6 @@ def methods(table: Table, cases: Sequence[Case], sensor: Sensor) -> dict[str, li
         for name in (*EYES, "bare OpenGL, parallel"):
             table.could_not_run(name, error)
     return ways
-
-
-def _embree(case: Case, sensor: Sensor) -> DepthOf:
-    scene = EmbreeScene()
-    mesh = TriangleMesh(scene, case.mesh.triangles.astype(np.float32))
-
-    def depth(pose: NDArray[np.float64], kept: Any = mesh) -> NDArray[np.float64]:  # the scene does not keep its mesh alive
-        distance = np.asarray(scene.run(*float32_rays(pose, sensor), query="DISTANCE"), np.float64).reshape(sensor.shape)
-        return np.where(distance <= sensor.range, distance, np.inf)
-
-    return depth
 
 
 def _errors(cases: Sequence[Case], of: list[DepthOf], true_of: list[DepthOf], sensor: Sensor) -> tuple[str, str, str]:
@@ -124,10 +110,36 @@ def _brute_errors(cases: Sequence[Case], of: list[DepthOf], sensor: Sensor) -> t
     pairs = []
     for i, case in enumerate(cases):
         for pose in case.poses:
-            true = brute_force(case.mesh.triangles, ray_origins(pose, sensor)[every, every], pose[:3, 2], sensor.range)
-            ours = of[i](pose)[every, every]
-            pairs.append((np.where(true.doubtful, np.inf, ours), np.where(true.doubtful, np.inf, true.depth)))
+            true, doubtful = brute_force_depth(case.mesh.triangles, ray_origins(pose, sensor)[every, every], pose[:3, 2], sensor.range)
+            pairs.append((np.where(doubtful, np.inf, of[i](pose)[every, every]), np.where(doubtful, np.inf, true)))
     return (*_off(pairs, sensor), "–")
+
+
+def brute_force_depth(
+    triangles: NDArray[np.float64], origins: NDArray[np.float64], direction: NDArray[np.float64], reach: float
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Intersect every ray with every face (F, 3, 3) in float64 (Möller & Trumbore 1997); shares no code with the tracers.
+
+    Returns
+    -------
+    depth, doubtful
+        Of the shape of `origins` without its last axis: distance along `direction`, m, +inf where no face is met within `reach`;
+        and whether the ray passes a face's rim within 1e-9 of its size, so that float64 cannot tell whether it meets it.
+    """
+    edge1, edge2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    p = np.cross(direction, edge2)
+    det = (edge1 * p).sum(-1)
+    kept = np.abs(det) > 1e-15 * np.linalg.norm(np.cross(edge1, edge2), axis=-1)
+    first, edge1, edge2, p, det = (array[kept] for array in (triangles[:, 0], edge1, edge2, p, det))
+    depth, doubtful = np.full(origins.shape[:-1], np.inf), np.zeros(origins.shape[:-1], bool)
+    for index in np.ndindex(depth.shape):
+        s = origins[index] - first
+        q = np.cross(s, edge1)
+        u, v, t = (s * p).sum(-1) / det, q @ direction / det, (q * edge2).sum(-1) / det
+        margin, ahead = np.minimum(np.minimum(u, v), 1 - u - v), (t >= -1e-9) & (t <= reach)
+        depth[index] = np.where((margin >= 0) & ahead, np.maximum(t, 0), np.inf).min(initial=np.inf)
+        doubtful[index] = (ahead & (np.abs(margin) < 1e-9)).any()
+    return depth, doubtful
 
 
 def _off(pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]], sensor: Sensor) -> tuple[str, str]:

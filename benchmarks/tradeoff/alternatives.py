@@ -1,14 +1,11 @@
-"""What could be built otherwise: choices that are no setting, because one of them serves, measured all the same.
-
-How many pixels a sensor has, what traces its rays in which precision, what draws images, and what object and hand are to physics.
-"""
+"""Measure choices that are no setting: the pixels of a sensor, and what object and hand are to physics."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,48 +14,36 @@ from xml.etree import ElementTree
 import igl
 import numpy as np
 import trimesh
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 from skimage.transform import resize
 
-from benchmarks.grasps import independent_depth
+from benchmarks.stored_grasps import independent_depth
 from benchmarks.tradeoff.errors import POINTS
-from benchmarks.tradeoff.tiny import tiny_renderer
-from pipeline.config.scene_file import load_scene
 from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, ray_origins
-from pipeline.kernels.vision.labels import Label
 from pipeline.rng import numpy_rng
 from pipeline.store.collection import Collection
 from pipeline.store.layout import Layout
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
-from stages.render_vision.renderer import Renderer
 from stages.simulate_grasps.attempt import attempt
 from stages.simulate_grasps.physics import simulation
 from stages.simulate_grasps.rig import Rig, make_rig, make_scene
 from stages.simulate_grasps.settings import GraspSettings
-from tests.vision.twins import cast
 
 PIXELS = (25, 50, 100, 200)
 FINEST = 400
 ATTEMPTS = 6
-"""An object, with each of the shapes that physics may take it for."""
+"""Per object and shape."""
 FEW_FACES = 500
-RESOLUTION = 256
-Depths = NDArray[np.float64]
-MISSED = 1e30
-"""What Embree calls a ray that hits nothing is 1e37."""
 
 
-class Object:
-    """A grasped object of a data set."""
+class GraspedObject:
+    """A grasped object of a dataset."""
 
     def __init__(self, surface: Any, grasps: Any) -> None:
         self.mesh = read_mesh(surface)
@@ -71,13 +56,13 @@ class Object:
 
 
 def alternatives(data: Path) -> list[dict[str, Any]]:
-    """A row an alternative: what it is, seconds, and its figures."""
+    """Measure every alternative: one row each, with seconds and figures."""
     surfaces, grasps = Collection(Layout(data), SURFACES), Collection(Layout(data), GRASPS)
-    objects = [Object(surfaces.view(name), grasps.view(name)) for name in grasps]
-    return [*_pixels(objects), *_tracers(objects), *_renderers(objects), *_shapes(objects)]
+    objects = [GraspedObject(surfaces.view(name), grasps.view(name)) for name in grasps]
+    return [*_pixels(objects), *_shapes(objects)]
 
 
-def _pixels(objects: list[Object]) -> Iterator[dict[str, Any]]:
+def _pixels(objects: list[GraspedObject]) -> Iterator[dict[str, Any]]:
     """Depth maps with fewer or more pixels, enlarged to the finest and compared where both see the gel's contents."""
     sensor = load_sensor("gel_16mm")
     fine = sensor.model_copy(update={"rows": FINEST, "cols": FINEST})
@@ -94,30 +79,7 @@ def _pixels(objects: list[Object]) -> Iterator[dict[str, Any]]:
         )
 
 
-def _tracers(objects: list[Object]) -> Iterator[dict[str, Any]]:
-    """The same rays in float64, as scan conversion, and in float32, as Embree's first hits."""
-    sensor = load_sensor("gel_16mm")
-    exact, seconds = _timed(objects, lambda one, pose: ray_depth(one.faces, pose, sensor))
-    yield _row("precision of rays", "float64 (ours)", seconds, {"worst in the gel, um": 0.0})
-    scenes = {id(one): EmbreeScene() for one in objects}
-    held = [TriangleMesh(scenes[id(one)], one.mesh.triangles.astype(np.float32)) for one in objects]
-    rough, seconds = _timed(objects, lambda one, pose: _embree(scenes[id(one)], pose, sensor))
-    del held
-    worst, lost = 0.0, 0
-    for theirs, ours in zip(rough, exact, strict=True):
-        met, inside = theirs < MISSED, ours < sensor.w
-        worst = max(worst, float(np.abs(theirs - ours)[met & inside].max(initial=0)))
-        lost += int((inside & ~met).sum())
-    yield _row("precision of rays", "float32 (Embree)", seconds, {"worst in the gel, um": 1e6 * worst, "hits lost": lost})
-
-
-def _embree(scene: EmbreeScene, pose: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
-    origins = ray_origins(pose, sensor).reshape(-1, 3).astype(np.float32)
-    found = scene.run(origins, np.tile(pose[:3, 2].astype(np.float32), (len(origins), 1)), query="DISTANCE")
-    return np.asarray(found, np.float64).reshape(sensor.shape)
-
-
-def _shapes(objects: list[Object]) -> Iterator[dict[str, Any]]:
+def _shapes(objects: list[GraspedObject]) -> Iterator[dict[str, Any]]:
     """Attempts at grasps where physics takes object and hand for themselves, or for something simpler or finer."""
     rig = make_rig(GraspSettings())
     shapes: dict[str, Callable[[Mesh], Mesh]] = {
@@ -133,8 +95,8 @@ def _shapes(objects: list[Object]) -> Iterator[dict[str, Any]]:
         yield _attempts("the hand in physics", "hulls of what is drawn", objects, rig, drawn, shapes["the mesh (ours)"])
 
 
-def _attempts(what: str, label: str, objects: list[Object], rig: Rig, hand: Hand, shape: Callable[[Mesh], Mesh]) -> dict[str, Any]:
-    """The same attempts with other shapes in physics; what touches and how deep it stands is told from the true ones."""
+def _attempts(what: str, label: str, objects: list[GraspedObject], rig: Rig, hand: Hand, shape: Callable[[Mesh], Mesh]) -> dict[str, Any]:
+    """The same attempts with other shapes in physics; touches and depth are measured on the true ones."""
     settings = GraspSettings()
     touched, depths, spent = [], [], 0.0
     with simulation(hand) as physics:
@@ -172,30 +134,6 @@ def _as_drawn(urdf: Path, place: Path) -> Path:
     return place / urdf.name
 
 
-def _renderers(objects: list[Object]) -> Iterator[dict[str, Any]]:
-    """Silhouettes of the objects against rays through the pixels' centres."""
-    scene = load_scene("supplement")
-    camera = scene.camera.with_resolution(RESOLUTION)
-    truth = [cast(camera, one.mesh) == Label.OBJECT for one in objects]
-    with Renderer(scene, RESOLUTION) as ours, tiny_renderer(camera) as theirs:
-        ways = {"pyrender (ours)": partial(_drawn, ours), "PyBullet's TinyRenderer": theirs}
-        for label, draw in ways.items():
-            draw(objects[0].mesh)  # what is compiled once is in no time
-            start = time.perf_counter()
-            masks = [draw(one.mesh) for one in objects]
-            seconds = (time.perf_counter() - start) / len(objects)
-            wrong = [100 * (mask != true).sum() / true.sum() for mask, true in zip(masks, truth, strict=True)]
-            yield _row("the renderer, 256 x 256", label, seconds, {"silhouette wrong, % of it": float(np.mean(wrong))})
-
-
-def _drawn(renderer: Renderer, mesh: Mesh) -> NDArray[np.bool_]:
-    part = renderer.add(mesh, Label.OBJECT)
-    view = renderer.render([(part, np.eye(4))])
-    renderer.remove(part)
-    mask: NDArray[np.bool_] = view.segmentation == Label.OBJECT
-    return mask
-
-
 def _few(mesh: Mesh) -> Mesh:
     if len(mesh.faces) <= FEW_FACES:
         return mesh
@@ -209,7 +147,7 @@ def _hull(mesh: Mesh) -> Mesh:
 
 
 def _timed(
-    objects: list[Object], trace: Callable[[Object, NDArray[np.float64]], NDArray[np.float64]]
+    objects: list[GraspedObject], trace: Callable[[GraspedObject, NDArray[np.float64]], NDArray[np.float64]]
 ) -> tuple[list[NDArray[np.float64]], float]:
     """What is traced of every touch, and the mean seconds of one."""
     found = []

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.timing import each, side_by_side
+from benchmarks.timing import alone, side_by_side
 
 Results = Mapping[str, np.ndarray]
 EQUAL = "bit for bit"
@@ -57,7 +57,7 @@ def difference(ours: Results, plain: Results) -> float:
 def measure(shortcut: Shortcut, turns: int = TURNS) -> dict[str, Any]:
     """Time both ways of a shortcut in turns, and compare their results; a row of the table."""
     apart = difference(shortcut.with_(), shortcut.without())
-    times = side_by_side({way: each(lambda call: call(), [getattr(shortcut, way)]) for way in ("with_", "without")}, turns)
+    times = side_by_side({way: alone(getattr(shortcut, way)) for way in ("with_", "without")}, turns)
     return {
         "stage": shortcut.stage,
         "name": shortcut.name,

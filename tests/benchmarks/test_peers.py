@@ -1,4 +1,4 @@
-"""What the comparison with peers rests on: its rasterisers show what geometry says they must, its judge of hidden places, its tables."""
+"""The comparison with peers: rasterisers, references, the judge of hidden places, formats, tables."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import pytest
 import torch
 import trimesh
 
+from benchmarks.embree import EmbreeDepth
 from benchmarks.peers import store
+from benchmarks.peers.depth import brute_force_depth
 from benchmarks.peers.rasterisers import ParallelRasteriser, PerspectiveRasteriser
 from benchmarks.peers.surfaces import sees_outside
 from benchmarks.peers.table import Table
@@ -19,7 +21,7 @@ from benchmarks.peers.worker import PeerError, Worker
 from benchmarks.timing import Times, each, side_by_side, three_digits
 from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.touch.sensor import pixel_centres
+from pipeline.kernels.touch.sensor import pixel_centres, ray_origins
 from stages.render_vision.opengl_context import OpenGLContext
 
 SENSOR = load_sensor("gel_16mm")
@@ -57,7 +59,18 @@ def test_perspective_rasteriser_errs_as_its_closed_form(plane: Mesh, eye: float)
     assert wrong > 1e-4 if eye < 0.1 else wrong < 5e-5
 
 
-def test_places_of_a_box_in_a_box_are_hidden() -> None:
+def test_embree_and_brute_force_show_a_tilted_plane(plane: Mesh) -> None:
+    x, _ = pixel_centres(SENSOR)
+    expected = np.broadcast_to(NEAREST + SLOPE * x, SENSOR.shape)
+    np.testing.assert_allclose(EmbreeDepth(plane.triangles, SENSOR).depth(np.eye(4)), expected, rtol=0, atol=1e-7)
+    origins = ray_origins(np.eye(4), SENSOR)[::10, ::10]
+    depth, doubtful = brute_force_depth(plane.triangles, origins, np.array([0.0, 0, 1]), SENSOR.range)
+    np.testing.assert_allclose(depth[~doubtful], expected[::10, ::10][~doubtful], rtol=0, atol=1e-12)
+    assert doubtful.sum() <= len(doubtful)  # on the diagonal that two faces share
+    assert np.isinf(brute_force_depth(plane.triangles, origins + [0, 0, 1], np.array([0.0, 0, 1]), SENSOR.range)[0]).all()
+
+
+def test_inner_box_is_hidden_from_outside() -> None:
     outer, inner = trimesh.creation.box((1, 1, 1)), trimesh.creation.box((0.5, 0.5, 0.5))
     both = trimesh.util.concatenate(outer, inner)
     mesh = Mesh.bare(both.vertices, both.faces)
@@ -66,7 +79,7 @@ def test_places_of_a_box_in_a_box_are_hidden() -> None:
     np.testing.assert_array_equal(outside, np.repeat([True, False], 12))
 
 
-def test_every_format_gives_a_shard_back_and_is_counted() -> None:
+def test_every_format_returns_the_shard_and_is_counted() -> None:
     rng = np.random.default_rng(0)
     depth = rng.random((2, 1, 4, 100, 100), dtype=np.float32)
     depth[depth > 0.5] = np.inf
@@ -95,13 +108,13 @@ def test_a_format_that_loses_a_bit_is_refused(tmp_path: Path) -> None:
         store.compare(table, {store.OURS: store.Format(store._write_npy, forgetful, store._grasp_npy)}, arrays, turns=1, grasps=1)
 
 
-def test_stand_in_for_scatter_min() -> None:
+def test_scatter_min_replacement_takes_the_least_per_index() -> None:
     source, out = torch.tensor([[5.0, 1.0, 3.0]]), torch.full((1, 3), torch.inf)
     least, _ = scatter_min(source, torch.tensor([2, 0, 2]), dim_size=3, out=out)
     assert least.tolist() == [[1.0, torch.inf, 3.0]]
 
 
-def test_table_refuses_a_row_of_another_width_and_names_who_could_not_run() -> None:
+def test_table_refuses_wrong_row_width_and_names_peers_that_could_not_run() -> None:
     table = Table("Title", ["ms", "÷"], ["a caption"])
     table.add("ours", "1", "1.00")
     table.could_not_run("peer", "no g++ | here\nat all")
@@ -112,7 +125,7 @@ def test_table_refuses_a_row_of_another_width_and_names_who_could_not_run() -> N
     assert text.index("`command` · commit") < text.index("| ours |") < text.index("- a caption")
 
 
-def test_worker_that_ends_says_why(tmp_path: Path) -> None:
+def test_worker_reports_why_it_ended(tmp_path: Path) -> None:
     with pytest.raises(PeerError, match=r"status 1: .*No module named benchmarks\.nowhere"):
         Worker(Path(sys.executable), "benchmarks.nowhere", [], tmp_path / "log")
     with pytest.raises(PeerError, match="missing; `make bench-peers`"):
