@@ -35,3 +35,7 @@ class StoreError(PipelineError):
 
 class AdviceError(PipelineError):
     """No measured setting does what is asked; the message says what the nearest one does."""
+
+
+class BugFound(PipelineError):
+    """Something was raised that no stage is meant to raise: a fault of the project, told with its traceback."""

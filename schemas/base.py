@@ -29,6 +29,11 @@ class Array(BaseModel):
     """Whether some settings leave the array out."""
 
     @property
+    def is_coordinate(self) -> bool:
+        """Whether the array labels a dimension; what a stage does not give is taken from its inputs."""
+        return self in COORDINATES.values()
+
+    @property
     def per_object(self) -> bool:
         """Whether there is one entry an object."""
         return self.dims[:1] == ("object",)
@@ -72,3 +77,15 @@ COMMON = {
         description="False where the object could not be processed: its rows are zeros, and `failures` in the attributes says why.",
     ),
 }
+
+COORDINATES = {
+    "grasp": Array(dims=("grasp",), dtype="int32", units="1", description="Number of the grasp, 0 the best."),
+    "sensor": Array(dims=("sensor",), dtype="string", units="1", description="Name of the finger that wears the sensor."),
+    "joint": Array(dims=("joint",), dtype="string", units="1", description="Name of the joint in the hand's URDF, finger by finger."),
+}
+"""Labels of dimensions."""
+
+
+def coordinates(*names: str) -> dict[str, Array]:
+    """Declare the labels of these dimensions."""
+    return {name: COORDINATES[name] for name in names}

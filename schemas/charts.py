@@ -1,6 +1,6 @@
 """What `fit-charts` writes: a touch chart for every sensor of every grasp."""
 
-from schemas.base import Array, Artifact
+from schemas.base import Array, Artifact, coordinates
 
 STOP_RULES = ("no_touch", "threshold", "cap", "too_few_points", "collapsed")
 """Why the fitting of a chart ended; `stop_rule` holds indices into this. A sensor that touched has too few points where the
@@ -11,9 +11,10 @@ FITTED = (1, 2)
 
 CHARTS = Artifact(
     name="charts",
-    version=1,
+    version=2,
     summary="A touch chart for every sensor of every grasp, fitted to the points its U-Net sees, or to the true ones.",
     arrays={
+        **coordinates("grasp", "sensor"),
         "vertices": Array(
             dims=("object", "grasp", "sensor", "vertex", "xyz"),
             dtype="float32",

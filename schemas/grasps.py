@@ -1,12 +1,13 @@
 """What `simulate-grasps` writes: where the hand and its sensors stand in the best grasps of every object, and how the others fared."""
 
-from schemas.base import Array, Artifact
+from schemas.base import Array, Artifact, coordinates
 
 GRASPS = Artifact(
     name="grasps",
-    version=1,
+    version=2,
     summary="The best grasps of every object: poses of hand and sensors as simulated, and which sensors touch.",
     arrays={
+        **coordinates("grasp", "sensor", "joint"),
         "hand_pose": Array(
             dims=("object", "grasp", "pose_row", "pose_column"),
             dtype="float64",

@@ -1,12 +1,13 @@
 """What `simulate-touch` writes: depth maps and readings of every sensor of every grasp."""
 
-from schemas.base import Array, Artifact
+from schemas.base import Array, Artifact, coordinates
 
 TOUCH = Artifact(
     name="touch",
-    version=1,
+    version=2,
     summary="What every sensor of every grasp feels: depth, tactile reading, and the surface points in its gel.",
     arrays={
+        **coordinates("grasp", "sensor"),
         "depth": Array(
             dims=("object", "grasp", "sensor", "row", "col"),
             dtype="float32",

@@ -1,12 +1,13 @@
 """What `render-vision` writes: the object alone, the object in every grasp, and what each pixel shows."""
 
-from schemas.base import Array, Artifact
+from schemas.base import Array, Artifact, coordinates
 
 VISION = Artifact(
     name="vision",
-    version=1,
+    version=2,
     summary="Images of every object alone and in every grasp, with what each pixel shows.",
     arrays={
+        **coordinates("grasp"),
         "unoccluded": Array(dims=("object", "row", "col", "rgb"), dtype="uint8", units="1/255", description="V_u: the object alone, sRGB."),
         "occluded": Array(
             dims=("object", "grasp", "row", "col", "rgb"),

@@ -8,10 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.errors import StoreError
-from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
-from schemas.catalogue import ARTIFACTS
+from pipeline.dataset.object_rows import ObjectRows, first_shard
+from schemas.grasps import GRASPS
 
 SUPPLEMENT_SUCCESS = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6}
 """Table 1: per cent of touches that succeed."""
@@ -34,23 +32,17 @@ class Tally:
 
 
 def tally(data: Path) -> dict[str, Tally]:
-    """The touches of every category in a data directory, failed objects left out."""
-    grasps = Collection(Layout(data), ARTIFACTS["grasps"])
+    """Count the touches of every category in a data directory; failed objects are left out."""
+    rows = ObjectRows(data, ["touch_success", "attempt_success", "attempts"], split=None)
     found: dict[str, Tally] = defaultdict(Tally)
-    for object_id in grasps:
-        shard = grasps.shard(object_id)
-        if shard.failure(object_id) is None:
-            view = shard.view(object_id)
-            entry = found[str(view["category"])]
-            entry.touched.append(view["touch_success"])
-            entry.tried.append(view["attempt_success"])
-            entry.attempts += int(view["attempts"])
-    if not found:
-        raise StoreError(f"{data.resolve()} has no grasps; run `make dataset`, or see `vt-pipeline status {data}`")
+    for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
+        entry = found[category]
+        entry.touched.append(rows.read("touch_success", object_id))
+        entry.tried.append(rows.read("attempt_success", object_id))
+        entry.attempts += int(rows.read("attempts", object_id))
     return dict(sorted(found.items()))
 
 
 def sensors_of(data: Path) -> list[str]:
     """The names of the fingers that wear the sensors, in their order."""
-    names: list[str] = Collection(Layout(data), ARTIFACTS["grasps"]).shards[0].attributes["hand"]["sensors"]
-    return names
+    return [str(name) for name in first_shard(data, GRASPS).read("sensor")]

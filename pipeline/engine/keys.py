@@ -10,45 +10,46 @@ from importlib import util
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.stage import Stage
+from pipeline.config.sources import fingerprint
 from pipeline.store import digest
 
-DECIDES_RESULTS = (
-    *(
-        "stages",
-        "schemas",
-        "pipeline.config",
-        "pipeline.dataset",
-        "pipeline.kernels",
-        "pipeline.models",
-        "pipeline.reports",
-        "pipeline.rng",
-    ),
-    *("pipeline.engine.stage", "pipeline.toy_objects", "pipeline.training"),
-)
-"""What decides results, and pictures of them; processes, files and progress around it do not."""
+OURS = ("pipeline", "stages", "schemas")
+
+NO_RESULTS = ("pipeline.cli", "pipeline.console", "pipeline.engine", "pipeline.errors", "pipeline.store")
+"""Layers that decide no result. Every other layer counts, and so does one that is new."""
+
+TOY_OBJECTS = "pipeline.toy_objects"
+"""Keys the objects it makes, and no others."""
 
 
-def code_hash(stage: Stage) -> str:
-    """The hash of a stage's sources: its own module and, wherever it leads, what that imports of ours that decides results."""
+def code_hash(stage: object) -> str:
+    """Hash a stage's code: its folder, and whatever it imports of the layers below that decide results."""
     return sources_hash(type(stage).__module__)
 
 
 @cache
 def sources_hash(module: str) -> str:
-    """The hash of a module and of what it stands on."""
-    sources = sorted((name, _normal_form(path)) for name, path in sources_of(module).items())
-    return digest.of_json(sources)
+    """Hash a module and what it imports, directly and by way of others.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        There is no module of this name.
+    """
+    if _file_of(module) is None:
+        raise ModuleNotFoundError(f"{module} is no module whose code decides results")
+    left_out = NO_RESULTS if module.startswith(TOY_OBJECTS) else (*NO_RESULTS, TOY_OBJECTS)
+    return digest.of_json(sorted((name, _normal_form(path)) for name, path in _imported(module, left_out).items()))
 
 
-def sources_of(module: str) -> dict[str, Path]:
-    """The modules that `module` stands on, itself included, with their files: found by reading imports, running nothing."""
+def _imported(module: str, left_out: tuple[str, ...]) -> dict[str, Path]:
+    """A module and what it imports of ours, with their files: found by reading imports, running nothing."""
     found: dict[str, Path] = {}
     waiting = [module]
     while waiting:
         name = waiting.pop()
         path = _file_of(name)
-        if name in found or path is None:
+        if name in found or path is None or any(name == layer or name.startswith(f"{layer}.") for layer in left_out):
             continue
         found[name] = path
         waiting += _imports(path)
@@ -72,8 +73,8 @@ def _imports(path: Path) -> Iterable[str]:
 
 @cache
 def _file_of(module: str) -> Path | None:
-    """The source of a module that counts; None for every other, and for names that are no modules."""
-    if not any(module == package or module.startswith(f"{package}.") for package in DECIDES_RESULTS):
+    """The source of one of our modules; None for every other, and for names that are not modules."""
+    if module.partition(".")[0] not in OURS:
         return None
     try:
         spec = util.find_spec(module)
@@ -83,10 +84,22 @@ def _file_of(module: str) -> Path | None:
 
 
 def asset_hashes(paths: Iterable[Path]) -> list[str]:
-    """The hash of every data file a stage reads, in the order in which it names them: where they lie decides nothing."""
+    """Hash every data file that a stage reads, in the order in which it names them: where they lie decides nothing."""
     return [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths]
 
 
-def object_key(stage_part: str, object_id: str, category: str, inputs: Any) -> str:
-    """The key of one object's row: the stage's part, the object, and its inputs (a source's fingerprint, or rows' digests)."""
-    return digest.of_json({"stage": stage_part, "object": object_id, "category": category, "inputs": inputs})
+def source_key(source: dict[str, Any]) -> dict[str, Any]:
+    """What an object's source amounts to: the content of its files, or the code that makes it.
+
+    Raises
+    ------
+    OSError
+        A file cannot be read.
+    """
+    maker = {"maker": sources_hash(f"{TOY_OBJECTS}.{source['procedural']}")} if "procedural" in source else {}
+    return {**fingerprint(source), **maker}
+
+
+def object_key(stage_key: str, object_id: str, category: str, inputs: Any) -> str:
+    """Compute the key of one object's row: from its stage's key, the object, and its inputs (a source's key, or rows' digests)."""
+    return digest.of_json({"stage": stage_key, "object": object_id, "category": category, "inputs": inputs})

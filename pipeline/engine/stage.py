@@ -1,26 +1,28 @@
-"""What the runner knows of a stage: a protocol, and the task and row that pass between them."""
+"""What a stage is: two base classes, and what passes between a stage and the engine."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from rich.console import Console
 
 from pipeline.config.settings import Settings
+from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.rng import numpy_rng
-from pipeline.store.pieces import Row
+from pipeline.store.rows import Row
 from schemas.base import Artifact
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What an object (or, in a set stage, all of it) takes, typically, on one core: for `--dry-run`."""
+    """What an object (or, in a dataset stage, all of it) typically takes on one core: for `--dry-run`."""
 
     seconds: float
     kilobytes: float
@@ -39,59 +41,66 @@ class Task:
     source: Mapping[str, Any] = field(default_factory=dict)
     inputs: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     attributes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    load_mesh: Callable[[], Mesh] | None = None
 
     def rng(self, *identity: str | int) -> np.random.Generator:
-        """A generator for this object and the given names (stage, attempt, …)."""
+        """Make a generator for this object and the given names (stage, attempt, …)."""
         return numpy_rng(self.seed, self.object_id, *identity)
 
     def mesh(self) -> Mesh:
-        """The object's normalised mesh in the world frame, as `sample-surfaces` stored it."""
-        if self.load_mesh is None:
-            raise ValueError(f"{self.object_id}: no stage has stored a mesh yet; a stage that needs one names SURFACES among its inputs")
-        return self.load_mesh()
+        """Read the object's normalised mesh in the world frame, as `sample-surfaces` stored it; needs SURFACES among the inputs."""
+        return read_mesh(self.inputs["surfaces"])
 
 
-class Stage(Protocol):
-    """What all stages have in common."""
+class Stage(ABC):
+    """What all stages have in common. A stage derives from `ObjectStage` or `DatasetStage`."""
 
     name: ClassVar[str]
     summary: ClassVar[str]
     settings_type: ClassVar[type[Settings]]
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
-        """The artifacts that are read; none that these settings leave out."""
+        """The artifacts that are read; by default none."""
+        return ()
 
     def models(self, settings: Any) -> tuple[str, ...]:
-        """The folders below the data directory that set stages filled and this one reads, such as `models/unet`."""
+        """The folders below the data directory that dataset stages filled and this one reads, such as `models/unet`; by default none."""
+        return ()
+
+    def assets(self, settings: Any) -> list[Path]:
+        """Data files whose content belongs to the key (a hand, a sensor, a scene); by default none."""
+        return []
 
 
-class ObjectStage(Stage, Protocol):
+class ObjectStage(Stage):
     """A stage that turns one object's row of its inputs into one row of its output."""
 
     output: ClassVar[Artifact]
 
-    def assets(self, settings: Any) -> list[Path]:
-        """Data files whose content belongs to the key (a hand, a sensor, a scene)."""
-
     def constants(self, settings: Any) -> Row:
-        """The output's arrays that have no object dimension."""
+        """The output's arrays that have no object dimension; labels of dimensions that an input has need not be given."""
+        return {}
 
     def attributes(self, settings: Any) -> dict[str, Any]:
         """What the output's root says beyond what every output says (a sensor's description), as JSON."""
+        return {}
 
+    @abstractmethod
     def cost(self, settings: Any) -> Cost:
-        """What an object takes, typically."""
+        """What an object typically takes."""
 
+    @abstractmethod
     def session(self, settings: Any, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Task], Row]]:
-        """Open what a worker keeps between objects (a renderer, a physics client); yields `process(task) -> row`."""
+        """Open what a worker keeps between objects (a renderer, a physics client); yields `process(task) -> row`.
+
+        An `InvalidInput` that `process` raises is the object's failure; any other exception is a fault of the stage.
+        """
 
 
 @dataclass(frozen=True)
-class SetJob:
-    """What a set stage is told: what to read, and the folder to fill.
+class DatasetJob:
+    """What a dataset stage is told: what to read, and the folder to fill.
 
-    `folder` may hold what a killed run left there: going on with it is the stage's affair. What is random is keyed by
+    `folder` may hold what a killed run left there: continuing it is the stage's affair. What is random is keyed by
     `seed` and names, as `numpy_rng` takes them.
     """
 
@@ -103,20 +112,25 @@ class SetJob:
     console: Console
 
 
-class SetStage(Stage, Protocol):
-    """A stage that looks at the whole data set at once and fills one folder: a trained model, an evaluation."""
+class DatasetStage(Stage):
+    """A stage that looks at the whole dataset at once and fills one folder: a trained model, an evaluation."""
 
+    @abstractmethod
     def splits(self, settings: Any) -> tuple[str, ...]:
         """The splits whose objects are looked at; the others change nothing."""
 
+    @abstractmethod
     def folder(self, settings: Any) -> str:
         """What is filled, below the data directory."""
 
     def grid(self, settings: Any) -> Mapping[str, Sequence[Any]]:
-        """The supplement's grid of hyperparameters, by setting; empty where there is none."""
+        """The supplement's grid of hyperparameters, by setting; by default there is none."""
+        return {}
 
+    @abstractmethod
     def cost(self, settings: Any, objects: int) -> Cost:
-        """What it takes altogether, roughly, with so many objects in its splits."""
+        """What it takes altogether, roughly, with that number of objects in its splits."""
 
-    def make(self, job: SetJob) -> dict[str, Any]:
-        """Fill the job's folder; returns facts for its record (seconds, hardware, the best loss), as JSON."""
+    @abstractmethod
+    def make(self, job: DatasetJob) -> dict[str, Any]:
+        """Fill the job's folder; returns facts for its record (hardware, the best loss), as JSON."""

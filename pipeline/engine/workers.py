@@ -20,18 +20,27 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
-from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.engine.plan import Job
 from pipeline.engine.stage import ObjectStage, Task
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
-from pipeline.store.pieces import Piece, Pieces
-from pipeline.store.write import conform
+from pipeline.store.directory import DataDirectory
+from pipeline.store.pieces import Pieces
+from pipeline.store.record import Failure
+from pipeline.store.rows import Row, conform
 
 CRASHES = 2
 """A process that dies may have been killed from outside; the object is to blame when it dies again."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """An object to process, the key its row is made under, and the digests of the rows it is made from, by artifact."""
+
+    item: Object
+    key: str
+    inputs: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -41,18 +50,18 @@ class Work:
     stage: ObjectStage
     settings: Settings
     seed: int
-    shards: int
     data: Path
     models: Mapping[str, Path]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job; its row lies among the pieces."""
+    """What became of a job: its row, or why there is none, lies among the pieces; unless there was a `bug`, told by its traceback."""
 
     object_id: str
     seconds: float
-    reason: str | None
+    failure: Failure | None = None
+    bug: str | None = None
 
 
 def run_jobs(work: Work, jobs: Sequence[Job], workers: int) -> Iterator[Outcome]:
@@ -138,9 +147,10 @@ def _crashed(work: Work, job: Job) -> Outcome:
         f"its process died {CRASHES} times (a crash in a native library, or memory ran out); "
         "with more memory, or the mesh made smaller, run again with --retry"
     )
-    piece = Piece({}, 0.0, {"stage": work.stage.name, "reason": reason})
-    Pieces(Layout(work.data).work(work.stage.output.name)).save(job.item.object_id, job.key, piece)
-    return Outcome(job.item.object_id, 0.0, reason)
+    failure = Failure(stage=work.stage.name, reason=reason)
+    pieces = Pieces(DataDirectory(work.data).work(work.stage.output.name))
+    pieces.save(job.item.object_id, job.key, job.item.category, {}, seconds=0.0, failure=failure)
+    return Outcome(job.item.object_id, 0.0, failure)
 
 
 # ---- in the worker's process ------------------------------------------------------------------------------------------
@@ -153,14 +163,14 @@ def _open(work: Work) -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-    layout = Layout(work.data)
+    directory = DataDirectory(work.data)
     stack = ExitStack()
     _state.update(
         work=work,
         stack=stack,
         process=stack.enter_context(work.stage.session(work.settings, work.models)),
-        inputs={artifact.name: Collection(layout, artifact, work.shards) for artifact in work.stage.inputs(work.settings)},
-        pieces=Pieces(layout.work(work.stage.output.name)),
+        inputs={artifact.name: directory.collection(artifact) for artifact in work.stage.inputs(work.settings)},
+        pieces=Pieces(directory.work(work.stage.output.name)),
     )
 
 
@@ -174,39 +184,37 @@ def _close() -> None:
 
 
 def _process(job: Job) -> Outcome:
-    """Process one object and save its piece: its row, or why it has none."""
+    """Process one object and save its row, or why it has none."""
     work: Work = _state["work"]
     task = _task(job)
     began = time.perf_counter()
-    failure, row = None, {}
+    row: Row = {}
+    failure = None
     try:
         row = conform(work.stage.output, _state["process"](task))
     except InvalidInput as error:
-        failure = {"stage": work.stage.name, "reason": str(error)}
-    except Exception as error:  # a fault of ours; it must not cost the other objects, nor go unseen
-        traceback.print_exc()
-        failure = {"stage": work.stage.name, "reason": f"unexpected {type(error).__name__}: {error}; please report it; --retry tries again"}
+        failure = Failure(stage=work.stage.name, reason=str(error))
+    except Exception:  # a fault of ours: the other objects are processed all the same
+        return Outcome(job.item.object_id, time.perf_counter() - began, bug=traceback.format_exc())
     seconds = time.perf_counter() - began
-    _state["pieces"].save(job.item.object_id, job.key, Piece(row, seconds, failure))
-    return Outcome(job.item.object_id, seconds, failure["reason"] if failure else None)
+    _state["pieces"].save(job.item.object_id, job.key, job.item.category, row, seconds=seconds, failure=failure)
+    return Outcome(job.item.object_id, seconds, failure)
 
 
 def _task(job: Job) -> Task:
-    """The task of a job, whose inputs are what the plan was made with: a chunk that is gone would be read as zeros."""
+    """Make the task of a job, whose inputs are verified to be what the plan was made with."""
     item = job.item
     collections: dict[str, Collection] = _state["inputs"]
-    inputs = {name: collection.view(item.object_id) for name, collection in collections.items()}
-    for name, view in inputs.items():
-        if view.digest() != job.inputs[name]:
-            raise StoreError(
-                f"{view.shard.path}: {name} of {item.object_id} is damaged, or was replaced meanwhile; delete it and run its stage again"
-            )
+    views = {name: collection.view(item.object_id) for name, collection in collections.items()}
+    for name, view in views.items():
+        if collections[name].row(item.object_id).digest != job.inputs[name]:
+            raise StoreError(f"{view.shard.path}: {name} of {item.object_id} was replaced meanwhile; run again")
+        view.verify()
     return Task(
         object_id=item.object_id,
         category=item.category,
         seed=_state["work"].seed,
         source=item.source,
-        inputs=inputs,
-        attributes={name: view.shard.attributes for name, view in inputs.items()},
-        load_mesh=(lambda: read_mesh(inputs["surfaces"])) if "surfaces" in inputs else None,
+        inputs=views,
+        attributes={name: view.shard.attributes for name, view in views.items()},
     )

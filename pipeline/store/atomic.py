@@ -1,34 +1,59 @@
-"""Putting finished things in place at once, and one writer at a time."""
+"""Publish files and folders at once, with one writer at a time."""
 
 from __future__ import annotations
 
-import fcntl
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from filelock import FileLock, Timeout
+
 from pipeline.errors import StoreError
 
 
-def put_in_place(beside: Path, path: Path) -> None:
-    """Put a directory under its name in place of what stood there."""
+def write_at_once(path: Path, content: bytes) -> None:
+    """Write a file so that readers see the old content or the new, never a part, whatever the machine does meanwhile."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    old = beside.with_name(f"{path.name}.old")
-    shutil.rmtree(old, ignore_errors=True)
-    if path.exists():
-        path.replace(old)
-    beside.replace(path)
-    shutil.rmtree(old, ignore_errors=True)
+    with temporary(path) as beside:
+        with beside.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
 
 
 @contextmanager
-def one_writer(lock: Path, path: Path, wait: bool = False) -> Iterator[None]:
-    """Hold the lock of `path`: the system frees it however its holder ends; a `StoreError` where another run holds it, or wait."""
+def temporary(path: Path) -> Iterator[Path]:
+    """Give the name of a file beside `path` to write and rename; on an error, on a full disk least of all, nothing is left of it."""
+    beside = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+    try:
+        yield beside
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise
+
+
+def move_folder(source: Path, target: Path) -> None:
+    """Rename a folder; one that no record names may be in the way, left by a killed run, and is removed."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(target, ignore_errors=True)
+    source.replace(target)
+
+
+@contextmanager
+def one_writer(lock: Path, what: Path) -> Iterator[None]:
+    """Hold a lock; the system frees it however its holder ends.
+
+    Raises
+    ------
+    StoreError
+        Another run holds it.
+    """
     lock.parent.mkdir(parents=True, exist_ok=True)
-    with lock.open("a") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        except BlockingIOError:
-            raise StoreError(f"{path} is being made by another run; wait for it to end") from None
-        yield
+    try:
+        with FileLock(lock, timeout=0):
+            yield
+    except Timeout:
+        raise StoreError(f"{what} is being made by another run; wait for it to end") from None

@@ -1,90 +1,93 @@
-"""Pieces: one object's finished row, kept in the work area until its shard is packed, so that a killed run goes on where it was."""
+"""Pieces: one object's finished row in a file, kept until its shard is packed, so that a killed run continues where it stopped."""
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import zipfile
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
-Row = dict[str, np.ndarray]
-"""One object's part of every array of an artifact, without the object dimension."""
+from pipeline.store.atomic import temporary
+from pipeline.store.record import Failure
+from pipeline.store.rows import Row, row_digest
 
-_UNREADABLE = (OSError, EOFError, zipfile.BadZipFile, KeyError, ValueError)
-"""A piece that is not there, or that a full disk or a crash of the machine cut short: it is made again."""
+UNREADABLE = (OSError, EOFError, zipfile.BadZipFile, KeyError, ValueError, ValidationError)
+"""What reading a piece raises that is missing, or that a full disk or a crash of the machine cut short."""
 
 
 @dataclass(frozen=True)
-class Piece:
-    """What became of one object: its row, or the reason why there is none."""
+class PieceFacts:
+    """What is known of an object's row without reading it.
 
-    row: Row
+    `shapes` are those of its arrays; `failure` says why there is no row.
+    """
+
+    digest: str
     seconds: float
-    failure: dict[str, str] | None = None
-
-    @property
-    def ok(self) -> bool:
-        """Whether the object was processed."""
-        return self.failure is None
-
-
-@contextmanager
-def unlink_on_error(path: Path) -> Iterator[None]:
-    """Leave nothing half written behind, on a full disk least of all."""
-    try:
-        yield
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise
+    shapes: dict[str, tuple[int, ...]]
+    failure: Failure | None = None
 
 
 class Pieces:
-    """The pieces of one artifact: a file an object and key, each there only when it is whole."""
+    """The pieces of one artifact: one file per object and key, each there only when it is whole."""
 
     def __init__(self, work: Path) -> None:
-        self.work = work
+        self.folder = work / "pieces"
 
     def path(self, object_id: str, key: str) -> Path:
         """Where a piece lies."""
-        return self.work / "pieces" / object_id / f"{key}.npz"
+        return self.folder / object_id / f"{key}.npz"
 
-    def save(self, object_id: str, key: str, piece: Piece) -> None:
-        """Write a piece beside its place, then move it there."""
+    def save(self, object_id: str, key: str, category: str, row: Row, *, seconds: float, failure: Failure | None = None) -> PieceFacts:
+        """Write an object's row, or why there is none, with its digest."""
+        facts = PieceFacts(row_digest(row, failure, category), seconds, {name: array.shape for name, array in row.items()}, failure)
         path = self.path(object_id, key)
         path.parent.mkdir(parents=True, exist_ok=True)
-        facts = json.dumps({"seconds": piece.seconds, "failure": piece.failure})
-        beside = path.with_suffix(f".{os.getpid()}.tmp")
-        with unlink_on_error(beside), beside.open("wb") as file:
-            named: dict[str, Any] = {f"row/{name}": array for name, array in piece.row.items()}
-            np.savez(file, facts=np.array(facts), **named)
-        beside.replace(path)
+        described = {**facts.__dict__, "failure": failure and failure.model_dump(), "object_id": object_id, "key": key}
+        with temporary(path) as beside:
+            with beside.open("wb") as file:
+                named: dict[str, Any] = {f"row/{name}": array for name, array in row.items()}
+                np.savez(file, facts=np.array(json.dumps(described)), **named)
+            beside.replace(path)
+        return facts
 
-    def load(self, object_id: str, key: str) -> Piece | None:
-        """The piece, or None where there is none that can be read."""
+    def facts(self, object_id: str, key: str) -> PieceFacts | None:
+        """Read what is known of a piece; None where there is none that can be read, or where it is another object's."""
         try:
             with self.path(object_id, key).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 facts = json.loads(str(file["facts"]))
-                row = {name.removeprefix("row/"): file[name] for name in file.files if name != "facts"}
-        except _UNREADABLE:
+                if (facts["object_id"], facts["key"]) != (object_id, key):
+                    return None
+                failure = facts["failure"] and Failure.model_validate(facts["failure"])
+                shapes = {name: tuple(shape) for name, shape in facts["shapes"].items()}
+                return PieceFacts(facts["digest"], facts["seconds"], shapes, failure)
+        except UNREADABLE:
             return None
-        return Piece(row=row, **facts)
 
-    def has(self, object_id: str, key: str) -> bool:
-        """Whether a piece is there whole: a zip's directory stands at its end."""
+    def load(self, object_id: str, key: str, category: str, facts: PieceFacts) -> Row | None:
+        """Read the row of a piece; None where it is not what `facts` says any more."""
         try:
-            with self.path(object_id, key).open("rb") as opened, zipfile.ZipFile(opened):
-                return True
-        except _UNREADABLE:
-            return False
+            with self.path(object_id, key).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+                row = {name.removeprefix("row/"): file[name] for name in file.files if name != "facts"}
+        except UNREADABLE:
+            return None
+        return row if row_digest(row, facts.failure, category) == facts.digest else None
 
-    def discard(self, object_ids: Iterable[str]) -> None:
+    def discard(self, object_id: str, key: str) -> None:
+        """Forget a piece."""
+        self.path(object_id, key).unlink(missing_ok=True)
+
+    def discard_all(self, object_ids: Iterable[str]) -> None:
         """Forget every piece of these objects, whatever its key."""
         for object_id in object_ids:
-            shutil.rmtree(self.work / "pieces" / object_id, ignore_errors=True)
+            shutil.rmtree(self.folder / object_id, ignore_errors=True)
+
+    def count(self) -> int:
+        """Count the rows that wait to be packed."""
+        return sum(1 for _ in self.folder.glob("*/*.npz"))

@@ -1,4 +1,4 @@
-"""Reading a finished shard, object by object."""
+"""Read a published shard, object by object."""
 
 from __future__ import annotations
 
@@ -13,97 +13,115 @@ import zarr
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
+from pipeline.store.record import RowRecord, ShardRecord
+from pipeline.store.rows import Row, row_digest
 from pipeline.store.spec import numpy_dtype
 from schemas.base import COMMON, Artifact
 
 
 class Shard:
-    """A finished shard, open for reading."""
+    """A shard, open for reading: the Zarr group that its record names."""
 
-    def __init__(self, path: Path, artifact: Artifact) -> None:
-        self.path = path
+    def __init__(self, folder: Path, artifact: Artifact, record: ShardRecord) -> None:
+        self.path = folder / record.location
         self.artifact = artifact
-        try:
-            self.group = zarr.open_group(str(path), mode="r")
-        except (OSError, ValueError, KeyError) as error:
-            raise StoreError(f"{path}: no Zarr group can be read there ({error}); run its stage again") from error
-        self.attributes: Mapping[str, Any] = self.group.attrs.asdict()
-        if self.attributes.get("complete") is not True:
-            raise StoreError(f"{path}: the shard is not marked complete; run its stage again")
-        if self.attributes.get("schema_version") != artifact.version:
+        self.record = record
+        self.position = {row.object_id: position for position, row in enumerate(record.rows)}
+        self._checked: set[str] = set()
+        if record.schema_version != artifact.version:
             raise StoreError(
-                f"{path}: schema {artifact.name} is version {artifact.version} here, the shard has "
-                f"{self.attributes.get('schema_version')}; run its stage again"
+                f"{self.path}: schema {artifact.name} is version {artifact.version} here, the shard has {record.schema_version}; "
+                "run its stage again"
             )
 
-    @cached_property
+    @property
     def object_ids(self) -> list[str]:
         """The objects of this shard, in order."""
+        return list(self.position)
+
+    def row(self, object_id: str) -> RowRecord:
+        """What is recorded of an object."""
+        return self.record.rows[self.position[object_id]]
+
+    @cached_property
+    def group(self) -> zarr.Group:
+        """The opened group."""
         try:
-            return [str(name) for name in self.array("object_id")[:]]
-        except (KeyError, OSError) as error:
-            raise StoreError(
-                f"{self.path}: object_id cannot be read ({error}); is a run replacing the shard? Else delete it and run again"
-            ) from error
+            group = zarr.open_group(str(self.path), mode="r")
+        except Exception as error:  # whatever zarr raises on metadata that changed
+            raise StoreError(f"{self.path} cannot be opened as a Zarr group ({error}); {self.remedy}") from error
+        if digest.of_json(group.attrs.asdict()) != self.record.attributes_digest:
+            raise StoreError(f"{self.path}: its attributes differ from what was written; {self.remedy}")
+        return group
 
     @cached_property
-    def rows(self) -> dict[str, int]:
-        """The row of every object."""
-        return {name: row for row, name in enumerate(self.object_ids)}
-
-    def array(self, name: str) -> Any:
-        """A stored array, by its path below the root; those of the root itself are opened once.
-
-        A `StoreError` where one of its files is gone: Zarr would read zeros in its place.
-        """
-        array: Any = self.group[name] if "/" in name else self._root_arrays[name]
-        if name not in self._whole:
-            files = math.prod(math.ceil(size / part) for size, part in zip(array.shape, array.shards or array.chunks, strict=True))
-            chunks = self.path / name / "c"
-            lost = files - sum(path.is_file() for path in [chunks, *chunks.rglob("*")])
-            if lost > 0:
-                raise StoreError(f"{self.path}: {name} has lost {lost} of its {files} files; delete the shard and run its stage again")
-            self._whole.add(name)
-        return array
-
-    @cached_property
-    def _whole(self) -> set[str]:
-        """The arrays all of whose files stand."""
-        return set()
-
-    def has(self, name: str) -> bool:
-        """Whether an array stands at the root: not every artifact has all that its schema allows."""
-        return name in self._root_arrays
+    def attributes(self) -> Mapping[str, Any]:
+        """What the group's attributes say: settings, and the descriptions of hand, sensor or scene."""
+        return self.group.attrs.asdict()
 
     @cached_property
     def _root_arrays(self) -> dict[str, Any]:
-        return dict(self.group.arrays())
+        try:
+            return dict(self.group.arrays())
+        except Exception as error:
+            raise StoreError(f"{self.path}: the metadata of its arrays cannot be read ({error}); {self.remedy}") from error
 
-    @cached_property
-    def _splits(self) -> list[str]:
-        return [str(name) for name in self.array("split")[:]]
+    @property
+    def remedy(self) -> str:
+        """What a person does about a damaged shard."""
+        return f"delete {self.path} and run {self.record.stage} again"
 
-    def split(self, object_id: str) -> str:
-        """The split an object belongs to."""
-        return self._splits[self.rows[object_id]]
+    def has(self, name: str) -> bool:
+        """Whether there is an array of this name at the root: not every shard has all that its schema allows."""
+        return name in self._root_arrays
 
-    def row_digest(self, object_id: str) -> str:
-        """The digest of an object's row, as it was when it was made."""
-        return str(self.attributes["digests"][self.rows[object_id]])
+    def array(self, name: str) -> Any:
+        """Open a stored array, by its path below the root.
 
-    def input_digests(self, object_id: str) -> Mapping[str, str]:
-        """The digests of the rows that an object's row was made from, by artifact."""
-        digests: dict[str, str] = self.attributes["input_digests"][self.rows[object_id]]
-        return digests
+        Raises
+        ------
+        StoreError
+            One of its files is missing or empty: Zarr would read zeros in its place.
+        """
+        try:
+            array: Any = self.group[name] if "/" in name else self._root_arrays[name]
+        except KeyError as error:
+            raise StoreError(f"{self.path}: there is no array {name}; {self.remedy}") from error
+        if name not in self._checked:
+            files = math.prod(math.ceil(size / part) for size, part in zip(array.shape, array.shards or array.chunks, strict=True))
+            chunks = self.path / name / "c"
+            sound = sum(path.is_file() and path.stat().st_size > 0 for path in [chunks, *chunks.rglob("*")])
+            if sound < files:
+                raise StoreError(f"{self.path}: of {name} {files - sound} of {files} files are missing or empty; {self.remedy}")
+            self._checked.add(name)
+        return array
 
-    def object_key(self, object_id: str) -> str:
-        """The key under which an object's row was made."""
-        return str(self.attributes["object_keys"][self.rows[object_id]])
+    def read(self, name: str, index: Any = ...) -> np.ndarray:
+        """Read an array, or a part of it, by its path below the root.
 
-    def failure(self, object_id: str) -> dict[str, str] | None:
-        """The stage and reason of an object's failure, None where it was processed."""
-        failure: dict[str, str] | None = self.attributes["failures"].get(object_id)
-        return failure
+        Raises
+        ------
+        StoreError
+            A part of it is missing or damaged.
+        """
+        try:
+            return np.asarray(self.array(name)[index])
+        except StoreError:
+            raise
+        except Exception as error:  # whatever a codec raises on bytes that changed
+            raise StoreError(f"{self.path}: {name} is damaged ({error}); {self.remedy}") from error
+
+    def is_complete(self) -> bool:
+        """Whether every file of every array is there."""
+        try:
+            for name in self._root_arrays:
+                self.array(name)
+            for row in self.record.rows:
+                for name in RowView(self, row.object_id).ragged():
+                    self.array(name)
+        except StoreError:
+            return False
+        return True
 
     def view(self, object_id: str) -> RowView:
         """An object's row, read array by array when asked for."""
@@ -113,13 +131,13 @@ class Shard:
 class RowView(Mapping[str, np.ndarray]):
     """One object's row as a mapping from array names to arrays; ragged ones as `meshes/vertices`.
 
-    Arrays are read when asked for; once the row's digest was taken, they are those that it was taken of.
+    Arrays are read when asked for; after `verify` they are those that it looked at.
     """
 
     def __init__(self, shard: Shard, object_id: str) -> None:
         self.shard = shard
         self.object_id = object_id
-        self._held: dict[str, np.ndarray] = {}
+        self._held: Row = {}
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name in self._held:
@@ -128,42 +146,60 @@ class RowView(Mapping[str, np.ndarray]):
         if declared is None:
             raise KeyError(f"{self.shard.artifact.name} has no array {name}")
         if "/" in name:
-            group, leaf = name.split("/")
-            return np.asarray(self.shard.array(f"{group}/{self.object_id}/{leaf}")[...])
+            return self.shard.read(self._path(name))
         if not declared.per_object:
-            return np.asarray(self.shard.array(name)[...])
-        value = self.shard.array(name)[self.shard.rows[self.object_id]]
+            return self.shard.read(name)
+        value = self.shard.read(name, self.shard.position[self.object_id])
         return np.array(str(value)) if declared.dtype == "string" else np.asarray(value, numpy_dtype(declared))
 
-    def row(self) -> dict[str, np.ndarray]:
-        """What the stage returned for the object: every array of the row but those that all artifacts have."""
-        return {name: self[name] for name in self if name not in COMMON}
+    def _path(self, name: str) -> str:
+        group, leaf = name.split("/")
+        return f"{group}/{self.object_id}/{leaf}"
 
-    def digest(self) -> str:
-        """The digest of the row as it is stored, which is read anew and then held; a StoreError where it cannot be read."""
-        self._held = {}
-        try:
-            row = self.row()
-        except StoreError:
-            raise
-        except Exception as error:  # whatever a codec raises on bytes that changed
-            raise StoreError(
-                f"{self.shard.path}: {self.object_id} cannot be read ({error}); delete the shard and run its stage again"
-            ) from error
-        self._held = row
-        return row_digest(row, self.shard.failure(self.object_id), str(self["category"]))
+    def ragged(self) -> list[str]:
+        """Paths below the root of the object's ragged arrays."""
+        parents = {pattern.split("/")[0] for pattern in self.shard.artifact.ragged}
+        groups = {name: self.shard.group.get(f"{name}/{self.object_id}") for name in parents}
+        return sorted(
+            f"{name}/{self.object_id}/{leaf}"
+            for name, group in groups.items()
+            if isinstance(group, zarr.Group)
+            for leaf in group.array_keys()
+        )
 
     def __iter__(self) -> Iterator[str]:
         yield from (name for name, array in self.shard.artifact.arrays.items() if array.per_object and self.shard.has(name))
-        for name in {pattern.split("/")[0] for pattern in self.shard.artifact.ragged}:
-            parent = self.shard.group.get(f"{name}/{self.object_id}")
-            if isinstance(parent, zarr.Group):
-                yield from sorted(f"{name}/{leaf}" for leaf in parent.array_keys())
+        yield from (f"{path.split('/')[0]}/{path.split('/')[-1]}" for path in self.ragged())
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """The shapes of the row's arrays, read from metadata alone; none where the object failed."""
+        if self.shard.row(self.object_id).failure:
+            return {}
+        row = (name for name in self if name not in COMMON)
+        return {
+            name: tuple(self.shard.array(self._path(name)).shape) if "/" in name else tuple(self.shard.array(name).shape[1:])
+            for name in row
+        }
 
-def row_digest(row: Mapping[str, np.ndarray], failure: Mapping[str, str] | None, category: str) -> str:
-    """The digest of one object's category and row, or of the reason why there is none."""
-    return digest.of_arrays({} if failure else row, failure=dict(failure) if failure else None, category=category)
+    def row(self) -> Row:
+        """Read what the stage returned for the object; empty where it failed."""
+        return {} if self.shard.row(self.object_id).failure else {name: self[name] for name in self if name not in COMMON}
+
+    def verify(self) -> Row:
+        """Read the row and hold it.
+
+        Raises
+        ------
+        StoreError
+            It cannot be read, or is not what its stage wrote.
+        """
+        recorded = self.shard.row(self.object_id)
+        self._held = {}
+        row = self.row()
+        if row_digest(row, recorded.failure, recorded.category) != recorded.digest:
+            raise StoreError(f"{self.shard.path}: {self.object_id} is damaged; {self.shard.remedy}")
+        self._held = row
+        return row

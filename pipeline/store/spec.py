@@ -11,7 +11,7 @@ from pydantic_zarr.v3 import ArraySpec, GroupSpec
 
 from schemas.base import FIXED, Array, Artifact
 
-OBJECTS_A_FILE = 64
+OBJECTS_PER_FILE = 64
 """Objects whose chunks share one file: few files, yet no more than these in memory while a shard is written."""
 
 LEVEL = 5
@@ -37,7 +37,7 @@ def numpy_dtype(array: Array) -> np.dtype[Any]:
 def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
     """How an array of this declaration and shape is laid out on disk.
 
-    zstd over shuffled bytes with a checksum, an object (or one grasp of it) a chunk, up to `OBJECTS_A_FILE` objects a
+    zstd over shuffled bytes with a checksum, an object (or one grasp of it) a chunk, up to `OBJECTS_PER_FILE` objects a
     file, so that one grasp is read without the others and a data set is few files.
     """
     file_shape, chunk = _chunking(array, shape)
@@ -69,7 +69,7 @@ def _chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tu
     whole = tuple(max(1, size) for size in shape)
     if not array.per_object:
         return whole, whole
-    objects = min(OBJECTS_A_FILE, whole[0])
+    objects = min(OBJECTS_PER_FILE, whole[0])
     file_shape = (objects, *whole[1:])
     if _ITEM[array.dtype] * math.prod(whole[1:]) <= SMALL_CHUNK:
         return file_shape, file_shape

@@ -1,0 +1,49 @@
+"""The grasps of a dataset for PyTorch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch.utils.data import Dataset
+
+from pipeline.dataset.object_rows import ObjectRows
+
+Item = dict[str, Any]
+
+
+class GraspDataset(Dataset[Item]):
+    """The grasps of a dataset's split, each a dict of tensors and the object's name.
+
+    Arrays with a grasp dimension give that grasp's part, arrays of the object come whole and are read once per object, constants
+    (`camera`, `untouched`) come as they are; shapes, units and frames are the schemas'. `local_points` and `local_count`
+    are computed from depth and pose where they are not stored: the same to the bit. Parameters and errors are those of `ObjectRows`.
+
+    Examples
+    --------
+    >>> train = GraspDataset("data/toy/draft", ["reading", "sensor_pose", "points"], split="train")  # doctest: +SKIP
+    >>> train[0]["reading"].shape  # doctest: +SKIP
+    torch.Size([4, 100, 100, 3])
+    """
+
+    def __init__(self, data: str | Path, arrays: Sequence[str], split: str | None = "train") -> None:
+        self.rows = ObjectRows(data, [*arrays, "joint_angles"], split)  # which says how many grasps there are
+        self.arrays = tuple(arrays)
+        self.left_out = self.rows.left_out
+        grasps = self.rows.size("joint_angles", "grasp")
+        self.items = [(object_id, grasp) for object_id in self.rows.object_ids for grasp in range(grasps)]
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __getitem__(self, index: int) -> Item:
+        object_id, grasp = self.items[index]
+        return {"object_id": object_id, "grasp": grasp} | {name: _tensor(self.rows.read(name, object_id, grasp)) for name in self.arrays}
+
+
+def _tensor(value: np.ndarray) -> torch.Tensor | str:
+    """A tensor of its own memory, or the string itself where the array holds strings."""
+    return str(value) if value.dtype.kind in "OUT" else torch.from_numpy(value.copy())

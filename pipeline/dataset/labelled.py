@@ -1,0 +1,50 @@
+"""An artifact as an xarray dataset, with labels of objects, sensors, joints and grasps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import xarray
+
+from pipeline.errors import StoreError
+from pipeline.store.directory import DataDirectory
+from schemas.catalogue import ARTIFACTS
+
+
+def open_artifact(data: str | Path, artifact: str) -> xarray.Dataset:
+    """Open all shards of an artifact as one labelled dataset; values are read when they are used.
+
+    Parameters
+    ----------
+    data
+        A data directory.
+    artifact
+        surfaces, grasps, vision, touch or charts.
+
+    Returns
+    -------
+    Arrays with the dimensions, units and descriptions of the schemas, and coordinates `object`, `grasp`, `sensor` and `joint`
+    where they apply; ragged meshes are left out.
+
+    Raises
+    ------
+    StoreError
+        There is no such artifact, or it has not been made.
+
+    Examples
+    --------
+    >>> touch = open_artifact("data/toy/draft", "touch")  # doctest: +SKIP
+    >>> touch.depth.sel(object="duck", sensor="thumb").min(("row", "col"))  # doctest: +SKIP
+    """
+    if artifact not in ARTIFACTS:
+        raise StoreError(f"there is no artifact {artifact}; there are {', '.join(ARTIFACTS)}")
+    collection = DataDirectory(Path(data)).collection(ARTIFACTS[artifact])
+    collection.first  # noqa: B018 (an error where there is none)
+    opened = [xarray.open_zarr(shard.path, consolidated=False, chunks=None) for shard in collection.shards]
+    labelled = [
+        shard.set_index(object="object_id").set_coords([name for name in ("category", "split", "ok") if name in shard]) for shard in opened
+    ]
+    if len(labelled) == 1:
+        return labelled[0]
+    whole = xarray.concat([shard.chunk() for shard in labelled], "object", data_vars="minimal", coords="minimal", compat="override")
+    return whole.sortby("object")

@@ -1,0 +1,158 @@
+"""The arrays of a dataset's objects, read when they are asked for: what training, evaluation, prediction and users read through."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.errors import StoreError
+from pipeline.kernels.touch.contact import local_points
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.store.collection import Collection
+from pipeline.store.directory import DataDirectory
+from pipeline.store.shard import Shard
+from schemas.base import Artifact
+from schemas.catalogue import artifact_of
+
+CACHE_BYTES = 512 * 2**20
+"""Of decoded arrays that are kept: a small dataset is read once, a large one streams through."""
+
+DERIVED = ("local_points", "local_count")
+"""Arrays that need not be stored: depth and sensor pose give them again, to the bit."""
+
+
+class ObjectRows:
+    """The objects of a split that failed in none of the artifacts that are read, in id order.
+
+    Only artifacts that hold one of the arrays are opened. Memory does not grow with the dataset.
+
+    Parameters
+    ----------
+    data
+        A data directory.
+    arrays
+        Names of arrays; shapes, units and frames are the schemas'.
+    split
+        train, valid or test; None for all objects.
+    cache_bytes
+        How much of what was read is kept.
+
+    Attributes
+    ----------
+    object_ids, categories
+        Of the objects, in order.
+    left_out
+        Objects that failed in an artifact that is read, with stage and reason.
+
+    Raises
+    ------
+    StoreError
+        No such array; an artifact has not been made, or from something else than is there now; no usable object.
+    """
+
+    def __init__(self, data: str | Path, arrays: Sequence[str], split: str | None = "train", *, cache_bytes: int = CACHE_BYTES) -> None:
+        self.data, self.arrays, self.split = Path(data), tuple(arrays), split
+        directory = DataDirectory(self.data)
+        self._owner: dict[str, Artifact] = {name: artifact_of(name) for name in self._needed()}
+        self._collections = {artifact.name: directory.collection(artifact) for artifact in self._owner.values()}
+        for collection in self._collections.values():
+            self._refuse_unmade(collection)
+        directory.check_origins(self._collections)
+        self._cache = _Cache(cache_bytes)
+        first = next(iter(self._collections.values()))
+        members = [name for name in first if split in (None, first.row(name).split)]
+        failures = {name: failure for name in members for one in self._collections.values() if (failure := one.failure(name))}
+        self.left_out = {name: f"{failure.stage}: {failure.reason}" for name, failure in failures.items()}
+        self.object_ids = [name for name in members if name not in failures]
+        self.categories = [first.row(name).category for name in self.object_ids]
+        if not self.object_ids:
+            failed = f"; {len(failures)} have failed, see `vt-pipeline status {self.data}`" if failures else ""
+            raise StoreError(
+                f"{self.data.resolve()} has no usable object in split {split}{failed}; the manifest's `splits` say how many there are"
+            )
+
+    def __len__(self) -> int:
+        return len(self.object_ids)
+
+    def _needed(self) -> list[str]:
+        """The arrays, and those that derived ones follow from."""
+        return [*self.arrays, *(("depth", "sensor_pose") if set(DERIVED) & set(self.arrays) else ())]
+
+    def _refuse_unmade(self, collection: Collection) -> None:
+        if not self.data.is_dir():
+            raise StoreError(f"{self.data.resolve()} is not there; `vt-pipeline run` makes a data directory")
+        shard = collection.first
+        for name, artifact in self._owner.items():
+            if artifact is collection.artifact and name not in DERIVED and not shard.has(name):
+                raise StoreError(f"{shard.path} has no {name}: it was made without; set the stage's setting for it and run again")
+
+    def attributes(self, artifact: str) -> Mapping[str, Any]:
+        """What the root of an artifact says, such as the sensor's description under `touch`."""
+        return self._collections[artifact].first.attributes
+
+    def size(self, array: str, dim: str) -> int:
+        """How many entries an array has along one of its dimensions, in every object."""
+        position = self._owner[array].arrays[array].dims.index(dim)
+        return int(self._collections[self._owner[array].name].first.array(array).shape[position])
+
+    def read(self, array: str, object_id: str, grasp: int | None = None) -> np.ndarray:
+        """Read an object's part of an array, or of one of its grasps; whole where the array has no object dimension.
+
+        The result is shared with other readers: copy it to change it.
+        """
+        artifact = self._owner[array]
+        shard = self._collections[artifact.name].shard(object_id)
+        if array in DERIVED and not shard.has(array):
+            return self._derive(array, object_id, grasp)
+        dims = artifact.arrays[array].dims
+        if dims[0] != "object":
+            return self._kept((array,), lambda: shard.read(array))
+        by_grasp = grasp is not None and dims[1:2] == ("grasp",)
+        chunks, position = shard.array(array).chunks, shard.position[object_id]
+        if chunks[0] > 1:  # a chunk holds several objects
+            first = position - position % chunks[0]
+            row = self._kept((array, shard.path, first), lambda: shard.read(array, slice(first, first + chunks[0])))[position - first]
+        elif by_grasp and chunks[1] == 1:
+            return self._kept((array, object_id, grasp), lambda: shard.read(array, (position, grasp)))
+        else:
+            row = self._kept((array, object_id), lambda: shard.read(array, position))
+        return np.asarray(row[grasp] if by_grasp else row)
+
+    def _kept(self, key: Hashable, read: Callable[[], np.ndarray]) -> np.ndarray:
+        return self._cache.get(key, read)
+
+    def _derive(self, array: str, object_id: str, grasp: int | None) -> np.ndarray:
+        sensor = Sensor.model_validate(self.attributes("touch")["sensor"])
+        depth, pose = (self.read(name, object_id, grasp) for name in ("depth", "sensor_pose"))
+        sites = depth.shape[:-2]  # ([grasp,] sensor)
+        found = [local_points(depth[site], pose[site], sensor)[DERIVED.index(array)] for site in np.ndindex(sites)]
+        return np.stack(found).reshape(*sites, *np.shape(found[0]))
+
+
+class _Cache:
+    """Arrays that were read, up to a number of bytes; the one that was not asked for longest goes first."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit, self._bytes = limit, 0
+        self._arrays: OrderedDict[Hashable, np.ndarray] = OrderedDict()
+
+    def get(self, key: Hashable, read: Callable[[], np.ndarray]) -> np.ndarray:
+        if key in self._arrays:
+            self._arrays.move_to_end(key)
+            return self._arrays[key]
+        array = read()
+        array.flags.writeable = False
+        self._arrays[key] = array
+        self._bytes += array.nbytes
+        while self._bytes > self._limit and len(self._arrays) > 1:
+            self._bytes -= self._arrays.popitem(last=False)[1].nbytes
+        return array
+
+
+def first_shard(data: Path, artifact: Artifact) -> Shard:
+    """A shard of an artifact, for what all of them share; a `StoreError` where none has been made."""
+    return DataDirectory(data).collection(artifact).first

@@ -1,0 +1,109 @@
+"""The plan of a dataset stage: one folder, filled in a work folder and then published."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from functools import cached_property
+from pathlib import Path
+
+from rich.console import Console
+
+from pipeline.engine.plan import Forecast, Plan, Request, Result
+from pipeline.engine.stage import DatasetJob, DatasetStage
+from pipeline.errors import StoreError
+from pipeline.store import digest
+from pipeline.store.directory import hashes_of
+from pipeline.store.publish import publish_folder
+from pipeline.store.record import FolderRecord
+
+
+class FolderPlan(Plan[DatasetStage]):
+    """A folder that a dataset stage fills."""
+
+    def __init__(self, request: Request[DatasetStage]) -> None:
+        super().__init__(request)
+        self.name = request.folder or self.stage.folder(self.settings)
+        self.splits = self.stage.splits(self.settings)
+        self.objects = [item.object_id for item in request.objects if item.split in self.splits]
+        if not self.objects:
+            raise StoreError(
+                f"{self.stage.name}: manifest {request.manifest} has no object in split {' or '.join(self.splits)}; give its `splits` some"
+            )
+        for collection in self.inputs:
+            for object_id in self.objects:
+                collection.shard(object_id)  # an error where it has not been made yet
+        self.directory.check_origins([*(collection.artifact.name for collection in self.inputs), *self.models])
+
+    @property
+    def path(self) -> Path:
+        """The folder's name without its version."""
+        return self.directory.root / self.name
+
+    @property
+    def lock(self) -> Path:
+        """Beside the work folders of this folder."""
+        return self.directory.work(self.name) / "lock"
+
+    @cached_property
+    def input_digests(self) -> dict[str, str]:
+        """The digest of the rows that are looked at, by artifact."""
+        return {collection.artifact.name: collection.rows_digest(self.splits) for collection in self.inputs}
+
+    @cached_property
+    def key(self) -> str:
+        """The hash of everything the folder depends on."""
+        return digest.of_json({"stage": self.stage_key, "inputs": self.input_digests})
+
+    @property
+    def total(self) -> int:
+        """The objects of its splits."""
+        return len(self.objects)
+
+    def up_to_date(self) -> bool:
+        """Whether the folder is there, with every file, made under the same key."""
+        try:
+            record, folder = self.directory.folder(self.name), self.directory.folder_path(self.name)
+        except StoreError:
+            return False
+        return record.key == self.key and all((folder / name).is_file() for name in record.files)
+
+    def forecast(self) -> Forecast:
+        """What the stage says of itself."""
+        cost = self.stage.cost(self.settings, self.total)
+        return Forecast(0 if self.up_to_date() else self.total, self.total, cost.seconds, cost.kilobytes)
+
+    def make(self, console: Console) -> Result:
+        """Fill the folder; killed at any moment and run again, the stage finds what it left in its work folder."""
+        work, began = self.directory.work(self.name) / self.key[:16], time.perf_counter()
+        filled = work.with_suffix(".json")  # the record, from when the folder is filled until it is published
+        record = self._finished(work, filled) or self._fill(work, filled, console)
+        publish_folder(self.directory, self.name, work, record)
+        filled.unlink()
+        for other in work.parent.glob("*/"):  # what runs with other settings left half done
+            if not (other / "lock").exists():  # a folder whose name goes on, as models/gcn/touch
+                shutil.rmtree(other, ignore_errors=True)
+        return Result(self.total, 0, time.perf_counter() - began)
+
+    def _fill(self, work: Path, filled: Path, console: Console) -> FolderRecord:
+        began = time.perf_counter()
+        work.mkdir(parents=True, exist_ok=True)
+        facts = self.stage.make(DatasetJob(self.request.data, work, self.settings, self.request.seed, self.models, console))
+        record = FolderRecord(
+            **self.provenance(),
+            splits=self.splits,
+            inputs=self.input_digests,
+            facts=facts,
+            seconds=round(time.perf_counter() - began, 2),
+            files=hashes_of(work),
+        )
+        filled.write_text(record.model_dump_json())
+        return record
+
+    def _finished(self, work: Path, filled: Path) -> FolderRecord | None:
+        """The record of a run that was killed after it had filled the folder."""
+        try:
+            record = FolderRecord.model_validate_json(filled.read_bytes())
+        except (OSError, ValueError):
+            return None
+        return record if (record.key, record.files) == (self.key, hashes_of(work)) else None

@@ -1,0 +1,282 @@
+"""The plan of an object stage for one shard: a job per object, done by workers, then packed into one group."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from rich.console import Console
+
+from pipeline.config.manifest import Object
+from pipeline.console import Meter
+from pipeline.engine import keys
+from pipeline.engine.plan import Forecast, Plan, Request, Result
+from pipeline.engine.stage import ObjectStage
+from pipeline.engine.workers import Job, Outcome, Work, run_jobs
+from pipeline.errors import BugFound, InvalidInput, StoreError
+from pipeline.store import digest
+from pipeline.store.directory import shard_name
+from pipeline.store.pieces import PieceFacts, Pieces
+from pipeline.store.publish import publish_shard
+from pipeline.store.record import Failure, RowRecord, ShardRecord, read_record
+from pipeline.store.reshard import shard_key, shard_of
+from pipeline.store.rows import Row, conform, row_digest
+from pipeline.store.shard import Shard
+from pipeline.store.write import RowToPack
+
+
+@dataclass(frozen=True)
+class Member:
+    """An object of the shard: the job that makes its row, or why there will be none."""
+
+    item: Object
+    job: Job
+    failure: Failure | None = field(default=None)
+
+
+class ShardPlan(Plan[ObjectStage]):
+    """A shard that an object stage makes."""
+
+    def __init__(self, request: Request[ObjectStage], number: int, shards: int) -> None:
+        super().__init__(request)
+        self.number, self.shards = number, shards
+        self.artifact = self.stage.output
+        self.pieces = Pieces(self.directory.work(self.artifact.name))
+        items = [item for item in request.objects if shard_of(item.object_id, shards) == number]
+        self.directory.check_origins(
+            [*(collection.artifact.name for collection in self.inputs), *self.models], {item.object_id for item in items}
+        )
+        self.members = [self._from_inputs(item) if self.inputs else self._from_source(item) for item in items]
+
+    @property
+    def path(self) -> Path:
+        """The record's path without its suffix."""
+        return self.directory.root / self.artifact.name / shard_name(self.number, self.shards)
+
+    @property
+    def lock(self) -> Path:
+        """Beside the pieces of the artifact."""
+        return self.directory.shard_lock(self.artifact.name, self.number, self.shards)
+
+    @cached_property
+    def key(self) -> str:
+        """The hash of the rows' keys and splits, and of which shard it is: where only splits change, nothing is computed, only packed."""
+        rows = ((member.job.key, member.item.split) for member in self.members)
+        return shard_key(rows, self.number, self.shards, self.request.manifest)
+
+    @property
+    def total(self) -> int:
+        """The objects of the shard."""
+        return len(self.members)
+
+    def _from_source(self, item: Object) -> Member:
+        """Plan an object of a stage that reads the manifest's sources."""
+        try:
+            return Member(item, self._job(item, {"source": keys.source_key(item.source)}, {}))
+        except OSError as error:
+            failure = Failure(stage=self.stage.name, reason=f"its file cannot be read: {error}; mend or remove it")
+            return Member(item, self._job(item, {"unreadable": str(error)}, {}), failure)
+
+    def _from_inputs(self, item: Object) -> Member:
+        """Plan an object of a stage that reads earlier stages' rows."""
+        rows = {collection.artifact.name: collection.row(item.object_id) for collection in self.inputs}
+        digests = {name: row.digest for name, row in rows.items()}
+        failure = next((row.failure for row in rows.values() if row.failure), None)
+        return Member(item, self._job(item, digests, digests), failure)
+
+    def _job(self, item: Object, origin: Mapping[str, object], inputs: dict[str, str]) -> Job:
+        return Job(item, keys.object_key(self.stage_key, item.object_id, item.category, origin), inputs)
+
+    # ---- what is there
+
+    @property
+    def published(self) -> Shard | None:
+        """The shard that readers see now, None where there is none that can be used."""
+        path = self.directory.shard_record(self.artifact.name, self.number, self.shards)
+        try:
+            return Shard(path.parent, self.artifact, read_record(path, ShardRecord))
+        except StoreError:
+            return None
+
+    def up_to_date(self) -> bool:
+        """Whether the shard is there, complete, made under the same key, with no failure that is to be tried again."""
+        if not self.members:
+            return True
+        shard = self.published
+        if shard is None or shard.record.key != self.key:
+            return False
+        return not (self.request.retry and any(self._is_own(row.failure) for row in shard.record.rows)) and shard.is_complete()
+
+    def failures(self) -> dict[str, Failure]:
+        """The objects of the published shard that failed in this stage, with their reasons."""
+        shard = self.published
+        rows = shard.record.rows if shard else ()
+        return {row.object_id: row.failure for row in rows if row.failure and self._is_own(row.failure)}
+
+    def facts(self, member: Member) -> PieceFacts | None:
+        """What became of an object, None where that is not known yet."""
+        if member.failure:
+            return PieceFacts(row_digest({}, member.failure, member.item.category), 0.0, {}, member.failure)
+        return self.pieces.facts(member.item.object_id, member.job.key)
+
+    def missing(self) -> list[Member]:
+        """The members that are asked for and whose row is neither published under its key nor waiting to be packed."""
+        kept = {name for name, _ in self._kept()}
+        asked = (member for member in self.members if self.request.only in (None, member.item.object_id))
+        return [member for member in asked if member.item.object_id not in kept and self.facts(member) is None]
+
+    def _kept(self) -> Iterator[tuple[str, Shard]]:
+        """The objects whose row in the published shard has the key of today's job, and need not be made again."""
+        if (shard := self.published) is None:
+            return
+        for member in self.members:
+            row = shard.row(member.item.object_id) if member.item.object_id in shard.position else None
+            if row and row.key == member.job.key and not (self._is_own(row.failure) and self._tried_again(member)):
+                yield row.object_id, shard
+
+    def _is_own(self, failure: Failure | None) -> bool:
+        return failure is not None and failure.stage == self.stage.name
+
+    def _tried_again(self, member: Member) -> bool:
+        return self.request.retry and self.request.only in (None, member.item.object_id)
+
+    def forecast(self) -> Forecast:
+        """From what objects took here before, else from what the stage says of itself."""
+        typical, missing = self.stage.cost(self.settings), 0 if self.up_to_date() else len(self.missing())
+        shards = self.directory.collection(self.artifact).shards
+        same = [shard for shard in shards if shard.record.settings == self.settings.results()]
+        seconds = [row.seconds for shard in same for row in shard.record.rows]
+        mean = sum(seconds) / len(seconds) if seconds else typical.seconds
+        return Forecast(missing, self.total, missing * mean / self.request.workers, self.total * typical.kilobytes)
+
+    # ---- making it
+
+    def make(self, console: Console) -> Result:
+        """Process what is missing, then pack and publish; with `only`, the shard is packed only if that was all that was missing."""
+        self._refuse_strangers()
+        self._forget_failures()
+        self._keep_rows()
+        self._refuse_failures()
+        result = self._process(self.missing(), console)
+        unfinished = [member.item.object_id for member in self.members if self.facts(member) is None]
+        if not unfinished:
+            self._publish()
+        elif self.request.only is None:
+            raise StoreError(f"{self.path}: rows are gone, that of {unfinished[0]} first: did another run pack them? Run again")
+        return result
+
+    def _refuse_strangers(self) -> None:
+        """A data directory of other objects would be lost: two folders of meshes go by one name, or a manifest by another's."""
+        there = self.directory.collection(self.artifact)
+        if len(there) and not any(item.object_id in there for item in self.request.objects):
+            few = ", ".join(list(there)[:3])
+            raise StoreError(
+                f"{self.path.parent} holds other objects ({few}{', …' if len(there) > 3 else ''}), and none of manifest "
+                f"{self.request.manifest}; name another --data (make: DATA=), or delete it"
+            )
+
+    def _forget_failures(self) -> None:
+        for member in self.members:
+            if self._tried_again(member):
+                facts = self.pieces.facts(member.item.object_id, member.job.key)
+                if facts and facts.failure:
+                    self.pieces.discard(member.item.object_id, member.job.key)
+
+    def _keep_rows(self) -> None:
+        """Take rows of the published shard that have today's key to the pieces; one that is damaged is made again."""
+        members = {member.item.object_id: member for member in self.members}
+        for object_id, shard in self._kept():
+            member, row = members[object_id], shard.row(object_id)
+            if self.facts(member) is None:
+                try:
+                    values = shard.view(object_id).verify()
+                except StoreError:
+                    continue
+                self.pieces.save(object_id, row.key, row.category, values, seconds=row.seconds, failure=row.failure)
+
+    def _refuse_failures(self) -> None:
+        for member in self.members if self.request.strict else ():
+            if (facts := self.facts(member)) and facts.failure:
+                raise InvalidInput(_strictly(member.item.object_id, facts.failure.reason))
+
+    def _process(self, missing: list[Member], console: Console) -> Result:
+        """Let workers process objects; a bug in one of them is told at the end, when the others are done."""
+        work = Work(self.stage, self.settings, self.request.seed, self.request.data, self.models)
+        jobs, began = [member.job for member in missing], time.perf_counter()
+        outcomes: list[Outcome] = []
+        with Meter(console, self.stage.name, len(jobs), "objects") as meter:
+            for outcome in run_jobs(work, jobs, self.request.workers) if jobs else ():
+                outcomes.append(outcome)
+                meter.advance()
+                if self.request.strict and outcome.failure:
+                    raise InvalidInput(_strictly(outcome.object_id, outcome.failure.reason))
+        if bugs := [outcome for outcome in outcomes if outcome.bug]:
+            raise BugFound(
+                f"{self.stage.name}: processing {', '.join(outcome.object_id for outcome in bugs)} met a bug in vt-pipeline, not a fault "
+                f"of the objects. Please report it with this traceback; to continue, leave the objects out of the manifest.\n{bugs[0].bug}"
+            )
+        return Result(len(outcomes), sum(outcome.failure is not None for outcome in outcomes), time.perf_counter() - began)
+
+    def _publish(self) -> None:
+        facts = [found for member in self.members if (found := self.facts(member))]
+        known = list(zip(self.members, facts, strict=True))
+        failures = {member.item.object_id: one.failure.model_dump() for member, one in known if one.failure}
+        attributes = {
+            "schema": self.artifact.name,
+            "schema_version": self.artifact.version,
+            "stage": self.stage.name,
+            "settings": self.settings.results(),
+            "seed": self.request.seed,
+            "manifest": self.request.manifest,
+            "failures": failures,
+            **self.stage.attributes(self.settings),
+        }
+        constants = conform(self.artifact, self._labels() | self.stage.constants(self.settings), constants=True)
+        record = ShardRecord(
+            **self.provenance(),
+            schema_version=self.artifact.version,
+            rows=tuple(self._row_record(member, one) for member, one in known),
+            constants_digest=digest.of_arrays(constants),
+            attributes_digest=digest.of_json(attributes),
+        )
+        rows = [self._row_to_pack(member, one) for member, one in known]
+        publish_shard(self.directory, self.artifact, self.number, self.shards, record, rows, constants, attributes)
+        self.pieces.discard_all(member.item.object_id for member in self.members)
+
+    def _labels(self) -> Row:
+        """Labels of dimensions that the inputs have too."""
+        wanted = [name for name, array in self.artifact.arrays.items() if array.is_coordinate]
+        shards = [collection.first for collection in self.inputs]
+        return {name: shard.read(name) for name in wanted for shard in shards if shard.has(name)}
+
+    def _row_record(self, member: Member, facts: PieceFacts) -> RowRecord:
+        item, job = member.item, member.job
+        return RowRecord(
+            object_id=item.object_id,
+            category=item.category,
+            split=item.split,
+            key=job.key,
+            digest=facts.digest,
+            inputs=job.inputs,
+            seconds=round(facts.seconds, 4),
+            failure=facts.failure,
+        )
+
+    def _row_to_pack(self, member: Member, facts: PieceFacts) -> RowToPack:
+        item = member.item
+
+        def load() -> Row:
+            row = {} if member.failure else self.pieces.load(item.object_id, member.job.key, item.category, facts)
+            if row is None:
+                self.pieces.discard(item.object_id, member.job.key)
+                raise StoreError(f"{self.pieces.path(item.object_id, member.job.key)} was damaged and is removed; run again")
+            return row
+
+        return RowToPack(item.object_id, item.category, item.split, facts.failure is None, facts.shapes, load)
+
+
+def _strictly(object_id: str, reason: str) -> str:
+    return f"{object_id}: {reason} (--strict stops here; without it the others go on)"

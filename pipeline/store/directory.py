@@ -1,0 +1,219 @@
+"""A data directory: where everything lies, and whether what lies there was made from what lies there now."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Container, Iterable
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pipeline.errors import StoreError
+from pipeline.store import digest
+from pipeline.store.collection import Collection
+from pipeline.store.record import FolderRecord, ShardRecord, read_record
+from pipeline.store.shard import Shard
+from schemas.base import Artifact
+from schemas.catalogue import ARTIFACTS
+
+DESCRIPTION = "dataset.json"
+LOGS = "tensorboard"
+"""A folder in a folder that holds times of day, and hence belongs to no digest."""
+
+
+FOLDER_RECORDS = ("evaluation.json", "models/**/*.json", "sweeps/**/*.json")
+"""Where the records of folders lie."""
+
+_VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
+
+
+class Description(BaseModel):
+    """What `dataset.json` says: into how many shards the objects are split."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    shards: int = Field(ge=1, le=9999)
+
+
+class DataDirectory:
+    """A data directory, read as it is when something is first asked for.
+
+    `ARTIFACT/NNNN-of-NNNN.json` are the records of shards, `models/unet.json` that of a folder; beside them lie the groups and folders
+    that they name, and in `.work` what is being made.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self._collections: dict[str, Collection] = {}
+
+    # ---- shards
+
+    def shards(self) -> int | None:
+        """Into how many shards the objects are split; None before the first run."""
+        path = self.root / DESCRIPTION
+        try:
+            return Description.model_validate_json(path.read_bytes()).shards
+        except FileNotFoundError:
+            return None
+        except (OSError, ValidationError) as error:
+            first = str(error).splitlines()[0]
+            raise StoreError(f'{path} is damaged ({first}); write {{"shards": N}} into it, N as the records are named') from error
+
+    def claim_shards(self, count: int | None) -> int:
+        """Settle the number of shards, or check that it is the one settled before; None takes that one, or 1.
+
+        Raises
+        ------
+        StoreError
+            Another number was settled.
+        """
+        self.root.mkdir(parents=True, exist_ok=True)
+        if (settled := self.shards()) is None:
+            content = Description(shards=count or 1).model_dump_json().encode()
+            beside = self.root / f".{DESCRIPTION}.{os.getpid()}"
+            beside.write_bytes(content)
+            try:
+                os.link(beside, self.root / DESCRIPTION)  # fails where another run was first
+            except FileExistsError:
+                pass
+            finally:
+                beside.unlink()
+            settled = self.shards()
+        if settled is None or count not in (None, settled):
+            raise StoreError(
+                f"{self.root} is split into {settled} shards, {count} were asked for; leave --shards (make: SHARDS=) out, "
+                f"or change the number with `vt-pipeline reshard {self.root} {count}`"
+            )
+        return settled
+
+    def shard_record(self, artifact: str, number: int, shards: int) -> Path:
+        """The path of a shard's record."""
+        return self.root / artifact / f"{shard_name(number, shards)}.json"
+
+    def collection(self, artifact: Artifact) -> Collection:
+        """The published shards of an artifact."""
+        if artifact.name not in self._collections:
+            folder, count = self.root / artifact.name, self.shards() or 0
+            records = [path for number in range(count) if (path := self.shard_record(artifact.name, number, count)).exists()]
+            shards = [Shard(folder, artifact, read_record(path, ShardRecord)) for path in records]
+            self._collections[artifact.name] = Collection(folder, artifact, shards)
+        return self._collections[artifact.name]
+
+    def artifacts(self) -> list[Artifact]:
+        """The artifacts that have a published shard."""
+        return [artifact for artifact in ARTIFACTS.values() if self.collection(artifact).shards]
+
+    # ---- folders
+
+    def folder_record(self, name: str) -> Path:
+        """The path of the record of a folder that a dataset stage fills, such as `models/unet`."""
+        return self.root / f"{name}.json"
+
+    def folders(self) -> list[str]:
+        """Names of the folders that were published."""
+        found = (path.relative_to(self.root) for pattern in FOLDER_RECORDS for path in self.root.glob(pattern))
+        return sorted(path.with_suffix("").as_posix() for path in found if not any(map(is_version, path.parts[:-1])))
+
+    def folder(self, name: str) -> FolderRecord:
+        """The record of a folder; a `StoreError` where there is none."""
+        return read_record(self.folder_record(name), FolderRecord)
+
+    def folder_path(self, name: str) -> Path:
+        """The folder that the record names."""
+        return (self.root / name).with_name(self.folder(name).location)
+
+    # ---- what is being made
+
+    def work(self, name: str) -> Path:
+        """Where an artifact or folder is made until it is whole."""
+        return self.root / ".work" / name
+
+    def shard_lock(self, artifact: str, number: int, shards: int) -> Path:
+        """The lock of whoever makes a shard."""
+        return self.work(artifact) / f"{shard_name(number, shards)}.lock"
+
+    # ---- origins
+
+    def check_origins(self, names: Iterable[str], objects: Container[str] | None = None) -> None:
+        """Check that artifacts and folders, and whatever they were made from, were made from what lies here now.
+
+        Parameters
+        ----------
+        names
+            Of artifacts (`touch`) and folders (`models/unet`).
+        objects
+            Look at the rows of these objects alone; at all where none are named.
+
+        Raises
+        ------
+        StoreError
+            One was not: it names both, and the stage to run again.
+        """
+        checked: set[str] = set()
+        waiting = list(names)
+        while waiting:
+            name = waiting.pop()
+            if name not in checked:
+                checked.add(name)
+                waiting += self._check_artifact(name, objects) if name in ARTIFACTS else self._check_folder(name)
+
+    def _check_artifact(self, name: str, objects: Container[str] | None) -> list[str]:
+        """Check an artifact; returns the names of what it was made from."""
+        collection = self.collection(ARTIFACTS[name])
+        used: set[str] = set()
+        for shard in collection.shards:
+            again = f"run {shard.record.stage} again"
+            used |= shard.record.models.keys()
+            for model, made_with in shard.record.models.items():
+                if folder_digest(self.folder(model)) != made_with:
+                    raise StoreError(f"{shard.path} was made with another {model} than the current one; {again}")
+            for row in shard.record.rows:
+                if objects is not None and row.object_id not in objects:
+                    continue
+                used |= row.inputs.keys() & ARTIFACTS.keys()
+                for origin in row.inputs.keys() & ARTIFACTS.keys():
+                    current = self.collection(ARTIFACTS[origin])
+                    if row.object_id not in current or current.row(row.object_id).digest != row.inputs[origin]:
+                        raise StoreError(
+                            f"{shard.path}: {name} of {row.object_id} was made from other {origin} than the current ones; {again}"
+                        )
+        return sorted(used)
+
+    def _check_folder(self, name: str) -> list[str]:
+        record = self.folder(name)
+        for artifact, made_from in record.inputs.items():
+            if self.collection(ARTIFACTS[artifact]).rows_digest(record.splits) != made_from:
+                raise StoreError(f"{self.root / name} was made from other {artifact} than the current ones; run {record.stage} again")
+        for model, made_with in record.models.items():
+            if folder_digest(self.folder(model)) != made_with:
+                raise StoreError(f"{self.root / name} was made from another {model} than the current one; run {record.stage} again")
+        return [*record.inputs, *record.models]
+
+
+def shard_name(number: int, shards: int) -> str:
+    """What the record of a shard is called, and its groups begin with."""
+    return f"{number:04d}-of-{shards:04d}"
+
+
+def versioned(name: str, content: object) -> str:
+    """Name a group or folder after its content, so that writing one never changes what readers of another see."""
+    return f"{name}-{digest.of_json(content)[:16]}"
+
+
+def is_version(name: str) -> bool:
+    """Whether a group or folder is called as `versioned` calls them."""
+    return _VERSION.fullmatch(name) is not None
+
+
+def folder_digest(record: FolderRecord) -> str:
+    """Compute the digest of a folder's files: equal wherever the same was computed."""
+    return digest.of_json(record.files)
+
+
+def hashes_of(folder: Path) -> dict[str, str]:
+    """Compute the SHA-256 of every file below a folder that its digest is made of."""
+    named = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
+    counted = {name: path for name, path in named.items() if not name.startswith(f"{LOGS}/")}
+    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in counted.items()}

@@ -1,0 +1,44 @@
+"""Find and remove what no record names: groups and folders that were replaced, and what killed runs left."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from pipeline.store.directory import DataDirectory, is_version
+
+GRACE_SECONDS = 3600.0
+"""How long a group that was replaced is kept: readers that opened it may still be at work."""
+
+
+def unnamed(folder: Path) -> Iterator[Path]:
+    """Find the groups and folders directly in a folder that none of its records names."""
+    named = {_location(path) for path in folder.glob("*.json")}
+    if None in named:  # a damaged record: what it named cannot be told
+        return
+    yield from (path for path in sorted(folder.glob("*-*")) if path.is_dir() and is_version(path.name) and path.name not in named)
+
+
+def collect(folder: Path, older_than: float = GRACE_SECONDS) -> list[Path]:
+    """Remove what no record of a folder names and was written longer ago, s; returns what was removed."""
+    doomed = [path for path in unnamed(folder) if time.time() - path.stat().st_mtime > older_than]
+    for path in doomed:
+        shutil.rmtree(path, ignore_errors=True)
+    return doomed
+
+
+def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECONDS) -> list[Path]:
+    """Remove from a data directory all that no record names."""
+    folders = {directory.root / artifact.name for artifact in directory.artifacts()}
+    folders |= {directory.folder_record(name).parent for name in directory.folders()}
+    return [path for folder in sorted(folders) for path in collect(folder, older_than)]
+
+
+def _location(path: Path) -> str | None:
+    try:
+        return str(json.loads(path.read_bytes())["location"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -1,0 +1,48 @@
+"""Publish shards and folders: write under a name of their own, then let a record name them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pipeline.store.atomic import move_folder, write_at_once
+from pipeline.store.directory import DataDirectory, shard_name, versioned
+from pipeline.store.garbage import collect
+from pipeline.store.record import FolderRecord, Provenance, ShardRecord
+from pipeline.store.rows import Row
+from pipeline.store.write import RowToPack, write_group
+from schemas.base import Artifact
+
+
+def publish_shard(
+    directory: DataDirectory,
+    artifact: Artifact,
+    number: int,
+    shards: int,
+    record: ShardRecord,
+    rows: Sequence[RowToPack],
+    constants: Row,
+    attributes: Mapping[str, Any],
+) -> Path:
+    """Write the group of a shard, and publish its record with the group's name in it; returns the group's path."""
+    name = shard_name(number, shards)
+    location = versioned(name, [record.key, [row.digest for row in record.rows]]) + ".zarr"
+    beside, path = directory.work(artifact.name) / location, directory.root / artifact.name / location
+    write_group(beside, artifact, rows, constants, attributes)
+    _publish(beside, path, directory.shard_record(artifact.name, number, shards), record.model_copy(update={"location": location}))
+    return path
+
+
+def publish_folder(directory: DataDirectory, name: str, beside: Path, record: FolderRecord) -> Path:
+    """Move a finished folder to a name of its own, and publish its record; returns the folder's path."""
+    place = directory.folder_record(name)
+    location = versioned(place.stem, [record.key, record.files])
+    _publish(beside, place.with_name(location), place, record.model_copy(update={"location": location}))
+    return place.with_name(location)
+
+
+def _publish(beside: Path, path: Path, record_path: Path, record: Provenance) -> None:
+    move_folder(beside, path)
+    write_at_once(record_path, record.model_dump_json(indent=1).encode())
+    collect(path.parent)

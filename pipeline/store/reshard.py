@@ -1,0 +1,85 @@
+"""Split the objects of a data directory into another number of shards."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from pipeline.errors import StoreError
+from pipeline.store import digest
+from pipeline.store.atomic import one_writer, write_at_once
+from pipeline.store.collection import Collection
+from pipeline.store.directory import DESCRIPTION, DataDirectory, Description
+from pipeline.store.publish import publish_shard
+from pipeline.store.record import ShardRecord
+from pipeline.store.write import RowToPack
+
+
+def shard_of(object_id: str, shards: int) -> int:
+    """The number of the shard that holds an object: a matter of its name alone, so that others come and go without moving it."""
+    return int(hashlib.sha256(object_id.encode()).hexdigest(), 16) % shards
+
+
+def shard_key(rows: Iterable[tuple[str, str]], number: int, shards: int, manifest: str) -> str:
+    """Compute the key of a shard from the keys and splits of its rows."""
+    return digest.of_json({"rows": [list(row) for row in rows], "shard": [number, shards], "manifest": manifest})
+
+
+def reshard(directory: DataDirectory, shards: int) -> Iterator[Path]:
+    """Write every artifact's rows into so many shards, then let readers see them all at once; yields each group as it is written.
+
+    Nothing is computed. Killed before its end, it has changed nothing that readers see.
+
+    Raises
+    ------
+    StoreError
+        There is nothing to split, a run is at work, or shards were made with different settings.
+    """
+    root, before = directory.root, directory.shards()
+    if before is None:
+        raise StoreError(f"{root} holds no shards; `vt-pipeline run` makes some")
+    if before == shards:
+        return
+    with ExitStack() as locks:
+        for artifact in directory.artifacts():
+            for number in range(before):
+                locks.enter_context(one_writer(directory.shard_lock(artifact.name, number, before), directory.root / artifact.name))
+        _discard_records(root, shards)  # of a run of this command that was killed
+        for artifact in directory.artifacts():
+            collection = directory.collection(artifact)
+            _refuse_mixture(collection)
+            for number in range(shards):
+                if members := [name for name in collection if shard_of(name, shards) == number]:
+                    yield _write(directory, collection, members, number, shards)
+        write_at_once(root / DESCRIPTION, Description(shards=shards).model_dump_json().encode())
+        _discard_records(root, before)
+
+
+def _discard_records(root: Path, shards: int) -> None:
+    for path in root.glob(f"*/????-of-{shards:04d}.json"):
+        path.unlink()
+
+
+def _refuse_mixture(collection: Collection) -> None:
+    """Shards of different settings cannot be one shard."""
+    shared = {digest.of_json([shard.record.settings, shard.record.seed, shard.record.models]) for shard in collection.shards}
+    if len(shared) > 1:
+        raise StoreError(f"{collection.folder}: its shards were made with different settings; run the stage for all shards first")
+
+
+def _write(directory: DataDirectory, collection: Collection, members: Sequence[str], number: int, shards: int) -> Path:
+    first, artifact = collection.first, collection.artifact
+    rows = tuple(collection.row(name) for name in members)
+    attributes = {**first.attributes, "failures": {row.object_id: row.failure.model_dump() for row in rows if row.failure}}
+    constants = {name: first.read(name) for name, array in artifact.arrays.items() if not array.per_object and first.has(name)}
+    key = shard_key(((row.key, row.split) for row in rows), number, shards, first.record.manifest)
+    packed = [
+        RowToPack(row.object_id, row.category, row.split, row.failure is None, view.shapes(), view.verify)
+        for row in rows
+        for view in [collection.view(row.object_id)]
+    ]
+    changed = {"key": key, "rows": rows, "attributes_digest": digest.of_json(attributes)}
+    record = ShardRecord(**{**dict(first.record), **changed})
+    return publish_shard(directory, artifact, number, shards, record, packed, constants, attributes)
