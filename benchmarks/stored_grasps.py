@@ -22,8 +22,7 @@ from pipeline.kernels.hand.kinematics import forward, sensor_poses
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
+from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from stages.simulate_grasps.attempt import Grasp
@@ -50,7 +49,7 @@ class Seen:
 
 def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
     """Measure every grasp of a data set, by object, with so many points on hand and object."""
-    surfaces, grasps = Collection(Layout(data), SURFACES), Collection(Layout(data), GRASPS)
+    surfaces, grasps = DataDirectory(data).collection(SURFACES), DataDirectory(data).collection(GRASPS)
     rig = make_rig(GraspSettings())
     found: dict[str, list[Seen]] = {}
     with simulation(rig.hand) as physics:

@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import NamedTuple, TypeGuard
 
 from pipeline.config.settings import Settings
-from pipeline.engine.stage import ObjectStage, SetStage
+from pipeline.engine.stage import DatasetStage, ObjectStage
 
 
 class Entry(NamedTuple):
@@ -29,10 +29,10 @@ STAGES = {
 }
 
 
-def load_stage(name: str) -> ObjectStage | SetStage:
+def load_stage(name: str) -> ObjectStage | DatasetStage:
     """The stage called `name`, a key of `STAGES`."""
     entry = STAGES[name]
-    stage: ObjectStage | SetStage = getattr(import_module(f"{entry.room}.stage"), entry.stage)()
+    stage: ObjectStage | DatasetStage = getattr(import_module(f"{entry.room}.stage"), entry.stage)()
     return stage
 
 
@@ -43,6 +43,6 @@ def load_settings_type(name: str) -> type[Settings]:
     return settings
 
 
-def is_set_stage(stage: ObjectStage | SetStage) -> TypeGuard[SetStage]:
-    """Whether a stage looks at the whole data set at once, rather than at one object after the other."""
-    return hasattr(stage, "folder")
+def is_dataset_stage(stage: ObjectStage | DatasetStage) -> TypeGuard[DatasetStage]:
+    """Tell a stage that looks at the whole dataset at once from one that looks at one object after the other."""
+    return isinstance(stage, DatasetStage)

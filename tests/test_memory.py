@@ -6,11 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
+from pipeline.engine.runner import execute
 
 from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import resolve
 from pipeline.engine.plan import Request, make_plan
-from pipeline.engine.runner import execute
 from stages.registry import STAGES, load_stage
 
 ASSIGNMENTS = ["sample-surfaces.points=1000", "simulate-grasps.attempts=5", "simulate-grasps.ik_samples=256"]

@@ -16,10 +16,10 @@ import pytest
 import trimesh
 import xarray
 import yaml
-
 from pipeline.dataset.reader import GraspDataset
+
 from pipeline.errors import StoreError
-from stages.registry import STAGES, is_set_stage, load_stage
+from stages.registry import STAGES, is_dataset_stage, load_stage
 
 ROOT = Path(__file__).parents[1]
 ASSIGNMENTS = [
@@ -35,9 +35,9 @@ ASSIGNMENTS = [
     ),
     *("evaluate.grasps=[1,5]",),
 ]
-SHARDED = [name for name in STAGES if not is_set_stage(load_stage(name))]
+SHARDED = [name for name in STAGES if not is_dataset_stage(load_stage(name))]
 SEEN = {"train-unet": 3, "train-gcn": 3}
-"""How many of the four objects a set stage looks at."""
+"""How many of the four objects a dataset stage looks at."""
 
 
 @pytest.fixture(scope="module")

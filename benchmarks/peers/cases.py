@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
+from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 
@@ -33,8 +32,8 @@ class Case:
 
 def touched_objects(data: Path) -> list[Case]:
     """The first object of every category of a data set, each with `POSES` sensors that touch it."""
-    layout = Layout(data)
-    surfaces, grasps = Collection(layout, SURFACES), Collection(layout, GRASPS)
+    directory = DataDirectory(data)
+    surfaces, grasps = directory.collection(SURFACES), directory.collection(GRASPS)
     cases: dict[str, Case] = {}
     for object_id in grasps:
         row = grasps.view(object_id)

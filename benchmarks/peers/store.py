@@ -13,8 +13,7 @@ from zarr.storage import LocalStore
 
 from benchmarks.peers.table import Table
 from benchmarks.timing import each, side_by_side, three_digits
-from pipeline.store.layout import Layout
-from pipeline.store.shard import Shard
+from pipeline.store.directory import DataDirectory
 from pipeline.store.spec import group_spec
 from schemas.touch import TOUCH
 
@@ -36,7 +35,7 @@ class Format:
 
 def measure(data: Path, turns: int) -> Table:
     """The table, of the first shard of touches in `data`; `turns` rounds of every format."""
-    shard = Shard(Layout(data).shard("touch", 0), TOUCH)
+    shard = DataDirectory(data).collection(TOUCH).first
     arrays = {
         name: np.asarray(shard.array(name)[...])
         for name in TOUCH.arrays

@@ -26,8 +26,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.rng import numpy_rng
-from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
+from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from stages.simulate_grasps.attempt import attempt

@@ -14,8 +14,7 @@ from benchmarks.tradeoff import runs
 from benchmarks.tradeoff.study_plan import HERE
 from pipeline.console import Meter
 from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
-from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
+from pipeline.store.directory import DataDirectory
 from pipeline.tuning.sweep import file_name
 from schemas.catalogue import ARTIFACTS
 
@@ -48,10 +47,10 @@ def end_to_end(root: Path, console: Console) -> list[dict[str, Any]]:
 
 
 def _row(data: Path) -> dict[str, Any]:
-    made = {name: Collection(Layout(data), ARTIFACTS[name]) for name in ("surfaces", "grasps", "touch")}
-    seconds = [np.mean(shard.attributes["seconds"]) for collection in made.values() for shard in collection.shards]
+    made = {name: DataDirectory(data).collection(ARTIFACTS[name]) for name in ("surfaces", "grasps", "touch")}
+    seconds = [np.mean([row.seconds for row in shard.record.rows]) for collection in made.values() for shard in collection.shards]
     touched = np.mean([made["grasps"].view(name)["touch_success"].mean() for name in made["grasps"]])
-    table = runs.load_json(data / "evaluation/metrics.json")["tables"]["table_3"]
+    table = runs.load_json(DataDirectory(data).folder_path("evaluation") / "metrics.json")["tables"]["table_3"]
     chamfer, low, high = (round(TABLE_3_FACTOR * float(np.mean(table[name][0])), 3) for name in ("chamfer", "low", "high"))
     return {
         "seconds": round(float(sum(seconds)), 2),

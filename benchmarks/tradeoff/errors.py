@@ -20,12 +20,11 @@ from skimage.transform import resize
 
 from benchmarks.stored_grasps import examine
 from benchmarks.tradeoff.runs import Made, load_json
-from pipeline.dataset.split import load_split
 from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.models.touch_model import load_touch_model
-from pipeline.store.collection import Collection, usable_objects
-from pipeline.store.layout import Layout
+from pipeline.store.collection import usable_objects
+from pipeline.store.directory import DataDirectory
 from schemas.base import Artifact
 from schemas.charts import CHARTS, FITTED, STOP_RULES
 from schemas.grasps import GRASPS
@@ -33,7 +32,6 @@ from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
 from stages.evaluate.store import read_table
-from stages.train_unet.learner import touches_of
 
 Figures = dict[str, float]
 
@@ -97,7 +95,7 @@ def _variance(values: NDArray[np.float64]) -> float:
 
 def _pairs(made: Made, reference: Path, artifact: Artifact, *arrays: str) -> Iterator[tuple[list[np.ndarray], list[np.ndarray]]]:
     """Some arrays of each object that failed in neither, of the variant and of its reference."""
-    ours, theirs = (Collection(Layout(data), artifact) for data in (made.data, reference))
+    ours, theirs = (DataDirectory(data).collection(artifact) for data in (made.data, reference))
     for object_id in usable_objects({"made": ours, "reference": theirs}, None)[0]:
         yield [ours.view(object_id)[name] for name in arrays], [theirs.view(object_id)[name] for name in arrays]
 
@@ -115,7 +113,7 @@ def surfaces(made: Made, reference: Path) -> Errors:
 
 def grasps(made: Made, reference: Path) -> Errors:
     """How many of the sensors of all kept grasps do not touch, or not soundly, measured anew."""
-    collection = Collection(Layout(made.data), GRASPS)
+    collection = DataDirectory(made.data).collection(GRASPS)
     examined = examine(made.data, POINTS)
     each = []
     for object_id in collection:
@@ -152,7 +150,7 @@ def vision(made: Made, reference: Path) -> Errors:
 
 def touch(made: Made, reference: Path) -> Errors:
     """How far depths in the gel and beyond it are off, and how many readings show it."""
-    sensor = Sensor.model_validate(Collection(Layout(reference), TOUCH).shards[0].attributes["sensor"])
+    sensor = Sensor.model_validate(DataDirectory(reference).collection(TOUCH).shards[0].attributes["sensor"])
     near: list[NDArray[np.float64]] = []
     far: list[NDArray[np.float64]] = []
     wrong, lost = [], 0
@@ -176,10 +174,9 @@ def touch(made: Made, reference: Path) -> Errors:
 
 def unet(made: Made, reference: Path) -> Errors:
     """The predicted depths of test objects that no training saw, against the true ones, where the sensors touched."""
-    touches = touches_of(load_split(made.data, ["reading", "depth", "untouched", "touch_success"], "test"))
-    model = load_touch_model(made.data / "models/unet", "cpu")
-    index = tuple(touches.where.T)
-    readings, depth = touches.split.arrays["reading"][index], touches.split.arrays["depth"][index]
+    touches = load_touches(made.data, "test")
+    model = load_touch_model(DataDirectory(made.data).folder_path("models/unet"), "cpu")
+    readings, depth = (tensor.numpy() for tensor in touches.batch(range(len(touches)), torch.device("cpu"), torch.float32))
     contact = depth < touches.sensor.w
     mask = model.mask(readings)
     predicted = model.depth(readings)

@@ -11,12 +11,10 @@ from typing import Any
 
 from benchmarks.tradeoff.study_plan import HERE, StudyPlan, Variant
 from pipeline.config.manifest import load_manifest
-from pipeline.store.layout import Layout
-from pipeline.store.record import Record
-from pipeline.store.shard import Shard
+from pipeline.store.directory import DataDirectory
 from pipeline.tuning.sweep import file_name
 from schemas.catalogue import ARTIFACTS
-from stages.registry import is_set_stage, load_stage
+from stages.registry import is_dataset_stage, load_stage
 
 COMMON = "common"
 VT_PIPELINE = str(Path(sys.executable).parent / "vt-pipeline")
@@ -87,22 +85,21 @@ def make(root: Path, plan: StudyPlan, variant: Variant) -> Made:
     own = MADE_BY[plan.stage]
     link_common(root / plan.objects, data, own)
     command(plan.stage, plan.manifest, variant.preset, data, variant.assignments(plan.stage), variant.seed)
-    return _of_folder(data, plan, variant) if is_set_stage(load_stage(plan.stage)) else _of_shard(data, own)
+    return _of_folder(data, plan, variant) if is_dataset_stage(load_stage(plan.stage)) else _of_shard(data, own)
 
 
 def _of_shard(data: Path, artifact: str) -> Made:
-    path = Layout(data).shard(artifact, 0)
-    shard = Shard(path, ARTIFACTS[artifact])
-    seconds = [float(value) for value in shard.attributes["seconds"]]
-    return Made(data, sum(seconds) / len(seconds), _bytes(path) / 1e3 / len(seconds), {})
+    shard = DataDirectory(data).collection(ARTIFACTS[artifact]).first
+    seconds = [row.seconds for row in shard.record.rows]
+    return Made(data, sum(seconds) / len(seconds), _bytes(shard.path) / 1e3 / len(seconds), {})
 
 
 def _of_folder(data: Path, plan: StudyPlan, variant: Variant) -> Made:
     stage: Any = load_stage(plan.stage)
-    record = Record(data / stage.folder(variant.settings(plan.stage)))
-    facts = dict(record.content["facts"])
-    weights = sum(path.stat().st_size for path in record.folder.glob("*.safetensors"))
-    return Made(data, float(facts.get("training_seconds", record.content["seconds"])), (weights or _bytes(record.folder)) / 1e3, facts)
+    name, directory = stage.folder(variant.settings(plan.stage)), DataDirectory(data)
+    record, folder = directory.folder(name), directory.folder_path(name)
+    weights = sum(path.stat().st_size for path in folder.glob("*.safetensors"))
+    return Made(data, float(record.facts.get("training_seconds", record.seconds)), (weights or _bytes(folder)) / 1e3, dict(record.facts))
 
 
 def _bytes(folder: Path) -> int:
@@ -111,7 +108,7 @@ def _bytes(folder: Path) -> int:
 
 def described(plan: StudyPlan) -> dict[str, Any]:
     """Describe a study as `pipeline.tuning.measurements.Study` does, without its measurements."""
-    whole = is_set_stage(load_stage(plan.stage))
+    whole = is_dataset_stage(load_stage(plan.stage))
     items = load_manifest(str(plan.manifest)).objects(None)
     split = "test" if plan.stage == "evaluate" else "train"
     return {

@@ -9,9 +9,7 @@ from rich.console import Console
 
 from benchmarks.tradeoff import runs
 from benchmarks.tradeoff.study_plan import HERE
-from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
-from pipeline.store.record import Record
+from pipeline.store.directory import DataDirectory, folder_digest
 from schemas.catalogue import ARTIFACTS
 
 TRIED: dict[str, dict[str, tuple[list[str], list[str]]]] = {
@@ -51,8 +49,8 @@ def same_results(root: Path, console: Console) -> list[dict[str, Any]]:
 def _seen(data: Path, stage: str) -> dict[str, Any]:
     name = "models/gcn/touch" if stage == "train-gcn" else runs.MADE_BY[stage]
     if name in ARTIFACTS:
-        collection = Collection(Layout(data), ARTIFACTS[name])
-        seconds = sum(float(value) for shard in collection.shards for value in shard.attributes["seconds"])
+        collection = DataDirectory(data).collection(ARTIFACTS[name])
+        seconds = sum(row.seconds for shard in collection.shards for row in shard.record.rows)
         return {"seconds": round(seconds, 2), "digest": collection.digest()}
-    record = Record(data / name)
-    return {"seconds": record.content["facts"]["training_seconds"], "digest": record.digest}
+    record = DataDirectory(data).folder(name)
+    return {"seconds": record.facts["training_seconds"], "digest": folder_digest(record)}

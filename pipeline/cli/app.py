@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from pipeline.cli import advise, learn, run
-from pipeline.cli import inspection as look
+from pipeline.cli import advise, inspection, learn, run
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -19,10 +18,12 @@ for command in (
     learn.sweep,
     learn.report,
     learn.predict,
-    look.stages,
-    look.status,
-    look.validate,
-    look.doctor,
-    look.summary,
+    inspection.stages,
+    inspection.status,
+    inspection.reshard,
+    inspection.collect_garbage,
+    inspection.validate,
+    inspection.doctor,
+    inspection.summary,
 ):
     app.command()(command)

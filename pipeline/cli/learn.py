@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -20,13 +21,13 @@ from pipeline.cli.request import (
     failures_as_words,
     make_request,
 )
-from pipeline.cli.run import run_folder
+from pipeline.cli.run import run_plan
 from pipeline.console import console, errors, say
+from pipeline.engine.run import make_plans
 from pipeline.errors import StageError
-from pipeline.store.layout import Layout
-from pipeline.store.record import RECORD, Record, standing_record
+from pipeline.store.directory import DataDirectory
 from pipeline.tuning import sweep as sweeps
-from stages.registry import STAGES, is_set_stage, load_stage
+from stages.registry import STAGES, is_dataset_stage, load_stage
 
 NO_GRID = "{} has no grid to sweep over; train-unet and train-gcn have"
 
@@ -45,7 +46,7 @@ def sweep(
     """Train over a grid of hyperparameters (supplement 2.2 and 3.4); run again, it goes on where it was."""
     with failures_as_words():
         loaded = load_stage(stage) if stage in STAGES else None
-        if loaded is None or not is_set_stage(loaded):
+        if loaded is None or not is_dataset_stage(loaded):
             fail(NO_GRID.format(stage))
         plain = make_request(loaded, manifest, preset, data, objects, assignments or [], seed)
         if not (given := dict(loaded.grid(plain.settings))):
@@ -58,15 +59,17 @@ def sweep(
                 *(f"{stage}.{setting}={yaml.safe_dump(value).split(chr(10))[0]}" for setting, value in point.items()),
             ]
             request = make_request(loaded, manifest, preset, data, objects, chosen, seed)
-            place = sweeps.place(stage, loaded.folder(request.settings), point)
+            folder = sweeps.place(stage, loaded.folder(request.settings), point)
             if dry_run:
-                say(f"{request.data / place}")
+                say(f"{request.data / folder}")
                 continue
             try:
-                found.append((point, run_folder(request, place)))
+                (plan,) = make_plans(replace(request, folder=folder))
+                run_plan(plan)
+                found.append((point, DataDirectory(request.data).folder(folder)))
             except StageError as error:  # a rate too high says something about that point alone
                 failed += 1
-                errors.print(f"[yellow]failed[/] {escape(place)}: {escape(str(error))}")
+                errors.print(f"[yellow]failed[/] {escape(folder)}: {escape(str(error))}")
         if found:
             sweeps.show(found, console)
         if failed:
@@ -123,12 +126,15 @@ def report(
     from stages.evaluate.tables_printed import show, show_training
 
     with failures_as_words():
-        record = standing_record(Layout(data), "evaluation")
-        show(record.folder, console)
-        show_orderings(orderings(record.folder), console)
-        trained = [name for name in ("models/unet", *record.content["models"]) if (data / name / RECORD).exists()]
-        show_training({Path(name).name: Record(data / name).content["facts"] for name in trained}, console)
-        draw_curves([data / name for name in trained], data / "learning-curves.png")
+        directory = DataDirectory(data)
+        directory.check_origins(["evaluation"])
+        folder = directory.folder_path("evaluation")
+        show(folder, console)
+        show_orderings(orderings(folder), console)
+        trained = [name for name in ("models/unet", *directory.folder("evaluation").models) if directory.folder_record(name).exists()]
+        show_training({Path(name).name: directory.folder(name).facts for name in trained}, console)
+        curves = {Path(name).name: directory.folder_path(name) for name in trained}
+        draw_curves(curves, data / "learning-curves.png")
         say(f"learning curves: {data / 'learning-curves.png'}")
         shown = draw_gallery(data, data / "reconstructions.png", most)
         say(f"reconstructions of {len(shown)} objects: {data / 'reconstructions.png'}")

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -15,7 +15,7 @@ from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import load_presets, resolve
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
-from pipeline.errors import InvalidInput, ManifestError, SettingsError, StageError, StoreError
+from pipeline.errors import PipelineError
 from stages.registry import STAGES, load_settings_type
 
 S = TypeVar("S", bound=Stage)
@@ -33,7 +33,7 @@ def failures_as_words() -> Iterator[None]:
     """Whatever a person can mend ends the command with words for it."""
     try:
         yield
-    except (ManifestError, SettingsError, StageError, StoreError, InvalidInput, OSError) as error:
+    except (PipelineError, OSError) as error:
         fail(error)
     except KeyboardInterrupt:
         fail("interrupted; what is finished is kept, run the same command to go on")
@@ -53,13 +53,11 @@ def make_request(
     objects: Path | None,
     assignments: Sequence[str],
     seed: int | None,
-    shards: int = 1,
+    *,
     workers: int = 0,
-    strict: bool = False,
-    retry: bool = False,
-    only: str | None = None,
+    **options: Any,
 ) -> Request[S]:
-    """What the options ask for."""
+    """Turn what every command's options say into a request; `options` are its other fields."""
     if (where := data or _default_place(manifest, objects) / preset).is_file():
         fail(f"--data {where} is a file; name a folder")
     described = load_manifest(manifest)
@@ -71,11 +69,8 @@ def make_request(
         preset=preset,
         seed=described.seed if seed is None else seed,
         data=where,
-        shards=shards,
         workers=workers or len(os.sched_getaffinity(0)),
-        strict=strict,
-        retry=retry,
-        only=only,
+        **options,
     )
 
 

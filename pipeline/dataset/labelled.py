@@ -40,11 +40,14 @@ def open_artifact(data: str | Path, artifact: str) -> xarray.Dataset:
         raise StoreError(f"there is no artifact {artifact}; there are {', '.join(ARTIFACTS)}")
     collection = DataDirectory(Path(data)).collection(ARTIFACTS[artifact])
     collection.first  # noqa: B018 (an error where there is none)
-    opened = [xarray.open_zarr(shard.path, consolidated=False, chunks=None) for shard in collection.shards]
-    labelled = [
-        shard.set_index(object="object_id").set_coords([name for name in ("category", "split", "ok") if name in shard]) for shard in opened
-    ]
-    if len(labelled) == 1:
-        return labelled[0]
-    whole = xarray.concat([shard.chunk() for shard in labelled], "object", data_vars="minimal", coords="minimal", compat="override")
+    shards = [_labelled(xarray.open_zarr(shard.path, consolidated=False, chunks=None)) for shard in collection.shards]
+    if len(shards) == 1:
+        return shards[0]
+    lazy = [shard.chunk() for shard in shards]
+    whole: xarray.Dataset = xarray.concat(lazy, "object", data_vars="minimal", coords="minimal", compat="override")
     return whole.sortby("object")
+
+
+def _labelled(shard: xarray.Dataset) -> xarray.Dataset:
+    named: xarray.Dataset = shard.set_coords(["category", "split", "ok"]).set_index(object="object_id")
+    return named

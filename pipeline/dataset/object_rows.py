@@ -57,7 +57,7 @@ class ObjectRows:
     def __init__(self, data: str | Path, arrays: Sequence[str], split: str | None = "train", *, cache_bytes: int = CACHE_BYTES) -> None:
         self.data, self.arrays, self.split = Path(data), tuple(arrays), split
         directory = DataDirectory(self.data)
-        self._owner: dict[str, Artifact] = {name: artifact_of(name) for name in self._needed()}
+        self._owner = {name: _owner(name) for name in self._needed()}
         self._collections = {artifact.name: directory.collection(artifact) for artifact in self._owner.values()}
         for collection in self._collections.values():
             self._refuse_unmade(collection)
@@ -151,6 +151,13 @@ class _Cache:
         while self._bytes > self._limit and len(self._arrays) > 1:
             self._bytes -= self._arrays.popitem(last=False)[1].nbytes
         return array
+
+
+def _owner(array: str) -> Artifact:
+    try:
+        return artifact_of(array)
+    except KeyError as error:
+        raise StoreError(error.args[0]) from None
 
 
 def first_shard(data: Path, artifact: Artifact) -> Shard:

@@ -70,11 +70,12 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Result:
-    """What a run did: the number of objects it made and of those that failed, and the seconds it took."""
+    """What a run did: the objects it made, those of them that failed, the seconds these took, and those that packing took."""
 
-    made: int
-    failed: int
-    seconds: float
+    made: int = 0
+    failed: int = 0
+    seconds: float = 0.0
+    packing: float = 0.0
 
 
 class Plan(ABC, Generic[S]):

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 
 from pipeline.config.manifest import Object
@@ -128,6 +129,13 @@ class ShardPlan(Plan[ObjectStage]):
         asked = (member for member in self.members if self.request.only in (None, member.item.object_id))
         return [member for member in asked if member.item.object_id not in kept and self.facts(member) is None]
 
+    def row(self, member: Member) -> Mapping[str, np.ndarray] | None:
+        """Read the row of an object that was made under its job's key, packed or not; None where there is none."""
+        if (facts := self.facts(member)) is not None:
+            return None if facts.failure else self.pieces.load(member.item.object_id, member.job.key, member.item.category, facts)
+        shard = next((shard for name, shard in self._kept() if name == member.item.object_id), None)
+        return None if shard is None or shard.row(member.item.object_id).failure else shard.view(member.item.object_id)
+
     def _kept(self) -> Iterator[tuple[str, Shard]]:
         """The objects whose row in the published shard has the key of today's job, and need not be made again."""
         if (shard := self.published) is None:
@@ -156,17 +164,19 @@ class ShardPlan(Plan[ObjectStage]):
 
     def make(self, console: Console) -> Result:
         """Process what is missing, then pack and publish; with `only`, the shard is packed only if that was all that was missing."""
+        self.directory.claim_shards(self.shards)
         self._refuse_strangers()
         self._forget_failures()
         self._keep_rows()
         self._refuse_failures()
         result = self._process(self.missing(), console)
         unfinished = [member.item.object_id for member in self.members if self.facts(member) is None]
+        began = time.perf_counter()
         if not unfinished:
             self._publish()
         elif self.request.only is None:
             raise StoreError(f"{self.path}: rows are gone, that of {unfinished[0]} first: did another run pack them? Run again")
-        return result
+        return replace(result, packing=time.perf_counter() - began)
 
     def _refuse_strangers(self) -> None:
         """A data directory of other objects would be lost: two folders of meshes go by one name, or a manifest by another's."""

@@ -186,7 +186,7 @@ def _close() -> None:
 def _process(job: Job) -> Outcome:
     """Process one object and save its row, or why it has none."""
     work: Work = _state["work"]
-    task = _task(job)
+    task = make_task(job, work.seed, _state["inputs"])
     began = time.perf_counter()
     row: Row = {}
     failure = None
@@ -201,10 +201,15 @@ def _process(job: Job) -> Outcome:
     return Outcome(job.item.object_id, seconds, failure)
 
 
-def _task(job: Job) -> Task:
-    """Make the task of a job, whose inputs are verified to be what the plan was made with."""
+def make_task(job: Job, seed: int, collections: Mapping[str, Collection]) -> Task:
+    """Make the task of a job, whose inputs are verified to be what the plan was made with.
+
+    Raises
+    ------
+    StoreError
+        An input is damaged, or was replaced since.
+    """
     item = job.item
-    collections: dict[str, Collection] = _state["inputs"]
     views = {name: collection.view(item.object_id) for name, collection in collections.items()}
     for name, view in views.items():
         if collections[name].row(item.object_id).digest != job.inputs[name]:
@@ -213,7 +218,7 @@ def _task(job: Job) -> Task:
     return Task(
         object_id=item.object_id,
         category=item.category,
-        seed=_state["work"].seed,
+        seed=seed,
         source=item.source,
         inputs=views,
         attributes={name: view.shard.attributes for name, view in views.items()},

@@ -15,13 +15,14 @@ from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError
 from pipeline.inference.grasp_files import read_image, read_poses, read_readings
 from pipeline.inference.mesh_files import check_suffix, write_charts, write_joined
-from pipeline.inference.stored_grasps import check_folder, check_grasps, has_charts, stored_charts, stored_image, stored_touches
+from pipeline.inference.stored_grasps import check_object, has_charts, stored_charts, stored_image, stored_touches
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.chart_square import chart_square
 from pipeline.kernels.touch.sensor import Sensor, sensor_to_world
 from pipeline.models.reconstruct import Reconstruction, Reconstructor, View
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
+from pipeline.store.directory import DataDirectory
 from pipeline.training.device import device_of
 from stages.fit_charts.settings import ChartSettings
 
@@ -97,7 +98,8 @@ def predict(
     if data is not None:
         if object_id is None or image is not None or readings or poses is not None:
             raise StageError("from a data directory: name an object, and no files; from files: name no data directory")
-        check_folder(models, data, configuration)
+        if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
+            DataDirectory(data).check_origins([f"models/gcn/{configuration}"])
         view = _view_of_object(model, models, data, object_id, grasps, device, seed)
     else:
         if object_id is not None:
@@ -108,10 +110,10 @@ def predict(
 
 
 def _load(folder: Path, configuration: str, device: torch.device) -> Reconstructor:
-    if not (folder / configuration).is_dir():
-        there = ", ".join(sorted(path.name for path in folder.glob("*/"))) or "none"
+    if not (folder / f"{configuration}.json").is_file():
+        there = ", ".join(sorted(path.stem for path in folder.glob("*.json"))) or "none"
         raise StageError(f"{folder} has no model {configuration} (there: {there}); train it with train-gcn")
-    return Reconstructor(folder / configuration, device)
+    return Reconstructor(DataDirectory(folder).folder_path(configuration), device)
 
 
 def _view_of_object(
@@ -121,7 +123,7 @@ def _view_of_object(
         raise StageError(f"{object_id}: name a grasp at least")
     image = None if model.image is None else stored_image(data, object_id, grasps[0], model.image)
     if not model.touch:
-        check_grasps(data, object_id, grasps)
+        check_object(data, object_id, grasps)
         return View.unfelt(image)
     if has_charts(data):
         return View.felt(image, *stored_charts(data, object_id, grasps))
@@ -148,7 +150,7 @@ def _view_of_files(
 
 def _touch_model(models: Path, sensor: Sensor | None, device: torch.device) -> TouchModel:
     """The U-Net, of the given sensor if one is given."""
-    model = load_touch_model(models / "unet", device)
+    model = load_touch_model(DataDirectory(models).folder_path("unet"), device)
     if sensor is not None and model.sensor != sensor:
         raise StageError(f"the U-Net in {models / 'unet'} knows sensor {model.sensor.name}, the readings are {sensor.name}'s")
     return model

@@ -8,81 +8,61 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.store.collection import Collection, check_origins
-from pipeline.store.layout import Layout
-from pipeline.store.record import RECORD, check_models, standing_record
-from pipeline.store.shard import Shard
-from schemas.base import Artifact
+from pipeline.store.directory import DataDirectory
 from schemas.charts import CHARTS
-from schemas.grasps import GRASPS
-from schemas.touch import TOUCH
-from schemas.vision import VISION
-
-
-def check_folder(models: Path, data: Path, configuration: str) -> None:
-    """A `StoreError` where a data directory's own model was made from other rows than stand there now."""
-    if models.resolve() == (data / "models").resolve() and (models / "gcn" / configuration / RECORD).exists():
-        standing_record(Layout(data), f"models/gcn/{configuration}")
 
 
 def stored_image(data: Path, object_id: str, grasp: int, which: str) -> NDArray[np.uint8]:
-    """The object's image, alone or in a grasp: `which` is unoccluded or occluded."""
-    shard = _shard(data, VISION, object_id)
-    if not shard.has(which):
-        raise StoreError(f"{shard.path} has no {which} images: it was made without; set render-vision's setting for it and run again")
-    stored = shard.array(which)
-    row = shard.rows[object_id]
-    if which == "unoccluded":
-        return np.asarray(stored[row])
-    _check_grasps([grasp], stored.shape[1], object_id)
-    return np.asarray(stored[row, grasp])
+    """Read the object's image, alone or in a grasp: `which` is unoccluded or occluded."""
+    rows = _rows(data, [which], object_id)
+    if which == "occluded":
+        check_grasps(rows, which, object_id, [grasp])
+    return rows.read(which, object_id, grasp)
 
 
 def has_charts(data: Path) -> bool:
-    """Whether touch charts stand in a data directory."""
-    return bool(Layout(data).shards(CHARTS.name))
+    """Whether a data directory has touch charts."""
+    return bool(DataDirectory(data).collection(CHARTS).shards)
 
 
 def stored_charts(data: Path, object_id: str, grasps: Sequence[int]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """The charts of these grasps (grasp, sensor, S, 3), world, m, and their stop rules (grasp, sensor)."""
-    charts = Collection(Layout(data), CHARTS)
-    check_models(Layout(data), charts)
-    check_origins([charts])
-    view = _shard(data, CHARTS, object_id).view(object_id)
-    vertices, rule = view["vertices"], view["stop_rule"]
-    _check_grasps(grasps, len(vertices), object_id)
+    """Read the charts of these grasps (grasp, sensor, S, 3), world, m, and their stop rules (grasp, sensor)."""
+    rows = _rows(data, ["vertices", "stop_rule"], object_id)
+    check_grasps(rows, "vertices", object_id, grasps)
     chosen = list(grasps)
-    return vertices[chosen], rule[chosen]
+    return rows.read("vertices", object_id)[chosen], rows.read("stop_rule", object_id)[chosen]
 
 
 def stored_touches(
     data: Path, object_id: str, grasps: Sequence[int]
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.bool_], Sensor]:
-    """Readings (T, rows, cols, 3), sensor poses (T, 4, 4) and touches (T,) of these grasps, and the sensor."""
-    touch, grasped = _shard(data, TOUCH, object_id), _shard(data, GRASPS, object_id)
-    _check_grasps(grasps, touch.array("reading").shape[1], object_id)
-    row = touch.rows[object_id]
-    readings = np.concatenate([np.asarray(touch.array("reading")[row, grasp]) for grasp in grasps])
-    view = grasped.view(object_id)
-    chosen = list(grasps)
-    poses, touched = view["sensor_pose"][chosen].reshape(-1, 4, 4), view["touch_success"][chosen].reshape(-1)
-    return readings, poses, touched, Sensor.model_validate(touch.attributes["sensor"])
+    """Read tactile images (T, rows, cols, 3), sensor poses (T, 4, 4) and touches (T,) of these grasps, and the sensor."""
+    rows = _rows(data, ["reading", "sensor_pose", "touch_success"], object_id)
+    check_grasps(rows, "reading", object_id, grasps)
+    readings, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in rows.arrays)
+    return readings, poses, touched, Sensor.model_validate(rows.attributes("touch")["sensor"])
 
 
-def check_grasps(data: Path, object_id: str, grasps: Sequence[int]) -> None:
-    """A `StoreError` where an object, or one of its grasps, is not in a data directory."""
-    _check_grasps(grasps, _shard(data, GRASPS, object_id).array("hand_pose").shape[1], object_id)
+def check_object(data: Path, object_id: str, grasps: Sequence[int]) -> None:
+    """Check that an object and its grasps are in a data directory; a `StoreError` where they are not."""
+    check_grasps(_rows(data, ["joint_angles"], object_id), "joint_angles", object_id, grasps)
 
 
-def _shard(data: Path, artifact: Artifact, object_id: str) -> Shard:
-    shard = Collection(Layout(data), artifact).shard(object_id)
-    if failure := shard.failure(object_id):
-        raise StoreError(f"{object_id} failed in {failure['stage']}: {failure['reason']}")
-    return shard
+def _rows(data: Path, arrays: Sequence[str], object_id: str) -> ObjectRows:
+    rows = ObjectRows(data, arrays, split=None)
+    if object_id in rows.left_out:
+        raise StoreError(f"{object_id} failed in {rows.left_out[object_id]}")
+    if object_id not in rows.object_ids:
+        few = ", ".join(rows.object_ids[:5])
+        raise StoreError(f"{data.resolve()} has no object {object_id}; it has {few}{', …' if len(rows) > 5 else ''}")
+    return rows
 
 
-def _check_grasps(grasps: Sequence[int], available: int, object_id: str) -> None:
+def check_grasps(rows: ObjectRows, array: str, object_id: str, grasps: Sequence[int]) -> None:
+    """Check that an object has these grasps; a `StoreError` where it has not."""
+    available = rows.size(array, "grasp")
     if wrong := [grasp for grasp in grasps if not 0 <= grasp < available]:
         raise StoreError(f"{object_id} has no grasp {wrong[0]}; there are grasps 0 to {available - 1}")

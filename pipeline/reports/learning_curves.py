@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import matplotlib
@@ -14,14 +14,14 @@ WIDTH, HEIGHT, DPI = 3.4, 2.6, 110
 """Inches of one model's curves, and dots an inch."""
 
 
-def draw_curves(folders: Sequence[Path], path: Path) -> None:
+def draw_curves(folders: Mapping[str, Path], path: Path) -> None:
     """Draw the curves of every model folder into a PNG at `path`: losses on a logarithmic scale, a dot at the epoch that was kept."""
     with matplotlib.rc_context({"font.size": 8}):
         columns = min(4, len(folders))
         rows = -(-len(folders) // columns)
         figure = Figure((WIDTH * columns, HEIGHT * rows), dpi=DPI, layout="constrained")
-        for place, folder in enumerate(folders):
-            axes = figure.add_subplot(rows, columns, place + 1)
+        for number, (name, folder) in enumerate(folders.items()):
+            axes = figure.add_subplot(rows, columns, number + 1)
             history = read_metrics(folder)
             epochs = range(1, len(history) + 1)
             valid = [row["loss"] for row in history]
@@ -29,7 +29,7 @@ def draw_curves(folders: Sequence[Path], path: Path) -> None:
             axes.semilogy(epochs, [row["train_loss"] for row in history], label="training", linewidth=1)
             axes.semilogy(epochs, valid, label="validation", linewidth=1)
             axes.plot([best + 1], [valid[best]], "o", markersize=4, color="black")
-            axes.set_title(folder.name)
+            axes.set_title(name)
             axes.set_xlabel("epoch")
             axes.set_ylabel("loss")
             axes.legend(frameon=False)

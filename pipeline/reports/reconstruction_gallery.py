@@ -19,7 +19,7 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
 from pipeline.kernels.vision.labels import Label
 from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
+from pipeline.store.directory import DataDirectory
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
@@ -39,15 +39,16 @@ def draw_gallery(data: Path, path: Path, most: int) -> list[str]:
     Every model is shown with one grasp, those that feel also with the most that were evaluated; the number below is the
     Chamfer distance of that very reconstruction, m² x 9000.
     """
-    folder = data / "evaluation"
+    directory = DataDirectory(data)
+    folder = directory.folder_path("evaluation")
     names = list(read_root(folder)["configurations"])
     predictions = {name: read_table(folder, f"predictions/{name}") for name in names}
     values = {name: read_table(folder, f"values/{name}") for name in names}
     objects = [str(name) for name in read_table(folder, "objects")["object_id"]]
     shown = [objects[place] for place in np.linspace(0, len(objects) - 1, min(most, len(objects))).astype(int)]
-    surfaces, charts = (Collection(Layout(data), artifact) for artifact in (SURFACES, CHARTS))
+    surfaces, charts = (directory.collection(artifact) for artifact in (SURFACES, CHARTS))
     columns = [(name, case) for name in names for case in _cases(predictions[name])]
-    images = Collection(Layout(data), VISION).shards
+    images = directory.collection(VISION).shards
     scene = str(images[0].attributes["settings"]["scene"]) if images else SCENE
     with Renderer(load_scene(scene), PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
         figure = Figure((1.6 * (1 + len(columns)), 1.75 * len(shown)), dpi=110, layout="constrained")

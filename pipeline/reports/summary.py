@@ -14,7 +14,7 @@ from pipeline.reports.contact_band import BandMaker, band_maker
 from pipeline.reports.contact_sheet import Band, draw
 from pipeline.store import digest
 from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
+from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import RowView
 from schemas.catalogue import ARTIFACTS
 
@@ -30,13 +30,12 @@ def contact_sheets(data: Path, most: int) -> list[Path]:
     StoreError
         An artifact has not been made, or no object came through all stages.
     """
-    collections = {name: Collection(Layout(data), ARTIFACTS[name]) for name in SHOWN}
-    for name in ("vision", "touch"):
-        if not collections[name].shards:
-            raise StoreError(f"{data.resolve()} has no {name}, which a contact sheet shows; run its stage")
-        if stale := collections[name].stale([collections["surfaces"], collections["grasps"]]):
-            raise StoreError(f"{data.resolve()}: {stale}")
-    sound = [name for name in collections["surfaces"] if all(c.shard(name).failure(name) is None for c in collections.values())]
+    directory = DataDirectory(data)
+    collections = {name: directory.collection(ARTIFACTS[name]) for name in SHOWN}
+    for collection in collections.values():
+        collection.first  # noqa: B018 (an error where it has not been made)
+    directory.check_origins(SHOWN)
+    sound = [name for name in collections["surfaces"] if all(c.failure(name) is None for c in collections.values())]
     if not sound:
         raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status` says why")
     shown = [sound[place] for place in np.linspace(0, len(sound) - 1, min(most, len(sound))).astype(int)]
@@ -58,7 +57,7 @@ def _draw(collections: Mapping[str, Collection], shown: list[str], path: Path) -
         old.unlink()
     with band_maker(vision["settings"]["scene"], grasps["settings"]["hand"], sensor["width"], sensor["w"]) as maker:
         bands = [_band(maker, {name: c.view(object_id) for name, c in collections.items()}) for object_id in shown]
-    title = f"{grasps['manifest']} · {grasps['preset']}"
+    title = f"{grasps['manifest']} · {collections['grasps'].first.record.preset}"
     total = len(collections["grasps"])
     note = f"the best grasp of {len(shown)} of {total} objects; a filled dot is a touch"
     return draw(bands, path, title, note, sensor["w"], sensor["range"])

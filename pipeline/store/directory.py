@@ -6,6 +6,7 @@ import hashlib
 import os
 import re
 from collections.abc import Container, Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -61,32 +62,31 @@ class DataDirectory:
             first = str(error).splitlines()[0]
             raise StoreError(f'{path} is damaged ({first}); write {{"shards": N}} into it, N as the records are named') from error
 
-    def claim_shards(self, count: int | None) -> int:
-        """Settle the number of shards, or check that it is the one settled before; None takes that one, or 1.
+    def settled_shards(self, count: int | None) -> int:
+        """Settle on a number of shards: the dataset's own, before the first run the one asked for, or 1.
 
         Raises
         ------
         StoreError
-            Another number was settled.
+            The dataset has another number than the one asked for.
         """
-        self.root.mkdir(parents=True, exist_ok=True)
-        if (settled := self.shards()) is None:
-            content = Description(shards=count or 1).model_dump_json().encode()
-            beside = self.root / f".{DESCRIPTION}.{os.getpid()}"
-            beside.write_bytes(content)
-            try:
-                os.link(beside, self.root / DESCRIPTION)  # fails where another run was first
-            except FileExistsError:
-                pass
-            finally:
-                beside.unlink()
-            settled = self.shards()
-        if settled is None or count not in (None, settled):
+        current = self.shards()
+        if current is not None and count not in (None, current):
             raise StoreError(
-                f"{self.root} is split into {settled} shards, {count} were asked for; leave --shards (make: SHARDS=) out, "
+                f"{self.root} is split into {current} shards, {count} were asked for; leave --shards (make: SHARDS=) out, "
                 f"or change the number with `vt-pipeline reshard {self.root} {count}`"
             )
-        return settled
+        return current or count or 1
+
+    def claim_shards(self, count: int) -> None:
+        """Write down the number of shards, unless another run was first; a `StoreError` where that chose another number."""
+        self.root.mkdir(parents=True, exist_ok=True)
+        beside = self.root / f".{DESCRIPTION}.{os.getpid()}"
+        beside.write_text(Description(shards=count).model_dump_json())
+        with suppress(FileExistsError):
+            os.link(beside, self.root / DESCRIPTION)
+        beside.unlink()
+        self.settled_shards(count)
 
     def shard_record(self, artifact: str, number: int, shards: int) -> Path:
         """The path of a shard's record."""

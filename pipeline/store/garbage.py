@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.store.directory import DataDirectory, is_version
+from schemas.catalogue import ARTIFACTS
 
 GRACE_SECONDS = 3600.0
 """How long a group that was replaced is kept: readers that opened it may still be at work."""
@@ -31,10 +32,19 @@ def collect(folder: Path, older_than: float = GRACE_SECONDS) -> list[Path]:
 
 
 def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECONDS) -> list[Path]:
-    """Remove from a data directory all that no record names."""
-    folders = {directory.root / artifact.name for artifact in directory.artifacts()}
-    folders |= {directory.folder_record(name).parent for name in directory.folders()}
-    return [path for folder in sorted(folders) for path in collect(folder, older_than)]
+    """Remove from a data directory all that no record names and was written longer ago, s; returns what was removed."""
+    return [path for folder in _folders(directory) for path in collect(folder, older_than)]
+
+
+def everything_unnamed(directory: DataDirectory) -> list[Path]:
+    """Find all in a data directory that no record names."""
+    return [path for folder in _folders(directory) for path in unnamed(folder)]
+
+
+def _folders(directory: DataDirectory) -> list[Path]:
+    """The folders that hold records."""
+    names = {directory.root / name for name in ARTIFACTS}
+    return sorted(names | {directory.folder_record(name).parent for name in directory.folders()})
 
 
 def _location(path: Path) -> str | None:

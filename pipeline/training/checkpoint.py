@@ -13,7 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from pipeline.store.pieces import unlink_on_error
+from pipeline.store.atomic import temporary
 
 FILE = "checkpoint.safetensors"
 
@@ -41,8 +41,7 @@ def save(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer, best
     for index, moments in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer/{index}/{name}": torch.as_tensor(value) for name, value in moments.items()}
     kept = {name: value.detach().cpu().clone(memory_format=torch.contiguous_format) for name, value in tensors.items()}
-    beside = folder / f"{FILE}.tmp"  # the folder's lock is held: nobody else writes there
-    with unlink_on_error(beside):
+    with temporary(folder / FILE) as beside:
         save_file(kept, beside, metadata={"progress": json.dumps(progress.__dict__)})
         beside.replace(folder / FILE)
 

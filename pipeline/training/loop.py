@@ -20,10 +20,10 @@ from torch import Tensor, nn
 from torch.multiprocessing.spawn import ProcessRaisedException
 
 from pipeline.console import Meter, console_on
-from pipeline.engine.stage import SetJob
+from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError
 from pipeline.rng import numpy_rng, torch_generator
-from pipeline.store.record import LOGS
+from pipeline.store.directory import LOGS
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
 from pipeline.training.device import device_of
@@ -56,7 +56,7 @@ class Learner(Protocol):
         """An item in words, for the message that stops a training."""
 
 
-def train(learner: Learner, settings: TrainingSettings, job: SetJob, name: str) -> dict[str, Any]:
+def train(learner: Learner, settings: TrainingSettings, job: DatasetJob, name: str) -> dict[str, Any]:
     """Train until the epochs or the patience end; leaves the best epoch's weights in the module.
 
     A killed training goes on from the checkpoint in the job's folder, to the same weights, to the bit, as one that was not

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -18,16 +17,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from pipeline.console import console
-from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.engine.folders import plan_folder
-from pipeline.engine.plan import Plan, Request
-from pipeline.engine.stage import SetJob, SetStage, Stage, Task
-from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
-from pipeline.store.pieces import Row
-from pipeline.store.shard import Shard
-from schemas.base import Artifact
-from schemas.catalogue import ARTIFACTS
+from pipeline.engine.folder_plan import FolderPlan
+from pipeline.engine.shard_plan import ShardPlan
+from pipeline.engine.stage import DatasetJob, ObjectStage, Stage, Task
+from pipeline.engine.workers import make_task
+from pipeline.store.directory import DataDirectory
+from schemas.base import COMMON, COORDINATES, Artifact
 
 OBJECTS = 4
 """Objects of a shard that are counted, spread evenly: about a second each."""
@@ -68,32 +63,28 @@ class Explanation:
         return table
 
 
-def explain_shard(plan: Plan) -> Explanation | None:
-    """Explain a shard that is up to date, on a few of its objects (on `only`, if one was asked for).
+def explain(plan: ShardPlan | FolderPlan) -> Explanation | None:
+    """Explain what is up to date: a shard on a few of its objects (on `only`, if one was asked for), or a folder.
 
     Returns
     -------
     Explanation or None
         None where no object of the shard was processed.
     """
-    request, stage = plan.request, plan.request.stage
-    tasks = processed_tasks(plan)
-    if not tasks:
-        return None
-    chosen = [tasks[number] for number in np.unique(np.linspace(0, len(tasks) - 1, OBJECTS).astype(int))]
-    models = {name: record.folder for name, record in plan.records.items()}
-    counts = _counts_of(stage)(request.settings, models, chosen)
-    named = ", ".join(task.object_id for task in chosen)
-    title = f"{stage.name} {plan.path}: counted on {len(chosen)} of {len(plan.jobs)} objects ({named})"
-    return Explanation(title, total([*counts, shards_opened(stage, request.settings, request.data)]))
-
-
-def explain_folder(request: Request[SetStage]) -> Explanation:
-    """Explain the folder that a dataset stage filled."""
-    plan, stage = plan_folder(request), request.stage
-    models = {name: record.folder for name, record in plan.records.items()}
-    counts = _counts_of(stage)(SetJob(request.data, plan.path, request.settings, request.seed, models, console))
-    title = f"{stage.name} {plan.path}: counted on its objects"
+    request, stage = plan.request, plan.stage
+    if isinstance(plan, FolderPlan):
+        folder = plan.directory.folder_path(plan.name)
+        counts = _counts_of(stage)(DatasetJob(request.data, folder, request.settings, request.seed, plan.models, console))
+        title = f"{stage.name} {folder}: counted on its objects"
+    else:
+        tasks = processed_tasks(plan)
+        if not tasks:
+            return None
+        chosen = [tasks[number] for number in np.unique(np.linspace(0, len(tasks) - 1, OBJECTS).astype(int))]
+        counts = _counts_of(stage)(request.settings, plan.models, chosen)
+        title = (
+            f"{stage.name} {plan.path}: counted on {len(chosen)} of {plan.total} objects ({', '.join(task.object_id for task in chosen)})"
+        )
     return Explanation(title, total([*counts, shards_opened(stage, request.settings, request.data)]))
 
 
@@ -110,41 +101,29 @@ def total(counts: Iterable[Count]) -> list[Count]:
 def shards_opened(stage: Stage, settings: Any, data: Path) -> Count:
     """Count the shards in a data directory that a stage opens: those of its inputs."""
     inputs = {artifact.name for artifact in stage.inputs(settings)}
-    own = {stage.output.name} if hasattr(stage, "output") else set()
-    shards = {name: len(Layout(data).shards(name)) for name in ARTIFACTS if name not in own}
-    closed = [name for name, count in shards.items() if count and name not in inputs]
+    own = stage.output.name if isinstance(stage, ObjectStage) else None
+    directory = DataDirectory(data)
+    shards = {artifact.name: len(directory.collection(artifact).shards) for artifact in directory.artifacts() if artifact.name != own}
+    closed = [name for name in shards if name not in inputs]
     opened = sum(count for name, count in shards.items() if name in inputs)
     return Count("shards opened", opened, sum(shards.values()) - opened, f"no input of this stage with these settings: {', '.join(closed)}")
 
 
 def arrays_read(names: Iterable[str], artifacts: Iterable[Artifact]) -> Count:
     """Count the arrays of its input artifacts that a dataset stage reads."""
-    declared = {name for artifact in artifacts for name in artifact.arrays} - {"object_id", "category", "split", "ok"}
+    declared = {name for artifact in artifacts for name in artifact.arrays} - {*COMMON, *COORDINATES}
     read = set(names)
     return Count("arrays read", len(read), len(declared - read), "not used by this stage")
 
 
-def processed_tasks(plan: Plan) -> list[Task]:
+def processed_tasks(plan: ShardPlan) -> list[Task]:
     """The tasks of a shard's processed objects, with the stage's own row among their inputs."""
-    request, stage = plan.request, plan.request.stage
-    collections = {artifact.name: Collection(plan.layout, artifact, request.shards) for artifact in stage.inputs(request.settings)}
     tasks = []
-    for job in plan.jobs:
-        own = _row(plan, job.item.object_id)
-        if own is None or request.only not in (None, job.item.object_id):
-            continue
-        inputs = {name: collection.view(job.item.object_id) for name, collection in collections.items()}
-        tasks.append(
-            Task(
-                object_id=job.item.object_id,
-                category=job.item.category,
-                seed=request.seed,
-                source=job.item.source,
-                inputs={**inputs, stage.output.name: own},
-                attributes={name: view.shard.attributes for name, view in inputs.items()},
-                load_mesh=partial(read_mesh, inputs["surfaces"]) if "surfaces" in inputs else None,
-            )
-        )
+    for member in plan.members:
+        own = plan.row(member) if plan.request.only in (None, member.item.object_id) else None
+        if own is not None:
+            task = make_task(member.job, plan.request.seed, {one.artifact.name: one for one in plan.inputs})
+            tasks.append(replace(task, inputs={**task.inputs, plan.artifact.name: own}))
     return tasks
 
 
@@ -155,12 +134,3 @@ def _counts_of(stage: Stage) -> Any:
     (job) -> Iterable[Count].
     """
     return import_module(f"pipeline.tuning.explanations.{stage.name.replace('-', '_')}").explain
-
-
-def _row(plan: Plan, object_id: str) -> Row | None:
-    """The object's row: from the shard, or, where that is not up to date, from its piece; None where it failed."""
-    if plan.up_to_date():
-        shard = Shard(plan.path, plan.request.stage.output)
-        return None if shard.failure(object_id) else shard.view(object_id).row()
-    piece = next((plan.piece(job) for job in plan.jobs if job.item.object_id == object_id), None)
-    return piece.row if piece is not None and piece.ok else None

@@ -1,4 +1,4 @@
-"""Sweeps: a set stage over a grid of settings, a folder a point; points that stand are not made again."""
+"""Sweeps: a dataset stage over a grid of settings, a folder a point; points that stand are not made again."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from pipeline.store.record import Record
+from pipeline.store.record import FolderRecord
 
 
 def points(grid: Mapping[str, Iterable[Any]]) -> Iterator[dict[str, Any]]:
@@ -30,12 +30,12 @@ def file_name(label: str) -> str:
     return re.sub(r"[^A-Za-z0-9=,._+-]", "_", label)
 
 
-def show(found: list[tuple[dict[str, Any], Record]], console: Console) -> None:
+def show(found: list[tuple[dict[str, Any], FolderRecord]], console: Console) -> None:
     """Print the points, the best first, by the validation loss of their best epoch."""
-    ranked = sorted(found, key=lambda entry: entry[1].content["facts"]["best"]["loss"])
+    ranked = sorted(found, key=lambda entry: entry[1].facts["best"]["loss"])
     table = Table(*ranked[0][0], "best loss", "epoch", "parameters", "training s", box=None, padding=(0, 2))
     for point, record in ranked:
-        facts = record.content["facts"]
+        facts = record.facts
         numbers = (f"{facts['best']['loss']:.4g}", f"{facts['best_epoch'] + 1} of {facts['epochs']}", f"{facts['parameters']:,}")
         table.add_row(*map(str, point.values()), *numbers, f"{facts['training_seconds']:.0f}")
     console.print(table)

@@ -10,15 +10,13 @@ from typing import Any, cast
 from rich.console import Console
 
 from pipeline.config.manifest import Object
-from pipeline.engine.folders import fill, plan_folder
-from pipeline.engine.plan import Request, make_plan
-from pipeline.engine.runner import execute
-from pipeline.engine.stage import ObjectStage, SetStage
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.errors import StoreError
-from pipeline.store.record import Record
-from pipeline.store.shard import Shard
+from pipeline.store.directory import DataDirectory
 from pipeline.tuning.choice import Choice, MachineSpeed
-from stages.registry import is_set_stage
+from stages.registry import is_dataset_stage
 
 
 def measure_speed(request: Request[Any], choice: Choice, console: Console) -> MachineSpeed:
@@ -29,9 +27,9 @@ def measure_speed(request: Request[Any], choice: Choice, console: Console) -> Ma
     StoreError
         None of the objects can be made; the message says why the first cannot.
     """
-    if is_set_stage(request.stage):
-        return _train_one_epoch(cast(Request[SetStage], request), choice, console)
-    return _make_objects(cast(Request[ObjectStage], request), choice)
+    if is_dataset_stage(request.stage):
+        return _train_one_epoch(cast(Request[DatasetStage], request), choice, console)
+    return _make_objects(cast(Request[ObjectStage], request), choice, console)
 
 
 def trial_objects(objects: Sequence[Object], count: int) -> list[Object]:
@@ -41,34 +39,32 @@ def trial_objects(objects: Sequence[Object], count: int) -> list[Object]:
     return [Object(one.object_id, one.category, split, one.source) for one, split in zip(chosen, splits, strict=True)]
 
 
-def _make_objects(request: Request[ObjectStage], choice: Choice) -> MachineSpeed:
+def _make_objects(request: Request[ObjectStage], choice: Choice, console: Console) -> MachineSpeed:
     began = time.perf_counter()
-    plan = make_plan(request, 0)
-    made = began
-    for _ in execute(plan):
-        made = time.perf_counter()
-    wall, packing = time.perf_counter() - began, time.perf_counter() - made
-    shard = Shard(plan.path, request.stage.output)
-    failures = shard.attributes["failures"]
+    (plan,) = make_plans(request)
+    result = run(plan, console)
+    wall = time.perf_counter() - began
+    rows = DataDirectory(request.data).collection(request.stage.output).first.record.rows
+    failures = [row.failure for row in rows if row.failure]
     if len(failures) == len(request.objects):
-        first = next(iter(failures))
-        raise StoreError(f"none of {len(request.objects)} objects tried can be made; {first}: {failures[first]['reason']}")
-    seconds = [float(value) for value in shard.attributes["seconds"]]
+        raise StoreError(f"none of {len(rows)} objects tried can be made; {rows[0].object_id}: {failures[0].reason}")
+    seconds = [row.seconds for row in rows]
     busy = sum(seconds) / min(request.workers, len(request.objects))
     measured = choice.measurement
     return MachineSpeed(
         factor=sum(seconds) / len(seconds) / measured.seconds,
-        startup=max(0.0, wall - busy - packing),
-        packing=packing / len(seconds) / measured.kilobytes,
+        startup=max(0.0, wall - busy - result.packing),
+        packing=result.packing / len(seconds) / measured.kilobytes,
     )
 
 
-def _train_one_epoch(request: Request[SetStage], choice: Choice, console: Console) -> MachineSpeed:
+def _train_one_epoch(request: Request[DatasetStage], choice: Choice, console: Console) -> MachineSpeed:
     began = time.perf_counter()
     settings: Any = request.settings
-    plan = plan_folder(replace(request, settings=settings.model_copy(update={"epochs": 1})))
-    fill(plan, console)
-    epoch = float(Record(plan.path).content["facts"]["training_seconds"])
+    one_epoch = settings.model_copy(update={"epochs": 1})
+    (plan,) = make_plans(replace(request, settings=one_epoch))
+    run(plan, console)
+    epoch = float(DataDirectory(request.data).folder(request.stage.folder(one_epoch)).facts["training_seconds"])
     startup = time.perf_counter() - began - epoch
     per_object = settings.epochs * epoch / sum(item.split == "train" for item in request.objects)
     return MachineSpeed(factor=per_object * choice.study.objects / choice.measurement.seconds, startup=startup)

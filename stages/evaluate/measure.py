@@ -37,10 +37,10 @@ def measure(name: str, model: Reconstructor, truth: Truth, settings: EvaluationS
         "first_grasp": np.array([case.first for case in cases], np.int32),
         "case_grasps": np.array([len(case.grasps) for case in cases], np.int32),
     }
-    cloud_of = lru_cache(maxsize=1)(lambda row: Cloud(truth.points[row]))  # an object's cases come one after the other
+    cloud_of = lru_cache(maxsize=1)(lambda row: Cloud(truth.points(row)))  # an object's cases come one after the other
     for row, number, made in _reconstructed(model, truth, cases, settings.batch_size):
         case = cases[number]
-        identity = ("evaluate", truth.split.object_ids[row], name, case.first, len(case.grasps))
+        identity = ("evaluate", truth.rows.object_ids[row], name, case.first, len(case.grasps))
         apart = _distances(made, cloud_of(row), settings.points, numpy_rng(seed, *identity), " ".join(map(str, identity[1:])))
         _note(found, row, case, apart, settings)
         if numbers[case.given] == 1:
@@ -86,7 +86,7 @@ def _note(found: Arrays, row: int, case: Case, apart: Distances, settings: Evalu
 
 def _note_rings(found: Arrays, row: int, grasp: int, apart: Distances, truth: Truth, rings: int) -> None:
     for sensor in np.flatnonzero(truth.touched[row, grasp]):
-        ring = ring_of(truth.points[row], truth.poses[row, grasp, sensor], truth.width, rings)
+        ring = ring_of(truth.points(row), truth.poses[row, grasp, sensor], truth.width, rings)
         at = (row, grasp, sensor)
         found["local_chamfer"][at], found["local_points"][at] = ring_means(apart.truth, ring, rings)
 

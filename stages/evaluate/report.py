@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.engine.stage import SetJob
+from pipeline.engine.stage import DatasetJob
 from pipeline.kernels.metrics.distances import sampled_area, sampling_floor
 from pipeline.models.reconstruct import Reconstructor
 from stages.evaluate import tables
@@ -27,16 +27,16 @@ VALUES = ("grasps_given", "chamfer", "precision", "recall", "f1", "local_chamfer
 PREDICTIONS = ("vertices", "faces", "position", "first_grasp")
 
 
-def write_report(job: SetJob, truth: Truth, found: Mapping[str, Arrays], models: Mapping[str, Reconstructor], facts: Facts) -> None:
+def write_report(job: DatasetJob, truth: Truth, found: Mapping[str, Arrays], models: Mapping[str, Reconstructor], facts: Facts) -> None:
     """Write the files into the job's folder; `found` is what `measure` found, by configuration."""
     settings: EvaluationSettings = job.settings
     summaries = _summaries(job, truth, found, models, facts)
     attributes = {
         "settings": settings.results(),
         "seed": job.seed,
-        "split": truth.split.name,
+        "split": truth.rows.split,
         "configurations": {name: {"image": model.image, "touch": model.touch} for name, model in models.items()},
-        "left_out": truth.split.left_out,
+        "left_out": truth.rows.left_out,
     }
     write_tables(job.folder / TABLES_ZARR, summaries | _values(truth, found, settings), attributes)
     plain = {name: {key: _plain(value.tolist()) for key, value in table.items()} for name, table in summaries.items()}
@@ -45,14 +45,14 @@ def write_report(job: SetJob, truth: Truth, found: Mapping[str, Arrays], models:
 
 
 def _summaries(
-    job: SetJob, truth: Truth, found: Mapping[str, Arrays], models: Mapping[str, Reconstructor], facts: Facts
+    job: DatasetJob, truth: Truth, found: Mapping[str, Arrays], models: Mapping[str, Reconstructor], facts: Facts
 ) -> dict[str, Arrays]:
     """Every table but the values an object."""
     settings: EvaluationSettings = job.settings
-    area = np.array([sampled_area(points) for points in truth.points])
+    area = np.array([sampled_area(points) for points in map(truth.points, range(len(truth)))])
     objects: Arrays = {
-        "object_id": tables.names(truth.split.object_ids),
-        "category": tables.names(truth.split.categories),
+        "object_id": tables.names(truth.rows.object_ids),
+        "category": tables.names(truth.rows.categories),
         "area": area,
         "floor": np.array([sampling_floor(one, settings.points) for one in area]),
     }
@@ -65,15 +65,14 @@ def _summaries(
         "training": tables.training(facts),
     }
     if taking := {name: arrays for name, arrays in found.items() if models[name].touch}:
-        arrays = truth.split.arrays
         made["table_3"] = tables.grasps(taking, job.seed)
-        made["charts"] = tables.charts(arrays["residual"], arrays["iterations"], arrays["stop_rule"])
+        made["charts"] = tables.charts(*(truth.charts(name) for name in ("residual", "iterations", "stop_rule")))
     return made
 
 
 def _values(truth: Truth, found: Mapping[str, Arrays], settings: EvaluationSettings) -> dict[str, Arrays]:
     """The groups `values` and `predictions` of every configuration."""
-    object_id, category = tables.names(truth.split.object_ids), tables.names(truth.split.categories)
+    object_id, category = tables.names(truth.rows.object_ids), tables.names(truth.rows.categories)
     ring = np.arange(1, settings.rings + 1)
     groups: dict[str, Arrays] = {}
     for name, arrays in found.items():

@@ -7,10 +7,10 @@ from typing import Any
 
 from pipeline.config.manifest import SPLITS
 from pipeline.console import Meter
-from pipeline.engine.stage import Cost, SetJob
+from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.kernels.networks.configurations import CONFIGURATIONS
 from pipeline.models.reconstruct import Reconstructor
-from pipeline.store.record import Record
+from pipeline.store.directory import DataDirectory
 from pipeline.training.device import device_of
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -28,7 +28,7 @@ from stages.evaluate.truth import Truth, load_truth
 MODELS = "models/gcn"
 
 
-class Evaluate:
+class Evaluate(DatasetStage):
     """From trained models to the supplement's tables."""
 
     name = "evaluate"
@@ -49,10 +49,6 @@ class Evaluate:
         """Measured are only objects that no training saw; Table 1 counts all."""
         return SPLITS
 
-    def grid(self, settings: EvaluationSettings) -> dict[str, tuple[Any, ...]]:
-        """None."""
-        return {}
-
     def folder(self, settings: EvaluationSettings) -> str:
         """One evaluation a data directory."""
         return "evaluation"
@@ -61,7 +57,7 @@ class Evaluate:
         """Six models, at most 74 reconstructions an object, of about 0.1 s and 15 kB each."""
         return Cost(seconds=7.4 * objects, kilobytes=1100 * objects)
 
-    def make(self, job: SetJob) -> dict[str, Any]:
+    def make(self, job: DatasetJob) -> dict[str, Any]:
         """Evaluate model by model, then write and print the tables."""
         settings: EvaluationSettings = job.settings
         device = device_of(settings.accelerator)
@@ -69,15 +65,15 @@ class Evaluate:
         models = {name: Reconstructor(folder, device) for name, folder in folders.items()}
         truth = load_truth(job.data, list(models.values()), settings)
         found = {name: _evaluated(name, model, truth, job) for name, model in models.items()}
-        facts = {name: Record(folder).content["facts"] for name, folder in folders.items()}
+        facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
         write_report(job, truth, found, models, facts)
         show(job.folder, job.console)
         show_training(facts, job.console)
         discard_partials(job.folder)
-        return {"objects": len(truth), "left_out": len(truth.split.left_out), "training": facts}
+        return {"objects": len(truth), "left_out": len(truth.rows.left_out), "training": facts}
 
 
-def _evaluated(name: str, model: Reconstructor, truth: Truth, job: SetJob) -> Arrays:
+def _evaluated(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> Arrays:
     """A model's arrays: taken over from a killed run, or measured and kept for one."""
     if (kept := load_partial(job.folder, name)) is not None:
         return kept

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.dataset.split import Split, load_split
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.models.reconstruct import Reconstructor, View
@@ -25,37 +25,45 @@ class Truth:
 
     Attributes
     ----------
-    points
-        (object, point, 3) of S^obj, world frame, m: as many as are drawn from a reconstruction.
+    rows
+        Gives images, and touch charts of the models that feel.
+    count
+        Points of S^obj per object: as many as are drawn from a reconstruction.
     poses, touched
         (object, grasp, sensor, 4, 4) and (object, grasp, sensor) bool: the touch sites.
     width
         Of the sensor, m.
     """
 
-    split: Split
-    points: NDArray[np.float64]
+    rows: ObjectRows
+    count: int
     poses: NDArray[np.float64]
     touched: NDArray[np.bool_]
     width: float
 
     def __len__(self) -> int:
-        return len(self.split)
+        return len(self.rows)
 
     @property
     def grasps(self) -> int:
         """Grasps of every object."""
         return int(self.touched.shape[1])
 
+    def points(self, row: int) -> NDArray[np.float64]:
+        """(count, 3) points of S^obj of an object, world frame, m: drawn independently, hence the first are a fair sample."""
+        return self.rows.read("points", self.rows.object_ids[row])[: self.count].astype(np.float64)
+
+    def charts(self, name: str) -> np.ndarray:
+        """An array of the touch charts of all objects: (object, …)."""
+        return np.stack([self.rows.read(name, object_id) for object_id in self.rows.object_ids])
+
     def view(self, model: Reconstructor, row: int, case: Case) -> View:
         """What a model is shown of an object."""
-        arrays, grasps = self.split.arrays, list(case.grasps)
-        image = None if model.image is None else arrays[model.image][row]
-        if image is not None and model.image == "occluded":
-            image = image[case.first]
+        object_id = self.rows.object_ids[row]
+        image = None if model.image is None else self.rows.read(model.image, object_id, case.first)
         if not model.touch:
             return View.unfelt(image)
-        return View.felt(image, arrays["vertices"][row, grasps], arrays["stop_rule"][row, grasps])
+        return View.felt(image, *(self.rows.read(name, object_id)[list(case.grasps)] for name in ("vertices", "stop_rule")))
 
 
 def load_truth(data: Path, models: Sequence[Reconstructor], settings: EvaluationSettings) -> Truth:
@@ -63,19 +71,14 @@ def load_truth(data: Path, models: Sequence[Reconstructor], settings: Evaluation
 
     The same objects for every model: one that failed in what one of them needs is left out for all.
     """
-    split = load_split(data, arrays_of(models), SPLIT)
-    points = split.arrays["points"]
-    if points.shape[1] < settings.points:
+    rows = ObjectRows(data, arrays_of(models), SPLIT)
+    available = rows.size("points", "point")
+    if available < settings.points:
         raise StageError(
-            f"evaluate.points is {settings.points}, the data set has {points.shape[1]} points an object; lower it, or sample more surface"
+            f"evaluate.points is {settings.points}, the dataset has {available} points per object; lower it, or sample more surface"
         )
-    return Truth(
-        split=split,
-        points=points[:, : settings.points].astype(np.float64),  # drawn independently, hence the first are a fair sample
-        poses=split.arrays["sensor_pose"],
-        touched=split.arrays["touch_success"],
-        width=Sensor.model_validate(split.attributes["touch"]["sensor"]).width,
-    )
+    poses, touched = (np.stack([rows.read(name, object_id) for object_id in rows.object_ids]) for name in ("sensor_pose", "touch_success"))
+    return Truth(rows, settings.points, poses, touched, Sensor.model_validate(rows.attributes("touch")["sensor"]).width)
 
 
 def arrays_of(models: Sequence[Reconstructor]) -> list[str]:

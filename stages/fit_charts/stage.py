@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pipeline.engine.stage import Cost, Task
+from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.chart_square import chart_square
@@ -19,7 +18,7 @@ from pipeline.kernels.charts.fit_rule import StopRule
 from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, sensor_to_world
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
-from pipeline.store.pieces import Row
+from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
@@ -32,13 +31,13 @@ TOUCHES = 18
 """Touches an object: nine of the twenty sensors in ten."""
 
 
-class FitCharts:
+class FitCharts(ObjectStage):
     """From what the sensors feel to charts of the surface."""
 
-    name: ClassVar[str] = "fit-charts"
-    summary: ClassVar[str] = "A touch chart for every sensor of every grasp."
-    output: ClassVar[Artifact] = CHARTS
-    settings_type: ClassVar[type[ChartSettings]] = ChartSettings
+    name = "fit-charts"
+    summary = "A touch chart for every sensor of every grasp."
+    output = CHARTS
+    settings_type = ChartSettings
 
     def inputs(self, settings: ChartSettings) -> tuple[Artifact, ...]:
         """Readings and depths, and where the sensors stand and which of them touch."""
@@ -48,17 +47,9 @@ class FitCharts:
         """The U-Net, where its points are asked for."""
         return (UNET,) if settings.cloud == "predicted" else ()
 
-    def assets(self, settings: ChartSettings) -> list[Path]:
-        """None."""
-        return []
-
     def constants(self, settings: ChartSettings) -> Row:
         """The triangles, the same in every chart."""
         return {"chart_faces": chart_square(settings.side)[1].numpy().astype(np.int32)}
-
-    def attributes(self, settings: ChartSettings) -> dict[str, Any]:
-        """None."""
-        return {}
 
     def cost(self, settings: ChartSettings) -> Cost:
         """The touches of an object, as measured on one core."""

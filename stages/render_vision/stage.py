@@ -11,12 +11,12 @@ import numpy as np
 
 from pipeline.config.hand_file import load_hand
 from pipeline.config.scene_file import load_scene, scene_path
-from pipeline.engine.stage import Cost, Task
+from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.kinematics import forward
 from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.kernels.vision.labels import Label
-from pipeline.store.pieces import Row
+from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -29,7 +29,7 @@ HandMeshes = list[tuple[int, MeshHandle]]
 """The hand's visual meshes, each with the number of its link."""
 
 
-class RenderVision:
+class RenderVision(ObjectStage):
     """From objects and hands where they stand to what a camera sees."""
 
     name = "render-vision"
@@ -40,10 +40,6 @@ class RenderVision:
     def inputs(self, settings: VisionSettings) -> tuple[Artifact, ...]:
         """The meshes, and where hand and sensors stand."""
         return (SURFACES, GRASPS)
-
-    def models(self, settings: VisionSettings) -> tuple[str, ...]:
-        """None."""
-        return ()
 
     def assets(self, settings: VisionSettings) -> list[Path]:
         """The scene, the hand with its shapes, and the shaders."""

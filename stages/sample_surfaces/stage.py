@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, ClassVar
 
 import numpy as np
 
@@ -16,41 +15,20 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
 from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.rng import numpy_rng
-from pipeline.store.pieces import Row
+from pipeline.store.rows import Row
 from pipeline.toy_objects import KINDS, generate
-from schemas.base import Artifact
 from schemas.surfaces import SURFACES
 from stages.sample_surfaces.mesh_reader import load_mesh
 from stages.sample_surfaces.settings import SurfaceSettings
 
 
-class SampleSurfaces:
+class SampleSurfaces(ObjectStage):
     """Takes a manifest's objects; the only stage that opens source files."""
 
-    name: ClassVar[str] = "sample-surfaces"
-    summary: ClassVar[str] = "gate and normalise every mesh, draw points from its exterior surface"
-    output: ClassVar[Artifact] = SURFACES
-    settings_type: ClassVar[type[SurfaceSettings]] = SurfaceSettings
-
-    def inputs(self, settings: SurfaceSettings) -> tuple[Artifact, ...]:
-        """None: it reads the manifest's sources."""
-        return ()
-
-    def models(self, settings: SurfaceSettings) -> tuple[str, ...]:
-        """None."""
-        return ()
-
-    def assets(self, settings: SurfaceSettings) -> list[Path]:
-        """None."""
-        return []
-
-    def constants(self, settings: SurfaceSettings) -> Row:
-        """None."""
-        return {}
-
-    def attributes(self, settings: SurfaceSettings) -> dict[str, Any]:
-        """None beyond the settings."""
-        return {}
+    name = "sample-surfaces"
+    summary = "gate and normalise every mesh, draw points from its exterior surface"
+    output = SURFACES
+    settings_type = SurfaceSettings
 
     def cost(self, settings: SurfaceSettings) -> Cost:
         """Seconds and bytes an object, typically."""

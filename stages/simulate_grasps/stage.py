@@ -11,9 +11,9 @@ import numpy as np
 
 from pipeline.config.hand_file import load_hand
 from pipeline.config.sensor_file import sensor_path
-from pipeline.engine.stage import Cost, Task
+from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
-from pipeline.store.pieces import Row
+from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -26,7 +26,7 @@ SECOND_CHANCES = 4
 """Times `attempts` after which an object that has yielded some sound grasps, but not enough, is given up."""
 
 
-class SimulateGrasps:
+class SimulateGrasps(ObjectStage):
     """From an object's surface to where the hand and its sensors stand on it."""
 
     name = "simulate-grasps"
@@ -38,21 +38,19 @@ class SimulateGrasps:
         """The normalised meshes and their surface points."""
         return (SURFACES,)
 
-    def models(self, settings: GraspSettings) -> tuple[str, ...]:
-        """None."""
-        return ()
-
     def assets(self, settings: GraspSettings) -> list[Path]:
         """The hand file with all it names, and the sensor's description."""
         hand = load_hand(settings.hand)
         return [*hand.files, sensor_path(hand.sensor)]
 
     def constants(self, settings: GraspSettings) -> Row:
-        """Every array here belongs to an object."""
-        return {}
+        """Labels of grasps, sensors and joints, which later stages' arrays take over."""
+        hand = load_hand(settings.hand)
+        sensors = np.array([finger.name for finger in hand.fingers])
+        return {"grasp": np.arange(settings.grasps, dtype=np.int32), "sensor": sensors, "joint": np.array(hand.joint_names)}
 
     def attributes(self, settings: GraspSettings) -> dict[str, Any]:
-        """Names for the `joint` and `sensor` dimensions."""
+        """The hand's name, and what its joints and sensors are called."""
         hand = load_hand(settings.hand)
         fingers = [finger.name for finger in hand.fingers]
         return {"hand": {"name": hand.name, "joints": list(hand.joint_names), "sensors": fingers, "sensor": hand.sensor}}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.config.sensor_file import load_sensor, sensor_path
-from pipeline.engine.stage import Cost, Task
+from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.depth_quantisation import quantise_depth
@@ -19,7 +19,7 @@ from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
-from pipeline.store.pieces import Row
+from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -27,7 +27,7 @@ from schemas.touch import TOUCH
 from stages.simulate_touch.settings import TouchSettings
 
 
-class SimulateTouch:
+class SimulateTouch(ObjectStage):
     """From where the sensors stand to what they feel."""
 
     name = "simulate-touch"
@@ -38,10 +38,6 @@ class SimulateTouch:
     def inputs(self, settings: TouchSettings) -> tuple[Artifact, ...]:
         """The meshes, and where hand and sensors stand."""
         return (SURFACES, GRASPS)
-
-    def models(self, settings: TouchSettings) -> tuple[str, ...]:
-        """None."""
-        return ()
 
     def assets(self, settings: TouchSettings) -> list[Path]:
         """The sensor's description."""

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from pipeline.dataset.split import Split, load_split
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.metrics.chamfer import Target
 from pipeline.kernels.networks.configurations import NetworkConfig
 from pipeline.models.reconstruct import View
+
+TARGETS = 128
+"""Objects whose points are kept ready for the search of nearest ones, half a megabyte each."""
 
 
 class Items:
@@ -27,38 +31,38 @@ class Items:
     """
 
     def __init__(self, data: Path, split: str, config: NetworkConfig, each: int) -> None:
-        self.split: Split = load_split(data, arrays_of(config), split)
+        self.rows = ObjectRows(data, arrays_of(config), split)
         self.config, self.each = config, each
-        self.targets = [Target(torch.from_numpy(points)) for points in self.split.arrays["points"]]
+        self._target = lru_cache(TARGETS)(lambda object_id: Target(torch.tensor(self.rows.read("points", object_id))))
 
     def __len__(self) -> int:
-        return len(self.split) * self.each
+        return len(self.rows) * self.each
 
     @property
     def camera(self) -> np.ndarray | None:
         """(3, 4) projection matrix of the images, None without them."""
-        return self.split.arrays.get("camera")
+        return None if self.config.image is None else self.rows.read("camera", self.rows.object_ids[0])
 
     @property
     def resolution(self) -> list[int] | None:
         """Rows and columns of the images."""
-        return None if self.config.image is None else list(self.split.arrays[self.config.image].shape[-3:-1])
+        return None if self.config.image is None else [self.rows.size(self.config.image, dim) for dim in ("row", "col")]
 
     def target(self, item: int) -> Target:
         """The object's points, (N, 3) float32, m, world."""
-        return self.targets[item // self.each]
+        return self._target(self._object(item))
+
+    def _object(self, item: int) -> str:
+        return self.rows.object_ids[item // self.each]
 
     def view(self, item: int, grasps: np.ndarray) -> View:
         """What the network is given: the charts of these grasps, and the image of the first."""
-        row = item // self.each
-        arrays = self.split.arrays
-        image = None
+        object_id, image = self._object(item), None
         if self.config.image is not None:
-            stored = arrays[self.config.image]
-            image = stored[row, grasps[0] % stored.shape[1]] if self.config.image == "occluded" else stored[row]
+            image = self.rows.read(self.config.image, object_id, int(grasps[0]) % self.grasps)
         if not self.config.touch:
             return View.unfelt(image)
-        return View.felt(image, arrays["vertices"][row, grasps], arrays["stop_rule"][row, grasps])
+        return View.felt(image, *(self.rows.read(name, object_id)[grasps] for name in ("vertices", "stop_rule")))
 
     def grasps_of(self, item: int, count: int, others: np.ndarray) -> np.ndarray:
         """The item's own grasp, then `count` - 1 of the others in the order of `others`, a permutation of all."""
@@ -69,12 +73,12 @@ class Items:
     def grasps(self) -> int:
         """How many grasps an object has, as far as the network can tell."""
         if self.config.touch:
-            return int(self.split.arrays["vertices"].shape[1])
-        return int(self.split.arrays["occluded"].shape[1]) if self.config.image == "occluded" else 1
+            return self.rows.size("vertices", "grasp")
+        return self.rows.size("occluded", "grasp") if self.config.image == "occluded" else 1
 
     def name(self, item: int) -> str:
         """The item in words."""
-        return f"{self.split.object_ids[item // self.each]} (first grasp {item % self.each % self.grasps})"
+        return f"{self._object(item)} (first grasp {item % self.each % self.grasps})"
 
 
 def arrays_of(config: NetworkConfig) -> tuple[str, ...]:

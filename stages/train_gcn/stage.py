@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from math import isqrt
+from pathlib import Path
 from typing import Any
 
-from pipeline.dataset.touch_charts import chart_side
-from pipeline.engine.stage import Cost, SetJob
+from pipeline.dataset.object_rows import first_shard
+from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.kernels.charts.chart_square import SIDE
 from pipeline.kernels.networks.deformation import DeformationNetwork
 from pipeline.kernels.networks.encoder import ENCODER_PLANS
@@ -22,7 +24,7 @@ from stages.train_gcn.learner import GcnLearner
 from stages.train_gcn.settings import GcnSettings
 
 
-class TrainGcn:
+class TrainGcn(DatasetStage):
     """From images and touch charts to the whole surface."""
 
     name = "train-gcn"
@@ -33,10 +35,6 @@ class TrainGcn:
         """The objects' points, and what the configuration sees and feels."""
         named = settings.named
         return (SURFACES, *([VISION] if named.image else []), *([CHARTS] if named.touch else []))
-
-    def models(self, settings: GcnSettings) -> tuple[str, ...]:
-        """None: charts come fitted."""
-        return ()
 
     def splits(self, settings: GcnSettings) -> tuple[str, ...]:
         """To learn from, and to choose the best epoch by."""
@@ -58,7 +56,7 @@ class TrainGcn:
         share = network.gcn_layers * network.gcn_features**2 / (20 * 250**2)
         return Cost(seconds=objects * settings.items * settings.epochs * (0.02 + 0.9 * share), kilobytes=8000 * share + 500)
 
-    def make(self, job: SetJob) -> dict[str, Any]:
+    def make(self, job: DatasetJob) -> dict[str, Any]:
         """Train, and keep the best epoch's weights with what it takes to use them."""
         settings: GcnSettings = job.settings
         config = settings.network(chart_side(job.data) if settings.named.touch else SIDE)
@@ -80,8 +78,13 @@ class TrainGcn:
                 "network": config.model_dump(mode="json", exclude={"checkpointing", "items_at_once"}),
                 "camera": None if learning.camera is None else learning.camera.tolist(),
                 "resolution": learning.resolution,
-                "charts": learning.split.attributes["charts"]["settings"] if config.touch else None,
+                "charts": learning.rows.attributes("charts")["settings"] if config.touch else None,
             },
         )
         checkpoint.discard(job.folder)
         return facts
+
+
+def chart_side(data: Path) -> int:
+    """Vertices along a side of the dataset's touch charts."""
+    return isqrt(int(first_shard(data, CHARTS).array("vertices").shape[3]))

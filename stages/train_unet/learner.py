@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from pipeline.dataset.split import Split, load_split
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
 from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.images import network_input
@@ -30,15 +30,15 @@ class Touches:
 
     Attributes
     ----------
-    split
-        Its `reading` (object, grasp, sensor, H, W, 3) uint8 and `depth` (object, grasp, sensor, H, W) float32, m.
+    rows
+        Gives `reading` (sensor, H, W, 3) uint8 and `depth` (sensor, H, W) float32, m, of each grasp.
     where
         (N, 3) int64: object, grasp and sensor of every touch. Sensors that touched nothing are no items.
     sensor, untouched
         What felt them, and its (H, W, 3) uint8 reading of nothing.
     """
 
-    split: Split
+    rows: ObjectRows
     where: np.ndarray
     sensor: Sensor
     untouched: np.ndarray
@@ -48,25 +48,33 @@ class Touches:
 
     def batch(self, items: Sequence[int], device: torch.device, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
         """Readings (B, H, W, 3) uint8 and depths (B, H, W) in m."""
-        index = tuple(self.where[list(items)].T)
-        reading, depth = (torch.from_numpy(self.split.arrays[name][index]) for name in ("reading", "depth"))
+        reading, depth = (torch.from_numpy(np.stack([self._read(name, item) for item in items])) for name in ("reading", "depth"))
         return reading.to(device), depth.to(device, dtype)
+
+    def _read(self, array: str, item: int) -> np.ndarray:
+        number, grasp, sensor = self.where[item]
+        return np.asarray(self.rows.read(array, self.rows.object_ids[number], int(grasp))[sensor])
 
 
 def load_touches(data: Path, split: str) -> Touches:
-    """The touches of a split of the data set in `data`; errors as `load_split` and `touches_of`."""
-    return touches_of(load_split(data, ARRAYS, split))
+    """Find the touches among a split's sensors.
 
-
-def touches_of(split: Split) -> Touches:
-    """The touches among a split's sensors; a `StageError` where there is not one."""
-    success = split.arrays["touch_success"]  # (object, grasp, sensor)
+    Raises
+    ------
+    StageError
+        There is not one.
+    StoreError
+        As `ObjectRows`.
+    """
+    rows = ObjectRows(data, ARRAYS, split)
+    success = np.stack([rows.read("touch_success", object_id) for object_id in rows.object_ids])  # (object, grasp, sensor)
     if not success.any():
         raise StageError(
-            f"none of the {success.size} sensors of split {split.name} ({len(split)} objects) touches: there is nothing to learn from; "
+            f"none of the {success.size} sensors of split {split} ({len(rows)} objects) touches: there is nothing to learn from; "
             "take more objects, or more simulate-grasps.attempts"
         )
-    return Touches(split, np.argwhere(success), Sensor.model_validate(split.attributes["touch"]["sensor"]), split.arrays["untouched"])
+    sensor = Sensor.model_validate(rows.attributes("touch")["sensor"])
+    return Touches(rows, np.argwhere(success), sensor, rows.read("untouched", rows.object_ids[0]))
 
 
 class UnetLearner:
@@ -82,7 +90,7 @@ class UnetLearner:
     def describe(self, item: int) -> str:
         """Object, grasp and sensor of a training item."""
         number, grasp, sensor = self.train.where[item]
-        return f"{self.train.split.object_ids[number]} grasp {grasp} sensor {sensor}"
+        return f"{self.train.rows.object_ids[number]} grasp {grasp} sensor {sensor}"
 
     def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
         """The chosen loss of some training touches, in sensor widths squared."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pipeline.engine.stage import Cost, SetJob
+from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.errors import StageError
 from pipeline.kernels.networks.unet import UNet
 from pipeline.models.touch_model import save_touch_model
@@ -18,7 +18,7 @@ from stages.train_unet.learner import UnetLearner, load_touches
 from stages.train_unet.settings import UnetSettings
 
 
-class TrainUnet:
+class TrainUnet(DatasetStage):
     """From what sensors felt to a network that tells depth."""
 
     name = "train-unet"
@@ -28,10 +28,6 @@ class TrainUnet:
     def inputs(self, settings: UnetSettings) -> tuple[Artifact, ...]:
         """Readings and depths, and which sensors touched; no surface, no image."""
         return (TOUCH, GRASPS)
-
-    def models(self, settings: UnetSettings) -> tuple[str, ...]:
-        """None."""
-        return ()
 
     def splits(self, settings: UnetSettings) -> tuple[str, ...]:
         """What is learnt from, and what chooses the best epoch."""
@@ -50,7 +46,7 @@ class TrainUnet:
         share = (settings.width / 64) ** 2
         return Cost(seconds=objects * 18 * settings.epochs * (0.006 + 0.31 * share), kilobytes=98_000 * share + 10)
 
-    def make(self, job: SetJob) -> dict[str, Any]:
+    def make(self, job: DatasetJob) -> dict[str, Any]:
         """Train, and write the best epoch's weights with all that their users need: width, sensor, threshold, untouched reading."""
         settings: UnetSettings = job.settings
         touches, valid = (load_touches(job.data, split) for split in ("train", "valid"))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from pipeline.engine.runner import execute
 
 from benchmarks.stored_grasps import Seen
 from benchmarks.tradeoff.errors import ERRORS, SOUND, Errors
@@ -18,7 +19,6 @@ from benchmarks.tradeoff.runs import Made
 from pipeline.config.hand_file import load_hand
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request, make_plan
-from pipeline.engine.runner import execute
 from pipeline.engine.stage import Task
 from pipeline.kernels.hand.bodies import collision_boxes
 from pipeline.kernels.hand.kinematics import forward
@@ -27,7 +27,8 @@ from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.models.touch_model import save_touch_model
-from pipeline.store.pieces import Piece, Row
+from pipeline.store.pieces import Piece
+from pipeline.store.rows import Row
 from pipeline.store.spec import numpy_dtype
 from pipeline.store.write import conform
 from schemas.base import Artifact

@@ -15,7 +15,7 @@ from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
-from pipeline.store.pieces import Row
+from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from tests.touch.scenes import ball, coarse

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from pipeline.console import console_on
-from pipeline.engine.stage import SetJob
+from pipeline.engine.stage import DatasetJob
 from pipeline.rng import seeded_weights, torch_generator
 from pipeline.training.loop import train
 from pipeline.training.settings import TrainingSettings
@@ -69,9 +69,9 @@ class Scripted(Regression):
         return {"loss": self.validation[self.validated - 1] if self.validation else 1.0}
 
 
-def job(folder: Path, seed: int = 0) -> SetJob:
+def job(folder: Path, seed: int = 0) -> DatasetJob:
     folder.mkdir(parents=True, exist_ok=True)
-    return SetJob(folder, folder, None, seed, {}, console_on(__import__("sys").stdout))
+    return DatasetJob(folder, folder, None, seed, {}, console_on(__import__("sys").stdout))
 
 
 def settings(**changes: Any) -> TrainingSettings:

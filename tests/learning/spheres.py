@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import torch
+from pipeline.engine.runner import execute
 
 from pipeline.config.manifest import Object
 from pipeline.config.sensor_file import load_sensor
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request, make_plan
-from pipeline.engine.runner import execute
 from pipeline.engine.stage import Cost, Task
 from pipeline.kernels.charts.chart_square import chart_square
 from pipeline.kernels.networks.configurations import CONFIGURATIONS
@@ -24,8 +24,9 @@ from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import Camera, projection_matrix
 from pipeline.models.model_files import save_model
-from pipeline.store.pieces import Piece, Row
+from pipeline.store.pieces import Piece
 from pipeline.store.record import RECORD, hashes_of
+from pipeline.store.rows import Row
 from pipeline.store.write import conform
 from schemas.base import Artifact
 from schemas.charts import CHARTS

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from rich.console import Console
-
 from pipeline.dataset.split import load_split
 from pipeline.engine.folders import fill, plan_folder
+from rich.console import Console
+
 from pipeline.engine.plan import Request
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.charts.chart_sphere import chart_sphere

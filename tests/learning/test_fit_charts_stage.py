@@ -18,7 +18,7 @@ from pipeline.kernels.touch.contact import local_points, touch_success
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.touch_model import save_touch_model
-from pipeline.store.pieces import Row
+from pipeline.store.rows import Row
 from schemas.charts import FITTED, STOP_RULES
 from stages.fit_charts.settings import ChartSettings
 from stages.fit_charts.stage import UNET, FitCharts

@@ -10,13 +10,13 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 import torch
+from pipeline.dataset.split import Split
 
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
 from pipeline.console import console_on
-from pipeline.dataset.split import Split
 from pipeline.engine.plan import Request
-from pipeline.engine.stage import SetJob
+from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.contact import touch_success
@@ -130,7 +130,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, A
 
 def make(data: Path, folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
     folder.mkdir()
-    return TrainUnet().make(SetJob(data, folder, UnetSettings.model_validate(settings), 0, {}, console_on(sys.stdout)))
+    return TrainUnet().make(DatasetJob(data, folder, UnetSettings.model_validate(settings), 0, {}, console_on(sys.stdout)))
 
 
 def test_the_stage_trains_on_touches_alone(trained: tuple[Path, dict[str, Any]]) -> None:

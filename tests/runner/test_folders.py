@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pipeline.engine.folders import fill, plan_folder
 
 from pipeline.console import console_on
-from pipeline.engine.folders import fill, plan_folder
-from pipeline.engine.stage import SetJob
+from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.reports.status import read_folders
-from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
+from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Record, standing_record
 from pipeline.store.validate import problems_below
 from schemas.base import Artifact
@@ -53,13 +52,13 @@ class Average:
     def grid(self, settings: NoiseSettings) -> dict[str, Any]:
         return {}
 
-    def make(self, job: SetJob) -> dict[str, Any]:
+    def make(self, job: DatasetJob) -> dict[str, Any]:
         self.made += 1
         begun = job.folder / "begun"
         if self.dies:
             begun.write_text("half")
             raise StageError("no more")
-        found = Collection(Layout(job.data), NOISE)
+        found = DataDirectory(job.data).collection(NOISE)
         means = [float(found.view(name)["values"].mean()) for name in found if found.shard(name).split(name) == "train"]
         facts = {"resumed": begun.exists()}
         begun.unlink(missing_ok=True)
@@ -168,7 +167,7 @@ def test_two_runs_of_one_folder_do_not_meet(tmp_path):
     run(request(tmp_path))
 
     class Nested(Average):
-        def make(self, job: SetJob) -> dict[str, Any]:
+        def make(self, job: DatasetJob) -> dict[str, Any]:
             with pytest.raises(StoreError, match="is being made by another run"):
                 make(tmp_path)
             return super().make(job)

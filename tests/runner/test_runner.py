@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pipeline.engine.runner import execute
 
 from pipeline.config.manifest import Object
 from pipeline.engine.plan import make_plan
-from pipeline.engine.runner import execute
 from pipeline.engine.workers import Work, _Pool
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.rng import numpy_rng
-from pipeline.store.collection import Collection, check_origins
-from pipeline.store.layout import Layout
+from pipeline.store.collection import check_origins
+from pipeline.store.directory import DataDirectory
 from pipeline.store.validate import problems
 from schemas.catalogue import ARTIFACTS
 from tests.runner.tiny import MEAN, NOISE, Compare, Halve, MakeNoise, TakeMean, digest, objects, request, run
@@ -101,7 +101,7 @@ def test_inputs_of_different_making_are_not_combined(tmp_path):
     run(request(tmp_path, settings={"samples": 7}))
     with pytest.raises(StoreError, match="mean of a was made from other noise than stand there now; run its stage again"):
         make_plan(request(tmp_path, stage=Compare()), 0)
-    assert "was made from other noise" in str(Collection(Layout(tmp_path), MEAN).stale([Collection(Layout(tmp_path), NOISE)]))
+    assert "was made from other noise" in str(DataDirectory(tmp_path).collection(MEAN).stale([DataDirectory(tmp_path).collection(NOISE)]))
     run(request(tmp_path, stage=TakeMean(), settings={"samples": 7}))
     assert run(request(tmp_path, stage=Compare())) == 5
 
@@ -112,12 +112,12 @@ def test_what_an_input_was_made_from_is_looked_at_too(tmp_path, monkeypatch):
     run(request(tmp_path))
     run(request(tmp_path, stage=TakeMean()))
     assert run(request(tmp_path, stage=Halve())) == 5
-    check_origins([Collection(Layout(tmp_path), MEAN)])
+    check_origins([DataDirectory(tmp_path).collection(MEAN)])
     run(request(tmp_path, settings={"samples": 7}))
     with pytest.raises(StoreError, match="mean of a was made from other noise than stand there now; run its stage again"):
         make_plan(request(tmp_path, stage=Halve()), 0)
     with pytest.raises(StoreError, match="mean of a was made from other noise than stand there now; run its stage again"):
-        check_origins([Collection(Layout(tmp_path), MEAN)])
+        check_origins([DataDirectory(tmp_path).collection(MEAN)])
     for _, path in Layout(tmp_path).shards("noise"):  # given away to save room: then there is nothing to compare with
         shutil.rmtree(path)
     make_plan(request(tmp_path, stage=Halve()), 0)
@@ -141,14 +141,14 @@ def test_an_input_that_lost_a_chunk_is_not_read_as_zeros(tmp_path):
     with pytest.raises(StoreError, match=lost):
         run(request(tmp_path, stage=TakeMean()))
     with pytest.raises(StoreError, match=lost):  # whoever reads it, as trainings and the reader do
-        Collection(Layout(tmp_path), NOISE).view("b")["values"]
+        DataDirectory(tmp_path).collection(NOISE).view("b")["values"]
     assert lost in problems(tmp_path / "noise" / "0000.zarr", NOISE)[0]
 
 
 def test_rows_of_zeros_are_no_lost_ones(tmp_path):
     (tmp_path / "noise").mkdir()
     run(request(tmp_path, items=objects(3, a="bad", b="bad", c="bad")))
-    shard = Collection(Layout(tmp_path), NOISE).shards[0]
+    shard = DataDirectory(tmp_path).collection(NOISE).shards[0]
     assert not shard.array("ok")[:].any()
     assert not shard.array("values")[:].any()
 
@@ -160,7 +160,7 @@ def test_an_object_that_was_mended_is_packed_at_once_and_the_others_stay(tmp_pat
     mended.touch()
     made = list(execute(make_plan(request(tmp_path, items=items, retry=True, only="b"), 0)))
     assert [outcome.object_id for outcome in made] == ["b"]
-    shard = Collection(Layout(tmp_path), NOISE).shards[0]
+    shard = DataDirectory(tmp_path).collection(NOISE).shards[0]
     assert [shard.failure(name) is None for name in "abcd"] == [True, True, False, True]
 
 
@@ -198,7 +198,7 @@ def test_failures_are_tried_again_when_asked(tmp_path):
     flag.touch()
     assert run(request(tmp_path, items=items)) == 0
     assert run(request(tmp_path, items=items, retry=True)) == 1
-    assert Collection(Layout(tmp_path), NOISE).shard("b").failure("b") is None
+    assert DataDirectory(tmp_path).collection(NOISE).shard("b").failure("b") is None
 
 
 def test_strict_minds_what_failed_before(tmp_path):
@@ -231,7 +231,7 @@ def test_another_label_is_packed_anew_and_nothing_computed(tmp_path):
     run(request(tmp_path))
     whole = digest(tmp_path)
     assert run(request(tmp_path, items=objects(5, split="test"))) == 0
-    assert Collection(Layout(tmp_path), NOISE).shard("c").split("c") == "test"
+    assert DataDirectory(tmp_path).collection(NOISE).shard("c").split("c") == "test"
     assert digest(tmp_path) != whole
 
 
@@ -260,7 +260,7 @@ def test_another_split_takes_finished_rows_over(tmp_path):
 def test_each_failure_is_kept_with_its_reason_and_the_others_go_on(tmp_path, capfd):
     items = objects(6, b="bad", c="crash", d="bug", e="nan")
     run(request(tmp_path, items=items, workers=2))
-    noise = Collection(Layout(tmp_path), NOISE)
+    noise = DataDirectory(tmp_path).collection(NOISE)
     reasons = {name: failure["reason"] for name in noise if (failure := noise.shard(name).failure(name))}
     assert set(reasons) == set("bcde")
     assert reasons["b"] == "it is bad; make it good"
@@ -271,7 +271,7 @@ def test_each_failure_is_kept_with_its_reason_and_the_others_go_on(tmp_path, cap
     alone = tmp_path / "alone"
     run(request(alone, items=[item for item in items if item.object_id in "af"]))
     for name in "af":
-        assert noise.shard(name).row_digest(name) == Collection(Layout(alone), NOISE).shard(name).row_digest(name)
+        assert noise.shard(name).row_digest(name) == DataDirectory(alone).collection(NOISE).shard(name).row_digest(name)
     assert not noise.shard("a").array("ok")[1]
     assert (noise.shard("a").array("values")[1:5] == 0).all()
 
@@ -280,7 +280,7 @@ def test_a_failure_passes_down_under_the_stage_that_failed(tmp_path):
     items = objects(3, b="bad")
     run(request(tmp_path, items=items))
     assert run(request(tmp_path, stage=TakeMean(), items=items)) == 2
-    mean = Collection(Layout(tmp_path), MEAN)
+    mean = DataDirectory(tmp_path).collection(MEAN)
     assert mean.shard("b").failure("b") == {"stage": "make-noise", "reason": "it is bad; make it good"}
 
 
@@ -288,7 +288,7 @@ def test_a_shard_in_which_all_fail_is_a_valid_shard(tmp_path):
     items = objects(2, a="bad", b="bad")
     run(request(tmp_path, items=items))
     assert run(request(tmp_path, stage=TakeMean(), items=items)) == 0
-    assert list(Collection(Layout(tmp_path), MEAN).shard("a").array("ok")[:]) == [False, False]
+    assert list(DataDirectory(tmp_path).collection(MEAN).shard("a").array("ok")[:]) == [False, False]
 
 
 def test_strict_stops_at_the_first_failure(tmp_path):
@@ -318,7 +318,7 @@ def test_seeds_are_keyed_by_identity():
 
 def test_rows_can_be_read_back(tmp_path):
     run(request(tmp_path))
-    view = Collection(Layout(tmp_path), NOISE).view("c")
+    view = DataDirectory(tmp_path).collection(NOISE).view("c")
     assert str(view["label"]) == "letter"
     assert view["values"].dtype == np.float32
     np.testing.assert_array_equal(view["lists/numbers"], [1])

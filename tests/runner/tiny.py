@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pipeline.engine.runner import execute
 
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings, setting
 from pipeline.engine.plan import Request, make_plan
-from pipeline.engine.runner import execute
 from pipeline.engine.stage import Cost, Task
 from pipeline.errors import InvalidInput
-from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
-from pipeline.store.pieces import Row
+from pipeline.store.directory import DataDirectory
+from pipeline.store.rows import Row
 from schemas.base import Array, Artifact
 from tests import conftest
 
@@ -170,4 +169,4 @@ def run(asked: Request) -> int:
 
 def digest(data: Path, artifact: Artifact = NOISE) -> str:
     """The digest of what stands there."""
-    return Collection(Layout(data), artifact).digest()
+    return DataDirectory(data).collection(artifact).digest()

@@ -9,8 +9,7 @@ import trimesh
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
+from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 
 SPHERE = trimesh.creation.icosphere(subdivisions=2)
@@ -78,7 +77,7 @@ def surfaces(objects: Path, data: Path) -> Collection:
     arguments = ["run", "sample-surfaces", "--manifest", "directory", "--objects", str(objects), "--data", str(data)]
     result = CliRunner().invoke(app, [*arguments, "--set", "points=500", "--set", "max_faces=10000"])
     assert result.exit_code == 0, result.output
-    return Collection(Layout(data), SURFACES)
+    return DataDirectory(data).collection(SURFACES)
 
 
 @pytest.fixture(scope="module")
@@ -137,9 +136,9 @@ def test_a_million_faces(tmp_path):
     folders = ["--objects", str(tmp_path / "objects"), "--data", str(tmp_path / "data")]
     arguments = ["run", "sample-surfaces", "--manifest", "directory", *folders]
     assert CliRunner().invoke(app, arguments).exit_code == 0
-    found = Collection(Layout(tmp_path / "data"), SURFACES)
+    found = DataDirectory(tmp_path / "data").collection(SURFACES)
     failure = found.shard("million").failure("million")
     assert failure is not None
     assert "exceed max_faces = 500000" in failure["reason"]
     assert CliRunner().invoke(app, [*arguments, "--set", "max_faces=2000000"]).exit_code == 0
-    assert Collection(Layout(tmp_path / "data"), SURFACES).shard("million").failure("million") is None
+    assert DataDirectory(tmp_path / "data").collection(SURFACES).shard("million").failure("million") is None

@@ -11,7 +11,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.contact import local_points, touch_success
 from pipeline.kernels.touch.tactile_image import tactile_image
-from pipeline.store.pieces import Row
+from pipeline.store.rows import Row
 from stages.simulate_touch.settings import TouchSettings
 from stages.simulate_touch.stage import SimulateTouch
 from tests.touch.scenes import SENSOR, pose_at

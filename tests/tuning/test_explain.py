@@ -9,6 +9,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import yaml
+from pipeline.engine.runner import execute
 from typer.testing import CliRunner
 
 from benchmarks.tradeoff import shortcuts_data, shortcuts_learning
@@ -72,7 +73,7 @@ def of(parts: list[Count], what: str, shortcut: str = "") -> Count:
 
 
 def rows(data: Path, artifact) -> Iterator:
-    collection = Collection(Layout(data), artifact)
+    collection = DataDirectory(data).collection(artifact)
     return (collection.view(object_id) for object_id in collection)
 
 

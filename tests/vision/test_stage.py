@@ -5,7 +5,7 @@ from pipeline.config.hand_file import load_hand
 from pipeline.engine.stage import Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.vision.camera import project_points
-from pipeline.store.pieces import Row
+from pipeline.store.rows import Row
 from schemas.base import COMMON
 from stages.render_vision.settings import VisionSettings
 from stages.render_vision.stage import RenderVision

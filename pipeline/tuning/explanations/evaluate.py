@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.engine.stage import SetJob
+from pipeline.engine.stage import DatasetJob
 from pipeline.kernels.networks.configurations import CONFIGURATIONS
 from pipeline.models.reconstruct import Reconstructor
 from pipeline.tuning.explain import Count, arrays_read
@@ -15,7 +15,7 @@ from stages.evaluate.stage import Evaluate
 from stages.evaluate.truth import arrays_of, load_truth
 
 
-def explain(job: SetJob) -> Iterator[Count]:
+def explain(job: DatasetJob) -> Iterator[Count]:
     """Count models, reconstructions, images and rings of an evaluation."""
     settings: EvaluationSettings = job.settings
     models = {Path(name).name: Reconstructor(folder) for name, folder in job.models.items()}

@@ -6,9 +6,8 @@ from collections.abc import Iterator
 
 import torch
 
-from pipeline.dataset.split import load_split
-from pipeline.dataset.touch_charts import chart_side
-from pipeline.engine.stage import SetJob
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.stage import DatasetJob
 from pipeline.kernels.charts.chart_sphere import chart_sphere
 from pipeline.kernels.charts.chart_square import SIDE
 from pipeline.kernels.networks.configurations import CONFIGURATIONS
@@ -20,9 +19,10 @@ from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 from stages.train_gcn.items import arrays_of
 from stages.train_gcn.settings import GcnSettings
+from stages.train_gcn.stage import chart_side
 
 
-def explain(job: SetJob) -> Iterator[Count]:
+def explain(job: DatasetJob) -> Iterator[Count]:
     """Count what a training of one configuration looks at."""
     settings: GcnSettings = job.settings
     config = settings.network(chart_side(job.data) if settings.named.touch else SIDE)
@@ -33,8 +33,8 @@ def explain(job: SetJob) -> Iterator[Count]:
         yield Count("runs of the image encoder, a step", 1, config.passes - 1, "the image is the same in every pass")
     charts = 0
     if config.touch:
-        split = load_split(job.data, ["stop_rule"], "train")
-        charts = min(settings.max_grasps, split.arrays["stop_rule"].shape[1]) * split.arrays["stop_rule"].shape[2]
+        rows = ObjectRows(job.data, ["stop_rule"], "train")
+        charts = min(settings.max_grasps, rows.size("stop_rule", "grasp")) * rows.size("stop_rule", "sensor")
         touch_vertices = charts * config.side**2
         yield Count(
             "features of touch vertices, an item",
@@ -51,7 +51,7 @@ def explain(job: SetJob) -> Iterator[Count]:
         entering = sum(len(cut.entering) for cut in graph.cuts[:layers])
         why = "no vertex that moves is near enough to learn of them"
         yield Count(f"vertices in the last {layers} layers, an item", entering, layers * size - entering, why)
-    points = load_split(job.data, ["points"], "valid").arrays["points"].shape[1]
+    points = ObjectRows(job.data, ["points"], "valid").size("points", "point")
     asked = min(settings.loss_points, points)
     yield Count("points of the object asked, an item", asked, points - asked, "drawn anew each step; all are there to be near", "")
     done = len(read_metrics(job.folder))

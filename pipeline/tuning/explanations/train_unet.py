@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
 import torch
 
-from pipeline.dataset.split import load_split
-from pipeline.engine.stage import SetJob
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.stage import DatasetJob
 from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
 from pipeline.training.loop import read_metrics
 from pipeline.tuning.explain import Count, arrays_read
 from schemas.grasps import GRASPS
@@ -22,18 +21,18 @@ OBJECTS = 4
 """Objects of a split whose pixels are counted."""
 
 
-def explain(job: SetJob) -> Iterator[Count]:
+def explain(job: DatasetJob) -> Iterator[Count]:
     """Count touches, pixels and epochs of a training."""
     settings: UnetSettings = job.settings
     yield arrays_read(ARRAYS, (TOUCH, GRASPS))
-    touch = Collection(Layout(job.data), TOUCH)
     for name in ("train", "valid"):
-        split = load_split(job.data, ["touch_success", "untouched"], name)
-        success = split.arrays["touch_success"]
+        rows = ObjectRows(job.data, ["touch_success", "untouched", "reading"], name)
+        untouched = torch.tensor(rows.read("untouched", rows.object_ids[0]))
+        success = np.stack([rows.read("touch_success", object_id) for object_id in rows.object_ids])
         yield Count("readings learnt from", int(success.sum()), int((~success).sum()), "the sensor touched nothing")
-        for object_id, touched in list(zip(split.object_ids, success, strict=True))[:OBJECTS]:
-            readings = torch.from_numpy(touch.view(object_id)["reading"][touched])
-            mask = contact_mask(readings, torch.from_numpy(split.arrays["untouched"]), settings.mask_threshold)
+        for object_id, touched in list(zip(rows.object_ids, success, strict=True))[:OBJECTS]:
+            readings = torch.from_numpy(rows.read("reading", object_id)[touched])
+            mask = contact_mask(readings, untouched, settings.mask_threshold)
             pixels = int(mask.sum())
             yield Count(
                 f"pixels in the loss, of {OBJECTS} objects a split", pixels, mask.numel() - pixels, "they show no contact (supplement 2.2)"
