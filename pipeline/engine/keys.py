@@ -29,32 +29,27 @@ def code_hash(stage: object) -> str:
 
 @cache
 def sources_hash(module: str) -> str:
-    """Hash a module and what it imports, directly and by way of others.
+    """Hash a module, ours or a user's, and what it imports of ours, directly and by way of others.
 
     Raises
     ------
     ModuleNotFoundError
         There is no module of this name.
     """
-    if _file_of(module) is None:
-        raise ModuleNotFoundError(f"{module} is no module whose code decides results")
+    spec = util.find_spec(module)
+    if spec is None or spec.origin is None:
+        raise ModuleNotFoundError(f"there is no module {module} to hash")
     left_out = NO_RESULTS if module.startswith(TOY_OBJECTS) else (*NO_RESULTS, TOY_OBJECTS)
-    return digest.of_json(sorted((name, _normal_form(path)) for name, path in _imported(module, left_out).items()))
-
-
-def _imported(module: str, left_out: tuple[str, ...]) -> dict[str, Path]:
-    """A module and what it imports of ours, with their files: found by reading imports, running nothing."""
-    found: dict[str, Path] = {}
-    waiting = [module]
+    found = {module: Path(spec.origin)}
+    waiting = [module.rpartition(".")[0], *_imports(found[module])]
     while waiting:
         name = waiting.pop()
         path = _file_of(name)
         if name in found or path is None or any(name == layer or name.startswith(f"{layer}.") for layer in left_out):
             continue
         found[name] = path
-        waiting += _imports(path)
-        waiting.append(name.rpartition(".")[0])  # a package's __init__ runs before its modules
-    return found
+        waiting += [name.rpartition(".")[0], *_imports(path)]  # a package's __init__ runs before its modules
+    return digest.of_json(sorted((name, _normal_form(path)) for name, path in found.items()))
 
 
 def _normal_form(path: Path) -> str:

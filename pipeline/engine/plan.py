@@ -109,6 +109,11 @@ class Plan(ABC, Generic[S]):
         """The hash of everything the output depends on."""
 
     @property
+    def schema(self) -> list[Any]:
+        """Name and version of what the output is declared to be."""
+        return []
+
+    @property
     @abstractmethod
     def total(self) -> int:
         """How many objects it is made of."""
@@ -135,6 +140,7 @@ class Plan(ABC, Generic[S]):
         return digest.of_json(
             {
                 "stage": self.stage.name,
+                "schema": self.schema,
                 "code": keys.code_hash(self.stage),
                 "settings": self.settings.results(),
                 "seed": self.request.seed,

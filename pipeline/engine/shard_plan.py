@@ -69,6 +69,11 @@ class ShardPlan(Plan[ObjectStage]):
         return shard_key(rows, self.number, self.shards, self.request.manifest)
 
     @property
+    def schema(self) -> list[object]:
+        """The artifact's."""
+        return [self.artifact.name, self.artifact.version]
+
+    @property
     def total(self) -> int:
         """The objects of the shard."""
         return len(self.members)
@@ -126,8 +131,12 @@ class ShardPlan(Plan[ObjectStage]):
     def missing(self) -> list[Member]:
         """The members that are asked for and whose row is neither published under its key nor waiting to be packed."""
         kept = {name for name, _ in self._kept()}
+        return [member for member in self._unfinished() if member.item.object_id not in kept]
+
+    def _unfinished(self) -> list[Member]:
+        """The members that are asked for and of which it is not known what became."""
         asked = (member for member in self.members if self.request.only in (None, member.item.object_id))
-        return [member for member in asked if member.item.object_id not in kept and self.facts(member) is None]
+        return [member for member in asked if self.facts(member) is None]
 
     def row(self, member: Member) -> Mapping[str, np.ndarray] | None:
         """Read the row of an object that was made under its job's key, packed or not; None where there is none."""
@@ -169,7 +178,7 @@ class ShardPlan(Plan[ObjectStage]):
         self._forget_failures()
         self._keep_rows()
         self._refuse_failures()
-        result = self._process(self.missing(), console)
+        result = self._process(self._unfinished(), console)
         unfinished = [member.item.object_id for member in self.members if self.facts(member) is None]
         began = time.perf_counter()
         if not unfinished:

@@ -175,7 +175,7 @@ class DataDirectory:
                 used |= row.inputs.keys() & ARTIFACTS.keys()
                 for origin in row.inputs.keys() & ARTIFACTS.keys():
                     current = self.collection(ARTIFACTS[origin])
-                    if row.object_id not in current or current.row(row.object_id).digest != row.inputs[origin]:
+                    if current.shards and (row.object_id not in current or current.row(row.object_id).digest != row.inputs[origin]):
                         raise StoreError(
                             f"{shard.path}: {name} of {row.object_id} was made from other {origin} than the current ones; {again}"
                         )

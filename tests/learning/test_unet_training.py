@@ -30,7 +30,7 @@ from stages.train_unet.learner import Touches, UnetLearner, load_touches, touche
 from stages.train_unet.settings import UnetSettings
 from stages.train_unet.stage import TrainUnet
 from tests.learning.presses import GRASPS_EACH, SENSOR, SENSORS, Made, depths
-from tests.runner.tiny import run
+from tests.engine.tiny_stages import run
 
 SETTINGS: dict[str, Any] = {"width": 2, "epochs": 2, "batch_size": 4, "threads": 1, "accelerator": "cpu", "learning_rate": 0.01}
 

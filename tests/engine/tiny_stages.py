@@ -4,23 +4,31 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pipeline.engine.runner import execute
 
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings, setting
-from pipeline.engine.plan import Request, make_plan
-from pipeline.engine.stage import Cost, Task
+from pipeline.console import console_on
+from pipeline.engine.folder_plan import FolderPlan
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans
+from pipeline.engine.run import run as run_plan
+from pipeline.engine.shard_plan import ShardPlan
+from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
+from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.rows import Row
 from schemas.base import Array, Artifact
 from tests import conftest
+
+CONSOLE = console_on(sys.stderr)
 
 NOISE = Artifact(
     name="noise",
@@ -46,29 +54,14 @@ class NoiseSettings(Settings):
     batch: int = setting(8, "fits the cache", changes="speed")
 
 
-class _Stage:
+class _TinyStage(ObjectStage):
     settings_type = NoiseSettings
-
-    def inputs(self, settings: NoiseSettings) -> tuple[Artifact, ...]:
-        return ()
-
-    def models(self, settings: NoiseSettings) -> tuple[str, ...]:
-        return ()
-
-    def assets(self, settings: NoiseSettings) -> list[Path]:
-        return []
-
-    def constants(self, settings: NoiseSettings) -> Row:
-        return {}
-
-    def attributes(self, settings: NoiseSettings) -> dict[str, Any]:
-        return {}
 
     def cost(self, settings: NoiseSettings) -> Cost:
         return Cost(0.01, 1)
 
 
-class MakeNoise(_Stage):
+class MakeNoise(_TinyStage):
     name = "make-noise"
     summary = "draw numbers"
 
@@ -106,7 +99,7 @@ class MakeNoise(_Stage):
         yield process
 
 
-class TakeMean(_Stage):
+class TakeMean(_TinyStage):
     name = "take-mean"
     summary = "average them"
     output = MEAN
@@ -119,7 +112,7 @@ class TakeMean(_Stage):
         yield lambda task: {"mean": task.inputs["noise"]["values"].astype(np.float64).mean(axis=0)}
 
 
-class Compare(_Stage):
+class Compare(_TinyStage):
     name = "compare"
     summary = "look at numbers and means"
     output = MEAN.model_copy(update={"name": "comparison"})
@@ -132,7 +125,7 @@ class Compare(_Stage):
         yield lambda task: {"mean": task.inputs["mean"]["mean"] - task.inputs["noise"]["values"][0]}
 
 
-class Halve(_Stage):
+class Halve(_TinyStage):
     """Looks at means alone: not at the noise that they are of."""
 
     name = "halve"
@@ -161,12 +154,22 @@ def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] |
     return Request(stage=stage or MakeNoise(), settings=NoiseSettings(**values), objects=items, data=data, **named)
 
 
-def run(asked: Request) -> int:
-    """Run every shard that is not up to date; the number of objects that were processed."""
-    plans = [make_plan(asked, number) for number in range(asked.shards)]
-    return sum(len(list(execute(plan))) for plan in plans if not plan.up_to_date())
+def plan_of(asked: Request) -> ShardPlan | FolderPlan:
+    """The one plan of a request."""
+    (plan,) = make_plans(asked)
+    return plan
+
+
+def run(asked: Request, shard: int | None = None) -> int:
+    """Run every plan that is not up to date; the number of objects that were processed."""
+    return sum(run_plan(plan, CONSOLE).made for plan in make_plans(asked, shard) if not plan.up_to_date())
+
+
+def published(data: Path, artifact: Artifact = NOISE) -> Collection:
+    """What readers see."""
+    return DataDirectory(data).collection(artifact)
 
 
 def digest(data: Path, artifact: Artifact = NOISE) -> str:
-    """The digest of what stands there."""
-    return DataDirectory(data).collection(artifact).digest()
+    """The digest of what readers see."""
+    return published(data, artifact).digest()

@@ -1,4 +1,4 @@
-"""Set stages: run once, skipped, made anew when anything they stand on changes, and never half there."""
+"""Dataset stages: run once, skipped, made again when anything they depend on changes, and never half there."""
 
 from __future__ import annotations
 
@@ -7,26 +7,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pipeline.engine.folders import fill, plan_folder
 
-from pipeline.console import console_on
-from pipeline.engine.stage import DatasetJob
+from pipeline.engine.run import run as run_plan
+from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.errors import StageError, StoreError
-from pipeline.reports.status import read_folders
+from pipeline.reports.status import read_account
 from pipeline.store.directory import DataDirectory
-from pipeline.store.record import Record, standing_record
+from pipeline.store.record import FolderRecord
 from pipeline.store.validate import problems_below
 from schemas.base import Artifact
-from schemas.catalogue import ARTIFACTS
-from tests.runner.tiny import NOISE, NoiseSettings, objects, request, run
+from tests.engine.tiny_stages import CONSOLE, NOISE, NoiseSettings, objects, plan_of, published, request, run
+
+RECORD = Path("models/average.json")
 
 
-@pytest.fixture(autouse=True)
-def known_noise(monkeypatch):
-    monkeypatch.setitem(ARTIFACTS, "noise", NOISE)
-
-
-class Average:
+class Average(DatasetStage):
     """The mean over all training objects, into a file; `dies` leaves its folder half done."""
 
     name = "average"
@@ -49,8 +44,8 @@ class Average:
     def folder(self, settings: NoiseSettings) -> str:
         return "models/second" if self.reads else "models/average"
 
-    def grid(self, settings: NoiseSettings) -> dict[str, Any]:
-        return {}
+    def cost(self, settings: NoiseSettings, objects: int) -> Cost:
+        return Cost(0.01, 1)
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
         self.made += 1
@@ -58,8 +53,8 @@ class Average:
         if self.dies:
             begun.write_text("half")
             raise StageError("no more")
-        found = DataDirectory(job.data).collection(NOISE)
-        means = [float(found.view(name)["values"].mean()) for name in found if found.shard(name).split(name) == "train"]
+        found = published(job.data)
+        means = [float(found.view(name)["values"].mean()) for name in found if found.row(name).split == "train"]
         facts = {"resumed": begun.exists()}
         begun.unlink(missing_ok=True)
         (job.folder / "mean.json").write_text(json.dumps(means))
@@ -67,12 +62,14 @@ class Average:
 
 
 def make(data: Path, stage: Average | None = None, **changes: Any) -> bool:
-    """Run it unless it is up to date; whether it ran."""
+    """Run it; whether it made anything."""
     stage = stage or Average()
-    plan = plan_folder(request(data, stage, **changes))
-    if not plan.up_to_date():
-        fill(plan, console_on(__import__("sys").stdout))
+    run_plan(plan_of(request(data, stage, **changes)), CONSOLE)
     return stage.made > 0
+
+
+def record(data: Path) -> FolderRecord:
+    return DataDirectory(data).folder("models/average")
 
 
 def test_it_is_made_once_and_recorded(tmp_path):
@@ -81,14 +78,12 @@ def test_it_is_made_once_and_recorded(tmp_path):
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
     assert not make(tmp_path)
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
-    content = Record(tmp_path / "models/average").content
-    assert content["stage"] == "average"
-    assert set(content["files"]) == {"mean.json"}
-    assert content["facts"] == {"resumed": False}
-    assert problems_below(tmp_path)[tmp_path / "models/average"] == []
+    made = record(tmp_path)
+    assert (made.stage, set(made.files), made.facts) == ("average", {"mean.json"}, {"resumed": False})
+    assert problems_below(tmp_path)[tmp_path / RECORD] == []
 
 
-def test_settings_seed_and_rows_of_its_splits_make_it_anew_others_do_not(tmp_path):
+def test_settings_seed_and_rows_of_its_splits_make_it_again_others_do_not(tmp_path):
     items = [*objects(3), *[item for item in objects(5, split="test") if item.object_id in "de"]]
     run(request(tmp_path, items=items))
     assert make(tmp_path, items=items)
@@ -103,28 +98,40 @@ def test_settings_seed_and_rows_of_its_splits_make_it_anew_others_do_not(tmp_pat
     assert make(tmp_path, items=items)
 
 
-def test_what_a_failed_run_left_is_gone_on_with_and_nothing_stands_meanwhile(tmp_path):
+def test_what_a_failed_run_left_is_continued_and_nothing_is_published_meanwhile(tmp_path):
     run(request(tmp_path))
     with pytest.raises(StageError, match="no more"):
         make(tmp_path, Average(dies=True))
-    assert not (tmp_path / "models").exists()
+    assert not (tmp_path / RECORD).exists()
     assert make(tmp_path)
-    assert Record(tmp_path / "models/average").content["facts"] == {"resumed": True}
+    assert record(tmp_path).facts == {"resumed": True}
     assert not list((tmp_path / ".work/models/average").glob("*/"))
 
 
-def test_what_was_finished_but_not_put_in_place_is_not_made_again(tmp_path):
+def test_what_was_finished_but_not_published_is_not_made_again(tmp_path):
     run(request(tmp_path))
     make(tmp_path)
-    folder, work = tmp_path / "models/average", plan_folder(request(tmp_path, Average())).work
-    work.parent.mkdir(parents=True, exist_ok=True)
-    folder.rename(work)
-    stage = Average()
-    assert not make(tmp_path, stage)
+    plan = plan_of(request(tmp_path, Average()))
+    folder, work = DataDirectory(tmp_path).folder_path("models/average"), DataDirectory(tmp_path).work("models/average") / plan.key[:16]
+
+    def unpublish() -> None:
+        work.with_suffix(".json").write_text(record(tmp_path).model_dump_json())
+        (tmp_path / RECORD).unlink()
+        folder.rename(work)
+
+    unpublish()
+    assert not make(tmp_path)
     assert (folder / "mean.json").exists()
-    folder.rename(work)
+    unpublish()
     (work / "mean.json").write_text("[]")
     assert make(tmp_path), "it is not what was written"
+
+
+def test_a_file_that_was_deleted_is_made_again(tmp_path):
+    run(request(tmp_path))
+    make(tmp_path)
+    (DataDirectory(tmp_path).folder_path("models/average") / "mean.json").unlink()
+    assert make(tmp_path), "up to date means complete"
 
 
 def test_an_input_that_is_not_there_is_an_error_that_says_so(tmp_path):
@@ -133,7 +140,7 @@ def test_an_input_that_is_not_there_is_an_error_that_says_so(tmp_path):
     run(request(tmp_path))
     with pytest.raises(StoreError, match="no object in split train"):
         make(tmp_path, items=objects(5, split="valid"))
-    with pytest.raises(StoreError, match=r"models/average is not there.*run the stage that fills it first"):
+    with pytest.raises(StoreError, match=r"models/average has not been made; run the stage that makes it"):
         make(tmp_path, Average(reads=("models/average",)))
 
 
@@ -143,24 +150,24 @@ def test_a_model_made_from_what_has_changed_since_is_refused_and_reported(tmp_pa
     assert make(tmp_path, Average(reads=("models/average",)))
     assert not make(tmp_path, Average(reads=("models/average",)))
     run(request(tmp_path, seed=1))
-    with pytest.raises(StoreError, match=r"made from other noise than stand in .* now; run average again"):
-        standing_record(Layout(tmp_path), "models/average")
+    with pytest.raises(StoreError, match=r"made from other noise than the current ones; run average again"):
+        DataDirectory(tmp_path).check_origins(["models/average"])
     with pytest.raises(StoreError, match="run average again"):
         make(tmp_path, Average(reads=("models/average",)))
-    assert all("run average again" in str(account.stale) for account in read_folders(tmp_path))
+    assert all("run average again" in str(folder.stale) for folder in read_account(tmp_path).folders)
     make(tmp_path)
     assert make(tmp_path, Average(reads=("models/average",)))
-    assert [account.stale for account in read_folders(tmp_path)] == [None, None]
+    assert [folder.stale for folder in read_account(tmp_path).folders] == [None, None]
 
 
 def test_a_changed_or_missing_file_is_found(tmp_path):
     run(request(tmp_path))
     make(tmp_path)
-    folder = tmp_path / "models/average"
-    (folder / "mean.json").write_text("[]")
-    assert problems_below(tmp_path)[folder] == ["mean.json differs from what was written (digest)"]
-    (folder / "mean.json").unlink()
-    assert problems_below(tmp_path)[folder] == ["mean.json is missing"]
+    file = DataDirectory(tmp_path).folder_path("models/average") / "mean.json"
+    file.write_text("[]")
+    assert "mean.json differs from what was written; delete" in problems_below(tmp_path)[tmp_path / RECORD][0]
+    file.unlink()
+    assert "mean.json is missing; delete" in problems_below(tmp_path)[tmp_path / RECORD][0]
 
 
 def test_two_runs_of_one_folder_do_not_meet(tmp_path):

@@ -1,0 +1,13 @@
+from __future__ import annotations
+
+import pytest
+
+from schemas.catalogue import ARTIFACTS
+from tests.engine.tiny_stages import MEAN, NOISE
+
+
+@pytest.fixture(autouse=True)
+def known_artifacts(monkeypatch):
+    """The tiny stages' artifacts belong to the catalogue."""
+    for artifact in (NOISE, MEAN):
+        monkeypatch.setitem(ARTIFACTS, artifact.name, artifact)

@@ -1,0 +1,366 @@
+"""Object stages: skipped, resumed, failing, split into shards, done by workers."""
+
+import shutil
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.config.manifest import Object
+from pipeline.engine import shard_plan
+from pipeline.engine.workers import Work, _Pool
+from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
+from pipeline.rng import numpy_rng
+from pipeline.store.atomic import one_writer
+from pipeline.store.directory import DataDirectory
+from pipeline.store.garbage import collect_everything
+from pipeline.store.reshard import reshard
+from pipeline.store.validate import problems_below
+from tests.engine.tiny_stages import MEAN, Compare, Halve, MakeNoise, TakeMean, digest, objects, plan_of, published, request, run
+
+
+def stamps(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in sorted(folder.rglob("*"))}
+
+
+def test_a_second_run_does_nothing_and_touches_no_file(tmp_path):
+    assert run(request(tmp_path)) == 5
+    before = stamps(tmp_path)
+    assert run(request(tmp_path)) == 0
+    assert stamps(tmp_path) == before
+
+
+def test_what_changes_results_rebuilds_and_what_changes_speed_does_not(tmp_path):
+    run(request(tmp_path))
+    assert run(request(tmp_path, settings={"batch": 3})) == 0
+    assert run(request(tmp_path, settings={"samples": 51})) == 5
+    assert run(request(tmp_path, stage=TakeMean())) == 5
+    assert run(request(tmp_path, stage=TakeMean(), settings={"samples": 3})) == 5
+
+
+@pytest.mark.parametrize(("shards", "workers"), [(1, 2), (4, 1), (7, 2)])
+def test_shards_and_workers_change_no_digest(tmp_path, shards, workers):
+    for data, how in ((tmp_path / "one", {}), (tmp_path / "other", {"shards": shards, "workers": workers})):
+        run(request(data, **how))
+        run(request(data, stage=TakeMean(), **how))
+    assert digest(tmp_path / "one") == digest(tmp_path / "other")
+    assert digest(tmp_path / "one", MEAN) == digest(tmp_path / "other", MEAN)
+
+
+def test_a_run_that_ends_in_the_middle_continues_where_it_stopped(tmp_path, monkeypatch):
+    run(request(tmp_path / "whole"))
+    plan = plan_of(request(tmp_path / "cut"))
+
+    def stop_after_two(*arguments):
+        outcomes = run_jobs(*arguments)
+        yield next(outcomes)
+        yield next(outcomes)
+        raise KeyboardInterrupt
+
+    run_jobs = shard_plan.run_jobs
+    with monkeypatch.context() as patch:
+        patch.setattr(shard_plan, "run_jobs", stop_after_two)
+        with pytest.raises(KeyboardInterrupt):
+            run(request(tmp_path / "cut"))
+    assert plan.published is None
+    assert len(plan.missing()) <= 3
+    assert run(request(tmp_path / "cut")) <= 3
+    assert digest(tmp_path / "cut") == digest(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("damage", [lambda content: b"", lambda content: content[:100], lambda content: content[:-400] + bytes(400)])
+@pytest.mark.parametrize("more", [{}, {"strict": True}, {"retry": True}], ids=str)
+def test_a_damaged_piece_is_made_again(tmp_path, damage, more):
+    assert run(request(tmp_path, only="c")) == 1
+    plan = plan_of(request(tmp_path))
+    assert plan.published is None, "the others are missing"
+    piece = plan.pieces.path("c", plan.members[2].job.key)
+    piece.write_bytes(damage(piece.read_bytes()))
+    assert run(request(tmp_path, **more)) == 5
+
+
+def test_a_piece_of_another_object_is_not_packed(tmp_path):
+    assert run(request(tmp_path, only="c")) == 1
+    plan = plan_of(request(tmp_path))
+    stolen = plan.pieces.path("d", plan.members[3].job.key)
+    stolen.parent.mkdir()
+    shutil.copy(plan.pieces.path("c", plan.members[2].job.key), stolen)
+    assert run(request(tmp_path)) == 4
+
+
+def test_a_piece_with_a_flipped_bit_is_found_when_it_is_packed_and_made_again(tmp_path):
+    run(request(tmp_path, only="c"))
+    plan = plan_of(request(tmp_path))
+    piece = plan.pieces.path("c", plan.members[2].job.key)
+    with np.load(piece) as file:
+        arrays = {name: file[name] for name in file.files}
+    arrays["row/values"].flat[7] += 1
+    np.savez(piece, **arrays)
+    with pytest.raises(StoreError, match="was damaged and is removed; run again"):
+        run(request(tmp_path))
+    assert run(request(tmp_path)) == 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": 1},
+        {"manifest": "other"},
+        {"stage": MakeNoise(version=2)},
+        {"stage": MakeNoise(asset="another")},
+        {"items": objects(5, kind="digit")},
+    ],
+    ids=["seed", "manifest", "schema", "asset", "category"],
+)
+def test_whatever_an_output_is_a_function_of_belongs_to_its_key(tmp_path, change):
+    before, after = (plan_of(request(tmp_path, **asked)) for asked in ({}, change))
+    assert before.key != after.key
+
+
+def test_inputs_of_different_making_are_not_combined(tmp_path):
+    run(request(tmp_path))
+    run(request(tmp_path, stage=TakeMean()))
+    run(request(tmp_path, settings={"samples": 7}))
+    with pytest.raises(StoreError, match="mean of a was made from other noise than the current ones; run take-mean again"):
+        plan_of(request(tmp_path, stage=Compare()))
+    assert "was made from other noise" in problems_below(tmp_path)[tmp_path / "mean"][0]
+    run(request(tmp_path, stage=TakeMean(), settings={"samples": 7}))
+    assert run(request(tmp_path, stage=Compare())) == 5
+
+
+def test_what_an_input_was_made_from_is_checked_too(tmp_path):
+    run(request(tmp_path))
+    run(request(tmp_path, stage=TakeMean()))
+    assert run(request(tmp_path, stage=Halve())) == 5
+    DataDirectory(tmp_path).check_origins(["mean"])
+    run(request(tmp_path, settings={"samples": 7}))
+    with pytest.raises(StoreError, match="mean of a was made from other noise than the current ones; run take-mean again"):
+        plan_of(request(tmp_path, stage=Halve()))
+    with pytest.raises(StoreError, match="mean of a was made from other noise than the current ones; run take-mean again"):
+        DataDirectory(tmp_path).check_origins(["mean"])
+    shutil.rmtree(tmp_path / "noise")  # deleted to save room: then there is nothing to compare with
+    plan_of(request(tmp_path, stage=Halve()))
+
+
+def test_a_data_directory_of_other_objects_is_not_written_over(tmp_path):
+    run(request(tmp_path))
+    x = Object("x", "letter", "train", {"trouble": None, "name": "x"})
+    before = stamps(tmp_path / "noise")
+    with pytest.raises(StoreError, match=r"holds other objects \(a, b, c, …\), and none of manifest tiny; name another --data"):
+        run(request(tmp_path, items=[x]))
+    assert stamps(tmp_path / "noise") == before
+    assert run(request(tmp_path, items=[*objects(1), x])) == 1, "a manifest that changes keeps the rows that it still names"
+
+
+@pytest.mark.parametrize("damage", [Path.unlink, lambda chunk: chunk.write_bytes(b"")], ids=["missing", "empty"])
+def test_a_chunk_that_is_missing_or_empty_is_not_read_as_zeros(tmp_path, damage):
+    run(request(tmp_path))
+    for chunk in (path for path in (published(tmp_path).first.path / "values" / "c").rglob("*") if path.is_file()):
+        damage(chunk)
+    lost = r"of values 1 of 1 files are missing or empty; delete .* and run make-noise again"
+    with pytest.raises(StoreError, match=lost):
+        run(request(tmp_path, stage=TakeMean()))
+    with pytest.raises(StoreError, match=lost):  # whoever reads it, as trainings do
+        published(tmp_path).view("b")["values"]
+    (problems,) = (lines for lines in problems_below(tmp_path).values() if lines)
+    assert "files are missing or empty" in problems[0]
+    assert run(request(tmp_path)) == 5, "up to date means complete"
+
+
+def test_rows_of_failed_objects_are_zeros_and_valid(tmp_path):
+    run(request(tmp_path, items=objects(3, a="bad", b="bad", c="bad")))
+    shard = published(tmp_path).first
+    assert not shard.read("ok").any()
+    assert not shard.read("values").any()
+
+
+def test_an_object_that_was_mended_is_packed_at_once_and_the_others_stay(tmp_path):
+    mended = tmp_path / "mended"
+    items = objects(4, b=f"until {mended}", c="bad")
+    run(request(tmp_path, items=items))
+    mended.touch()
+    assert run(request(tmp_path, items=items, retry=True, only="b")) == 1
+    assert [published(tmp_path).failure(name) is None for name in "abcd"] == [True, True, False, True]
+
+
+def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
+    plan = plan_of(request(tmp_path))
+    work = Work(plan.stage, plan.settings, 0, tmp_path, {})
+    with _Pool(work) as pool:
+        pool.wait_until_open()
+        (process,) = pool._executor._processes.values()
+        process.kill()
+        process.join()
+        while not pool._executor._broken:
+            time.sleep(0.01)
+        outcome = pool.submit(plan.members[0].job).result()
+        assert (outcome.failure, outcome.bug) == (None, None)
+
+
+def test_a_stage_that_cannot_start_fails_no_object(tmp_path):
+    with pytest.raises(StageError, match="make-noise cannot start: OSError: no device; `vt-pipeline doctor`"):
+        run(request(tmp_path, stage=MakeNoise(broken=True)))
+    assert run(request(tmp_path)) == 5
+
+
+def test_failures_are_tried_again_when_asked(tmp_path):
+    flag = tmp_path / "mended"
+    items = objects(3, b=f"until {flag}")
+    run(request(tmp_path, items=items))
+    assert run(request(tmp_path, items=items)) == 0
+    flag.touch()
+    assert run(request(tmp_path, items=items)) == 0
+    assert run(request(tmp_path, items=items, retry=True)) == 1
+    assert published(tmp_path).failure("b") is None
+
+
+def test_strict_refuses_what_failed_before(tmp_path):
+    run(request(tmp_path, items=objects(3, b="bad"), only="b"))
+    with pytest.raises(InvalidInput, match="b: it is bad"):
+        run(request(tmp_path, items=objects(3, b="bad"), strict=True))
+
+
+def test_another_number_of_shards_is_refused_and_reshard_changes_it(tmp_path):
+    for stage in (MakeNoise(), TakeMean()):
+        run(request(tmp_path, stage=stage, shards=4))
+    whole = digest(tmp_path), digest(tmp_path, MEAN)
+    with pytest.raises(StoreError, match=r"is split into 4 shards, 2 were asked for; .* reshard .* 2"):
+        run(request(tmp_path, shards=2))
+    for shards in (3, 1, 2):
+        assert all(path.exists() for path in list(reshard(DataDirectory(tmp_path), shards)))
+        assert (digest(tmp_path), digest(tmp_path, MEAN)) == whole
+        assert not any(problems_below(tmp_path).values())
+        assert [run(request(tmp_path, stage=stage, shards=shards)) for stage in (MakeNoise(), TakeMean())] == [0, 0]
+        assert [run(request(tmp_path, stage=stage)) for stage in (MakeNoise(), TakeMean())] == [0, 0], "None takes the dataset's number"
+
+
+def test_a_reshard_that_is_killed_changes_nothing_that_readers_see(tmp_path):
+    run(request(tmp_path, shards=2))
+    whole = digest(tmp_path)
+    halfway = reshard(DataDirectory(tmp_path), 4)
+    next(halfway)
+    halfway.close()
+    assert DataDirectory(tmp_path).shards() == 2
+    assert digest(tmp_path) == whole
+    run(request(tmp_path, items=objects(3)))
+    list(reshard(DataDirectory(tmp_path), 4))
+    assert list(published(tmp_path)) == ["a", "b", "c"], "records of the one that was killed are gone"
+
+
+def test_shards_are_not_split_while_a_run_is_at_work(tmp_path):
+    run(request(tmp_path, shards=2))
+    with one_writer(DataDirectory(tmp_path).shard_lock("noise", 0, 2), tmp_path), pytest.raises(StoreError, match="by another run"):
+        list(reshard(DataDirectory(tmp_path), 4))
+
+
+def test_an_object_more_is_made_alone(tmp_path):
+    run(request(tmp_path, shards=3))
+    assert run(request(tmp_path, count=6)) == 1
+    assert len(published(tmp_path)) == 6
+
+
+def test_what_was_replaced_is_collected_and_what_a_record_names_never(tmp_path):
+    run(request(tmp_path))
+    old = published(tmp_path).first.path
+    run(request(tmp_path, settings={"samples": 9}))
+    new = published(tmp_path).first.path
+    assert old.exists(), "readers may still use it"
+    assert collect_everything(DataDirectory(tmp_path)) == []
+    assert collect_everything(DataDirectory(tmp_path), older_than=0) == [old]
+    assert new.exists()
+    assert not any(problems_below(tmp_path).values())
+
+
+def test_another_split_is_packed_again_and_nothing_computed(tmp_path):
+    run(request(tmp_path))
+    whole = digest(tmp_path)
+    assert run(request(tmp_path, items=objects(5, split="test"))) == 0
+    assert published(tmp_path).row("c").split == "test"
+    assert digest(tmp_path) != whole
+
+
+def test_each_failure_is_kept_with_its_reason_and_the_others_go_on(tmp_path):
+    items = objects(6, b="bad", c="crash")
+    run(request(tmp_path, items=items, workers=2))
+    noise = published(tmp_path)
+    reasons = {name: failure.reason for name in noise if (failure := noise.failure(name))}
+    assert set(reasons) == set("bc")
+    assert reasons["b"] == "it is bad; make it good"
+    assert "its process died 2 times" in reasons["c"]
+    alone = tmp_path / "alone"
+    run(request(alone, items=[item for item in items if item.object_id in "af"]))
+    for name in "af":
+        assert noise.row(name).digest == published(alone).row(name).digest
+    assert not noise.first.read("ok")[1]
+    assert (noise.first.read("values")[1:3] == 0).all()
+
+
+@pytest.mark.parametrize(("trouble", "said"), [("bug", "ZeroDivisionError: a fault of ours"), ("nan", "holds a value that is not finite")])
+def test_a_bug_fails_no_object_keeps_its_traceback_and_lets_the_others_go_on(tmp_path, trouble, said):
+    with pytest.raises(BugFound, match="processing d met a bug in vt-pipeline") as caught:
+        run(request(tmp_path, items=objects(5, d=trouble)))
+    assert "Traceback" in str(caught.value)
+    assert said in str(caught.value)
+    assert not len(published(tmp_path))
+    assert run(request(tmp_path)) == 1, "the rows of the others are kept"
+
+
+def test_a_failure_passes_down_under_the_stage_that_failed(tmp_path):
+    items = objects(3, b="bad")
+    run(request(tmp_path, items=items))
+    assert run(request(tmp_path, stage=TakeMean(), items=items)) == 2
+    failure = published(tmp_path, MEAN).failure("b")
+    assert (failure.stage, failure.reason) == ("make-noise", "it is bad; make it good")
+
+
+def test_a_shard_in_which_all_fail_is_a_valid_shard(tmp_path):
+    items = objects(2, a="bad", b="bad")
+    run(request(tmp_path, items=items))
+    assert run(request(tmp_path, stage=TakeMean(), items=items)) == 0
+    assert list(published(tmp_path, MEAN).first.read("ok")) == [False, False]
+
+
+def test_strict_stops_at_the_first_failure(tmp_path):
+    with pytest.raises(InvalidInput, match="b: it is bad"):
+        run(request(tmp_path, items=objects(3, b="bad"), strict=True))
+    assert not len(published(tmp_path))
+
+
+def test_an_input_that_was_not_made_is_named(tmp_path):
+    with pytest.raises(StoreError, match="has no object a; run the stage that makes noise first"):
+        plan_of(request(tmp_path, stage=TakeMean()))
+
+
+def test_two_runs_of_one_shard_do_not_meet(tmp_path):
+    held, free = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        with one_writer(plan_of(request(tmp_path)).lock, tmp_path):
+            held.set()
+            free.wait(30)
+
+    other = threading.Thread(target=hold)
+    other.start()
+    held.wait(30)
+    with pytest.raises(StoreError, match="is being made by another run"):
+        run(request(tmp_path))
+    free.set()
+    other.join()
+    assert run(request(tmp_path)) == 5
+
+
+def test_seeds_are_keyed_by_identity():
+    draws = {numpy_rng(*identity).random() for identity in [(0, "a", "b"), (0, "ab"), (0, "a", "b", 1), (1, "a", "b"), (0, "b", "a")]}
+    assert len(draws) == 5
+    assert numpy_rng(0, "a", 1).random() == numpy_rng(0, "a", 1).random()
+
+
+def test_rows_can_be_read_back(tmp_path):
+    run(request(tmp_path))
+    view = published(tmp_path).view("c")
+    assert str(view["label"]) == "letter"
+    assert view["values"].dtype == np.float32
+    np.testing.assert_array_equal(view["lists/numbers"], [1])
+    np.testing.assert_array_equal(view["reach"], np.ones((50, 3)))
