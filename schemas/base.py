@@ -79,11 +79,14 @@ COMMON = {
 }
 
 COORDINATES = {
-    "grasp": Array(dims=("grasp",), dtype="int32", units="1", description="Number of the grasp, 0 the best."),
-    "sensor": Array(dims=("sensor",), dtype="string", units="1", description="Name of the finger that wears the sensor."),
-    "joint": Array(dims=("joint",), dtype="string", units="1", description="Name of the joint in the hand's URDF, finger by finger."),
+    name: Array(dims=(name,), dtype="int32" if name == "grasp" else "string", units="1", description=description, optional=True)
+    for name, description in {
+        "grasp": "Number of the grasp, 0 the best.",
+        "sensor": "Name of the finger that wears the sensor.",
+        "joint": "Name of the joint in the hand's URDF, finger by finger.",
+    }.items()
 }
-"""Labels of dimensions."""
+"""Labels of dimensions: a stage that gives none takes over those of its inputs."""
 
 
 def coordinates(*names: str) -> dict[str, Array]:

@@ -6,11 +6,13 @@ import os
 from pathlib import Path
 
 import pytest
-from pipeline.engine.runner import execute
 
 from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import resolve
-from pipeline.engine.plan import Request, make_plan
+from pipeline.console import errors
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.engine.workers import Work, run_jobs
 from stages.registry import STAGES, load_stage
 
 ASSIGNMENTS = ["sample-surfaces.points=1000", "simulate-grasps.attempts=5", "simulate-grasps.ik_samples=256"]
@@ -36,7 +38,9 @@ def test_memory_stays_flat_over_300_objects(tmp_path):
     objects = load_manifest("pybullet-objects").objects()[:300]
     for name in STAGES:
         stage = load_stage(name)
-        plan = make_plan(Request(stage, resolve(stage, "draft", ASSIGNMENTS, STAGES), "300", objects, "draft", 0, tmp_path), 0)
-        sizes = [children_megabytes() for _ in execute(plan)]
+        (plan,) = make_plans(Request(stage, resolve(stage, "draft", ASSIGNMENTS, STAGES), "300", objects, "draft", 0, tmp_path))
+        jobs, work = [member.job for member in plan.members], Work(stage, plan.settings, 0, tmp_path, plan.models)
+        sizes = [children_megabytes() for _ in run_jobs(work, jobs, 1)]
+        run(plan, errors)
         print(f"{name}: {sizes[49]:.0f} MB at object 50, {sizes[-1]:.0f} MB at object {len(sizes)}")
         assert sizes[-1] - sizes[49] < GROWTH_MB

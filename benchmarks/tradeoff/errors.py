@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import t as student
@@ -20,18 +21,16 @@ from skimage.transform import resize
 
 from benchmarks.stored_grasps import examine
 from benchmarks.tradeoff.runs import Made, load_json
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.models.touch_model import load_touch_model
-from pipeline.store.collection import usable_objects
 from pipeline.store.directory import DataDirectory
-from schemas.base import Artifact
 from schemas.charts import CHARTS, FITTED, STOP_RULES
 from schemas.grasps import GRASPS
-from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
-from schemas.vision import VISION
 from stages.evaluate.store import read_table
+from stages.train_unet.learner import load_touches
 
 Figures = dict[str, float]
 
@@ -93,17 +92,18 @@ def _variance(values: NDArray[np.float64]) -> float:
     return float(np.var(values, ddof=1)) if len(values) > 1 else 0.0
 
 
-def _pairs(made: Made, reference: Path, artifact: Artifact, *arrays: str) -> Iterator[tuple[list[np.ndarray], list[np.ndarray]]]:
+def _pairs(made: Made, reference: Path, *arrays: str) -> Iterator[tuple[list[np.ndarray], list[np.ndarray]]]:
     """Some arrays of each object that failed in neither, of the variant and of its reference."""
-    ours, theirs = (DataDirectory(data).collection(artifact) for data in (made.data, reference))
-    for object_id in usable_objects({"made": ours, "reference": theirs}, None)[0]:
-        yield [ours.view(object_id)[name] for name in arrays], [theirs.view(object_id)[name] for name in arrays]
+    ours, theirs = (ObjectRows(data, arrays, split=None) for data in (made.data, reference))
+    for object_id in ours.object_ids:
+        if object_id not in theirs.left_out:
+            yield [ours.read(name, object_id) for name in arrays], [theirs.read(name, object_id) for name in arrays]
 
 
 def surfaces(made: Made, reference: Path) -> Errors:
     """How far the reference's points are from the nearest of the variant's."""
     squares, unreached = [], []
-    for (points,), (dense,) in _pairs(made, reference, SURFACES, "points"):
+    for (points,), (dense,) in _pairs(made, reference, "points"):
         distance = cKDTree(points).query(dense)[0]
         squares.append(np.mean(distance**2))
         unreached.append(np.mean(distance > UNREACHED * np.median(distance)))
@@ -133,7 +133,7 @@ def grasps(made: Made, reference: Path) -> Errors:
 def vision(made: Made, reference: Path) -> Errors:
     """How the images, enlarged to the reference's size, differ from it."""
     squares, likeness, silhouette = [], [], []
-    for (image, labels), (truth, true_labels) in _pairs(made, reference, VISION, "unoccluded", "segmentation"):
+    for (image, labels), (truth, true_labels) in _pairs(made, reference, "unoccluded", "segmentation"):
         size = truth.shape[:2]
         ours, theirs = resize(image / 255.0, (*size, 3), order=1), truth / 255.0  # type: ignore[no-untyped-call]
         squares.append(np.mean((ours - theirs) ** 2))
@@ -154,7 +154,7 @@ def touch(made: Made, reference: Path) -> Errors:
     near: list[NDArray[np.float64]] = []
     far: list[NDArray[np.float64]] = []
     wrong, lost = [], 0
-    for (depth, reading), (truth, true_reading) in _pairs(made, reference, TOUCH, "depth", "reading"):
+    for (depth, reading), (truth, true_reading) in _pairs(made, reference, "depth", "reading"):
         both = np.isfinite(depth) & np.isfinite(truth)
         lost += int((np.isfinite(depth) != np.isfinite(truth)).sum())
         error = np.abs(depth[both].astype(np.float64) - truth[both])

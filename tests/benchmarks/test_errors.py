@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from pipeline.engine.runner import execute
 
 from benchmarks.stored_grasps import Seen
 from benchmarks.tradeoff.errors import ERRORS, SOUND, Errors
 from benchmarks.tradeoff.runs import Made
 from pipeline.config.hand_file import load_hand
 from pipeline.config.settings import Settings
-from pipeline.engine.plan import Request, make_plan
+from pipeline.engine.plan import Request
 from pipeline.engine.stage import Task
 from pipeline.kernels.hand.bodies import collision_boxes
 from pipeline.kernels.hand.kinematics import forward
@@ -27,10 +26,8 @@ from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.models.touch_model import save_touch_model
-from pipeline.store.pieces import Piece
 from pipeline.store.rows import Row
 from pipeline.store.spec import numpy_dtype
-from pipeline.store.write import conform
 from schemas.base import Artifact
 from schemas.charts import CHARTS, STOP_RULES
 from schemas.evaluation import TABLES
@@ -42,6 +39,7 @@ from stages.evaluate import tables
 from stages.evaluate.report import METRICS, _plain
 from stages.evaluate.store import TABLES_ZARR, write_tables
 from stages.registry import STAGES
+from tests.engine.tiny_stages import pack
 from tests.learning import spheres
 from tests.learning.presses import SENSOR
 
@@ -58,13 +56,7 @@ def store(data: Path, output: Artifact, row: Callable[[Task], Row], count: int =
     """Write what a function says of each of some objects, a, b, …, but for those that failed."""
     stage: Any = spheres.Given(output, row, (), CONSTANTS.get(output.name, {}), ATTRIBUTES.get(output.name, {}))
     items = spheres.objects(count)
-    plan = make_plan(Request(stage=stage, settings=Settings(), objects=items, manifest="known", preset="draft", seed=0, data=data), 0)
-    for job in plan.jobs:
-        name = job.item.object_id
-        why = {"stage": stage.name, "reason": "no room"} if name in failed else None
-        piece = Piece({} if why else conform(output, row(Task(name, job.item.category, seed=0))), 0.0, why)
-        plan.pieces.save(name, job.key, piece)
-    assert not list(execute(plan))
+    pack(Request(stage=stage, settings=Settings(), objects=items, manifest="known", preset="draft", seed=0, data=data), row, failed)
     return data
 
 

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from pipeline.engine.runner import execute
 
 from pipeline.config.manifest import Object
 from pipeline.config.sensor_file import load_sensor
 from pipeline.config.settings import Settings
-from pipeline.engine.plan import Request, make_plan
-from pipeline.engine.stage import Cost, Task
+from pipeline.engine.plan import Request
+from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.kernels.charts.chart_square import chart_square
 from pipeline.kernels.networks.configurations import CONFIGURATIONS
 from pipeline.kernels.networks.deformation import DeformationNetwork
@@ -24,16 +22,17 @@ from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import Camera, projection_matrix
 from pipeline.models.model_files import save_model
-from pipeline.store.pieces import Piece
-from pipeline.store.record import RECORD, hashes_of
+from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.publish import publish_folder
+from pipeline.store.record import FolderRecord
 from pipeline.store.rows import Row
-from pipeline.store.write import conform
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
+from tests.engine.tiny_stages import pack
 
 CENTRE = np.array([0.0, 0.0, 0.6])
 SIDE = 3
@@ -143,7 +142,14 @@ def charts(task: Task) -> Row:
     }
 
 
-class Given:
+LABELS: Row = {
+    "grasp": np.arange(5, dtype=np.int32),
+    "sensor": np.array([f"finger-{number}" for number in range(SENSORS)]),
+    "joint": np.array(["joint"]),
+}
+
+
+class Given(ObjectStage):
     """A stage that writes what a function says."""
 
     settings_type = Settings
@@ -158,11 +164,11 @@ class Given:
     def inputs(self, settings: Settings) -> tuple[Artifact, ...]:
         return self._reads
 
-    def models(self, settings: Settings) -> tuple[str, ...]:
-        return ()
+    def cost(self, settings: Settings) -> Cost:
+        return Cost(0.0, 0.0)
 
-    def assets(self, settings: Settings) -> list[Path]:
-        return []
+    def session(self, settings: Settings, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Task], Row]]:
+        return nullcontext(self.row)
 
     def constants(self, settings: Settings) -> Row:
         return self._constants
@@ -170,19 +176,12 @@ class Given:
     def attributes(self, settings: Settings) -> dict[str, Any]:
         return self._attributes
 
-    def cost(self, settings: Settings) -> Cost:
-        return Cost(0.01, 1)
-
-    @contextmanager
-    def session(self, settings: Settings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
-        yield self.row
-
 
 def stages() -> list[Given]:
     sensor = {"sensor": SENSOR.model_dump(mode="json")}
     return [
         Given(SURFACES, surfaces, (), {}, {}),
-        Given(GRASPS, grasps, (SURFACES,), {}, {}),
+        Given(GRASPS, grasps, (SURFACES,), LABELS, {}),
         Given(VISION, vision, (GRASPS,), {"camera": projection_matrix(CAMERA)}, {}),
         Given(TOUCH, touch, (SURFACES, GRASPS), {"untouched": untouched_image(SENSOR)}, sensor),
         Given(CHARTS, charts, (TOUCH,), {"chart_faces": chart_square(SIDE)[1].numpy().astype(np.int32)}, {}),
@@ -200,11 +199,7 @@ def make_data(data: Path, count: int) -> None:
         request: Any = Request(
             stage=stage, settings=Settings(), manifest="balls", objects=objects(count), preset="draft", seed=0, data=data
         )
-        plan = make_plan(request, 0)
-        for job in plan.jobs:
-            row = conform(stage.output, stage.row(Task(job.item.object_id, job.item.category, seed=0)))
-            plan.pieces.save(job.item.object_id, job.key, Piece(row, 0.0))
-        assert not list(execute(plan))
+        pack(request, stage.row)
 
 
 def make_model(data: Path, name: str, *, still: bool = False) -> Path:
@@ -216,7 +211,7 @@ def make_model(data: Path, name: str, *, still: bool = False) -> Path:
         with torch.no_grad():
             for parameter in network.parameters():
                 parameter.zero_()
-    folder = data / "models" / "gcn" / name
+    folder = data / ".work" / name
     folder.mkdir(parents=True)
     camera = projection_matrix(CAMERA).tolist() if config.image else None
     resolution = [CAMERA.resolution] * 2 if config.image else None
@@ -224,6 +219,9 @@ def make_model(data: Path, name: str, *, still: bool = False) -> Path:
     save_model(folder, network, description | {"resolution": resolution, "charts": {"side": config.side} if config.touch else None})
     hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
     facts = {"parameters": 1000, "epochs": 3, "best_epoch": 1, "best": {"loss": 2.5}, "training_seconds": 1.5, "hardware": hardware}
-    record = {"stage": "train-gcn", "splits": [], "inputs": {}, "models": {}, "facts": facts, "files": hashes_of(folder)}
-    (folder / RECORD).write_text(json.dumps(record))
-    return folder
+    record = FolderRecord(
+        **{"location": "unpublished", "stage": "train-gcn", "key": "0" * 64, "settings": {}, "speed_settings": {}, "preset": "draft"},
+        **{"seed": 0, "manifest": "balls", "models": {}, "versions": {}, "processor": {}, "splits": (), "inputs": {}, "facts": facts},
+        **{"seconds": 1.5, "files": hashes_of(folder)},
+    )
+    return publish_folder(DataDirectory(data), f"models/gcn/{name}", folder, record)

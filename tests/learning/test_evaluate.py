@@ -1,15 +1,16 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from pipeline.dataset.split import load_split
-from pipeline.engine.folders import fill, plan_folder
 from rich.console import Console
 
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.charts.chart_sphere import chart_sphere
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
@@ -17,7 +18,7 @@ from pipeline.kernels.metrics.bootstrap import Interval
 from pipeline.kernels.metrics.distances import nearest_squared
 from pipeline.models.reconstruct import Reconstructor, View
 from pipeline.reports.orderings import Verdict, orderings, show_orderings
-from pipeline.store.record import hashes_of
+from pipeline.store.directory import DataDirectory, hashes_of
 from stages.evaluate.cases import make_cases
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
@@ -37,9 +38,9 @@ def request(data: Path, **settings: Any) -> Request[Any]:
 
 def evaluate(data: Path, place: str = "evaluation", **settings: Any) -> tuple[Path, str]:
     console = Console(record=True, width=200)
-    plan = plan_folder(request(data, **settings), place)
-    fill(plan, console)
-    return plan.path, console.export_text()
+    (plan,) = make_plans(replace(request(data, **settings), folder=place))
+    run(plan, console)
+    return plan.directory.folder_path(plan.name), console.export_text()
 
 
 @pytest.fixture(scope="module")
@@ -95,21 +96,22 @@ def test_a_sphere_that_stays_one_has_the_chamfer_distance_of_two_spheres(evaluat
 def test_a_figure_is_that_of_its_reconstruction_by_hand(data, evaluation):
     folder, _ = evaluation
     prediction, values = (read_table(folder, f"{group}/occluded-touch") for group in ("predictions", "values"))
-    model = Reconstructor(data / "models/gcn/occluded-touch")
-    split = load_split(data, ["points", "occluded", "vertices", "stop_rule", "touch_success", "sensor_pose"], "test")
+    model = Reconstructor(DataDirectory(data).folder_path("models/gcn/occluded-touch"))
+    rows = ObjectRows(data, ["points", "occluded", "vertices", "stop_rule", "touch_success", "sensor_pose"], "test")
     row, grasps = 1, [4, 0]
-    charts = split.arrays["vertices"][row, grasps].reshape(-1, spheres.SIDE**2, 3)
-    touched = split.arrays["touch_success"][row, grasps].reshape(-1)
-    made = model.reconstruct([View(split.arrays["occluded"][row, 4], charts, touched)])[0]
+    name = rows.object_ids[row]
+    charts = rows.read("vertices", name)[grasps].reshape(-1, spheres.SIDE**2, 3)
+    touched = rows.read("touch_success", name)[grasps].reshape(-1)
+    made = model.reconstruct([View(rows.read("occluded", name, 4), charts, touched)])[0]
     case = int(np.flatnonzero((prediction["first_grasp"] == 4) & (prediction["grasps_given"] == 2))[0])
     np.testing.assert_allclose(prediction["vertices"][row, case], made.vertices[: made.vision], atol=1e-6)
     dense = made.vertices[made.faces].mean(axis=1)  # face centres: another sampling of the same surface
-    assert nearest_squared(dense, split.arrays["points"][row]).mean() < values["chamfer"][row, 4, 1]
+    assert nearest_squared(dense, rows.read("points", name)).mean() < values["chamfer"][row, 4, 1]
 
 
 def test_every_table_is_there_and_printed(evaluation):
     folder, printed = evaluation
-    assert {path.name for path in folder.iterdir()} == {"tables.zarr", "metrics.json", "record.json"}
+    assert {path.name for path in folder.iterdir()} == {"tables.zarr", "metrics.json"}
     metrics = json.loads((folder / "metrics.json").read_text())
     assert set(metrics["tables"]) == {"objects", "table_1", "table_2", "table_3", "modalities", "charts", "training"}
     assert metrics["tables"]["modalities"]["category"] == ["bottle", "knife", "all"]
@@ -143,10 +145,9 @@ def test_twice_is_the_same_to_the_bit_and_another_seed_is_not(data, evaluation):
     assert hashes_of(again) == hashes_of(evaluation[0])
     by_seven = read_table(evaluate(data, "by-seven", batch_size=7, configurations=("occluded",))[0], "values/occluded")
     np.testing.assert_allclose(by_seven["chamfer"], read_table(again, "values/occluded")["chamfer"], rtol=1e-5)
-    one = request(data, configurations=("none",))
-    plan = plan_folder(Request(**{**one.__dict__, "seed": 1}), "other")
-    fill(plan, Console(quiet=True))
-    assert (read_table(plan.path, "values/none")["chamfer"] != read_table(again, "values/none")["chamfer"]).all()
+    (plan,) = make_plans(replace(request(data, configurations=("none",)), seed=1, folder="other"))
+    run(plan, Console(quiet=True))
+    assert (read_table(plan.directory.folder_path("other"), "values/none")["chamfer"] != read_table(again, "values/none")["chamfer"]).all()
 
 
 def test_a_killed_run_goes_on_with_the_next_configuration(data, evaluation, monkeypatch):
@@ -162,7 +163,8 @@ def test_a_killed_run_goes_on_with_the_next_configuration(data, evaluation, monk
     monkeypatch.setattr(Reconstructor, "reconstruct", counted)
     with pytest.raises(KeyboardInterrupt):
         evaluate(data, "killed", configurations=("none", "occluded"))
-    work = plan_folder(request(data, configurations=("none", "occluded")), "killed").work
+    (plan,) = make_plans(replace(request(data, configurations=("none", "occluded")), folder="killed"))
+    work = plan.directory.work("killed") / plan.key[:16]
     assert load_partial(work, "none") is not None
     assert load_partial(work, "occluded") is None
     asked.clear()

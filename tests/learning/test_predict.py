@@ -7,8 +7,8 @@ import pytest
 import torch
 import trimesh
 from PIL import Image
-from pipeline.dataset.reader import GraspDataset
 
+from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.errors import StageError, StoreError
 from pipeline.inference.grasp_files import read_poses
 from pipeline.inference.mesh_files import TOUCH_COLOR, joined

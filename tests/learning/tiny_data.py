@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
-
-from pipeline.engine.folders import fill, plan_folder
-from pipeline.engine.runner import execute
 
 from pipeline.config.manifest import Manifest
 from pipeline.config.presets import resolve
-from pipeline.console import console_on
-from pipeline.engine.plan import Request, make_plan
-from pipeline.store.record import Record
-from stages.registry import STAGES, is_dataset_stage, load_stage
+from pipeline.console import errors
+from pipeline.engine.folder_plan import FolderPlan
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from stages.registry import STAGES, load_stage
 
 ASSIGNMENTS = ("sample-surfaces.points=2000", "simulate-grasps.attempts=4", "simulate-grasps.ik_samples=512")
 
@@ -25,18 +22,10 @@ def manifest(train: int = 1, valid: int = 1, test: int = 0, **count: int) -> Man
     return Manifest.model_validate({"name": "tiny", "description": "d", "seed": 0, "splits": splits, "sources": [source]})
 
 
-def run_stage(data: Path, name: str, objects: Manifest, *assignments: str, seed: int = 0) -> Record | None:
-    """Run a stage; the record, where it is a dataset stage."""
+def run_stage(data: Path, name: str, objects: Manifest, *assignments: str, seed: int = 0) -> Path | None:
+    """Run a stage; the folder, where it is a dataset stage."""
     stage = load_stage(name)
     settings = resolve(stage, "draft", [*ASSIGNMENTS, *assignments], STAGES)
-    asked: Any = Request(stage, settings, objects.name, objects.objects(), "draft", seed, data)
-    if is_dataset_stage(stage):
-        plan = plan_folder(asked)
-        if not plan.up_to_date():
-            fill(plan, console_on(__import__("sys").stdout))
-        return Record(plan.path)
-    shard = make_plan(asked, 0)
-    if not shard.up_to_date():
-        for outcome in execute(shard):
-            assert outcome.reason is None, outcome
-    return None
+    (plan,) = make_plans(Request(stage, settings, objects.name, objects.objects(), "draft", seed, data))
+    assert not run(plan, errors).failed
+    return plan.directory.folder_path(plan.name) if isinstance(plan, FolderPlan) else None

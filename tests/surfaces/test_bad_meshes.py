@@ -9,6 +9,7 @@ import trimesh
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 
@@ -91,7 +92,7 @@ def mixed(tmp_path_factory) -> tuple[Path, Collection]:
 
 def test_each_bad_mesh_is_recorded_with_a_reason(mixed):
     _, found = mixed
-    failures = {name: failure["reason"] for name in found if (failure := found.shard(name).failure(name))}
+    failures = {name: failure.reason for name in found if (failure := found.failure(name))}
     assert failures.keys() == REASONS.keys()
     for name, part in REASONS.items():
         assert part in failures[name]

@@ -9,7 +9,6 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import yaml
-from pipeline.engine.runner import execute
 from typer.testing import CliRunner
 
 from benchmarks.tradeoff import shortcuts_data, shortcuts_learning
@@ -164,7 +163,7 @@ def test_one_object_is_explained_before_its_shard_is_packed(tmp_path):
 def test_explanation_is_of_what_was_just_made(tmp_path):
     objects, stage = manifest().objects(), load_stage("sample-surfaces")
     for points, only in ((100, None), (150, objects[0].object_id)):
-        plan = make_plan(Request(stage, SurfaceSettings(points=points), "tiny", objects, "draft", 0, tmp_path, only=only), 0)
-        list(execute(plan))
+        (plan,) = make_plans(Request(stage, SurfaceSettings(points=points), "tiny", objects, "draft", 0, tmp_path, only=only))
+        run(plan, console)
     (task,) = processed_tasks(plan)
     assert len(task.inputs["surfaces"]["points"]) == 150
