@@ -56,7 +56,7 @@ class GraspedObject:
 
 def alternatives(data: Path) -> list[dict[str, Any]]:
     """Measure every alternative: one row each, with seconds and figures."""
-    surfaces, grasps = Collection(Layout(data), SURFACES), Collection(Layout(data), GRASPS)
+    surfaces, grasps = DataDirectory(data).collection(SURFACES), DataDirectory(data).collection(GRASPS)
     objects = [GraspedObject(surfaces.view(name), grasps.view(name)) for name in grasps]
     return [*_pixels(objects), *_shapes(objects)]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.dataset.mesh_rows import mesh_row
-from pipeline.engine.stage import Cost, Task
+from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import clean_mesh

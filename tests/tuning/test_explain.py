@@ -15,10 +15,9 @@ from benchmarks.tradeoff import shortcuts_data, shortcuts_learning
 from pipeline.cli import app
 from pipeline.cli import explain as command
 from pipeline.console import console
-from pipeline.engine.plan import Request, make_plan
-from pipeline.engine.runner import execute
-from pipeline.store.collection import Collection
-from pipeline.store.layout import Layout
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.store.directory import DataDirectory
 from pipeline.tuning.explain import Count, Explanation, arrays_read, processed_tasks, shards_opened, total
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
