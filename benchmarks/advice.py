@@ -1,7 +1,7 @@
-"""Whether advice holds: `python -m benchmarks.advice MANIFEST --budget 3min` (or `--error 5um`) takes it, and measures.
+"""Check advice: `python -m benchmarks.advice MANIFEST --budget 3min` (or `--error 5um`) follows it, and measures.
 
-The stages are run as advised into a new directory; their wall time stands beside the promised one, and the error of each, against
-the most accurate settings on the same objects, beside the promised one.
+The stages are run as advised in a new directory. Their wall time is printed with the promised one, and so is the error of each,
+measured against the most accurate settings on the same objects.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ PRESET = "standard"
 
 
 def main() -> None:
-    """Ask, do, and compare."""
+    """Ask for advice, follow it, and compare."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("manifest", type=Path)
     parser.add_argument("--objects", help="as of `vt-pipeline advise`, like all other options")
@@ -54,7 +54,7 @@ def _advice(question: list[str]) -> dict[str, Any]:
 
 
 def _error(stage: str, manifest: Path, place: Path, settings: list[str], more: list[str]) -> float:
-    """The error of a stage's output, of what was asked for when it was measured, against its reference made from the same inputs."""
+    """Measure the error of a stage's output, at the study's fixed settings, against its reference on the same inputs."""
     study = next(study for study in study_plans() if study.stage == stage)
     data, reference = place / COMMON, Path()
     fixed = Variant("preset", PRESET, PRESET, study.fixed).assignments(stage)
@@ -68,7 +68,7 @@ def _error(stage: str, manifest: Path, place: Path, settings: list[str], more: l
 def _beside(
     study: StudyPlan, manifest: Path, place: Path, name: str, preset: str, settings: list[str], more: list[str], seed: int | None = None
 ) -> Path:
-    """Make a stage once more, from what stands."""
+    """Run a stage again, on the same inputs."""
     data = place / f"{study.stage}-{name}"
     link_common(place, data, MADE_BY[study.stage])
     command(study.stage, manifest, preset, data, settings, seed, more)

@@ -1,4 +1,4 @@
-"""Chamfer distance, forward and backward, beside torch.cdist in one run. `python -m benchmarks.chamfer`."""
+"""`python -m benchmarks.chamfer`: Chamfer distance, forward and backward, beside torch.cdist."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Touch charts: charts a second, residuals and stop rules by kind of cloud, beside a plain loop. `python -m benchmarks.charts`."""
+"""`python -m benchmarks.charts`: charts per second, residuals and stop rules by kind of cloud, beside a plain loop."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ RULES = {
 
 
 def press(kind: str, rng: np.random.Generator) -> NDArray[np.float64]:
-    """The points in the gel, sensor frame, m, of a shape pressed in at random."""
+    """Make the points in the gel, sensor frame, m, of a shape pressed in at random."""
     x, y = np.meshgrid(*pixel_centres(SENSOR))
     deepest = rng.uniform(0.001, 0.006)
     angle, slope = rng.uniform(0, 2 * np.pi), rng.uniform(0.1, 0.5)

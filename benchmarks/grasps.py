@@ -24,7 +24,7 @@ from stages.simulate_grasps.settings import GraspSettings
 
 @dataclass
 class Tally:
-    """What was seen of one class."""
+    """The grasps of one class of objects."""
 
     touched: list[NDArray[np.bool_]] = field(default_factory=list)
     kept: list[Grasp] = field(default_factory=list)

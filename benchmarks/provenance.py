@@ -21,7 +21,7 @@ def provenance(plain: str, module: str) -> dict[str, str]:
 
 
 def commit() -> str:
-    """The checkout's short commit, with a word where sources differ from it."""
+    """Find the checkout's short commit, with a note where sources differ from it."""
 
     def git(*arguments: str) -> str:
         return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
@@ -31,7 +31,7 @@ def commit() -> str:
 
 
 def machine() -> str:
-    """Processor, cores, system and Python."""
+    """Describe processor, cores, system and Python."""
     names = [line.split(":")[1].strip() for line in _cpuinfo() if line.startswith("model name")]
     model = names[0] if names else platform.processor() or platform.machine()
     return f"{model}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}"

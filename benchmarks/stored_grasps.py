@@ -48,7 +48,7 @@ class Seen:
 
 
 def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
-    """Measure every grasp of a data set, by object, with so many points on hand and object."""
+    """Measure every grasp of a dataset, by object, with this number of points on hand and object."""
     surfaces, grasps = DataDirectory(data).collection(SURFACES), DataDirectory(data).collection(GRASPS)
     rig = make_rig(GraspSettings())
     found: dict[str, list[Seen]] = {}

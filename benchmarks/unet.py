@@ -1,4 +1,4 @@
-"""A U-Net training step with and without each loss, in one run, and one touch learnt by heart. `python -m benchmarks.unet`."""
+"""`python -m benchmarks.unet`: a U-Net training step with and without each loss, and one touch overfitted."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from stages.train_unet.settings import UnetSettings
 
 BATCH = 8
 ROUNDS = 2
-"""Steps of each kind, one kind after the other, so that the machine's moods meet all of them."""
+"""Steps of each kind, in turns."""
 NARROW = 8
 OVERFIT_STEPS = 180
 OVERFIT_RATE = 0.01
@@ -110,7 +110,9 @@ def main() -> None:
         for name, (step, in_loss) in table.items():
             print(f"{width:5}  {name:24}  {step:7.3f} s  {in_loss * 1e3:7.1f} ms  {in_loss / bare:18.2%}", flush=True)
     rms, seconds = overfit(readings[:1], true[:1], mask[:1], sensor)
-    print(f"One touch by heart: width {NARROW}, {OVERFIT_STEPS} steps, {seconds:.1f} s: RMS {rms:.1f} µm over {int(mask[0].sum())} pixels.")
+    print(
+        f"One touch overfitted: width {NARROW}, {OVERFIT_STEPS} steps, {seconds:.1f} s: RMS {rms:.1f} µm over {int(mask[0].sum())} pixels."
+    )
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from benchmarks.peers.table import Table, provenance
 INTRODUCTION = """# Side by side with what one would pick instead
 
 Written by the command above each table, `make bench-peers`: every peer in one run, on one core of the same machine, with the same meshes
-and sensor poses. Times are the processor's, in turns; below each table stands what is not comparable. A ratio above 1 is in our favour.
+and sensor poses. Times are the processor's, in turns; notes below each table say what is not comparable. A ratio above 1 is in our favour.
 """
 TURNS = 3
 """Rounds of every table, the first, which warms up, not counted."""
@@ -34,7 +34,7 @@ def main() -> None:
         "store": store.measure,
     }
     parser = argparse.ArgumentParser(prog="python -m benchmarks.peers", description=__doc__)
-    parser.add_argument("--data", type=Path, required=True, help="a data set with surfaces, grasps and touches")
+    parser.add_argument("--data", type=Path, required=True, help="a dataset with surfaces, grasps and touches")
     parser.add_argument("--write", type=Path, help="put the tables there too; needs all of them")
     parser.add_argument("--only", nargs="+", choices=tables, default=list(tables), help="these tables alone")
     parser.add_argument("--turns", type=int, default=TURNS, help=f"rounds, {TURNS} if not said")

@@ -1,4 +1,4 @@
-"""The meshes and sensor poses that every peer is given: real ones, from a data set."""
+"""Meshes and sensor poses of a dataset, which every peer is given."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 
 POSES = 5
-"""Sensors an object, spread over its grasps and fingers."""
+"""Sensors per object, spread over its grasps and fingers."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """An object and where sensors touch it: `poses` (K, 4, 4) float64, sensor frame to world frame."""
+    """An object and sensors that touch it: `poses` (K, 4, 4) float64, sensor frame to world frame."""
 
     name: str
     mesh: Mesh
@@ -31,7 +31,7 @@ class Case:
 
 
 def touched_objects(data: Path) -> list[Case]:
-    """The first object of every category of a data set, each with `POSES` sensors that touch it."""
+    """Choose the first object of every category of a dataset, each with `POSES` sensors that touch it."""
     directory = DataDirectory(data)
     surfaces, grasps = directory.collection(SURFACES), directory.collection(GRASPS)
     cases: dict[str, Case] = {}

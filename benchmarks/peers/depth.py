@@ -34,7 +34,7 @@ DepthOf = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 def measure(cases: Sequence[Case], turns: int) -> Table:
-    """The table, of the data set's objects and of one large mesh; `turns` rounds of all sensors each."""
+    """Make the table, of the dataset's objects and of one large mesh; `turns` rounds of all sensors each."""
     sensor = load_sensor("gel_16mm")
     table = Table(
         "Depth: exact, traced, rasterised",

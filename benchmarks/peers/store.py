@@ -45,7 +45,7 @@ def measure(data: Path, turns: int) -> Table:
     raw = sum(array.nbytes for array in arrays.values())
     table = Table(
         "A shard of touches on disk",
-        ["bytes a grasp", "÷ ours", "files", "write, ms", "÷ ours", "read, ms", "÷ ours", "one grasp, ms"],
+        ["bytes per grasp", "÷ ours", "files", "write, ms", "÷ ours", "read, ms", "÷ ours", "one grasp, ms"],
         [
             f"{', '.join(sorted(arrays))} of {len(shard.object_ids)} objects × {arrays['depth'].shape[1]} grasps, "
             f"{raw / 1e6:.1f} MB in memory. Processor milliseconds of one core, least / median; ratios of the least. Files lie in the page "
@@ -54,11 +54,11 @@ def measure(data: Path, turns: int) -> Table:
             "All hold the same arrays to the bit, read back and compared. Ours has checksums, units, dimension names and meanings beside "
             "them, .npy files and HDF5 as written here have none.",
             "HDF5 by h5py, chunks of a grasp as ours, gzip's default level 4 behind the shuffle filter; other filters need plugins. "
-            "One .npy file an array and grasp is much as the paper's authors store theirs.",
+            "One .npy file per array and grasp is much as the paper's authors store theirs.",
         ],
     )
-    formats = {OURS: Format(_write_zarr, _read_zarr, _grasp_zarr), ".npy, a file an array": Format(_write_npy, _read_npy, _grasp_npy)}
-    formats[".npy, a file an array and grasp"] = Format(_write_small, _read_small, _grasp_small)
+    formats = {OURS: Format(_write_zarr, _read_zarr, _grasp_zarr), ".npy, one file per array": Format(_write_npy, _read_npy, _grasp_npy)}
+    formats[".npy, one file per array and grasp"] = Format(_write_small, _read_small, _grasp_small)
     try:
         import h5py  # noqa: F401
 

@@ -32,7 +32,7 @@ def measure(cases: Sequence[Case], turns: int) -> Table:
     """The table, over all cases; `turns` rounds of every sampler."""
     table = Table(
         f"{POINTS:,} surface points",
-        ["ms an object", "÷ ours", "off the surface, µm: median / 99 % / most", "hidden inside, %", "exterior missed, %"],
+        ["ms per object", "÷ ours", "off the surface, µm: median / 99 % / most", "hidden inside, %", "exterior missed, %"],
         [
             f"Mean of {', '.join(case.name for case in cases)}. Processor milliseconds of one core, least / median; ratios of the least.",
             f"Hidden: the nearest place of the mesh sees the outside in fewer than {MIN_ESCAPES} of {JUDGES:,} directions, by the same "

@@ -95,7 +95,7 @@ def _shapes(objects: list[GraspedObject]) -> Iterator[dict[str, Any]]:
 
 
 def _attempts(what: str, label: str, objects: list[GraspedObject], rig: Rig, hand: Hand, shape: Callable[[Mesh], Mesh]) -> dict[str, Any]:
-    """The same attempts with other shapes in physics; touches and depth are measured on the true ones."""
+    """Make the same attempts with other shapes in physics; touches and depth are measured on the true ones."""
     settings = GraspSettings()
     touched, depths, spent = [], [], 0.0
     with simulation(hand) as physics:
@@ -117,7 +117,7 @@ def _attempts(what: str, label: str, objects: list[GraspedObject], rig: Rig, han
 
 
 def _as_drawn(urdf: Path, place: Path) -> Path:
-    """A URDF whose links collide as the convex hulls of what is drawn of them; gels, which are soft, do not collide."""
+    """Write a URDF whose links collide as the convex hulls of what is drawn of them; gels, which are soft, do not collide."""
     tree = ElementTree.parse(urdf)
     for link in tree.iter("link"):
         for box in link.findall("collision"):
@@ -148,7 +148,7 @@ def _hull(mesh: Mesh) -> Mesh:
 def _timed(
     objects: list[GraspedObject], trace: Callable[[GraspedObject, NDArray[np.float64]], NDArray[np.float64]]
 ) -> tuple[list[NDArray[np.float64]], float]:
-    """What is traced of every touch, and the mean seconds of one."""
+    """Trace every touch; the depth maps, and mean seconds per map."""
     found = []
     for one in objects:
         _ = one.faces

@@ -1,4 +1,4 @@
-"""What a cheaper dataset costs in the end: the Chamfer distance of a network that was trained and tested on it."""
+"""Measure what a cheaper dataset costs in the end: the Chamfer distance of a network trained and tested on it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ DATASETS: dict[str, list[str]] = {
     "depth in steps of 61 um": ["simulate-touch.gel_bits=14", "simulate-touch.far_bits=14"],
     "true depths, no U-Net": ["fit-charts.cloud='true'"],
 }
-"""What each sets beside `draft`; all else is the same, and every one of them is learned from with draft's networks."""
+"""What each sets beside `draft`; networks are draft's."""
 
 
 def end_to_end(root: Path, console: Console) -> list[dict[str, Any]]:

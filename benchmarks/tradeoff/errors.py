@@ -1,7 +1,7 @@
-"""What a variant's output is worth: of every stage a first figure, its error, and others beside it.
+"""Measure the errors of variants: per stage a first figure, its error, and others beside it.
 
-Each function takes the variant as made and the data directory of its reference. Its figures are named with their unit, and beside
-them stands what each object alone has of the first: how far objects differ says how far another data set may be off.
+Each function takes the variant as made and the data directory of its reference. Figures are named with their unit; with them comes
+the error of each object alone, whose spread bounds the error on another dataset.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ from stages.train_unet.learner import load_touches
 Figures = dict[str, float]
 
 SURE = 0.95
-"""Of 20 other data sets 19 shall keep to the bound that is given."""
+"""Confidence of the bound: 19 of 20 other datasets keep to it."""
 UNREACHED = 4.0
-"""Times the median distance to the nearest point: of random points on a surface 1 in 70,000 is farther; what is, was left out."""
+"""Multiple of the median distance to the nearest point beyond which surface counts as left out: 1 in 70,000 random points is farther."""
 SOUND = 1e-3
-"""m that a rigid part may stand inside the object."""
+"""m that a rigid part may be inside the object."""
 POINTS = 20_000
 """On the hand, and on the object, that look for penetration: about 3 mm apart."""
 
 
 @dataclass(frozen=True)
 class Errors:
-    """What was measured of a variant.
+    """The errors of a variant.
 
     Attributes
     ----------
@@ -71,9 +71,9 @@ class Errors:
         return next(iter(self.figures.values()))
 
     def bound(self, seeds: Sequence[float]) -> float:
-        """What the error of another data set of as many such objects stays below, 19 times in 20.
+        """Bound the error on another dataset of as many such objects, with confidence `SURE`.
 
-        Student's t of how two such data sets differ, by their objects and, with errors of several `seeds`, by chance in training;
+        Student's t of how two such datasets differ, by their objects and, with errors of several `seeds`, by chance in training;
         degrees of freedom after Welch and Satterthwaite. Where no touch was missing, 3 of all may be (the rule of three, for
         touches that know nothing of each other).
         """
@@ -101,7 +101,7 @@ def _pairs(made: Made, reference: Path, *arrays: str) -> Iterator[tuple[list[np.
 
 
 def surfaces(made: Made, reference: Path) -> Errors:
-    """How far the reference's points are from the nearest of the variant's."""
+    """Measure how far the reference's points are from the nearest of the variant's."""
     squares, unreached = [], []
     for (points,), (dense,) in _pairs(made, reference, "points"):
         distance = cKDTree(points).query(dense)[0]
@@ -112,7 +112,7 @@ def surfaces(made: Made, reference: Path) -> Errors:
 
 
 def grasps(made: Made, reference: Path) -> Errors:
-    """How many of the sensors of all kept grasps do not touch, or not soundly, measured anew."""
+    """Measure how many sensors of all kept grasps do not touch, or not soundly."""
     collection = DataDirectory(made.data).collection(GRASPS)
     examined = examine(made.data, POINTS)
     each = []
@@ -131,7 +131,7 @@ def grasps(made: Made, reference: Path) -> Errors:
 
 
 def vision(made: Made, reference: Path) -> Errors:
-    """How the images, enlarged to the reference's size, differ from it."""
+    """Compare the images, enlarged to the reference's size, with it."""
     squares, likeness, silhouette = [], [], []
     for (image, labels), (truth, true_labels) in _pairs(made, reference, "unoccluded", "segmentation"):
         size = truth.shape[:2]
@@ -149,7 +149,7 @@ def vision(made: Made, reference: Path) -> Errors:
 
 
 def touch(made: Made, reference: Path) -> Errors:
-    """How far depths in the gel and beyond it are off, and how many readings show it."""
+    """Measure how far depths in the gel and beyond it are off, and how many tactile images show it."""
     sensor = Sensor.model_validate(DataDirectory(reference).collection(TOUCH).shards[0].attributes["sensor"])
     near: list[NDArray[np.float64]] = []
     far: list[NDArray[np.float64]] = []
@@ -173,7 +173,7 @@ def touch(made: Made, reference: Path) -> Errors:
 
 
 def unet(made: Made, reference: Path) -> Errors:
-    """The predicted depths of test objects that no training saw, against the true ones, where the sensors touched."""
+    """Compare the predicted depths of test objects with the true ones, where the sensors touched."""
     touches = load_touches(made.data, "test")
     model = load_touch_model(DataDirectory(made.data).folder_path("models/unet"), "cpu")
     readings, depth = (tensor.numpy() for tensor in touches.batch(range(len(touches)), torch.device("cpu"), torch.float32))
@@ -197,7 +197,7 @@ def unet(made: Made, reference: Path) -> Errors:
 
 
 def charts(made: Made, reference: Path) -> Errors:
-    """How far the touched points are from the chart fitted to them."""
+    """Measure how far the touched points are from the chart fitted to them."""
     found, capped = [], []
     for (residual, rule), _ in _pairs(made, made.data, CHARTS, "residual", "stop_rule"):
         fitted = np.isin(rule, FITTED)
@@ -213,7 +213,7 @@ def charts(made: Made, reference: Path) -> Errors:
 
 
 def gcn(made: Made, reference: Path) -> Errors:
-    """The evaluation of the network on test objects: Chamfer distances over grasps, and one grasp alone."""
+    """Collect the network's Chamfer distances on test objects: over all numbers of grasps, and with one grasp."""
     table = _table_3(made.data)
     figures = {
         "Chamfer x 9000": TABLE_3_FACTOR * float(np.mean(table["chamfer"][0])),
@@ -225,7 +225,7 @@ def gcn(made: Made, reference: Path) -> Errors:
 
 
 def evaluation(made: Made, reference: Path) -> Errors:
-    """How far the Chamfer distances that are reported are from those with most points."""
+    """Compare the reported Chamfer distances with those of most points."""
     ours, theirs = (np.array(_table_3(data)["chamfer"][0]) for data in (made.data, reference))
     truth = _per_object(reference)
     each = 100 * (_per_object(made.data) - truth) / truth.mean()

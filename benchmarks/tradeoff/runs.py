@@ -19,7 +19,7 @@ from stages.registry import is_dataset_stage, load_stage
 COMMON = "common"
 VT_PIPELINE = str(Path(sys.executable).parent / "vt-pipeline")
 SHARED = ("surfaces", "grasps", "vision", "touch", "models/unet", "charts", "models/gcn")
-"""What a variant's directory links to, unless it is what the variant makes or follows from it."""
+"""What a variant's directory links to, up to what the variant makes."""
 MADE_BY = {
     "sample-surfaces": "surfaces",
     "simulate-grasps": "grasps",
@@ -49,7 +49,7 @@ def command(
 
 
 def prepare(root: Path, objects: str, steps: dict[str, list[str]], preset: str) -> Path:
-    """The common data directory of the studies of some objects: the given stages, each with its assignments."""
+    """Make the common data directory of the studies of some objects: the given stages, each with its assignments."""
     data = root / objects / COMMON
     for stage, assignments in steps.items():
         command(stage, HERE / f"{objects}.yaml", preset, data, assignments)
@@ -80,7 +80,7 @@ def link_common(objects: Path, data: Path, own: str) -> None:
 
 
 def make(root: Path, plan: StudyPlan, variant: Variant) -> Made:
-    """Make a variant unless it stands, and say what it took when it was made."""
+    """Make a variant unless it is up to date; its cost is that of when it was made."""
     data = root / plan.objects / plan.name.replace(" ", "-") / file_name(variant.label)
     own = MADE_BY[plan.stage]
     link_common(root / plan.objects, data, own)
@@ -123,5 +123,5 @@ def described(plan: StudyPlan) -> dict[str, Any]:
 
 
 def load_json(path: Path) -> Any:
-    """A JSON file's content."""
+    """Read a JSON file."""
     return json.loads(path.read_text())

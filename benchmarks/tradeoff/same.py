@@ -1,4 +1,4 @@
-"""Settings and options that only change speed: the digests of what they make are equal."""
+"""Check settings and options that only change speed: the digests of their outputs are equal."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def same_results(root: Path, console: Console) -> list[dict[str, Any]]:
             rows.append({"stage": stage, "label": label, **_seen(data, stage)})
             console.print(f"{stage} {label}: {rows[-1]['digest'][:12]}")
         if len({row["digest"] for row in rows if row["stage"] == stage}) > 1:
-            raise RuntimeError(f"{stage}: a setting that shall only change speed changed what was made; see the digests above")
+            raise RuntimeError(f"{stage}: a setting that must only change speed changed the output; see the digests above")
     return rows
 
 

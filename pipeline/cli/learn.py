@@ -53,13 +53,13 @@ def sweep(
             fail(NO_GRID.format(stage))
         asked = _grid(grid) if grid else given
         found, failed = [], 0
-        for point in sweeps.points(asked):
+        for point in sweeps.grid_points(asked):
             chosen = [
                 *(assignments or []),
                 *(f"{stage}.{setting}={yaml.safe_dump(value).split(chr(10))[0]}" for setting, value in point.items()),
             ]
             request = make_request(loaded, manifest, preset, data, objects, chosen, seed)
-            folder = sweeps.place(stage, loaded.folder(request.settings), point)
+            folder = sweeps.point_folder(stage, loaded.folder(request.settings), point)
             if dry_run:
                 say(f"{request.data / folder}")
                 continue
@@ -71,7 +71,7 @@ def sweep(
                 failed += 1
                 errors.print(f"[yellow]failed[/] {escape(folder)}: {escape(str(error))}")
         if found:
-            sweeps.show(found, console)
+            sweeps.show_sweep(found, console)
         if failed:
             fail(f"{failed} points failed, see above")
 

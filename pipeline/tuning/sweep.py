@@ -1,4 +1,4 @@
-"""Sweeps: a dataset stage over a grid of settings, a folder a point; points that stand are not made again."""
+"""Sweep a dataset stage over a grid of settings, one folder per point; points that are up to date are not made again."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from rich.table import Table
 from pipeline.store.record import FolderRecord
 
 
-def points(grid: Mapping[str, Iterable[Any]]) -> Iterator[dict[str, Any]]:
-    """Every combination of the grid's values, the last setting's changing fastest."""
+def grid_points(grid: Mapping[str, Iterable[Any]]) -> Iterator[dict[str, Any]]:
+    """List every combination of the grid's values, the last setting changing fastest."""
     for values in itertools.product(*grid.values()):
         yield dict(zip(grid, values, strict=True))
 
 
-def place(stage: str, folder: str, point: Mapping[str, Any]) -> str:
-    """The folder of a point, below the data directory: named by what it varies."""
+def point_folder(stage: str, folder: str, point: Mapping[str, Any]) -> str:
+    """Name the folder of a point, below the data directory, by what it varies."""
     name = ",".join(f"{setting}={value}" for setting, value in point.items())
     return f"sweeps/{stage}/{folder.rpartition('/')[2]}/{file_name(name)}"
 
 
 def file_name(label: str) -> str:
-    """A label of settings and values as the name of a folder."""
+    """Turn a label of settings and values into the name of a folder."""
     return re.sub(r"[^A-Za-z0-9=,._+-]", "_", label)
 
 
-def show(found: list[tuple[dict[str, Any], FolderRecord]], console: Console) -> None:
-    """Print the points, the best first, by the validation loss of their best epoch."""
+def show_sweep(found: list[tuple[dict[str, Any], FolderRecord]], console: Console) -> None:
+    """Print the points in order of the validation loss of their best epoch."""
     ranked = sorted(found, key=lambda entry: entry[1].facts["best"]["loss"])
     table = Table(*ranked[0][0], "best loss", "epoch", "parameters", "training s", box=None, padding=(0, 2))
     for point, record in ranked:

@@ -19,7 +19,7 @@ from pipeline.kernels.metrics.chamfer import Target
 from pipeline.kernels.networks import touch_losses
 from pipeline.kernels.networks.deformation import DeformationNetwork
 from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.touch import ray_depth, tactile_image
+from pipeline.kernels.touch import ray_depth
 from stages.simulate_grasps import stage
 
 
@@ -55,12 +55,11 @@ def entries(matrix: torch.Tensor) -> int:
 
 
 WORK = {
-    "sure of side": Work(EscapeTest, "_round", lambda sky, points, normals, directions: len(points) * len(directions)),
+    "sure of side": Work(EscapeTest, "_trace", lambda test, points, normals, directions: len(points) * len(directions)),
     "bounds first": Work(DistanceField, "lookup", lambda field, points: points[0].size),
     "doubtful balls": Work(DistanceField, "exact", lambda field, points: len(points)),
     "enough attempts": Work(stage, "attempt"),
     "prism": Work(ray_depth, "scan_convert", lambda faces, width, depth: faces.shape[2]),
-    "untouched reading": Work(tactile_image, "_shade"),
     "fewer loss points": Work(touch_losses, "one_way", lambda points, target: len(points)),
     "touched readings": Work(UNet, "forward", lambda network, readings: len(readings)),
     "fewer samples a step": Work(Target, "nearest", lambda target, points: len(points)),
@@ -76,10 +75,9 @@ def shortcuts() -> dict[str, Shortcut]:
 
 
 @pytest.fixture(autouse=True)
-def _one_thread_and_nothing_remembered() -> Iterator[None]:
+def _one_thread() -> Iterator[None]:
     before = torch.get_num_threads()
     torch.set_num_threads(1)
-    tactile_image.untouched_image.cache_clear()
     yield
     torch.set_num_threads(before)
 
