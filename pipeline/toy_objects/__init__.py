@@ -6,40 +6,52 @@ import numpy as np
 
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.toy_objects import bottle, cellphone, knife, rifle
-from pipeline.toy_objects.paint import Model
+from pipeline.toy_objects.model import Model
 
-KINDS = {"bottle": bottle.KINDS, "cellphone": cellphone.KINDS, "knife": knife.KINDS, "rifle": rifle.KINDS}
-"""How each class's kinds are modelled: wine and detergent bottles, flip phones, cleavers, carbines …"""
+MAKERS = {"bottle": bottle, "cellphone": cellphone, "knife": knife, "rifle": rifle}
+CATEGORIES = tuple(MAKERS)
+KINDS = {category: maker.KINDS for category, maker in MAKERS.items()}
+"""How the kinds of each class are modelled: wine and detergent bottles, flip phones, cleavers, carbines …"""
 
-CATEGORIES = tuple(KINDS)
 
-
-def generate(category: str, rng: np.random.Generator, kind: int | None = None) -> Mesh:
-    """A new object of a class, all of it drawn from `rng`.
-
-    Parameters
-    ----------
-    category
-        One of `CATEGORIES`.
-    rng
-        The same state gives the same mesh, bit for bit.
-    kind
-        Which of the class's kinds, counted round; drawn where none is given.
-
-    Returns
-    -------
-    Mesh
-        Metres, z up, of roughly real size. Bottles and cellphones stand along z, knives and rifles lie along y, tip or
-        muzzle at +y: the front of each faces +x, where the supplement's camera stands. A union of closed, outward-wound
-        parts that may overlap or hold each other.
+def maker_module(category: str) -> str:
+    """Name the module that models a class; it imports no other class's module.
 
     Raises
     ------
     ValueError
         If the category is unknown.
     """
-    if category not in KINDS:
+    if category not in MAKERS:
         raise ValueError(f"no procedural objects of category {category!r}; known: {', '.join(CATEGORIES)}")
+    return MAKERS[category].__name__
+
+
+def generate(category: str, rng: np.random.Generator, kind: int | None = None) -> Mesh:
+    """Make a new object of a class, all of it drawn from `rng`.
+
+    Parameters
+    ----------
+    category
+        One of `CATEGORIES`.
+    rng
+        The same state gives the same mesh, bit for bit, on every x86-64 processor.
+    kind
+        Which of the class's kinds, counted round; drawn if None.
+
+    Returns
+    -------
+    Mesh
+        Metres, z up, of roughly real size. Bottles and cellphones stand along z, knives and rifles lie along y, tip or
+        muzzle at +y: the front of each faces +x, where the supplement's camera stands. A union of closed, outward-wound
+        parts that may overlap.
+
+    Raises
+    ------
+    ValueError
+        If the category is unknown.
+    """
+    maker_module(category)
     kinds = KINDS[category]
     model = Model()
     kinds[rng.integers(len(kinds)) if kind is None else kind % len(kinds)](model, rng)
