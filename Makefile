@@ -34,7 +34,7 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system dataset summary train train-unet evaluate report reproduce test test-slow lint bench bench-peers tradeoff tradeoff-missing clean FORCE
+.PHONY: help setup system dataset summary train train-unet evaluate report reproduce test test-slow test-cpus lint bench bench-peers tradeoff tradeoff-missing clean FORCE
 FORCE:
 
 help:  ## list the targets
@@ -119,6 +119,10 @@ lint: $(VENV)/installed-dev  ## check style, types and the direction of imports
 
 test: lint  ## run the tests, a toy shard through every stage among them (under 10 minutes on 2 cores)
 	@$(BIN)/pytest -n auto --dist loadfile -m 'not slow'
+
+test-cpus: lint  ## run the tests as on older processors: without AVX-512, and without AVX2 and FMA
+	@for name in haswell prescott; do \
+	    echo "as on $$name"; $(BIN)/python -m tests.processors $$name $(BIN)/pytest -n auto --dist loadfile -m 'not slow' || exit 1; done
 
 test-slow: lint  ## run the same suites at full size
 	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough

@@ -1,8 +1,14 @@
-"""The versions of what results depend on, as every output records them."""
+"""What results depend on beside settings and code, as every output records it: versions of libraries, and the processor."""
 
 from __future__ import annotations
 
 import importlib.metadata
+import platform
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 LIBRARIES = ("vt-pipeline", "numpy", "scipy", "torch", "trimesh", "pybullet", "embreex", "libigl", "numba", "pyrender-maintained", "zarr")
 
@@ -10,3 +16,30 @@ LIBRARIES = ("vt-pipeline", "numpy", "scipy", "torch", "trimesh", "pybullet", "e
 def library_versions() -> dict[str, str]:
     """Name and version of every library that results depend on."""
     return {name: importlib.metadata.version(name) for name in LIBRARIES}
+
+
+def processor() -> dict[str, Any]:
+    """Describe the processor as far as results depend on it.
+
+    Returns
+    -------
+    `machine`, `model`, and the instruction sets that are used by `numpy` (a list) and, where it is imported already, by `torch`.
+
+    Notes
+    -----
+    Surfaces, grasps, images and touches are the same on every processor with FMA. Training and charts are not: BLAS and torch choose their
+    kernels by processor.
+    """
+    config: Any = np.show_config(mode="dicts")
+    simd = config["SIMD Extensions"]
+    description = {"machine": platform.machine(), "model": _model(), "numpy": [*simd["baseline"], *simd.get("found", [])]}
+    if torch := sys.modules.get("torch"):
+        description["torch"] = torch.backends.cpu.get_cpu_capability()
+    return description
+
+
+def _model() -> str:
+    """The processor's name as Linux gives it, else as Python does."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.processor())

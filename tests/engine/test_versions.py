@@ -1,0 +1,29 @@
+"""The record of libraries and processor."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+
+import numpy as np
+
+from pipeline.engine.versions import library_versions, processor
+from tests.processors import environment
+
+
+def test_the_record_has_versions_of_libraries_and_the_machine() -> None:
+    assert library_versions()["numpy"] == np.__version__
+    assert processor()["machine"] == platform.machine()
+
+
+def test_the_record_shows_which_instruction_sets_numpy_and_torch_use() -> None:
+    code = "import json, torch; from pipeline.engine.versions import processor; print(json.dumps(processor()))"
+    run = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, **environment("prescott")}, capture_output=True, text=True, check=True
+    )
+    found = json.loads(run.stdout)
+    assert found["torch"] == "DEFAULT"
+    assert not set(environment("prescott")["NPY_DISABLE_CPU_FEATURES"].split()) & set(found["numpy"])
