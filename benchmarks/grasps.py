@@ -16,9 +16,9 @@ from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.rng import numpy_rng
 from pipeline.toy_objects import CATEGORIES, generate
-from stages.simulate_grasps.attempt import Grasp, attempt, keep_best
-from stages.simulate_grasps.physics import Simulation, simulation
-from stages.simulate_grasps.rig import Rig, Scene, make_rig, make_scene
+from stages.simulate_grasps.grasp_search import Grasp, GraspSearch, keep_best
+from stages.simulate_grasps.physics import simulation
+from stages.simulate_grasps.prepare import prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
 
 
@@ -41,55 +41,55 @@ def main() -> None:
     options = parser.parse_args()
     settings = GraspSettings(attempts=options.attempts)
     start = time.perf_counter()
-    rig = make_rig(settings)
+    prepared_hand = prepare_hand(settings)
+    fingers = [finger.name for finger in prepared_hand.hand.fingers]
     print(f"hand prepared in {time.perf_counter() - start:.2f} s")
     tallies = {category: Tally() for category in CATEGORIES}
-    seconds, prepared = [], []
-    with simulation(rig.hand) as physics:
+    seconds, preparing = [], []
+    with simulation(prepared_hand.hand) as physics:
         for category, tally in tallies.items():
             for variant in range(options.objects):
                 mesh = normalise_mesh(generate(category, numpy_rng(options.seed, "benchmark", category, variant)), "z", 0.5)
                 points, normals = sample_exterior(mesh, 10_000, numpy_rng(options.seed, "points", category, variant))
                 start = time.perf_counter()
-                scene = make_scene(mesh, points, normals, settings.grid_cell)
+                prepared_object = prepare_object(mesh, points, normals, cell=settings.grid_cell)
                 physics.load(mesh)
-                prepared.append(time.perf_counter() - start)
-                seconds += _grasp(rig, scene, physics, settings, tally, (options.seed, category, variant))
+                preparing.append(time.perf_counter() - start)
+                search = GraspSearch(prepared_hand, prepared_object, physics, settings)
+                seconds += _grasp(search, tally, (options.seed, category, variant))
     print(
-        f"object prepared in {np.mean(prepared):.2f} s; an attempt {1e3 * np.mean(seconds):.0f} ms, 95 % within "
+        f"object prepared in {np.mean(preparing):.2f} s; an attempt {1e3 * np.mean(seconds):.0f} ms, 95 % within "
         f"{1e3 * np.percentile(seconds, 95):.0f} ms"
     )
-    _print(rig, tallies)
+    _print(fingers, tallies)
 
 
-def _grasp(
-    rig: Rig, scene: Scene, physics: Simulation, settings: GraspSettings, tally: Tally, identity: tuple[int, str, int]
-) -> list[float]:
+def _grasp(search: GraspSearch, tally: Tally, identity: tuple[int, str, int]) -> list[float]:
     """Try one object; seconds of each attempt."""
     seconds: list[float] = []
     kept: list[Grasp] = []
-    for number in range(settings.attempts):
+    for number in range(search.settings.attempts):
         start = time.perf_counter()
-        grasp = attempt(rig, scene, physics, settings, numpy_rng(*identity, "attempt", number))
+        grasp = search.attempt(numpy_rng(*identity, "attempt", number))
         seconds.append(time.perf_counter() - start)
-        tally.touched.append(grasp.touched if grasp else np.zeros(len(rig.hand.fingers), bool))
+        tally.touched.append(grasp.touched if grasp else np.zeros(len(search.prepared_hand.hand.fingers), bool))
         tally.unsound += grasp is None or not grasp.sound
-        kept = keep_best(kept, grasp, settings.grasps)
-    tally.short += len(kept) < settings.grasps
+        kept = keep_best(kept, grasp, search.settings.grasps)
+    tally.short += len(kept) < search.settings.grasps
     tally.kept += kept
     return seconds
 
 
-def _print(rig: Rig, tallies: dict[str, Tally]) -> None:
-    fingers = "".join(f"{finger.name:>8}" for finger in rig.hand.fingers)
-    print(f"{'touches, %':12}{'all':>8}{fingers}{'kept':>8}{fingers}{'unsound':>9}{'short':>7}")
+def _print(fingers: list[str], tallies: dict[str, Tally]) -> None:
+    names = "".join(f"{name:>8}" for name in fingers)
+    print(f"{'touches, %':12}{'all':>8}{names}{'kept':>8}{names}{'unsound':>9}{'short':>7}")
     for name, tally in tallies.items():
         print(f"{name:12}{_shares(tally.touched)}{_shares([g.touched for g in tally.kept])}{tally.unsound:9}{tally.short:7}")
     touched = [one for tally in tallies.values() for one in tally.touched]
     kept = [grasp.touched for tally in tallies.values() for grasp in tally.kept]
     print(f"{'together':12}{_shares(touched)}{_shares(kept)}   (the supplement's: 62.7 kept)")
     for label, rows in (("all attempts", touched), ("kept", kept)):
-        histogram = np.bincount([int(row.sum()) for row in rows], minlength=len(rig.hand.fingers) + 1) / len(rows)
+        histogram = np.bincount([int(row.sum()) for row in rows], minlength=len(fingers) + 1) / len(rows)
         print(f"{label + ' with 0 … touches, %':36}" + "".join(f"{100 * part:8.1f}" for part in histogram))
 
 

@@ -18,16 +18,16 @@ from numpy.typing import NDArray
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
-from pipeline.kernels.hand.kinematics import forward, sensor_poses
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
-from stages.simulate_grasps.attempt import Grasp
+from stages.simulate_grasps.grasp_search import Grasp
 from stages.simulate_grasps.physics import simulation
-from stages.simulate_grasps.rig import Rig, make_rig
+from stages.simulate_grasps.prepare import PreparedHand, prepare_hand
 from stages.simulate_grasps.settings import GraspSettings
 
 MORE_STEPS = 500
@@ -50,9 +50,10 @@ class Seen:
 def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
     """Measure every grasp of a dataset, by object, with this number of points on hand and object."""
     surfaces, grasps = DataDirectory(data).collection(SURFACES), DataDirectory(data).collection(GRASPS)
-    rig = make_rig(GraspSettings())
+    prepared = prepare_hand(GraspSettings())
+    hand, sensor = prepared.hand, prepared.sensor
     found: dict[str, list[Seen]] = {}
-    with simulation(rig.hand) as physics:
+    with simulation(hand) as physics:
         for object_id in grasps:
             if not grasps.view(object_id)["ok"]:
                 continue
@@ -63,20 +64,20 @@ def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
             for g, (pose, angles) in enumerate(zip(row["hand_pose"], row["joint_angles"], strict=True)):
                 touched, recorded = row["touch_success"][g], float(row["penetration"][g])
                 grasp = Grasp(pose, angles, row["sensor_pose"][g], touched, recorded, True)
-                depth = independent_depth(rig, mesh, grasp, np.random.default_rng(g), points)
-                physics.settle(pose, angles, angles, (0, 0), 0.0)
-                later, _ = physics.advance((MORE_STEPS, MORE_STEPS), 0.0)
-                after = [touch_success(ray_depth(faces, sensor, rig.sensor), rig.sensor) for sensor in sensor_poses(rig.hand, pose, later)]
+                depth = independent_depth(prepared, mesh, grasp, np.random.default_rng(g), points)
+                later, _ = physics.settle(pose, angles, angles, max_steps=MORE_STEPS, resting_speed=0.0)
+                after = [touch_success(ray_depth(faces, at, sensor), sensor) for at in sensor_poses(hand, pose, later)]
                 found.setdefault(object_id, []).append(
                     Seen(depth, recorded, touched, touched != np.array(after), bool(surface["watertight"]))
                 )
     return found
 
 
-def independent_depth(rig: Rig, mesh: Mesh, grasp: Grasp, rng: np.random.Generator, points: int = POINTS) -> float:
+def independent_depth(prepared: PreparedHand, mesh: Mesh, grasp: Grasp, rng: np.random.Generator, points: int = POINTS) -> float:
     """Measure the deepest of random points on the collision boxes in the object, or on the object in the boxes, m; 0 if none is."""
-    frames = forward(rig.hand, grasp.hand_pose, grasp.joint_angles)[rig.boxes.link] @ rig.boxes.frames  # (C, 4, 4)
-    half = rig.boxes.half
+    boxes = prepared.ik.boxes
+    frames = forward_kinematics(prepared.hand, grasp.hand_pose, grasp.joint_angles)[boxes.link] @ boxes.frames  # (C, 4, 4)
+    half = boxes.half
     share = points // len(half)
     unit = rng.uniform(-1, 1, (len(half), share, 3))
     axis = rng.integers(3, size=(len(half), share, 1))

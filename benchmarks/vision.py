@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.timing import alone, side_by_side
 from pipeline.config.hand_file import load_hand
 from pipeline.config.scene_file import load_scene
-from pipeline.kernels.hand.kinematics import forward
+from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.vision.labels import Label
 from pipeline.toy_objects import CATEGORIES, generate
 from stages.render_vision.renderer import Renderer
@@ -26,7 +26,7 @@ def measure() -> dict[str, float]:
     hand = load_hand("allegro_right")
     pose = np.eye(4)
     pose[:3, 3] = [0.05, 0.1, 0.65]
-    frames = forward(hand, pose, np.clip(np.full(len(hand.joint_names), 0.6), hand.lower, hand.upper))
+    frames = forward_kinematics(hand, pose, np.clip(np.full(len(hand.joint_names), 0.6), hand.lower, hand.upper))
     began = time.process_time()
     found: dict[str, list[float]] = {"first image of an object": [], "unoccluded image": [], "occluded image": []}
     with Renderer(load_scene("supplement")) as renderer:

@@ -29,9 +29,9 @@ from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
-from stages.simulate_grasps.attempt import attempt
+from stages.simulate_grasps.grasp_search import GraspSearch
 from stages.simulate_grasps.physics import simulation
-from stages.simulate_grasps.rig import Rig, make_rig, make_scene
+from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
 
 PIXELS = (25, 50, 100, 200)
@@ -80,35 +80,38 @@ def _pixels(objects: list[GraspedObject]) -> Iterator[dict[str, Any]]:
 
 def _shapes(objects: list[GraspedObject]) -> Iterator[dict[str, Any]]:
     """Attempts at grasps where physics takes object and hand for themselves, or for something simpler or finer."""
-    rig = make_rig(GraspSettings())
+    prepared = prepare_hand(GraspSettings())
     shapes: dict[str, Callable[[Mesh], Mesh]] = {
         "the mesh (ours)": lambda mesh: mesh,
         f"{FEW_FACES} faces": _few,
         "convex hull": _hull,
     }
-    rows = [_attempts("the object in physics", label, objects, rig, rig.hand, shape) for label, shape in shapes.items()]
+    rows = [_attempts("the object in physics", label, objects, prepared, prepared.hand, shape) for label, shape in shapes.items()]
     yield from rows
     yield rows[0] | {"what": "the hand in physics", "label": "the URDF's boxes (ours)"}
     with TemporaryDirectory() as place:
-        drawn = replace(rig.hand, urdf=_as_drawn(rig.hand.urdf, Path(place)))
-        yield _attempts("the hand in physics", "hulls of what is drawn", objects, rig, drawn, shapes["the mesh (ours)"])
+        drawn = replace(prepared.hand, urdf=_as_drawn(prepared.hand.urdf, Path(place)))
+        yield _attempts("the hand in physics", "hulls of what is drawn", objects, prepared, drawn, shapes["the mesh (ours)"])
 
 
-def _attempts(what: str, label: str, objects: list[GraspedObject], rig: Rig, hand: Hand, shape: Callable[[Mesh], Mesh]) -> dict[str, Any]:
+def _attempts(
+    what: str, label: str, objects: list[GraspedObject], prepared: PreparedHand, hand: Hand, shape: Callable[[Mesh], Mesh]
+) -> dict[str, Any]:
     """Make the same attempts with other shapes in physics; touches and depth are measured on the true ones."""
     settings = GraspSettings()
     touched, depths, spent = [], [], 0.0
     with simulation(hand) as physics:
         for number, one in enumerate(objects):
-            scene = make_scene(one.mesh, one.points, one.normals, settings.grid_cell)
+            prepared_object = prepare_object(one.mesh, one.points, one.normals, cell=settings.grid_cell)
+            search = GraspSearch(prepared, prepared_object, physics, settings)
             physics.load(shape(one.mesh))
             for tried in range(ATTEMPTS):
                 start = time.perf_counter()
-                grasp = attempt(rig, scene, physics, settings, numpy_rng(0, "alternatives", number, tried))
+                grasp = search.attempt(numpy_rng(0, "alternatives", number, tried))
                 spent += time.perf_counter() - start
                 touched.append(grasp.touched.mean() if grasp is not None and grasp.sound else 0.0)
                 if grasp is not None and grasp.sound:
-                    depths.append(independent_depth(rig, one.mesh, grasp, numpy_rng(0, "depth", number, tried), POINTS))
+                    depths.append(independent_depth(prepared, one.mesh, grasp, numpy_rng(0, "depth", number, tried), POINTS))
     figures = {
         "touches missing or unsound, %": 100 * (1 - float(np.mean(touched))),
         "deepest of the sound, mm": 1e3 * max(depths, default=0.0),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 from unittest.mock import patch
 
@@ -10,22 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.touch import press
-from benchmarks.tradeoff.plain_search import has_room as plain_has_room
-from benchmarks.tradeoff.plain_search import measuring_all
 from benchmarks.tradeoff.shortcuts import Results, Shortcut
+from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Task
 from pipeline.kernels.geometry import exterior_sampling
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import normalise_mesh
-from pipeline.kernels.hand import clearance
-from pipeline.kernels.hand.inverse import has_room, solve
-from pipeline.kernels.hand.kinematics import forward, sensor_poses
+from pipeline.kernels.hand import penetration
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
+from pipeline.kernels.hand.palm_pose import tangent_palm_pose
 from pipeline.kernels.touch.ray_depth import local_depth, ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.toy_objects import generate
 from stages.simulate_grasps import stage as grasping
-from stages.simulate_grasps.attempt import _draw_pose
-from stages.simulate_grasps.rig import Rig, Scene, make_rig, make_scene
+from stages.simulate_grasps.prepare import PreparedHand, PreparedObject, prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
 
 
@@ -45,23 +42,24 @@ class Bench:
         return exterior_sampling.sample_exterior(self.mesh, self.points, np.random.default_rng(0))
 
     @cached_property
-    def rig(self) -> Rig:
-        return make_rig(self.settings)
+    def prepared_hand(self) -> PreparedHand:
+        return prepare_hand(self.settings)
 
     @cached_property
-    def scene(self) -> Scene:
-        return make_scene(self.mesh, *self.surface, self.settings.grid_cell)
+    def prepared_object(self) -> PreparedObject:
+        return prepare_object(self.mesh, *self.surface, cell=self.settings.grid_cell)
 
     @cached_property
     def poses(self) -> list[NDArray[np.float64]]:
         """(4, 4) hands near the object, with room for their fingers or not."""
-        return [_draw_pose(self.rig, self.scene, self.settings, np.random.default_rng(k)) for k in range(4 * self.size)]
+        thing, hand = self.prepared_object, self.prepared_hand.hand
+        return [tangent_palm_pose(hand, thing.points[k], thing.normals[k], distance=0.03, angle=k) for k in range(4 * self.size)]
 
     @cached_property
     def frames(self) -> list[NDArray[np.float64]]:
         """(L, 4, 4) link frames of hands at these poses, half closed."""
-        middle = (self.rig.hand.lower + self.rig.hand.upper) / 2
-        return [forward(self.rig.hand, pose, middle) for pose in self.poses]
+        middle = (self.prepared_hand.hand.lower + self.prepared_hand.hand.upper) / 2
+        return [forward_kinematics(self.prepared_hand.hand, pose, middle) for pose in self.poses]
 
     @cached_property
     def sensors(self) -> list[NDArray[np.float64]]:
@@ -71,7 +69,7 @@ class Bench:
 
     @property
     def sensor(self) -> Sensor:
-        return self.rig.sensor
+        return self.prepared_hand.sensor
 
 
 def shortcuts(bench: Bench) -> list[Shortcut]:
@@ -79,12 +77,8 @@ def shortcuts(bench: Bench) -> list[Shortcut]:
     return [
         Shortcut("sample-surfaces", "sure of side", "rays whose answer is known", lambda: _exterior(bench), lambda: _all_rays(bench)),
         Shortcut(
-            *("simulate-grasps", "bounds first", "distances of postures that cannot be the best"),
-            *(lambda: _postures(bench, has_room), lambda: _all_postures(bench)),
-        ),
-        Shortcut(
-            *("simulate-grasps", "doubtful balls", "exact distances of balls clear of the object"),
-            *(lambda: _depths(bench), lambda: _all_balls(bench)),
+            *("simulate-grasps", "doubtful spheres", "exact distances of spheres clear of the object"),
+            *(lambda: _depths(bench), lambda: _all_spheres(bench)),
         ),
         Shortcut(
             *("simulate-grasps", "enough attempts", "attempts none of which could be kept (`exhaustive=false`)"),
@@ -104,35 +98,21 @@ def _all_rays(bench: Bench) -> Results:
         return _exterior(bench)
 
 
-def _postures(bench: Bench, room: Callable[..., bool]) -> Results:
-    rig, field = bench.rig, bench.scene.field
-    found = {}
-    for k, pose in enumerate(bench.poses):
-        fits = room(rig.hand, rig.parts, rig.samples, field, pose, bench.settings.clearance)
-        solved = solve(rig.hand, rig.parts, rig.boxes, rig.samples, field, pose, rig.wanted, 3, np.random.default_rng(k)).joint_angles
-        found[f"{k}"] = np.zeros(0) if solved is None else np.append(solved, fits)
-    return found
-
-
-def _all_postures(bench: Bench) -> Results:
-    with measuring_all():
-        return _postures(bench, plain_has_room)
-
-
 def _depths(bench: Bench) -> Results:
-    return {"depth": np.array([clearance.deepest(bench.scene.field, bench.rig.dense, frames) for frames in bench.frames])}
+    field, spheres = bench.prepared_object.field, bench.prepared_hand.spheres
+    return {"depth": np.array([penetration.penetration_depth(field, spheres, frames) for frames in bench.frames])}
 
 
-def _all_balls(bench: Bench) -> Results:
-    with patch.object(clearance, "doubtful", lambda field, balls, points: np.arange(len(balls.radii))):
+def _all_spheres(bench: Bench) -> Results:
+    with patch.object(penetration, "doubtful_spheres", lambda field, spheres, points: np.arange(len(spheres.radii))):
         return _depths(bench)
 
 
 def _task(bench: Bench) -> Task:
     points, normals = bench.surface
-    surface = {"points": points.astype(np.float32), "normals": normals.astype(np.float32)}
-    angles = np.zeros(len(bench.rig.hand.joint_names))
-    poses = np.stack([sensor_poses(bench.rig.hand, pose, angles) for pose in bench.poses])
+    surface = {"points": points.astype(np.float32), "normals": normals.astype(np.float32), **mesh_row(bench.mesh)}
+    angles = np.zeros(len(bench.prepared_hand.hand.joint_names))
+    poses = np.stack([sensor_poses(bench.prepared_hand.hand, pose, angles) for pose in bench.poses])
     poses[:, 0] = bench.sensors[: len(poses)]
     return Task(
         object_id="bottle",
@@ -140,25 +120,24 @@ def _task(bench: Bench) -> Task:
         seed=0,
         inputs={"surfaces": surface, "grasps": {"sensor_pose": poses}},
         attributes={"grasps": {"hand": {"sensor": "gel_16mm"}}},
-        load_mesh=lambda: bench.mesh,
     )
 
 
 def _grasps(bench: Bench, exhaustive: bool = False) -> Results:
     settings = bench.settings.model_copy(update={"exhaustive": exhaustive, "grasps": 2})
-    with patch.object(grasping, "make_rig", lambda _: bench.rig), grasping.SimulateGrasps().session(settings, {}) as process:
+    with patch.object(grasping, "prepare_hand", lambda _: bench.prepared_hand), grasping.SimulateGrasps().session(settings, {}) as process:
         row = process(_task(bench))
     return {name: row[name] for name in ("hand_pose", "joint_angles", "sensor_pose", "touch_success", "penetration")}
 
 
 def _depth(bench: Bench) -> Results:
-    return {f"{k}": ray_depth(bench.scene.faces, pose, bench.sensor) for k, pose in enumerate(bench.sensors)}
+    return {f"{k}": ray_depth(bench.prepared_object.faces, pose, bench.sensor) for k, pose in enumerate(bench.sensors)}
 
 
 def _all_faces(bench: Bench) -> Results:
     """Every face is taken to the sensor's frame and looked at by the tracer."""
     found = {}
-    corners = bench.scene.faces.corners
+    corners = bench.prepared_object.faces.corners
     for k, pose in enumerate(bench.sensors):
         rotation, offset = pose[:3, :3], corners - pose[:3, 3][:, None, None]
         local = np.stack([r[0] * offset[0] + r[1] * offset[1] + r[2] * offset[2] for r in rotation.T])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.config.hand_file import load_hand
 from pipeline.config.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.kinematics import forward
+from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
@@ -43,7 +43,7 @@ class BandMaker:
         occluded: NDArray[np.uint8],
     ) -> Band:
         """One object's band, for one of its grasps: arrays as the stages wrote them, object and grasp dimensions taken off."""
-        frames = forward(self.hand, hand_pose, joint_angles)  # (L, 4, 4)
+        frames = forward_kinematics(self.hand, hand_pose, joint_angles)  # (L, 4, 4)
         colors = finger_colors(len(touched))
         made = [
             touch_patch(depth, pose, self.width, self.gel, color)

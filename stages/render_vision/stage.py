@@ -13,7 +13,7 @@ from pipeline.config.hand_file import load_hand
 from pipeline.config.scene_file import load_scene, scene_path
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
-from pipeline.kernels.hand.kinematics import forward
+from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.kernels.vision.labels import Label
 from pipeline.store.rows import Row
@@ -68,7 +68,7 @@ class RenderVision(ObjectStage):
             def process(task: Task) -> Row:
                 _check_hand(task, settings)
                 grasps = task.inputs["grasps"]
-                frames = forward(hand, grasps["hand_pose"], grasps["joint_angles"])  # (grasp, link, 4, 4)
+                frames = forward_kinematics(hand, grasps["hand_pose"], grasps["joint_angles"])  # (grasp, link, 4, 4)
                 with renderer.added(task.mesh(), Label.OBJECT) as handle:
                     return _render_grasps(renderer, (handle, np.eye(4)), meshes, frames if settings.occluded else frames[:0])
 

@@ -1,4 +1,4 @@
-"""The hand, the object and how contact settles, in PyBullet."""
+"""Closing the hand on an object and letting contact settle, in PyBullet."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
-from stages.simulate_grasps.bullet import pybullet
+from stages.simulate_grasps.quiet_pybullet import PhysicsClient, pybullet
 
-FACES_A_BODY = 131_072 // 3
+FACES_PER_BODY = 131_072 // 3
 """PyBullet refuses shapes of more than 131,072 vertices, and every face may have three of its own: larger ones become several bodies."""
 GRAVITY = -9.81
 """m/s², along the world's z."""
@@ -22,42 +22,43 @@ MOTOR_FORCE = 0.7
 MOTOR_GAIN = 0.3
 """Share of the remaining way that a position motor asks for in one step: closes 0.3 rad to within 1e-4 in about 25 steps."""
 COLLISION_MARGIN = 5e-4
-"""m around the object at which contact begins: half the clearance asked for, so that a posture with room is left as it is."""
+"""m around the object at which contact begins: half the clearance asked for, so that a posture with clearance is left as it is."""
+MIN_STEPS = 20
+"""Steps before a hand can count as resting: it starts at rest."""
 CHECK_EVERY = 10
 """Steps between two looks at the joints."""
 
 
 class Simulation:
-    """One PyBullet client with the hand, and at most one object, both of which stay where they are; only the fingers move."""
+    """One PyBullet client with the hand and an object, both fixed in the world; only the fingers move."""
 
-    def __init__(self, hand: Hand, client: int) -> None:
+    def __init__(self, hand: Hand, client: PhysicsClient) -> None:
         self.hand = hand
         self.client = client
         self._body = -1
         self._motors: list[int] = []
 
     def load(self, mesh: Mesh) -> None:
-        """Start afresh with the hand and an object that collides as it is, concave, and never moves.
+        """Replace everything by the hand and an object that collides as it is, concave, and never moves.
 
-        Everything is reset first: bodies that are removed one by one leave memory behind.
+        The client is reset first: bodies that are removed one by one leave memory behind.
         """
-        client = {"physicsClientId": self.client}
-        pybullet.resetSimulation(**client)
-        pybullet.setGravity(0, 0, GRAVITY, **client)
-        for first in range(0, len(mesh.faces), FACES_A_BODY):
-            used, indices = np.unique(mesh.faces[first : first + FACES_A_BODY], return_inverse=True)
-            shape = pybullet.createCollisionShape(
+        client = self.client
+        client.resetSimulation()
+        client.setGravity(0, 0, GRAVITY)
+        for first in range(0, len(mesh.faces), FACES_PER_BODY):
+            used, indices = np.unique(mesh.faces[first : first + FACES_PER_BODY], return_inverse=True)
+            shape = client.createCollisionShape(
                 pybullet.GEOM_MESH,
                 vertices=mesh.vertices[used].tolist(),
                 indices=indices.ravel().tolist(),
                 flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
-                **client,
             )
-            body = pybullet.createMultiBody(0, shape, **client)
-            pybullet.changeDynamics(body, -1, collisionMargin=COLLISION_MARGIN, **client)
+            body = client.createMultiBody(0, shape)
+            client.changeDynamics(body, -1, collisionMargin=COLLISION_MARGIN)
         flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_IGNORE_VISUAL_SHAPES
-        self._body = pybullet.loadURDF(str(self.hand.urdf), useFixedBase=True, flags=flags, **client)
-        infos = [pybullet.getJointInfo(self._body, joint, **client) for joint in range(pybullet.getNumJoints(self._body, **client))]
+        self._body = client.loadURDF(str(self.hand.urdf), useFixedBase=True, flags=flags)
+        infos = [client.getJointInfo(self._body, joint) for joint in range(client.getNumJoints(self._body))]
         numbers = {info[1].decode(): info[0] for info in infos}
         self._motors = [numbers[name] for name in self.hand.joint_names]
 
@@ -66,10 +67,11 @@ class Simulation:
         hand_pose: NDArray[np.float64],
         start: NDArray[np.float64],
         target: NDArray[np.float64],
-        steps: tuple[int, int],
-        speed: float,
+        *,
+        max_steps: int,
+        resting_speed: float,
     ) -> tuple[NDArray[np.float64], bool]:
-        """Close the fingers from `start` towards `target` and wait until they rest.
+        """Close the fingers from one posture towards another and wait until they rest.
 
         Parameters
         ----------
@@ -77,52 +79,52 @@ class Simulation:
             (4, 4) root link's frame in the world; the root does not move.
         start, target
             (J,) rad.
-        steps
-            The least and the most steps, of 1/240 s.
-        speed
+        max_steps
+            Of 1/240 s.
+        resting_speed
             Below this all joints count as resting, rad/s.
 
         Returns
         -------
-        (J,) joint angles as simulated, rad, and whether they rested in time.
+        joint_angles
+            (J,) float64 as simulated, rad.
+        rests
+            Whether they rested in time.
         """
-        client = {"physicsClientId": self.client}
-        # PyBullet places a body by its root's inertial frame; the pose is that of the URDF frame.
-        offset, turn = pybullet.getDynamicsInfo(self._body, -1, **client)[3:5]
+        client = self.client
+        # PyBullet takes the pose of the root's inertial frame; the pose given is that of the URDF frame.
+        offset, turn = client.getDynamicsInfo(self._body, -1)[3:5]
         quaternion = Rotation.from_matrix(hand_pose[:3, :3]).as_quat().tolist()
         base = pybullet.multiplyTransforms(hand_pose[:3, 3].tolist(), quaternion, offset, turn)
-        pybullet.resetBasePositionAndOrientation(self._body, *base, **client)
+        client.resetBasePositionAndOrientation(self._body, *base)
         for motor, angle in zip(self._motors, start.tolist(), strict=True):
-            pybullet.resetJointState(self._body, motor, angle, **client)
-        pybullet.setJointMotorControlArray(
+            client.resetJointState(self._body, motor, angle)
+        client.setJointMotorControlArray(
             self._body,
             self._motors,
             pybullet.POSITION_CONTROL,
             targetPositions=target.tolist(),
             forces=[MOTOR_FORCE] * len(self._motors),
             positionGains=[MOTOR_GAIN] * len(self._motors),
-            **client,
         )
-        return self.advance(steps, speed)
+        return self.advance(max_steps=max_steps, resting_speed=resting_speed)
 
-    def advance(self, steps: tuple[int, int], speed: float) -> tuple[NDArray[np.float64], bool]:
-        """Let time pass; arguments and result as for `settle`."""
-        client = {"physicsClientId": self.client}
-        least, most = steps
-        for step in range(1, most + 1):
-            pybullet.stepSimulation(**client)
-            if step >= least and (step % CHECK_EVERY == 0 or step == most):
-                states = pybullet.getJointStates(self._body, self._motors, **client)
-                if max(abs(state[1]) for state in states) < speed:
+    def advance(self, *, max_steps: int, resting_speed: float) -> tuple[NDArray[np.float64], bool]:
+        """Step on until the joints rest; arguments and result as for `settle`."""
+        for step in range(1, max_steps + 1):
+            self.client.stepSimulation()
+            if step >= MIN_STEPS and (step % CHECK_EVERY == 0 or step == max_steps):
+                states = self.client.getJointStates(self._body, self._motors)
+                if max(abs(state[1]) for state in states) < resting_speed:
                     return np.array([state[0] for state in states]), True
-        return np.array([state[0] for state in pybullet.getJointStates(self._body, self._motors, **client)]), False
+        return np.array([state[0] for state in self.client.getJointStates(self._body, self._motors)]), False
 
 
 @contextmanager
 def simulation(hand: Hand) -> Iterator[Simulation]:
-    """A simulation with a client of its own, without a window, that is disconnected at the end."""
-    client = pybullet.connect(pybullet.DIRECT)
+    """Open a simulation without a window for as long as the context lasts."""
+    client = PhysicsClient()
     try:
         yield Simulation(hand, client)
     finally:
-        pybullet.disconnect(client)
+        client.disconnect()

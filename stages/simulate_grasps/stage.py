@@ -17,9 +17,9 @@ from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
-from stages.simulate_grasps.attempt import Grasp, attempt, fewest_to_keep, keep_best
+from stages.simulate_grasps.grasp_search import Grasp, GraspSearch, keep_best
 from stages.simulate_grasps.physics import Simulation, simulation
-from stages.simulate_grasps.rig import Rig, make_rig, make_scene
+from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
 
 SECOND_CHANCES = 4
@@ -64,15 +64,16 @@ class SimulateGrasps(ObjectStage):
     @contextmanager
     def session(self, settings: GraspSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         """Prepare the hand and open a physics client, for all objects of a worker."""
-        rig = make_rig(settings)
-        with simulation(rig.hand) as physics:
-            yield lambda task: _grasp(rig, physics, settings, task)
+        prepared_hand = prepare_hand(settings)
+        with simulation(prepared_hand.hand) as physics:
+            yield lambda task: _grasp(prepared_hand, physics, settings, task)
 
 
-def _grasp(rig: Rig, physics: Simulation, settings: GraspSettings, task: Task) -> Row:
+def _grasp(prepared_hand: PreparedHand, physics: Simulation, settings: GraspSettings, task: Task) -> Row:
     surface, mesh = task.inputs["surfaces"], task.mesh()
-    scene = make_scene(mesh, surface["points"], surface["normals"], settings.grid_cell)
+    prepared_object = prepare_object(mesh, surface["points"], surface["normals"], cell=settings.grid_cell)
     physics.load(mesh)
+    search = GraspSearch(prepared_hand, prepared_object, physics, settings)
     kept: list[Grasp] = []
     touched = []
     for number in range(SECOND_CHANCES * settings.attempts):
@@ -80,9 +81,8 @@ def _grasp(rig: Rig, physics: Simulation, settings: GraspSettings, task: Task) -
             break
         if not settings.exhaustive and len(kept) == settings.grasps and all(grasp.touched.all() for grasp in kept):
             break
-        fewest = fewest_to_keep(kept, settings.grasps)
-        grasp = attempt(rig, scene, physics, settings, task.rng("simulate-grasps", number), fewest)
-        touched.append(grasp.touched if grasp else np.zeros(len(rig.hand.fingers), bool))
+        grasp = search.attempt(task.rng("simulate-grasps", number))
+        touched.append(grasp.touched if grasp else np.zeros(len(prepared_hand.hand.fingers), bool))
         kept = keep_best(kept, grasp, settings.grasps)
     if len(kept) < settings.grasps:
         raise InvalidInput(

@@ -19,8 +19,8 @@ from pipeline.config.hand_file import load_hand
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Task
-from pipeline.kernels.hand.bodies import collision_boxes
-from pipeline.kernels.hand.kinematics import forward
+from pipeline.kernels.hand.collision_shapes import collision_boxes
+from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import untouched_image
@@ -130,7 +130,7 @@ def seen(name: str, grasp: int, depth: float, changed: list[int]) -> Seen:
 def test_hands_that_stand_in_a_block_and_touch_nothing_are_measured_so(tmp_path: Path) -> None:
     hand = load_hand("allegro_right")
     boxes = collision_boxes(hand)
-    frames = forward(hand, np.eye(4), np.zeros(16))[boxes.link] @ boxes.frames
+    frames = forward_kinematics(hand, np.eye(4), np.zeros(16))[boxes.link] @ boxes.frames
     lowest = (frames[:, 2, 3] - (np.abs(frames[:, 2, :3]) * boxes.half).sum(axis=1)).min()
     block = trimesh.creation.box((1, 1, 1)).apply_translation([0, 0, lowest + 2 * MM - 0.5])
     mesh = {"meshes/vertices": block.vertices, "meshes/faces": block.faces.astype(np.int32), "meshes/uv": np.zeros((8, 2))}

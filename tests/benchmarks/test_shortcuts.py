@@ -14,13 +14,13 @@ import torch
 from benchmarks.tradeoff import shortcuts_data, shortcuts_learning
 from benchmarks.tradeoff.shortcuts import EQUAL, Results, Shortcut, difference, measure
 from pipeline.kernels.geometry.exterior_sampling import EscapeTest
-from pipeline.kernels.hand.distance import DistanceField
+from pipeline.kernels.hand.distance_field import DistanceField
 from pipeline.kernels.metrics.chamfer import Target
 from pipeline.kernels.networks import touch_losses
 from pipeline.kernels.networks.deformation import DeformationNetwork
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch import ray_depth
-from stages.simulate_grasps import stage
+from stages.simulate_grasps.grasp_search import GraspSearch
 
 
 def small() -> dict[str, Shortcut]:
@@ -56,9 +56,8 @@ def entries(matrix: torch.Tensor) -> int:
 
 WORK = {
     "sure of side": Work(EscapeTest, "_trace", lambda test, points, normals, directions: len(points) * len(directions)),
-    "bounds first": Work(DistanceField, "lookup", lambda field, points: points[0].size),
-    "doubtful balls": Work(DistanceField, "exact", lambda field, points: len(points)),
-    "enough attempts": Work(stage, "attempt"),
+    "doubtful spheres": Work(DistanceField, "exact", lambda field, points: len(points)),
+    "enough attempts": Work(GraspSearch, "attempt"),
     "prism": Work(ray_depth, "scan_convert", lambda faces, width, depth: faces.shape[2]),
     "fewer loss points": Work(touch_losses, "one_way", lambda points, target: len(points)),
     "touched readings": Work(UNet, "forward", lambda network, readings: len(readings)),

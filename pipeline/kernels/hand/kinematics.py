@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,22 +9,26 @@ from pipeline.kernels.geometry.transforms import compose, sin_cos
 from pipeline.kernels.hand.model import Hand
 
 
-def forward(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Frames of all links.
+def forward_kinematics(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the frames of all links.
 
     Parameters
     ----------
     hand
-        L links, J joints.
+        L links, J joints that move.
     hand_pose
         (..., 4, 4) frame of the root link in the world.
     joint_angles
-        (..., J) rad, in the order of `hand.joint_names`; leading dimensions broadcast against the pose's.
+        (..., J) rad (m for a prismatic joint), in the order of `hand.joint_names`; leading dimensions broadcast against the pose's.
 
     Returns
     -------
-    (..., L, 4, 4) float64, the URDF frame of every link in the world, in the order of `hand.links`: rotations within 1e-14,
-    positions within 1e-15 m plus 4 units in the last place of the hand's distance from the origin.
+    (..., L, 4, 4) float64, the URDF frame of every link in the world, in the order of `hand.links`.
+
+    Raises
+    ------
+    ValueError
+        A shape is wrong, or a value is NaN or infinite.
     """
     if np.shape(joint_angles)[-1:] != (len(hand.joint_names),):
         have, wanted = np.shape(joint_angles), len(hand.joint_names)
@@ -38,32 +40,26 @@ def forward(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np
     batch = np.broadcast_shapes(np.shape(hand_pose)[:-2], np.shape(joint_angles)[:-1])
     frames = np.empty((*batch, len(hand.links), 4, 4))
     frames[..., 0, :, :] = hand_pose
-    chain_forward(hand, frames, joint_angles, range(1, len(hand.links)))
+    entry = {link: j for j, link in enumerate(hand.joint_links)}
+    for joint in hand.joints:  # parents first
+        frame = compose(frames[..., joint.parent, :, :], joint.origin)
+        if joint.child in entry:
+            frame = compose(frame, _joint_motion(joint.kind, joint.axis, joint_angles[..., entry[joint.child]]))
+        frames[..., joint.child, :, :] = frame
     return frames
 
 
-def chain_forward(hand: Hand, frames: NDArray[np.float64], joint_angles: NDArray[np.float64], links: Iterable[int]) -> None:
-    """Fill the given links' `frames` (..., L, 4, 4) in place from their parents'; links in tree order, angles (..., J)."""
-    entry = {link: j for j, link in enumerate(hand.joint_links)}
-    for link in links:
-        joint = hand.joints[link - 1]
-        frame = compose(frames[..., joint.parent, :, :], joint.origin)
-        if link in entry:
-            frame = compose(frame, _motion(joint.kind, joint.axis, joint_angles[..., entry[link]]))
-        frames[..., link, :, :] = frame
-
-
 def sensor_poses(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., S, 4, 4) float64 sensor frames P in the world; arguments as for `forward`."""
-    return sensors_on(hand, forward(hand, hand_pose, joint_angles))
+    """Compute the sensor frames of a posture: (..., S, 4, 4) float64, world; arguments as for `forward_kinematics`."""
+    return sensors_of_links(hand, forward_kinematics(hand, hand_pose, joint_angles))
 
 
-def sensors_on(hand: Hand, frames: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., S, 4, 4) float64 sensor frames P in the world, of a hand whose link frames are (..., L, 4, 4)."""
-    return np.stack([compose(frames[..., f.tip, :, :], f.sensor_pose) for f in hand.fingers], axis=-3)
+def sensors_of_links(hand: Hand, link_frames: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the sensor frames (..., S, 4, 4) of a hand whose link frames are (..., L, 4, 4), both float64, world."""
+    return np.stack([compose(link_frames[..., finger.tip, :, :], finger.sensor_pose) for finger in hand.fingers], axis=-3)
 
 
-def _motion(kind: str, axis: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
+def _joint_motion(kind: str, axis: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
     """(..., 4, 4) displacement of a joint: Rodrigues' formula, or a slide along the axis."""
     motion = np.broadcast_to(np.eye(4), (*np.shape(value), 4, 4)).copy()
     if kind == "prismatic":

@@ -1,8 +1,10 @@
-"""A hand's rigid parts as filled balls, for distances to an object, and as boxes, for distances to each other."""
+"""A hand's rigid links as spheres, for distances to an object, and as boxes, for distances to each other."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,16 +18,16 @@ from pipeline.kernels.hand.model import Hand
 
 
 @dataclass(frozen=True, eq=False)
-class Balls:
-    """Balls inside the rigid links that together reach their surfaces, grouped by link.
+class CollisionSpheres:
+    """Spheres inside the rigid links that together reach their surfaces, grouped by link.
 
-    An object keeps clear of a link by the least, over its balls, of the object's distance from the centre less the radius. That
-    finds parts of the object that stand inside a link as well as points of the link inside the object.
+    The distance of a link from an object is the least, over its spheres, of the object's distance from the centre less the radius.
+    That finds parts of the object inside a link as well as points of the link inside the object.
 
     Attributes
     ----------
     centres, radii
-        (B, 3) in the frame of the link, (B,), m. Points on the surface are balls of radius 0.
+        (B, 3) in the frame of the link, (B,), float64, m. Points on the surface are spheres of radius 0.
     link
         (B,) number of the link, ascending.
     """
@@ -34,14 +36,23 @@ class Balls:
     radii: NDArray[np.float64]
     link: NDArray[np.intp]
 
-    def of(self, links: tuple[int, ...] | list[int]) -> Balls:
-        """Those of the given links alone."""
-        mine = np.isin(self.link, links)
-        return Balls(self.centres[mine], self.radii[mine], self.link[mine])
+    def of_links(self, links: Sequence[int]) -> CollisionSpheres:
+        """Select the spheres of the given links."""
+        own = np.isin(self.link, links)
+        return CollisionSpheres(self.centres[own], self.radii[own], self.link[own])
+
+    def world_centres(self, frames: NDArray[Any]) -> NDArray[Any]:
+        """Compute the centres (3, N, B) in postures whose link frames are (N, L, 4, 4), in the frames' precision."""
+        points = np.empty((3, len(frames), len(self.link)), frames.dtype)
+        centres = np.concatenate([self.centres.T, np.ones((1, len(self.link)))]).astype(frames.dtype)
+        edges = np.flatnonzero(np.diff(self.link, prepend=-1, append=-1))
+        for first, last in pairwise(edges):
+            points[:, :, first:last] = np.einsum("nij,jb->inb", frames[:, self.link[first], :3], centres[:, first:last])
+        return points
 
 
 @dataclass(frozen=True, eq=False)
-class Boxes:
+class CollisionBoxes:
     """Oriented boxes around the collision shapes: `frames` (C, 4, 4) in the link's frame, `half` (C, 3) extents, m, `link` (C,)."""
 
     frames: NDArray[np.float64]
@@ -49,8 +60,8 @@ class Boxes:
     link: NDArray[np.intp]
 
 
-def collision_balls(hand: Hand, spacing: float, tolerance: float = 0.0) -> Balls:
-    """Fill every collision shape (the convex hull of a mesh, as physics takes it) with balls on a lattice.
+def collision_spheres(hand: Hand, *, spacing: float, tolerance: float = 0.0) -> CollisionSpheres:
+    """Fill every collision shape (the convex hull of a mesh, as physics takes it) with spheres on a lattice.
 
     Parameters
     ----------
@@ -59,7 +70,7 @@ def collision_balls(hand: Hand, spacing: float, tolerance: float = 0.0) -> Balls
     spacing
         Of the lattice of centres and of the points on the surface, m.
     tolerance
-        A ball is left out where a larger one reaches as far but for this, m.
+        A sphere is left out where a larger one reaches as far but for this, m.
 
     Raises
     ------
@@ -79,11 +90,11 @@ def collision_balls(hand: Hand, spacing: float, tolerance: float = 0.0) -> Balls
             centres.append(points[kept])
             radii.append(depth[kept])
             links.append(np.full(len(kept), number, np.intp))
-    return Balls(np.concatenate(centres), np.concatenate(radii), np.concatenate(links))
+    return CollisionSpheres(np.concatenate(centres), np.concatenate(radii), np.concatenate(links))
 
 
-def collision_boxes(hand: Hand) -> Boxes:
-    """The box around every collision shape, along the axes of the shape's own frame."""
+def collision_boxes(hand: Hand) -> CollisionBoxes:
+    """Compute the box around every collision shape, along the axes of the shape's own frame."""
     frames, halves, links = [], [], []
     for number, link in enumerate(hand.links):
         for shape in link.collisions:
@@ -94,11 +105,11 @@ def collision_boxes(hand: Hand) -> Boxes:
             frames.append(compose(shape.origin, shift))
             halves.append((high - low) / 2)
             links.append(number)
-    return Boxes(np.array(frames).reshape(-1, 4, 4), np.array(halves).reshape(-1, 3), np.array(links, np.intp))
+    return CollisionBoxes(np.array(frames).reshape(-1, 4, 4), np.array(halves).reshape(-1, 3), np.array(links, np.intp))
 
 
 def _fill(hull: ConvexHull, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points on and in a convex hull, and their depth below its surface."""
+    """Points (N, 3) in and on a convex hull, and their depth (N,) below its surface."""
     normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
     low, high = hull.points.min(axis=0), hull.points.max(axis=0)
     counts = np.ceil((high - low) / spacing).astype(int)
@@ -112,10 +123,10 @@ def _fill(hull: ConvexHull, spacing: float) -> tuple[NDArray[np.float64], NDArra
 
 
 def _prune(points: NDArray[np.float64], depth: NDArray[np.float64], tolerance: float) -> NDArray[np.intp]:
-    """Largest first, keep a ball unless a kept one holds all of it but `tolerance`."""
+    """Largest first, keep a sphere unless a kept one holds all of it but `tolerance`."""
     order = np.argsort(-depth, kind="stable")
-    reach = float(depth.max()) + tolerance
-    neighbours = cKDTree(points).query_ball_point(points, reach)
+    radius = float(depth.max()) + tolerance
+    neighbours = cKDTree(points).query_ball_point(points, radius)
     kept = np.zeros(len(points), bool)
     for i in order:
         others = np.array([j for j in neighbours[i] if kept[j]], np.intp)

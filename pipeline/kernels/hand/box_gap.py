@@ -1,4 +1,4 @@
-"""Do oriented boxes overlap: the separating axis test, many pairs at once (Gottschalk et al., OBBTree, 1996)."""
+"""Gaps between oriented boxes by the separating axis test (Gottschalk et al., OBBTree, 1996)."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 PARALLEL = 1e-6
-"""Squared sine below which two edges count as parallel: their cross product is no axis, and the faces' axes do without it."""
+"""Squared sine below which two edges count as parallel: their cross product is no axis, and the faces' axes are enough."""
 
 
 def box_gap(
     frames_a: NDArray[np.float64], half_a: NDArray[np.float64], frames_b: NDArray[np.float64], half_b: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Largest gap between two boxes along any of the 15 candidate axes, m: negative where they overlap, by their least overlap.
+    """Compute the largest gap between two boxes along any of the 15 candidate axes.
 
     Parameters
     ----------
     frames_a, frames_b
-        (..., 4, 4) poses of the boxes' centres.
+        (..., 4, 4) poses of the boxes' centres, m.
     half_a, half_b
         (..., 3) half extents, m. All four broadcast.
 
     Returns
     -------
-    (...) a lower bound of the distance of boxes that are apart.
+    (...) float64, m: a lower bound of the distance of boxes that are apart; of boxes that overlap, minus their least overlap.
     """
     turn_a, turn_b = frames_a[..., :3, :3], frames_b[..., :3, :3]
     offset = frames_b[..., :3, 3] - frames_a[..., :3, 3]
@@ -39,9 +39,9 @@ def box_gap(
         for j in range(3):
             n, o = (j + 1) % 3, (j + 2) % 3
             distance = np.abs(shift[..., m] * rotation[..., k, j] - shift[..., k] * rotation[..., m, j])
-            reach = half_a[..., k] * size[..., m, j] + half_a[..., m] * size[..., k, j]
-            reach = reach + half_b[..., n] * size[..., i, o] + half_b[..., o] * size[..., i, n]
+            extent = half_a[..., k] * size[..., m, j] + half_a[..., m] * size[..., k, j]
+            extent = extent + half_b[..., n] * size[..., i, o] + half_b[..., o] * size[..., i, n]
             sine2 = 1 - rotation[..., i, j] ** 2
-            along = (distance - reach) / np.sqrt(np.maximum(sine2, PARALLEL))
+            along = (distance - extent) / np.sqrt(np.maximum(sine2, PARALLEL))
             gap = np.where(sine2 > PARALLEL, np.maximum(gap, along), gap)
     return gap

@@ -1,4 +1,4 @@
-"""Where a hand stands: its palm tangent to the object at a random point (supplement 1.3)."""
+"""Poses of a hand whose palm is tangent to an object (supplement 1.3)."""
 
 from __future__ import annotations
 
@@ -9,29 +9,35 @@ from pipeline.kernels.geometry.transforms import compose, invert_pose, length, s
 from pipeline.kernels.hand.model import Hand
 
 
-def tangent_pose(hand: Hand, point: NDArray[np.float64], normal: NDArray[np.float64], distance: float, angle: float) -> NDArray[np.float64]:
-    """(4, 4) root frame of a hand whose palm faces a surface point.
+def tangent_palm_pose(
+    hand: Hand, point: NDArray[np.float64], normal: NDArray[np.float64], *, distance: float, angle: float
+) -> NDArray[np.float64]:
+    """Compute the pose of a hand whose palm faces a surface point.
 
     Parameters
     ----------
     hand
-        Says where its palm is.
+        Gives the palm's centre and outward normal.
     point, normal
-        (3,) of the surface, the normal outward and of any length but 0.
+        (3,) of the surface, world, m; the normal points outward.
     distance
         From the point to the palm's centre along the normal, m.
     angle
         Of the hand about the normal, rad; 0 is an arbitrary direction that depends on the normal alone.
 
+    Returns
+    -------
+    (4, 4) float64, frame of the root link in the world.
+
     Raises
     ------
     ValueError
-        Point or normal is NaN or infinite, or the normal has no length.
+        Point or normal is NaN or infinite, or the normal is zero.
     """
     longest = np.abs(normal).max()
     if not (np.isfinite(point).all() and 0 < longest < np.inf):
         raise ValueError(f"no hand can face the point {point} with normal {normal}: they must be finite, the normal not zero")
-    normal = normal / longest  # of any length: its square may not leave float64's range
+    normal = normal / longest
     palm = _frame(-hand.palm_facing, 0.0, hand.palm_centre)
     return compose(_frame(normal, angle, point + distance * normal / length(normal)), invert_pose(palm))
 

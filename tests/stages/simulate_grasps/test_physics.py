@@ -1,76 +1,76 @@
-"""What PyBullet makes of hand and object."""
+"""The hand and the object in PyBullet."""
 
 from __future__ import annotations
 
 import numpy as np
-import pybullet
 import pytest
 import trimesh
 
 from pipeline.kernels.hand.model import Hand
 from stages.simulate_grasps.physics import GRAVITY, simulation
-from tests.grasps.conftest import mug, placed
+from stages.simulate_grasps.quiet_pybullet import pybullet
+from tests.kernels.hand.meshes import centred, mug
 
 STEP = 1 / 240
 
 
-def test_a_ball_falls_as_galileo_said(hand: Hand) -> None:
+def test_ball_falls_with_gravity(hand: Hand) -> None:
     with simulation(hand) as physics:
-        physics.load(placed(trimesh.creation.box((0.1, 0.1, 0.1))))
-        client = {"physicsClientId": physics.client}
-        shape = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=0.01, **client)
-        ball = pybullet.createMultiBody(0.1, shape, basePosition=[0.5, 0.5, 3], **client)
-        pybullet.changeDynamics(ball, -1, linearDamping=0, **client)
+        physics.load(centred(trimesh.creation.box((0.1, 0.1, 0.1))))
+        client = physics.client
+        shape = client.createCollisionShape(pybullet.GEOM_SPHERE, radius=0.01)
+        ball = client.createMultiBody(0.1, shape, basePosition=[0.5, 0.5, 3])
+        client.changeDynamics(ball, -1, linearDamping=0)
         steps = 120
         for _ in range(steps):
-            pybullet.stepSimulation(**client)
-        height = pybullet.getBasePositionAndOrientation(ball, **client)[0][2]
+            client.stepSimulation()
+        height = client.getBasePositionAndOrientation(ball)[0][2]
         # Bullet steps velocities first: n (n + 1) / 2 steps instead of n² / 2
         assert height == pytest.approx(3 + GRAVITY * STEP**2 * steps * (steps + 1) / 2, abs=1e-5)
 
 
-def test_faces_that_share_no_vertex_are_taken_too(hand: Hand) -> None:
-    """As an STL has them: three vertices a face, of which PyBullet takes 131,072 at once."""
+def test_mesh_with_more_vertices_than_pybullet_takes_is_loaded_whole(hand: Hand) -> None:
+    """Faces that share no vertex, as an STL has them: three vertices per face, of which PyBullet takes 131,072 at once."""
     sphere = trimesh.creation.icosphere(subdivisions=6, radius=0.05)
     sphere.unmerge_vertices()
     assert len(sphere.vertices) > 131_072 > len(sphere.faces)
-    mesh = placed(sphere)
+    mesh = centred(sphere)
     with simulation(hand) as physics:
         physics.load(mesh)
-        hit = pybullet.rayTest([0, 0.001, 1], [0, 0.001, 0], physicsClientId=physics.client)[0]
+        hit = physics.client.rayTest([0, 0.001, 1], [0, 0.001, 0])[0]
     assert hit[3][2] == pytest.approx(mesh.vertices[:, 2].max(), abs=1e-4)
 
 
 @pytest.mark.parametrize("subdivisions", [3, 7])
-def test_the_object_is_itself_and_not_its_hull(hand: Hand, subdivisions: int) -> None:
+def test_object_collides_as_its_mesh_and_not_as_its_hull(hand: Hand, subdivisions: int) -> None:
     """Rays into two spheres and between them; at the finer level with 655,360 faces, more than PyBullet takes at once."""
     sphere = trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.05)
-    mesh = placed(sphere.copy().apply_translation([-0.1, 0, 0]), sphere.copy().apply_translation([0.1, 0, 0]))
+    mesh = centred(sphere.copy().apply_translation([-0.1, 0, 0]), sphere.copy().apply_translation([0.1, 0, 0]))
     with simulation(hand) as physics:
         physics.load(mesh)
         starts = np.array([[-0.1, 0, 1], [0.0, 0, 1], [0.1, 0.002, 1]])
-        hits = pybullet.rayTestBatch(starts.tolist(), (starts - [0, 0, 0.8]).tolist(), physicsClientId=physics.client)
+        hits = physics.client.rayTestBatch(starts.tolist(), (starts - [0, 0, 0.8]).tolist())
         assert [hit[0] >= 0 for hit in hits] == [True, False, True]
         assert hits[0][3][2] == pytest.approx(0.65, abs=1e-3)
 
 
-def test_fingers_go_where_they_are_sent_and_rest(hand: Hand) -> None:
+def test_fingers_reach_a_free_target_and_rest(hand: Hand) -> None:
     far = np.eye(4)
     far[:3, 3] = [1, 1, 1]
     target = np.clip(np.full(16, 0.4), hand.lower, hand.upper)
     target[[0, 4, 8]] = 0
     with simulation(hand) as physics:
         physics.load(mug())
-        angles, rests = physics.settle(far, target - 0.1, target, (20, 400), 2e-3)
+        angles, rests = physics.settle(far, target - 0.1, target, max_steps=400, resting_speed=2e-3)
         assert rests
         np.testing.assert_allclose(angles, target, atol=2e-3)
-        later, _ = physics.advance((500, 500), 0.0)
+        later, _ = physics.advance(max_steps=500, resting_speed=0.0)
         np.testing.assert_allclose(later, angles, atol=2e-3)
 
 
-def test_a_finger_stops_at_the_object(hand: Hand) -> None:
+def test_fingers_stop_at_the_object(hand: Hand) -> None:
     """Sent 6 cm into a plate, all fingers stay out of it."""
-    plate = placed(trimesh.creation.box((0.3, 0.3, 0.02)))
+    plate = centred(trimesh.creation.box((0.3, 0.3, 0.02)))
     pose = np.eye(4)
     pose[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]  # palm down
     pose[:3, 3] = [0, 0, 0.68]
@@ -80,7 +80,13 @@ def test_a_finger_stops_at_the_object(hand: Hand) -> None:
     target[[1, 5, 9]] = 1.2
     with simulation(hand) as physics:
         physics.load(plate)
-        angles, _ = physics.settle(pose, start, target, (20, 400), 2e-3)
+        angles, _ = physics.settle(pose, start, target, max_steps=400, resting_speed=2e-3)
         assert (angles[[1, 5, 9]] < 0.9).all()
         assert (angles[[1, 5, 9]] > 0.2).all()
-        assert min((point[8] for point in pybullet.getContactPoints(physicsClientId=physics.client)), default=0) > -1e-3
+        assert min((point[8] for point in physics.client.getContactPoints()), default=0) > -1e-3
+
+
+def test_client_prints_nothing(hand: Hand, capfd: pytest.CaptureFixture[str]) -> None:
+    with simulation(hand):
+        pass
+    assert capfd.readouterr() == ("", "")

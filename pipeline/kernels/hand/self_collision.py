@@ -1,4 +1,4 @@
-"""One posture a finger, so that fingers do not stand in each other."""
+"""Collisions of a hand with itself, and the choice of one posture per finger that avoids them."""
 
 from __future__ import annotations
 
@@ -6,18 +6,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.transforms import compose
-from pipeline.kernels.hand.bodies import Boxes
-from pipeline.kernels.hand.boxes import box_gap
+from pipeline.kernels.hand.box_gap import box_gap
+from pipeline.kernels.hand.collision_shapes import CollisionBoxes
 from pipeline.kernels.hand.model import Hand
 
 BEAM = 256
 """Partial choices that are carried from finger to finger."""
 
 
-def choose_together(
-    hand: Hand, boxes: Boxes, frames: NDArray[np.float64], worth: NDArray[np.float64], gap: float
+def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> float:
+    """Compute the least gap between links of a hand, m, negative where they overlap; link frames (L, 4, 4)."""
+    return float(_pair_gaps(boxes, frames[None], _pairs(hand, boxes)).min(initial=np.inf))
+
+
+def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
+    """Tell which fingers keep a gap from their own links and from those that no finger moves.
+
+    Parameters
+    ----------
+    hand, boxes
+        The hand and its boxes, from `collision_boxes`.
+    frames
+        (N, L, 4, 4) link frames.
+    gap
+        m.
+
+    Returns
+    -------
+    (N, S) bool.
+    """
+    owner = _owners(hand)
+    pairs = [(i, j) for i, j in _pairs(hand, boxes) if owner[boxes.link[i]] == owner[boxes.link[j]] or owner[boxes.link[i]] < 0]
+    near = _pair_gaps(boxes, frames, pairs) < gap  # (N, pairs)
+    of = np.array([owner[boxes.link[j]] for _, j in pairs])
+    return np.stack([~near[:, of == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
+
+
+def choose_postures(
+    hand: Hand, boxes: CollisionBoxes, *, frames: NDArray[np.float64], worth: NDArray[np.float64], gap: float
 ) -> NDArray[np.intp] | None:
-    """The choice of greatest total worth in which all fingers stay `gap` apart from each other.
+    """Choose one posture per finger, of greatest total worth, so that all fingers keep a gap from each other.
 
     Parameters
     ----------
@@ -33,6 +61,10 @@ def choose_together(
     Returns
     -------
     (S,) option taken for each finger, or None when no choice keeps them apart.
+
+    Notes
+    -----
+    A beam search over fingers in their order, `BEAM` partial choices wide.
     """
     options = len(frames)
     blocked = _blocked(hand, boxes, frames, gap)
@@ -50,7 +82,7 @@ def choose_together(
     return picks[0] if len(picks) else None
 
 
-def _blocked(hand: Hand, boxes: Boxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
+def _blocked(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
     """(S, S, O, O): finger a in option i is too near finger b in option j; filled for a < b."""
     fingers, options = len(hand.fingers), len(frames)
     blocked = np.zeros((fingers, fingers, options, options), bool)
@@ -68,21 +100,7 @@ def _blocked(hand: Hand, boxes: Boxes, frames: NDArray[np.float64], gap: float) 
     return blocked
 
 
-def fingers_free_of_palm(hand: Hand, boxes: Boxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
-    """(N, S): a finger keeps `gap` from the links that no finger moves and from its own, for link frames (N, L, 4, 4)."""
-    owner = _owners(hand)
-    pairs = [(i, j) for i, j in _pairs(hand, boxes) if owner[boxes.link[i]] == owner[boxes.link[j]] or owner[boxes.link[i]] < 0]
-    near = _pair_gaps(boxes, frames, pairs) < gap  # (N, pairs)
-    of = np.array([owner[boxes.link[j]] for _, j in pairs])
-    return np.stack([~near[:, of == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
-
-
-def hand_gap(hand: Hand, boxes: Boxes, frames: NDArray[np.float64]) -> float:
-    """Least gap between links of a hand whose link frames are (L, 4, 4), m, negative where they stand in each other."""
-    return float(_pair_gaps(boxes, frames[None], _pairs(hand, boxes)).min(initial=np.inf))
-
-
-def _pairs(hand: Hand, boxes: Boxes) -> list[tuple[int, int]]:
+def _pairs(hand: Hand, boxes: CollisionBoxes) -> list[tuple[int, int]]:
     """Boxes that could meet, the one nearer the root first. Links joined by a joint touch by construction, and physics does not collide
     them either; nor do links that no finger moves ever meet."""
     joined = {(joint.parent, joint.child) for joint in hand.joints}
@@ -104,7 +122,7 @@ def _owners(hand: Hand) -> list[int]:
     return owner
 
 
-def _pair_gaps(boxes: Boxes, frames: NDArray[np.float64], pairs: list[tuple[int, int]]) -> NDArray[np.float64]:
+def _pair_gaps(boxes: CollisionBoxes, frames: NDArray[np.float64], pairs: list[tuple[int, int]]) -> NDArray[np.float64]:
     """(N, pairs) gaps for link frames (N, L, 4, 4)."""
     world = compose(frames[:, boxes.link], boxes.frames)
     first, second = (list(part) for part in zip(*pairs, strict=True)) if pairs else ([], [])

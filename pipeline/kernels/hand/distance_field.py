@@ -1,4 +1,4 @@
-"""Signed distance to a mesh, closed, open or inside out: a grid for millions of look-ups, and exact values for the few that matter."""
+"""Signed distance to a mesh: a grid for millions of look-ups, and exact values for the few that matter."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy import ndimage
 from pipeline.kernels.geometry.mesh import face_cross_products, flatness
 
 BLOCK = 4
-"""Cells along the side of a block that is judged near or far by one exact distance."""
+"""Cells along the side of a block; one exact distance tells whether a block is near the surface."""
 MAX_CELLS = 6_000_000
 """Cells of the largest grid (16 bytes each); a larger object gets larger cells."""
 PROBE = 1.5
@@ -21,13 +21,13 @@ SLIVER = 3e-6
 """A flatter face counts as its longest edge, 3e-6 of its length beside it at most. libigl's distance to it would err by more."""
 ON_SURFACE = 1e-6
 """Cells from the surface below which rounding may decide on which side of it a point lies."""
-WALK = 4
+MAX_STEPS = 4
 """Steps away from the nearest surface until a side is known: one beside a face, two or three in the corner of a solid."""
 
 
 @dataclass(frozen=True, eq=False)
 class DistanceField:
-    """Distance to a mesh, m: positive outside, negative inside.
+    """Signed distance to a mesh, m: positive outside, negative inside.
 
     A point is *outside* when a path leads from it out of the bounding box through gaps wider than a cell. So winding does not matter,
     and both sides of an open sheet are outside. Solid parts thinner than 3 cells may count as sheets.
@@ -54,12 +54,19 @@ class DistanceField:
     inside: NDArray[np.int8]
 
     def lookup(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Approximate signed distance, m, of finite points (3, ...) float32 in world coordinates: first order in the nearest cell.
+        """Look up approximate signed distances, to first order in the nearest cell.
 
-        Within the grid's band it is right to about a quarter of a cell, at edges and across sheets to 1.8 cells, and a lower bound
-        beyond it; points off the grid get its rim's value. In solid parts thinner than 3 cells the sign may be wrong, but no
-        point inside gets more than 2 cells. Coordinates in float32 add 2^-21 of the largest: half a micrometre a metre from
-        the origin, half a millimetre at a kilometre.
+        Parameters
+        ----------
+        points
+            (3, ...) float32, world, m, finite.
+
+        Returns
+        -------
+        (...) float32, m. Within the grid's band the error is about a quarter of a cell, at edges and across sheets 1.8 cells; beyond
+        the band it is a lower bound, and points off the grid get the value of its rim. In solid parts thinner than 3 cells the sign
+        may be wrong, but no point inside gets more than 2 cells. Rounding of coordinates to float32 adds half a micrometre per metre
+        from the origin.
         """
         scaled = np.empty((points[0].size, 3), np.float32)
         for axis, count in enumerate(self.shape):
@@ -75,24 +82,36 @@ class DistanceField:
         return distance.reshape(points.shape[1:])
 
     def exact(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Signed distance (N,) of points (N, 3), m, exact in float64; its sign as the class defines it.
+        """Compute exact signed distances.
 
-        Exact is within a few units in the last place of the largest coordinate for faces of aspect up to 10, within 1e-11 of a
-        face's longest edge up to 1e3, and 4e-6 of it for any sliver; faces without area count as the lines and points that
-        they are.
+        Parameters
+        ----------
+        points
+            (N, 3) float64, world, m.
+
+        Returns
+        -------
+        (N,) float64, m. The error is a few units in the last place of the largest coordinate for faces of aspect up to 10, 1e-11 of
+        a face's longest edge up to 1e3, and 4e-6 of it for any sliver; faces without area count as the lines and points that they
+        are.
+
+        Raises
+        ------
+        ValueError
+            A point is NaN or infinite.
         """
         if not len(points):
             return np.empty(0)
         if not np.isfinite(points).all():
-            raise ValueError("no distance of points that are NaN or infinite; drop them first")
+            raise ValueError("points must be finite, but some are NaN or infinite")
         squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
         distance: NDArray[np.float64] = np.sqrt(squared)
         distance[_is_inside(self, closest, _unit(points - closest), distance)] *= -1
         return distance
 
 
-def distance_field(vertices: NDArray[np.float64], faces: np.ndarray, cell: float, band: float) -> DistanceField:
-    """Build the field of a mesh, once an object.
+def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, cell: float, band: float) -> DistanceField:
+    """Build the signed distance field of a mesh.
 
     Parameters
     ----------
@@ -101,12 +120,17 @@ def distance_field(vertices: NDArray[np.float64], faces: np.ndarray, cell: float
     cell
         Side of a cell, m; enlarged where the grid would pass `MAX_CELLS`.
     band
-        Distance from the surface up to which the grid's values are more than bounds, m; also the grid's rim around the object. At
-        least two cells: the grid's corner must be known to be outside.
+        Distance from the surface up to which the grid's values are more than bounds, m; also the grid's rim around the object. It is
+        enlarged to two cells: the grid's corner must be known to be outside.
+
+    Raises
+    ------
+    ValueError
+        There are no faces, or a corner is NaN or infinite.
     """
     vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
     if not len(faces) or not np.isfinite(vertices[faces]).all():
-        raise ValueError(f"no distance to a mesh of {len(faces)} faces with NaN or infinite corners, or none; gate it first")
+        raise ValueError(f"a mesh needs faces with finite corners; this one has {len(faces)} faces, or NaN or infinite corners")
     faces = _without_slivers(vertices, faces)
     tree = igl.AABB()
     tree.init(vertices, faces)
@@ -183,7 +207,7 @@ def _is_inside(
     """
     found = np.full(len(closest), -1, np.int8)
     open_ = np.arange(len(closest))
-    for _ in range(WALK):
+    for _ in range(MAX_STEPS):
         points = closest + direction * np.maximum(distance, PROBE * field.cell)[:, None]
         index = np.clip(np.rint((points - field.origin) / field.cell).astype(np.int64), 0, np.array(field.shape) - 1)
         side = field.inside[(index[:, 0] * field.shape[1] + index[:, 1]) * field.shape[2] + index[:, 2]]
@@ -198,5 +222,5 @@ def _is_inside(
 
 
 def _lattice(counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(N, 3) indices of a grid of so many cells along each axis, the last one fastest."""
+    """(N, 3) indices of a grid with the given numbers of cells along its axes, the last axis fastest."""
     return np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Where a grasp comes from: every sensor drawn back along its normal."""
+"""The pre-grasp posture: every sensor drawn back along its normal."""
 
 from __future__ import annotations
 
@@ -17,10 +17,25 @@ DAMPING = 1e-3
 """m, of the damped least squares (Wampler 1986): below it a direction counts as one that the finger cannot move in."""
 
 
-def draw_back(hand: Hand, joint_angles: NDArray[np.float64], distances: Sequence[float]) -> NDArray[np.float64]:
-    """Joint angles (N, J) from which closing moves every sensor about one of N `distances`, m, along its normal, to `joint_angles` (J,).
+def pregrasp_angles(hand: Hand, joint_angles: NDArray[np.float64], distances: Sequence[float]) -> NDArray[np.float64]:
+    """Compute joint angles from which closing moves every sensor a given distance along its normal.
 
-    A single damped step with the Jacobian of the sensors' positions, clipped to the limits: sideways it is right to first order only.
+    Parameters
+    ----------
+    hand
+        J joints.
+    joint_angles
+        (J,) at the end of the closing motion, rad.
+    distances
+        N distances, m.
+
+    Returns
+    -------
+    (N, J) float64, rad, within the limits.
+
+    Notes
+    -----
+    One damped least-squares step with the Jacobian of the sensors' positions: right to first order only.
     """
     home = np.eye(4)
     rest = sensor_poses(hand, home, joint_angles)  # (S, 4, 4)

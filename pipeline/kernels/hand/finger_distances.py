@@ -1,0 +1,111 @@
+"""Distances of fingers to an object: how far every gel presses into it, and how far every finger's rigid links stay clear of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.hand.collision_shapes import CollisionSpheres
+from pipeline.kernels.hand.distance_field import DistanceField
+from pipeline.kernels.hand.model import Hand
+
+PROBE_DEPTH = 0.6
+"""Height above the sensor plane, in gel thicknesses, to which a surface should press in: a firm touch, far from the rigid face."""
+PROBES = 4
+"""Probe points along a side of the gel: 4 mm apart on a 16 mm gel."""
+
+
+@dataclass(frozen=True, eq=False)
+class FingerGeometry:
+    """The collision spheres of every finger's links, and points in its gel.
+
+    Attributes
+    ----------
+    spheres
+        Of the links that each of S fingers moves.
+    probes
+        (S, PROBES², 3) float64, points in the gel at `PROBE_DEPTH`, in the frame of the finger's tip link, m.
+    """
+
+    spheres: tuple[CollisionSpheres, ...]
+    probes: NDArray[np.float64]
+
+
+def finger_geometry(hand: Hand, spheres: CollisionSpheres, *, gel_width: float, gel_thickness: float) -> FingerGeometry:
+    """Group collision spheres by finger and lay probes into the gels.
+
+    Parameters
+    ----------
+    hand, spheres
+        The hand and its spheres, from `collision_spheres`.
+    gel_width, gel_thickness
+        m.
+
+    Raises
+    ------
+    InvalidInput
+        No link of a finger has a collision shape.
+    """
+    own = tuple(spheres.of_links(finger.links) for finger in hand.fingers)
+    bodiless = [finger.name for finger, part in zip(hand.fingers, own, strict=True) if not len(part.radii)]
+    if bodiless:
+        raise InvalidInput(f"{hand.urdf}: no link of {', '.join(bodiless)} has a collision shape; give at least one link of a finger one")
+    steps = ((np.arange(PROBES) + 0.5) / PROBES - 0.5) * gel_width
+    x, y = (axis.ravel() for axis in np.meshgrid(steps, steps))
+    points = np.stack([x, y, np.full_like(x, PROBE_DEPTH * gel_thickness)], axis=-1)
+    probes = np.stack([transform_points(finger.sensor_pose, points) for finger in hand.fingers])
+    return FingerGeometry(own, probes)
+
+
+def gel_probes(hand: Hand, fingers: FingerGeometry, frames: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Compute the probe points (3, N, S, PROBES²) float32 of postures whose link frames are (N, L, 4, 4), world, m."""
+    tips = frames[:, [finger.tip for finger in hand.fingers]]  # (N, S, 4, 4)
+    turned = np.einsum("nsij,spj->insp", tips[..., :3, :3], fingers.probes)
+    points: NDArray[np.float32] = (turned + np.moveaxis(tips[..., :3, 3], -1, 0)[..., None]).astype(np.float32)
+    return points
+
+
+def gel_contact(field: DistanceField, probes: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Measure how gels meet an object.
+
+    Parameters
+    ----------
+    field
+        The object.
+    probes
+        (3, N, S, P) from `gel_probes`.
+
+    Returns
+    -------
+    contact
+        (N, S) float32, least distance of a gel's probes from the object, m, negative inside.
+    coverage
+        (N, S) float32, share of its probes that are inside the object.
+    """
+    distance = field.lookup(probes)
+    return distance.min(axis=-1), (distance < 0).mean(axis=-1, dtype=np.float32)
+
+
+def finger_clearance(field: DistanceField, fingers: FingerGeometry, frames: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Measure the distance of every finger's rigid links from an object.
+
+    Parameters
+    ----------
+    field
+        The object.
+    fingers
+        Their collision spheres.
+    frames
+        (N, L, 4, 4) link frames, world.
+
+    Returns
+    -------
+    (N, S) float32, m, negative inside the object.
+    """
+    single = frames.astype(np.float32)
+    distances = [field.lookup(own.world_centres(single)) - own.radii.astype(np.float32) for own in fingers.spheres]
+    return np.stack([distance.min(axis=1) for distance in distances], axis=1)

@@ -1,0 +1,221 @@
+"""Inverse kinematics on a distance field: joint angles that bring every gel to the object and keep every rigid link out of it.
+
+Supplement 1.3 has the sensors "meet the surface of the object, so long as physical integration of the hand and object allow it". Where
+they meet it is not given, so there is no point to aim at. Instead each finger's joint space is sampled once per hand. The samples are
+ranked on the object's distance grid, the best are refined by random steps that shrink, and one posture per finger is chosen so that
+fingers do not collide.
+
+A posture's value is that of its gel's contact, less what its rigid links lack in clearance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from pipeline.kernels.geometry.transforms import compose
+from pipeline.kernels.hand.collision_shapes import CollisionBoxes, CollisionSpheres, collision_boxes
+from pipeline.kernels.hand.distance_field import DistanceField
+from pipeline.kernels.hand.finger_distances import FingerGeometry, finger_clearance, finger_geometry, gel_contact, gel_probes
+from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm
+
+MILLIMETRE = 1e-3
+LIMIT_MARGIN = 0.01
+"""rad (m) kept from the joint limits, so that a motor's residue does not cross them."""
+NEAR_CONTACT = 0.0025
+"""m outside or inside the object up to which a sampled posture is a candidate: what refinement can make good."""
+CANDIDATES = 320
+"""Sampled postures per finger whose clearance is measured, those with most contact first."""
+SPREAD = 48
+"""Sampled postures measured whatever they touch: among them are those for a finger that cannot touch."""
+LINES = 12
+"""Postures per finger that are refined side by side, each replaced by its best neighbour."""
+NEIGHBOURS = 24
+"""New postures around each of them, per round."""
+STEP = 0.16
+"""rad, standard deviation of the first round's steps, about the distance between samples; each round's is `SHRINK` of the one before."""
+SHRINK = 0.4
+AT_REST = 4
+"""Postures without contact per finger, among which the joint choice may take one."""
+
+
+@dataclass(frozen=True, eq=False)
+class GraspIk:
+    """What the inverse kinematics needs of a hand, prepared once per hand.
+
+    Attributes
+    ----------
+    hand, fingers, boxes
+        The hand, its fingers' spheres and gel probes, and its links' boxes.
+    clearance, finger_gap
+        What a good posture keeps between rigid links and the object, and between fingers, m.
+    joint_angles
+        (K, J) float64, samples spread evenly between the limits, rad.
+    frames
+        (K, L, 4, 4) float64, their link frames in the root link's.
+    probes
+        (3, K, S, P) float32, their gels' probes in the root link's frame, m.
+    free
+        (K, S) bool, whether each finger stays clear of the palm.
+    """
+
+    hand: Hand
+    fingers: FingerGeometry
+    boxes: CollisionBoxes
+    clearance: float
+    finger_gap: float
+    joint_angles: NDArray[np.float64]
+    frames: NDArray[np.float64]
+    probes: NDArray[np.float32]
+    free: NDArray[np.bool_]
+
+
+def prepare_grasp_ik(
+    hand: Hand,
+    spheres: CollisionSpheres,
+    *,
+    gel_width: float,
+    gel_thickness: float,
+    samples: int,
+    clearance: float,
+    finger_gap: float,
+) -> GraspIk:
+    """Sample a Sobol sequence in each finger's joints.
+
+    Parameters
+    ----------
+    hand, spheres
+        The hand and the collision spheres of its links.
+    gel_width, gel_thickness
+        Of the sensors, m.
+    samples
+        Number of joint vectors.
+    clearance, finger_gap
+        What a good posture keeps between rigid links and the object, and between fingers, m.
+    """
+    fingers = finger_geometry(hand, spheres, gel_width=gel_width, gel_thickness=gel_thickness)
+    boxes = collision_boxes(hand)
+    angles = np.empty((samples, len(hand.joint_names)))
+    for finger in hand.fingers:
+        joints = list(finger.joints)
+        unit = qmc.Sobol(len(joints), scramble=False).random_base2(int(np.ceil(np.log2(samples))))[:samples]
+        low, high = hand.lower[joints] + LIMIT_MARGIN, hand.upper[joints] - LIMIT_MARGIN
+        angles[:, joints] = low + unit * (high - low)
+    frames = forward_kinematics(hand, np.eye(4), angles)
+    free = fingers_clear_of_palm(hand, boxes, frames, finger_gap)
+    return GraspIk(hand, fingers, boxes, clearance, finger_gap, angles, frames, gel_probes(hand, fingers, frames), free)
+
+
+def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: NDArray[np.float64]) -> bool:
+    """Tell whether every finger of a hand at `hand_pose` (4, 4) has, among some samples, one that keeps clear of the object."""
+    rows = _spread(ik)
+    clear = finger_clearance(field, ik.fingers, compose(hand_pose, ik.frames[rows])) >= ik.clearance
+    return bool((clear & ik.free[rows]).any(axis=0).all())
+
+
+def grasp_ik(
+    ik: GraspIk, field: DistanceField, hand_pose: NDArray[np.float64], *, rounds: int, rng: np.random.Generator
+) -> NDArray[np.float64] | None:
+    """Find joint angles with which the sensors touch an object.
+
+    Parameters
+    ----------
+    ik
+        The hand, from `prepare_grasp_ik`.
+    field
+        The object.
+    hand_pose
+        (4, 4) frame of the root link, world, m.
+    rounds
+        Of refinement.
+    rng
+        Draws the refinement's steps.
+
+    Returns
+    -------
+    (J,) float64, rad, within the limits; or None where some finger has no posture that is clear of object and hand. A finger that
+    cannot touch takes, of the free postures found, the one that comes nearest to touching.
+    """
+    lines, rest = _best_samples(ik, field, hand_pose)
+    for k in range(rounds):
+        lines = _refine(ik, field, hand_pose, lines, step=STEP * SHRINK**k, rng=rng)
+    options = np.concatenate([lines, rest])
+    frames = forward_kinematics(ik.hand, hand_pose, options)
+    value, clearance = _measure(ik, field, frames)
+    worth = np.where(clearance >= ik.clearance, value, -np.inf)
+    at_origin = forward_kinematics(ik.hand, np.eye(4), options)
+    worth[~fingers_clear_of_palm(ik.hand, ik.boxes, at_origin, ik.finger_gap)] = -np.inf
+    rows = choose_postures(ik.hand, ik.boxes, frames=frames, worth=worth, gap=ik.finger_gap)
+    return None if rows is None else _mix(ik.hand, options, rows[None])[0]
+
+
+def _measure(ik: GraspIk, field: DistanceField, frames: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """The value (N, S) of postures, more than 1 for a touch, and the clearance (N, S) of their rigid links, m; frames (N, L, 4, 4)."""
+    contact, coverage = gel_contact(field, gel_probes(ik.hand, ik.fingers, frames))
+    miss = np.maximum(contact, 0) / MILLIMETRE
+    clearance = finger_clearance(field, ik.fingers, frames)
+    lack = np.maximum(ik.clearance - clearance, 0) / MILLIMETRE
+    value = np.where(miss == 0, 2 + coverage, 0) - 0.1 * miss - 2 * lack
+    return value.astype(np.float64), clearance
+
+
+def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The best samples to refine (LINES, J) and those for fingers that cannot touch (AT_REST, J); fingers mix freely."""
+    rows = _candidates(ik, field, hand_pose)
+    angles = _mix(ik.hand, ik.joint_angles, rows)
+    frames = ik.frames[rows[:, 0]]
+    for s, finger in enumerate(ik.hand.fingers):
+        frames[:, list(finger.links)] = ik.frames[rows[:, s]][:, list(finger.links)]
+    value, clearance = _measure(ik, field, compose(hand_pose, frames))
+    value = np.where(np.take_along_axis(ik.free, rows, axis=0), value, -np.inf)
+    calm = np.where(clearance >= ik.clearance, value, -np.inf)
+    best = np.argsort(-value, axis=0, kind="stable")[:LINES]
+    calmest = np.argsort(-calm, axis=0, kind="stable")[:AT_REST]
+    return _mix(ik.hand, angles, best), _mix(ik.hand, angles, calmest)
+
+
+def _candidates(ik: GraspIk, field: DistanceField, hand_pose: NDArray[np.float64]) -> NDArray[np.intp]:
+    """(CANDIDATES + SPREAD, S) rows of the samples whose clearance is measured: each finger's with most contact, and some of all."""
+    turn, shift = hand_pose[:3, :3].astype(np.float32), hand_pose[:3, 3].astype(np.float32)
+    contact, coverage = gel_contact(field, np.einsum("ij,jksp->iksp", turn, ik.probes) + shift[:, None, None, None])  # (K, S)
+    excess = np.maximum(np.abs(contact + NEAR_CONTACT) - NEAR_CONTACT, 0) / MILLIMETRE
+    first = np.where(ik.free, coverage - excess, -np.inf)
+    order = np.argsort(-first, axis=0, kind="stable")[:CANDIDATES]
+    spread = _spread(ik)
+    return np.concatenate([order, np.broadcast_to(spread[:, None], (len(spread), order.shape[1]))])
+
+
+def _spread(ik: GraspIk) -> NDArray[np.intp]:
+    """(SPREAD,) rows spread evenly over all samples."""
+    return np.linspace(0, len(ik.joint_angles) - 1, SPREAD).astype(np.intp)
+
+
+def _mix(hand: Hand, angles: NDArray[np.float64], rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    """(N, J) joint angles in which finger s takes row `rows[:, s]` of `angles`."""
+    mixed = np.empty((len(rows), angles.shape[1]))
+    for s, finger in enumerate(hand.fingers):
+        mixed[:, list(finger.joints)] = angles[rows[:, s]][:, list(finger.joints)]
+    return mixed
+
+
+def _refine(
+    ik: GraspIk,
+    field: DistanceField,
+    hand_pose: NDArray[np.float64],
+    lines: NDArray[np.float64],
+    *,
+    step: float,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Replace every line (LINES, J) by the best posture among itself and random neighbours, finger by finger."""
+    children = lines[:, None] + step * rng.standard_normal((len(lines), NEIGHBOURS + 1, lines.shape[1]))
+    children[:, 0] = lines
+    children = np.clip(children, ik.hand.lower + LIMIT_MARGIN, ik.hand.upper - LIMIT_MARGIN).reshape(-1, lines.shape[1])
+    value, _ = _measure(ik, field, forward_kinematics(ik.hand, hand_pose, children))
+    best = value.reshape(len(lines), NEIGHBOURS + 1, -1).argmax(axis=1)  # (LINES, S)
+    return _mix(ik.hand, children, best + (NEIGHBOURS + 1) * np.arange(len(lines))[:, None])

@@ -1,0 +1,115 @@
+"""Attempts at a grasp: pose the palm, solve for the fingers, close them in physics, and measure the outcome."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.hand.finger_distances import finger_clearance
+from pipeline.kernels.hand.grasp_ik import fingers_fit, grasp_ik
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_links
+from pipeline.kernels.hand.palm_pose import tangent_palm_pose
+from pipeline.kernels.hand.penetration import penetration_depth
+from pipeline.kernels.hand.pregrasp import pregrasp_angles
+from pipeline.kernels.hand.self_collision import hand_gap
+from pipeline.kernels.touch.contact import touch_success
+from pipeline.kernels.touch.ray_depth import ray_depth
+from stages.simulate_grasps.physics import Simulation
+from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
+from stages.simulate_grasps.settings import GraspSettings
+
+MAX_POSES = 40
+"""Draws of palm point, distance and rotation per attempt; one at which the hand would be in the object is drawn again."""
+MAX_SEARCHES = 3
+"""Poses per attempt for which the inverse kinematics may fail before the attempt is given up."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """A grasp as simulated; `sound` when it rests, keeps its joint limits and penetrates neither the object nor itself."""
+
+    hand_pose: NDArray[np.float64]
+    joint_angles: NDArray[np.float64]
+    sensor_pose: NDArray[np.float64]
+    touched: NDArray[np.bool_]
+    penetration: float
+    sound: bool
+
+
+@dataclass(frozen=True, eq=False)
+class GraspSearch:
+    """The search for grasps of one object, which `physics` has loaded."""
+
+    prepared_hand: PreparedHand
+    prepared_object: PreparedObject
+    physics: Simulation
+    settings: GraspSettings
+
+    def attempt(self, rng: np.random.Generator) -> Grasp | None:
+        """Make one grasp, which depends on the search and `rng` alone; None where the hand finds no room around the object."""
+        searches = 0
+        for _ in range(MAX_POSES):
+            pose = self._draw_hand_pose(rng)
+            if not self._has_room(pose):
+                continue
+            rounds = self.settings.ik_refinements
+            joint_angles = grasp_ik(self.prepared_hand.ik, self.prepared_object.field, pose, rounds=rounds, rng=rng)
+            if joint_angles is not None:
+                return self._close(pose, joint_angles)
+            searches += 1
+            if searches == MAX_SEARCHES:
+                break
+        return None
+
+    def _draw_hand_pose(self, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Draw a pose (4, 4): the palm tangent at a random surface point, at a random distance, randomly turned in the plane."""
+        index = rng.integers(len(self.prepared_object.points))
+        point, normal = self.prepared_object.points[index], self.prepared_object.normals[index]
+        distance = rng.uniform(self.settings.least_distance, self.settings.greatest_distance)
+        return tangent_palm_pose(self.prepared_hand.hand, point, normal, distance=distance, angle=rng.uniform(0, 2 * np.pi))
+
+    def _has_room(self, pose: NDArray[np.float64]) -> bool:
+        """Tell whether the palm stays clear of the object, and every finger can."""
+        hand, palm, field = self.prepared_hand.hand, self.prepared_hand.palm_spheres, self.prepared_object.field
+        frames = forward_kinematics(hand, pose, hand.lower)[None]
+        gap = field.exact(palm.world_centres(frames)[:, 0].T) - palm.radii
+        return bool((gap >= self.settings.clearance).all()) and fingers_fit(self.prepared_hand.ik, field, pose)
+
+    def _close(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> Grasp:
+        """Close the fingers to a target posture and measure where they come to rest."""
+        hand, ik, sensor = self.prepared_hand.hand, self.prepared_hand.ik, self.prepared_hand.sensor
+        start = self._pregrasp(pose, target)
+        steps, speed = self.settings.settle_steps, self.settings.resting_speed
+        angles, rests = self.physics.settle(pose, start, target, max_steps=steps, resting_speed=speed)
+        frames = forward_kinematics(hand, pose, angles)
+        sensors = sensors_of_links(hand, frames)
+        touched = touch_success(np.stack([ray_depth(self.prepared_object.faces, one, sensor) for one in sensors]), sensor)
+        penetration = penetration_depth(self.prepared_object.field, self.prepared_hand.spheres, frames)
+        sound = (
+            rests
+            and bool(((angles >= hand.lower) & (angles <= hand.upper)).all())
+            and hand_gap(hand, ik.boxes, frames) >= 0
+            and penetration <= self.settings.penetration_limit
+        )
+        return Grasp(pose, angles, sensors, touched, penetration, sound)
+
+    def _pregrasp(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Joint angles from which the fingers close: each drawn back as far as there is room behind it."""
+        hand, ik = self.prepared_hand.hand, self.prepared_hand.ik
+        ways = pregrasp_angles(hand, target, [share * self.settings.opening for share in (1.0, 0.5, 0.0)])
+        clear = finger_clearance(self.prepared_object.field, ik.fingers, forward_kinematics(hand, pose, ways)) >= 0  # (3, S)
+        start = target.copy()
+        for s, finger in enumerate(hand.fingers):
+            if clear[:, s].any():
+                start[list(finger.joints)] = ways[clear[:, s].argmax()][list(finger.joints)]
+        apart = hand_gap(hand, ik.boxes, forward_kinematics(hand, pose, start)) >= 0
+        return start if apart else target
+
+
+def keep_best(kept: list[Grasp], grasp: Grasp | None, count: int) -> list[Grasp]:
+    """Keep the `count` sound grasps with most touches so far, the earlier of equals first."""
+    if grasp is None or not grasp.sound:
+        return kept
+    return sorted([*kept, grasp], key=lambda one: -int(one.touched.sum()))[:count]  # a stable sort

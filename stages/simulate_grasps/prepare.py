@@ -1,0 +1,83 @@
+"""The hand as grasping needs it, prepared once per session, and the object, prepared once per object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config.hand_file import load_hand
+from pipeline.config.sensor_file import load_sensor
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.collision_shapes import CollisionSpheres, collision_spheres
+from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
+from pipeline.kernels.hand.grasp_ik import GraspIk, prepare_grasp_ik
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
+from pipeline.kernels.touch.sensor import Sensor
+from stages.simulate_grasps.settings import GraspSettings
+
+SEARCH_SPACING, SEARCH_TOLERANCE = 0.006, 0.002
+"""m, of the spheres that tell postures apart: 1,000 for all fingers, right to 1 mm."""
+MEASURE_SPACING = 0.003
+"""m, of the spheres that measure penetration: right to 0.3 mm at edges, better on faces."""
+FINGER_GAP = 0.001
+"""m kept between fingers, and between fingers and palm."""
+GRID_BAND = 0.012
+"""m around the surface in which the distance grid holds: more than any sphere's radius, and clear of the gel."""
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedHand:
+    """A hand with its sensor, the collision spheres of the palm and of all links, and its inverse kinematics."""
+
+    hand: Hand
+    sensor: Sensor
+    palm_spheres: CollisionSpheres
+    spheres: CollisionSpheres
+    ik: GraspIk
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedObject:
+    """An object: exterior points and normals (N, 3), world, m; its distance field; its faces as sensors see them."""
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    field: DistanceField
+    faces: BoxedFaces
+
+
+def prepare_hand(settings: GraspSettings) -> PreparedHand:
+    """Load the hand and sensor of these settings and sample the hand's postures."""
+    hand = load_hand(settings.hand)
+    sensor = load_sensor(hand.sensor)
+    spheres = collision_spheres(hand, spacing=SEARCH_SPACING, tolerance=SEARCH_TOLERANCE)
+    moved = {link for finger in hand.fingers for link in finger.links}
+    ik = prepare_grasp_ik(
+        hand,
+        spheres,
+        gel_width=sensor.width,
+        gel_thickness=sensor.w,
+        samples=settings.ik_samples,
+        clearance=settings.clearance,
+        finger_gap=FINGER_GAP,
+    )
+    return PreparedHand(
+        hand=hand,
+        sensor=sensor,
+        palm_spheres=spheres.of_links([link for link in range(len(hand.links)) if link not in moved]),
+        spheres=collision_spheres(hand, spacing=MEASURE_SPACING),
+        ik=ik,
+    )
+
+
+def prepare_object(mesh: Mesh, points: np.ndarray, normals: np.ndarray, *, cell: float) -> PreparedObject:
+    """Prepare a mesh with exterior points and normals, world, m; `cell` is that of the distance grid."""
+    return PreparedObject(
+        points=points.astype(np.float64),
+        normals=normals.astype(np.float64),
+        field=build_distance_field(mesh.vertices, mesh.faces, cell=cell, band=GRID_BAND),
+        faces=box_faces(mesh.triangles),
+    )

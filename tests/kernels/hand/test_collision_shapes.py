@@ -1,0 +1,89 @@
+"""Spheres and boxes in place of the hand's rigid links."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+
+from pipeline.config.hand_file import load_hand
+from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.collision_shapes import collision_boxes, collision_spheres
+from pipeline.kernels.hand.distance_field import build_distance_field
+from pipeline.kernels.hand.model import Hand
+from tests.references.box_distance import box_distance
+from tests.strategies import scales, seeds
+
+HAND = load_hand("allegro_right")
+
+
+def with_collision(vertices: np.ndarray) -> Hand:
+    """The hand with one link, whose collision shape has the given corners."""
+    link = next(link for link in HAND.links if link.collisions)
+    shape = replace(link.collisions[0], kind="mesh", origin=np.eye(4), mesh=Mesh.bare(vertices, np.array([[0, 1, 2], [1, 2, 3]])))
+    return replace(HAND, links=(replace(link, collisions=(shape,)),))
+
+
+def test_spheres_stay_in_their_boxes_and_reach_the_corners(hand: Hand) -> None:
+    spheres = collision_spheres(hand, spacing=0.004)
+    for number, link in enumerate(hand.links):
+        own = spheres.of_links([number])
+        depth = -np.min([box_distance(own.centres - shape.origin[:3, 3], shape.size) for shape in link.collisions], axis=0)
+        assert (own.radii <= depth + 1e-9).all()
+        assert (depth >= -1e-9).all()
+        for shape in link.collisions:
+            corners = trimesh.creation.box(shape.size).vertices + shape.origin[:3, 3]
+            gaps = np.linalg.norm(corners[:, None] - own.centres, axis=-1) - own.radii
+            assert gaps.min(axis=1).max() < 1e-6
+
+
+def test_pruned_spheres_reach_as_far_but_for_the_tolerance(hand: Hand) -> None:
+    tolerance = 0.002
+    all_, few = collision_spheres(hand, spacing=0.006), collision_spheres(hand, spacing=0.006, tolerance=tolerance)
+    assert len(few.radii) < len(all_.radii) / 3
+    for number in range(len(hand.links)):
+        own, kept = all_.of_links([number]), few.of_links([number])
+        gap = np.linalg.norm(own.centres[:, None] - kept.centres, axis=-1) + own.radii[:, None] - kept.radii
+        assert gap.min(axis=1).max() <= tolerance + 1e-12
+
+
+def test_spheres_find_a_needle_inside_a_link(hand: Hand) -> None:
+    """Its surface has no point of the hand in it, but it is 8 mm inside the hand."""
+    needle = trimesh.creation.box((0.0002, 0.0002, 0.1)).apply_translation([0, 0, 0.05])
+    field = build_distance_field(needle.vertices, needle.faces, cell=0.0025, band=0.012)
+    spheres = collision_spheres(hand, spacing=0.003).of_links([hand.fingers[1].links[1]])
+    box = next(shape for shape in hand.links[hand.fingers[1].links[1]].collisions)
+    frames = np.tile(np.eye(4), (len(hand.links), 1, 1))
+    frames[:, :3, 3] = [0, 0, -box.size[2] + 0.008]  # the link's far face is 8 mm above the needle's point
+    depth = -(field.exact(spheres.world_centres(frames[None])[:, 0].T) - spheres.radii).min()
+    assert depth == pytest.approx(0.008, abs=0.0015)
+
+
+def test_world_centres_in_float32_are_right_to_a_micrometre(hand: Hand, rng: np.random.Generator) -> None:
+    spheres = collision_spheres(hand, spacing=0.02)
+    frames = np.tile(np.eye(4), (1, len(hand.links), 1, 1))
+    frames[..., :3, 3] = rng.uniform(-10, 10, (len(hand.links), 3))
+    exact = spheres.world_centres(frames)
+    np.testing.assert_allclose(exact[:, 0].T, spheres.centres + frames[0, spheres.link, :3, 3], atol=1e-14)
+    assert np.abs(spheres.world_centres(frames.astype(np.float32)) - exact).max() <= 10 * 2.0**-22
+
+
+def test_flat_collision_shape_is_refused_with_its_link() -> None:
+    flat = with_collision(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]))
+    with pytest.raises(InvalidInput, match=r"allegro_right\.urdf: collision shape mesh .* of link \S+ is flat or not finite"):
+        collision_spheres(flat, spacing=0.1)
+
+
+@given(seed=seeds, scale=scales)
+def test_spheres_and_box_bound_a_body_of_any_size(seed, scale) -> None:
+    corners = np.random.default_rng(seed).normal(size=(4, 3)) * scale
+    hand = with_collision(corners)
+    spheres, boxes = collision_spheres(hand, spacing=0.3 * scale), collision_boxes(hand)
+    extent = np.abs(spheres.centres - boxes.frames[0, :3, 3]) + spheres.radii[:, None]
+    assert (extent <= boxes.half[0] + 1e-9 + 1e-12 * scale).all()
+    nearest = np.linalg.norm(spheres.centres[:, None] - corners, axis=2).min(axis=0)
+    assert nearest.max() <= 1e-9 + 1e-9 * scale

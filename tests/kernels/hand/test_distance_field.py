@@ -1,0 +1,208 @@
+"""Signed distances to meshes of any size that have an inside, have none, or are hardly meshes; and the error of the grid."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand import distance_field
+from pipeline.kernels.hand.distance_field import SLIVER, DistanceField, build_distance_field
+from tests.kernels.hand.meshes import centred, mug
+from tests.references.box_distance import box_distance
+from tests.strategies import EPS, aspects, random_rotation, scales, seeds, sliver
+
+FINE = 0.0025
+CELL, BAND = 0.02, 0.05
+SIDES = np.array([0.2, 0.3, 0.16])
+BOX = trimesh.creation.box(SIDES)
+AROUND = np.random.default_rng(0).uniform(-0.3, 0.3, (300, 3))
+
+
+def field_of(mesh: Mesh) -> DistanceField:
+    return build_distance_field(mesh.vertices, mesh.faces, cell=FINE, band=0.012)
+
+
+def around(mesh: Mesh, rng: np.random.Generator, count: int = 20_000) -> np.ndarray:
+    return rng.uniform(mesh.vertices.min(axis=0) - 0.01, mesh.vertices.max(axis=0) + 0.01, (count, 3))
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_exact_distance_to_a_box_wound_either_way(rng: np.random.Generator, inside_out: bool) -> None:
+    mesh = centred(trimesh.creation.box((0.1, 0.16, 0.3)))
+    if inside_out:
+        mesh = Mesh.bare(mesh.vertices, mesh.faces[:, ::-1])
+    points = around(mesh, rng)
+    np.testing.assert_allclose(field_of(mesh).exact(points), box_distance(points, np.array([0.1, 0.16, 0.3]), (0, 0, 0.6)), atol=1e-12)
+
+
+def test_lookup_is_first_order_in_its_band_and_a_bound_beyond(rng: np.random.Generator) -> None:
+    mesh = centred(trimesh.creation.icosphere(subdivisions=4, radius=0.1))
+    field, points = field_of(mesh), around(mesh, rng)
+    exact = field.exact(points)
+    seen = field.lookup(points.T.astype(np.float32))
+    near = np.abs(exact) < 0.012
+    assert np.abs(seen - exact)[near].max() < FINE / 10
+    far = exact > 0.015
+    assert (seen[far] <= exact[far] + 1e-6).all()
+    assert (seen[far] > 0.01).all()
+
+
+def test_box_inside_a_box_makes_no_hollow(rng: np.random.Generator) -> None:
+    mesh = centred(trimesh.creation.box((0.2, 0.2, 0.2)), trimesh.creation.box((0.1, 0.1, 0.1)))
+    points = around(mesh, rng)
+    outside = np.abs(points - [0, 0, 0.6]).max(axis=1) > 0.1
+    assert ((field_of(mesh).exact(points) > 0) == outside).all()
+
+
+def test_inside_of_an_open_cup_is_outside_the_object() -> None:
+    field = field_of(mug())
+    centre = mug().vertices[:, 0].min() + 0.09  # the cup's axis
+    assert field.exact(np.array([[centre, 0.0, 0.6]]))[0] == pytest.approx(0.084, abs=3e-4)  # a polygon of 48 sides
+
+
+def test_open_sheet_has_no_inside(rng: np.random.Generator) -> None:
+    mesh = Mesh.bare(np.array([[0, 0, 0.6], [0.2, 0, 0.6], [0, 0.2, 0.6]]), np.array([[0, 1, 2]]))
+    points = around(mesh, rng, 2000)
+    assert (field_of(mesh).exact(points) >= 0).all()
+
+
+def test_sign_agrees_with_winding_numbers(rng: np.random.Generator) -> None:
+    """A closed mesh with parts of all sizes: sides differ at most in what is thinner than two cells."""
+    mesh = centred(trimesh.creation.torus(0.15, 0.03), trimesh.creation.cylinder(0.01, 0.3), trimesh.creation.box((0.05, 0.3, 0.02)))
+    points = around(mesh, rng)
+    signed = field_of(mesh).exact(points)
+    winding = igl.fast_winding_number(mesh.vertices, mesh.faces.astype(np.int64), points)
+    wrong = (winding > 0.5) != (signed < 0)
+    assert wrong.mean() < 1e-3
+    assert np.abs(signed[wrong]).max(initial=0) < FINE
+
+
+def test_large_object_gets_larger_cells() -> None:
+    mesh = centred(trimesh.creation.box((2.0, 2.0, 2.0)))
+    assert field_of(mesh).cell > FINE
+
+
+@given(seed=seeds, scale=scales)
+def test_exact_distance_to_a_box_of_any_size(seed, scale) -> None:
+    """Turned and moved, with faces doubled and wound anyhow, and some without area."""
+    rng = np.random.default_rng(seed)
+    rotation, offset = random_rotation(rng), rng.uniform(-10, 10, 3)
+    faces = np.vstack([BOX.faces, BOX.faces[rng.random(12) < 0.5], [[0, 0, 1], [2, 2, 2]]])
+    faces = np.array([rng.permutation(face) for face in faces])
+    field = build_distance_field(BOX.vertices @ rotation.T * scale + offset, faces, cell=CELL * scale, band=BAND * scale)
+    found = field.exact(AROUND @ rotation.T * scale + offset) / scale
+    assert np.abs(found - box_distance(AROUND, SIDES)).max() <= 16 * EPS * (np.abs(offset).max() / scale + 1)
+
+
+@pytest.fixture
+def small_memory(monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setattr(distance_field, "MAX_CELLS", 60_000)
+    return 60_000
+
+
+@pytest.mark.parametrize("size", [0.1, 0.5, 3, 10, 1e3])
+def test_enlarged_cells_keep_the_sign(size, small_memory) -> None:
+    """The rim grows with the cells: narrower than a cell, its corner would not be known to be outside."""
+    field = build_distance_field(BOX.vertices * size / 0.3, BOX.faces, cell=0.005, band=0.01)
+    points = AROUND * size / 0.3
+    expected = box_distance(points, SIDES * size / 0.3)
+    np.testing.assert_allclose(field.exact(points), expected, atol=1e-14 * size)
+    far = np.abs(expected) > 2 * field.cell
+    np.testing.assert_array_equal(np.sign(field.lookup(points.T.astype(np.float32)))[far], np.sign(expected)[far])
+    assert len(field.records) <= small_memory
+
+
+@pytest.mark.parametrize("extent", [(0.3, 0.3, 0.0), (1e3, 0.0, 0.0), (1e3, 1e3, 0.001)])
+def test_cells_are_limited_for_sheets_lines_and_plates(extent, small_memory) -> None:
+    """Their numbers of cells round up along three axes."""
+    x, y, z = extent
+    vertices = np.array([[0, 0, 0], [x, y / 2, 0], [x, y, z], [0, y, z]])
+    field = build_distance_field(vertices, np.array([[0, 1, 2], [0, 2, 3]]), cell=0.005, band=0.01)
+    assert len(field.records) <= small_memory
+
+
+@given(seed=seeds, aspect=aspects)
+def test_exact_distance_to_a_sliver_has_the_stated_error(seed, aspect) -> None:
+    rng = np.random.default_rng(seed)
+    face = sliver(aspect, rng)
+    field = build_distance_field(face, np.array([[0, 1, 2]]), cell=0.1, band=0.2)
+    normal = np.cross(face[1] - face[0], face[2] - face[0])
+    normal /= np.linalg.norm(normal)
+    on_face = rng.dirichlet([1, 1, 1], 50) @ face
+    height = rng.uniform(0, 0.01, 50)
+    allowed = 2e-15 if aspect < 10 else 1e-11 if aspect < 1e3 else 4e-6
+    assert np.abs(field.exact(on_face + height[:, None] * normal) - height).max() <= allowed
+
+
+def test_sliver_is_replaced_by_the_edge_opposite_its_middle_corner() -> None:
+    corners = np.array([[0, 0, 0], [0.4, SLIVER / 4, 0], [1, 0, 0], [0, 1, 0]])
+    for order in ([0, 1, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]):
+        field = build_distance_field(corners, np.array([order, [0, 2, 3]]), cell=0.1, band=0.2)
+        assert set(field.faces[0].tolist()) == {0, 2}
+        assert field.faces[1].tolist() == [0, 2, 3]
+
+
+@pytest.mark.parametrize(
+    "faces", [[[0, 1, 2]], [[0, 1, 2], [0, 2, 1]], [[0, 1, 2], [0, 1, 3], [1, 2, 3]]], ids=["one", "both ways", "open"]
+)
+def test_open_faces_have_no_inside(faces) -> None:
+    corners = np.array([[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0.1, 0.1, 0.2]])
+    assert (build_distance_field(corners, np.array(faces), cell=CELL, band=BAND).exact(AROUND) >= 0).all()
+
+
+def spiky(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    if kind == "cone":
+        body = trimesh.creation.cone(0.1 * CELL, 8 * CELL)
+        return body.vertices @ random_rotation(rng).T, body.faces
+    if kind == "triangle":
+        return rng.normal(size=(3, 3)) * 3 * CELL, np.array([[0, 1, 2]])
+    if kind in ("plate", "thin plate"):
+        body = trimesh.creation.box((9 * CELL, (3 if kind == "plate" else rng.uniform(0.5, 3)) * CELL, 6 * CELL))
+        return body.vertices @ random_rotation(rng).T, body.faces
+    faces = rng.integers(0, 9, (12, 3))
+    return rng.normal(size=(9, 3)) * 3 * CELL, faces[[len(set(face)) == 3 for face in faces.tolist()]]
+
+
+@pytest.mark.parametrize("kind", ["cone", "triangle", "plate", "thin plate", "soup"])
+@given(seed=seeds)
+def test_lookup_errs_by_two_cells_at_most(kind, seed) -> None:
+    """Edges, tips, sheets and parts thinner than a cell, all within the grid's band; and on the right side from 3 cells on."""
+    rng = np.random.default_rng(seed)
+    vertices, faces = spiky(kind, rng)
+    field = build_distance_field(vertices, faces, cell=CELL, band=BAND)
+    corners = vertices[faces[rng.integers(0, len(faces), 4000)]]
+    points = (corners * rng.dirichlet([1, 1, 1], 4000)[..., None]).sum(axis=1) + rng.normal(size=(4000, 3)) * CELL
+    exact, seen = field.exact(points), field.lookup(points.T.astype(np.float32))
+    near = np.abs(exact) < BAND - CELL
+    assert np.abs(np.abs(seen) - np.abs(exact))[near].max() <= 1.8 * CELL
+    assert seen[exact < 0].max(initial=-np.inf) <= 2 * CELL
+    if kind == "plate":
+        assert np.abs(seen - exact)[near].max() <= 1.8 * CELL
+
+
+@given(seed=seeds, far=st.floats(0, 10))
+def test_lookup_in_float32_loses_half_a_micrometre_per_metre(seed, far) -> None:
+    """Over the middle of a face, where first order is exact; with no offset, centres of cells are on the face itself."""
+    points = AROUND * [0.15, 0.3, 0.02] + [0, 0, SIDES[2] / 2]
+    offset = far * random_rotation(np.random.default_rng(seed))[0]
+    for shift in (np.zeros(3), offset):
+        seen = build_distance_field(BOX.vertices + shift, BOX.faces, cell=CELL, band=BAND).lookup((points + shift).T.astype(np.float32))
+        assert np.abs(seen - box_distance(points, SIDES)).max() <= 2.0**-21 * (np.abs(shift).max() + 1)
+
+
+def test_distance_field_takes_no_points_and_rejects_what_is_not_finite() -> None:
+    field: DistanceField = build_distance_field(BOX.vertices, BOX.faces, cell=CELL, band=BAND)
+    assert field.exact(np.zeros((0, 3))).shape == (0,)
+    assert field.lookup(np.zeros((3, 0), np.float32)).shape == (0,)
+    for bad in (np.nan, np.inf):
+        with pytest.raises(ValueError, match="NaN or infinite"):
+            field.exact(np.array([[0, bad, 0]]))
+        with pytest.raises(ValueError, match="NaN or infinite corners"):
+            build_distance_field(BOX.vertices + bad, BOX.faces, cell=CELL, band=BAND)
+    with pytest.raises(ValueError, match="0 faces"):
+        build_distance_field(BOX.vertices, np.zeros((0, 3)), cell=CELL, band=BAND)

@@ -1,0 +1,68 @@
+"""The search for joint angles, on an object whose answer is known: a plate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.kernels.hand.collision_shapes import collision_spheres
+from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
+from pipeline.kernels.hand.finger_distances import gel_contact, gel_probes
+from pipeline.kernels.hand.grasp_ik import GraspIk, fingers_fit, grasp_ik, prepare_grasp_ik
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.palm_pose import tangent_palm_pose
+
+TOP = 0.61
+
+
+@pytest.fixture(scope="module")
+def plate() -> DistanceField:
+    """2 cm thick; its upper side is at z = 0.61."""
+    body = trimesh.creation.box((0.4, 0.4, 0.02)).apply_translation((0, 0, TOP - 0.01))
+    return build_distance_field(body.vertices, body.faces, cell=0.0025, band=0.012)
+
+
+@pytest.fixture(scope="module")
+def ik(hand: Hand) -> GraspIk:
+    spheres = collision_spheres(hand, spacing=0.006, tolerance=0.002)
+    return prepare_grasp_ik(hand, spheres, gel_width=0.0164, gel_thickness=0.0068, samples=512, clearance=0.001, finger_gap=0.001)
+
+
+def above_plate(hand: Hand, height: float) -> np.ndarray:
+    return tangent_palm_pose(hand, np.array([0, 0, TOP]), np.array([0, 0, 1.0]), distance=height, angle=0.0)
+
+
+def test_grasp_ik_reaches_a_plate_and_stays_out_of_it(ik: GraspIk, plate: DistanceField, rng: np.random.Generator) -> None:
+    hand, pose = ik.hand, above_plate(ik.hand, 0.05)
+    angles = grasp_ik(ik, plate, pose, rounds=3, rng=rng)
+    assert angles is not None
+    assert ((angles >= hand.lower) & (angles <= hand.upper)).all()
+    assert (sensor_poses(hand, pose, angles)[:, 2, 2] < 0).sum() >= 3  # the gels face the plate
+    frames = forward_kinematics(hand, pose, angles)
+    spheres = collision_spheres(hand, spacing=0.003)
+    corners = [frames[link] @ [*centre, 1] for centre, link in zip(spheres.centres, spheres.link, strict=True)]
+    assert np.min(corners, axis=0)[2] > TOP - 1e-4  # every rigid point is above the plate: no measure of the search's own
+
+
+def test_grasp_ik_rounds_of_refinement_increase_coverage(ik: GraspIk, plate: DistanceField) -> None:
+    pose = above_plate(ik.hand, 0.05)
+    coverage = []
+    for rounds in (0, 3):
+        angles = grasp_ik(ik, plate, pose, rounds=rounds, rng=np.random.default_rng(0))
+        assert angles is not None
+        probes = gel_probes(ik.hand, ik.fingers, forward_kinematics(ik.hand, pose, angles)[None])
+        coverage.append(float(gel_contact(plate, probes)[1].mean()))
+    assert coverage[1] > coverage[0]
+
+
+def test_fingers_fit_above_the_plate_and_not_inside_it(ik: GraspIk, plate: DistanceField) -> None:
+    assert fingers_fit(ik, plate, above_plate(ik.hand, 0.06))
+    assert not fingers_fit(ik, plate, above_plate(ik.hand, -0.04))
+
+
+def test_grasp_ik_finds_nothing_where_the_hand_is_inside_the_object(ik: GraspIk, rng: np.random.Generator) -> None:
+    block = trimesh.creation.box((1.0, 1.0, 1.0)).apply_translation((0, 0, TOP))
+    field = build_distance_field(block.vertices, block.faces, cell=0.02, band=0.05)
+    assert grasp_ik(ik, field, above_plate(ik.hand, 0.0), rounds=1, rng=rng) is None

@@ -1,0 +1,45 @@
+"""A hand prepared once, and grasps of two simple objects that several tests look at."""
+
+from __future__ import annotations
+
+import pytest
+
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.model import Hand
+from pipeline.rng import numpy_rng
+from stages.simulate_grasps.grasp_search import Grasp, GraspSearch
+from stages.simulate_grasps.physics import Simulation, simulation
+from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
+from stages.simulate_grasps.settings import GraspSettings
+from tests.kernels.hand.meshes import bar, mug, points_on
+
+SETTINGS = GraspSettings(ik_samples=512, attempts=5)
+Grasped = list[tuple[Mesh, list[Grasp]]]
+
+
+def attempt(prepared: PreparedHand, physics: Simulation, mesh: Mesh, number: int) -> Grasp | None:
+    """Make an attempt, by number, at a mesh that is loaded."""
+    thing = prepare_object(mesh, *points_on(mesh, 2000, seed=1), cell=SETTINGS.grid_cell)
+    return GraspSearch(prepared, thing, physics, SETTINGS).attempt(numpy_rng(0, "grasped", number))
+
+
+@pytest.fixture(scope="session")
+def prepared() -> PreparedHand:
+    return prepare_hand(SETTINGS)
+
+
+@pytest.fixture(scope="session")
+def hand(prepared: PreparedHand) -> Hand:
+    return prepared.hand
+
+
+@pytest.fixture(scope="session")
+def grasped(prepared: PreparedHand) -> Grasped:
+    """Two objects and the sound grasps of a few attempts at each."""
+    result = []
+    with simulation(prepared.hand) as physics:
+        for mesh in (mug(), bar()):
+            physics.load(mesh)
+            grasps = [attempt(prepared, physics, mesh, number) for number in range(5)]
+            result.append((mesh, [grasp for grasp in grasps if grasp is not None and grasp.sound]))
+    return result

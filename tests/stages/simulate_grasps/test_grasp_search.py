@@ -1,0 +1,123 @@
+"""Attempts at grasps: sound by means that did not choose them, and the same every time."""
+
+from __future__ import annotations
+
+import multiprocessing
+
+import numpy as np
+import trimesh
+
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
+from stages.simulate_grasps.grasp_search import Grasp, keep_best
+from stages.simulate_grasps.physics import simulation
+from stages.simulate_grasps.prepare import PreparedHand, prepare_hand
+from tests.kernels.hand.meshes import bar, mug
+from tests.stages.simulate_grasps.conftest import SETTINGS, Grasped, attempt
+
+
+def test_attempts_yield_sound_grasps_that_touch(grasped: Grasped) -> None:
+    for _, grasps in grasped:
+        assert len(grasps) >= 3
+        assert max(grasp.touched.sum() for grasp in grasps) >= 3
+
+
+def test_touched_sensors_have_a_surface_in_the_gel(prepared: PreparedHand, grasped: Grasped) -> None:
+    """Rays of trimesh's own from a few pixels of every sensor, over float32 Embree: a touch is something within the gel."""
+    spots = (np.arange(24) + 0.5) / 24 * prepared.sensor.width - prepared.sensor.width / 2
+    x, y = (axis.ravel() for axis in np.meshgrid(spots, spots))
+    for mesh, grasps in grasped:
+        body = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        for grasp in grasps:
+            for pose, touched in zip(grasp.sensor_pose, grasp.touched, strict=True):
+                origins = np.stack([x, y, np.zeros_like(x)], axis=1) @ pose[:3, :3].T + pose[:3, 3]
+                hits, rays, _ = body.ray.intersects_location(origins, np.tile(pose[:3, 2], (len(x), 1)), multiple_hits=False)
+                nearest = np.linalg.norm(hits - origins[rays], axis=1).min(initial=np.inf)
+                if touched:
+                    assert 0 < nearest < prepared.sensor.w + 5e-4  # 24² rays pass by what 100² see
+                else:
+                    assert nearest > prepared.sensor.w - 2e-4
+
+
+def test_grasp_keeps_joint_limits_and_sensor_poses_follow_from_joints(prepared: PreparedHand, grasped: Grasped) -> None:
+    for _, grasps in grasped:
+        for grasp in grasps:
+            assert ((grasp.joint_angles >= prepared.hand.lower) & (grasp.joint_angles <= prepared.hand.upper)).all()
+            np.testing.assert_array_equal(grasp.sensor_pose, sensor_poses(prepared.hand, grasp.hand_pose, grasp.joint_angles))
+
+
+def test_sound_grasp_penetrates_no_deeper_than_recorded(prepared: PreparedHand, grasped: Grasped) -> None:
+    """Random points on link boxes in the object, and on the object in link boxes; none deeper than 1 mm, and none than recorded."""
+    rng = np.random.default_rng(1)
+    for mesh, grasps in grasped:
+        body = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        on_object = trimesh.sample.sample_surface(body, 100_000, seed=2)[0]
+        for grasp in grasps:
+            frames = forward_kinematics(prepared.hand, grasp.hand_pose, grasp.joint_angles)
+            for link, frame in zip(prepared.hand.links, frames, strict=True):
+                for shape in link.collisions:
+                    pose = frame @ shape.origin
+                    depth = (np.array(shape.size) / 2 - np.abs((on_object - pose[:3, 3]) @ pose[:3, :3])).min(axis=1).max()
+                    assert depth <= max(1e-3, grasp.penetration + 3e-4)
+                    unit = rng.uniform(-0.5, 0.5, (300, 3))
+                    points = (unit * shape.size) @ pose[:3, :3].T + pose[:3, 3]
+                    near = points[(np.abs(points - body.bounds.mean(axis=0)) < np.ptp(body.bounds, axis=0) / 2).all(axis=1)]
+                    if len(near):
+                        assert trimesh.proximity.signed_distance(body, near).max() <= max(1e-3, grasp.penetration + 3e-4)
+
+
+def test_sound_grasp_has_no_links_inside_each_other(prepared: PreparedHand, grasped: Grasped) -> None:
+    """Points all through every link box, looked for in the boxes of links that are not its neighbours."""
+    joined = {frozenset((joint.parent, joint.child)) for joint in prepared.hand.joints}
+    boxes = prepared.ik.boxes
+    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3), axis=-1).reshape(-1, 3)
+    for _, grasps in grasped:
+        for grasp in grasps:
+            frames = forward_kinematics(prepared.hand, grasp.hand_pose, grasp.joint_angles)[boxes.link] @ boxes.frames
+            for a, (frame, half) in enumerate(zip(frames, boxes.half, strict=True)):
+                points = (grid * half) @ frame[:3, :3].T + frame[:3, 3]
+                for b, (other, extent) in enumerate(zip(frames, boxes.half, strict=True)):
+                    pair = frozenset((int(boxes.link[a]), int(boxes.link[b])))
+                    if len(pair) == 2 and pair not in joined:
+                        assert (extent - np.abs((points - other[:3, 3]) @ other[:3, :3])).min(axis=1).max() <= 0
+
+
+def test_sound_grasp_stays_where_it_settled(prepared: PreparedHand) -> None:
+    with simulation(prepared.hand) as physics:
+        physics.load(mug())
+        for number in range(3):
+            grasp = attempt(prepared, physics, mug(), number)
+            assert grasp is not None
+            later, _ = physics.advance(max_steps=500, resting_speed=0.0)
+            if grasp.sound:
+                np.testing.assert_allclose(later, grasp.joint_angles, atol=5e-3)
+
+
+def _joints(number: int) -> bytes:
+    prepared = prepare_hand(SETTINGS)
+    with simulation(prepared.hand) as physics:
+        physics.load(bar())
+        grasp = attempt(prepared, physics, bar(), number)
+        assert grasp is not None
+        return grasp.hand_pose.tobytes() + grasp.joint_angles.tobytes() + np.float64(grasp.penetration).tobytes()
+
+
+def test_attempt_does_not_depend_on_process_or_order(prepared: PreparedHand) -> None:
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        elsewhere = pool.map(_joints, [2])[0]
+    with simulation(prepared.hand) as physics:
+        for mesh, number in ((mug(), 1), (bar(), 3), (bar(), 2)):
+            physics.load(mesh)
+            grasp = attempt(prepared, physics, mesh, number)
+    assert grasp is not None
+    assert grasp.hand_pose.tobytes() + grasp.joint_angles.tobytes() + np.float64(grasp.penetration).tobytes() == elsewhere
+
+
+def test_keep_best_keeps_most_touches_and_the_earlier_of_equals() -> None:
+    def made(name: int, touches: int, sound: bool = True) -> Grasp:
+        touched = np.arange(4) < touches
+        return Grasp(np.eye(4), np.full(16, float(name)), np.zeros((4, 4, 4)), touched, 0.0, sound)
+
+    kept: list[Grasp] = []
+    for grasp in (made(0, 2), made(1, 4, sound=False), made(2, 3), None, made(3, 2), made(4, 3), made(5, 0)):
+        kept = keep_best(kept, grasp, 3)
+    assert [grasp.joint_angles[0] for grasp in kept] == [2, 4, 0]

@@ -1,0 +1,74 @@
+"""The stage: rows as the schema declares them, and objects that cannot be grasped."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.engine.stage import Task
+from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.exterior_sampling import sample_exterior
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.normalise import normalise_mesh
+from pipeline.rng import numpy_rng
+from pipeline.toy_objects import CATEGORIES, generate
+from schemas.base import COMMON
+from schemas.grasps import GRASPS
+from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_grasps.stage import SimulateGrasps
+from tests.kernels.hand.meshes import bar, centred, points_on
+from tests.stages.simulate_grasps.conftest import SETTINGS
+
+
+def task_of(mesh: Mesh, points: np.ndarray, normals: np.ndarray) -> Task:
+    surfaces = {"points": points.astype(np.float32), "normals": normals.astype(np.float32), **mesh_row(mesh)}
+    return Task("thing", "things", seed=0, inputs={"surfaces": surfaces})
+
+
+def test_row_has_the_arrays_of_the_schema() -> None:
+    settings = SETTINGS.model_copy(update={"attempts": 3, "grasps": 2})
+    with SimulateGrasps().session(settings, {}) as process:
+        row = process(task_of(bar(), *points_on(bar(), 1000, seed=3)))
+    sizes = {"grasp": 2, "sensor": 4, "joint": 16, "pose_row": 4, "pose_column": 4}
+    declared = {name: array for name, array in GRASPS.arrays.items() if name not in COMMON and array.dims[0] == "object"}
+    assert set(row) == set(declared)
+    for name, array in declared.items():
+        assert row[name].dtype == np.dtype(array.dtype), name
+        assert row[name].shape == tuple(sizes[dim] for dim in array.dims[1:]), name
+
+
+def test_stage_that_stops_early_keeps_the_same_grasps() -> None:
+    rows = []
+    for exhaustive in (True, False):
+        settings = SETTINGS.model_copy(update={"attempts": 6, "grasps": 2, "exhaustive": exhaustive})
+        with SimulateGrasps().session(settings, {}) as process:
+            rows.append(process(task_of(bar(), *points_on(bar(), 1000, seed=3))))
+    assert rows[1]["attempts"] <= rows[0]["attempts"] == 6
+    for name in ("hand_pose", "joint_angles", "sensor_pose", "touch_success", "penetration"):
+        np.testing.assert_array_equal(rows[1][name], rows[0][name])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("category", CATEGORIES)
+def test_kept_grasps_touch_with_most_sensors_at_standard_settings(category: str) -> None:
+    mesh = normalise_mesh(generate(category, numpy_rng(5, category)), "z", 0.5)
+    points, normals = sample_exterior(mesh, 10_000, numpy_rng(6, category))
+    with SimulateGrasps().session(GraspSettings(exhaustive=True), {}) as process:
+        row = process(task_of(mesh, points, normals))
+    assert row["attempts"] == 50
+    assert row["touch_success"].mean() >= 0.85
+    assert row["touch_success"][:, 3].mean() >= 0.6
+    assert row["attempt_success"].mean() >= 0.5
+    assert row["penetration"].max() <= 1e-3
+
+
+def test_object_without_room_for_a_hand_is_refused() -> None:
+    """A hollow ball 10 cm wide with points on its inner side only: the palm fits nowhere."""
+    shell = centred(trimesh.creation.icosphere(subdivisions=2, radius=0.05))
+    points, normals = points_on(shell, 100, seed=0)
+    settings = SETTINGS.model_copy(update={"attempts": 1})
+    told = pytest.raises(InvalidInput, match=r"0 of 5 grasps found in 1 attempts: the hand has no room")
+    with SimulateGrasps().session(settings, {}) as process, told:
+        process(task_of(shell, points, -normals))
