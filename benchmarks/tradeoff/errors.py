@@ -26,7 +26,7 @@ from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.models.touch_model import load_touch_model
 from pipeline.store.directory import DataDirectory
-from schemas.charts import CHARTS, FITTED, STOP_RULES
+from schemas.charts import FITTED, STOP_RULES
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 from stages.evaluate.store import read_table
@@ -199,7 +199,7 @@ def unet(made: Made, reference: Path) -> Errors:
 def charts(made: Made, reference: Path) -> Errors:
     """Measure how far the touched points are from the chart fitted to them."""
     found, capped = [], []
-    for (residual, rule), _ in _pairs(made, made.data, CHARTS, "residual", "stop_rule"):
+    for (residual, rule), _ in _pairs(made, made.data, "residual", "stop_rule"):
         fitted = np.isin(rule, FITTED)
         found.append(residual[fitted].astype(np.float64))
         capped.append(rule[fitted] == STOP_RULES.index("cap"))
@@ -234,12 +234,12 @@ def evaluation(made: Made, reference: Path) -> Errors:
 
 def _per_object(data: Path) -> NDArray[np.float64]:
     """(object,) Chamfer distance, mean over what was given."""
-    values = read_table(data / "evaluation", f"values/{_table_3(data)['configuration'][0]}")
+    values = read_table(DataDirectory(data).folder_path("evaluation"), f"values/{_table_3(data)['configuration'][0]}")
     return np.asarray(values["chamfer"].mean(axis=(1, 2)))
 
 
 def _table_3(data: Path) -> dict[str, Any]:
-    table: dict[str, Any] = load_json(data / "evaluation/metrics.json")["tables"]["table_3"]
+    table: dict[str, Any] = load_json(DataDirectory(data).folder_path("evaluation") / "metrics.json")["tables"]["table_3"]
     return table
 
 

@@ -39,7 +39,7 @@ from stages.evaluate import tables
 from stages.evaluate.report import METRICS, _plain
 from stages.evaluate.store import TABLES_ZARR, write_tables
 from stages.registry import STAGES
-from tests.engine.tiny_stages import pack
+from tests.engine.tiny_stages import pack, publish
 from tests.learning import spheres
 from tests.learning.presses import SENSOR
 
@@ -206,8 +206,9 @@ def test_a_network_that_says_one_depth_is_off_by_the_true_ones(tmp_path: Path) -
         for parameter in network.parameters():
             parameter.zero_()
         network.head.load_state_dict({"weight": network.head.weight, "bias": torch.tensor([np.log(PREDICTED / (SENSOR.w - PREDICTED))])})
-    (tmp_path / "models/unet").mkdir(parents=True)
-    save_touch_model(tmp_path / "models/unet", network, SENSOR, untouched_image(SENSOR), 1e-3)
+    (folder := tmp_path / "made").mkdir()
+    save_touch_model(folder, network, SENSOR, untouched_image(SENSOR), 1e-3)
+    publish(tmp_path, "models/unet", folder, "train-unet")
     pitch = float(np.diff(pixel_centres(SENSOR)[0])[0]) / UM
     apart = np.sqrt(np.array([100, 100, 200]) ** 2 + pitch**2 / 11 / 2)
     sure(errors("train-unet", tmp_path), np.sqrt((2 * 100**2 + 200**2) / 3), apart.mean(), each=[100, 200], power=2)
@@ -240,10 +241,11 @@ def evaluated(data: Path, chamfer: dict[str, list[list[list[float]]]]) -> dict[s
         given = {"grasps_given": np.arange(1, 1 + shape[2]), "chamfer": np.array(distances)}
         values[name] = blank | names | given
     table = tables.grasps(values, seed=0)
-    (data / "evaluation").mkdir(parents=True)
-    write_tables(data / "evaluation" / TABLES_ZARR, {f"values/{name}": one for name, one in values.items()} | {"table_3": table}, {})
+    (folder := data / "made").mkdir(parents=True)
+    write_tables(folder / TABLES_ZARR, {f"values/{name}": one for name, one in values.items()} | {"table_3": table}, {})
     plain = {key: _plain(array.tolist()) for key, array in table.items()}
-    (data / "evaluation" / METRICS).write_text(json.dumps({"tables": {"table_3": plain}}))
+    (folder / METRICS).write_text(json.dumps({"tables": {"table_3": plain}}))
+    publish(data, "evaluation", folder, "evaluate")
     return table
 
 

@@ -23,8 +23,9 @@ from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory
-from pipeline.store.record import Failure
+from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.publish import publish_folder
+from pipeline.store.record import Failure, FolderRecord
 from pipeline.store.rows import Row, conform
 from schemas.base import Array, Artifact
 from tests import conftest
@@ -175,6 +176,16 @@ def pack(asked: Request, row: Callable[[Task], Row], failed: str = "") -> None:
         made = {} if why else conform(plan.artifact, row(Task(item.object_id, item.category, seed=0)))
         plan.pieces.save(item.object_id, job.key, item.category, made, seconds=0.0, failure=why)
     assert not run_plan(plan, CONSOLE).made
+
+
+def publish(data: Path, name: str, folder: Path, stage: str, facts: dict[str, Any] | None = None) -> Path:
+    """Publish a folder as a dataset stage does; returns where it is then."""
+    record = FolderRecord(
+        **{"location": "unpublished", "stage": stage, "key": "0" * 64, "settings": {}, "speed_settings": {}, "preset": "draft"},
+        **{"seed": 0, "manifest": "tiny", "models": {}, "versions": {}, "processor": {}, "splits": (), "inputs": {}},
+        **{"facts": facts or {}, "seconds": 1.5, "files": hashes_of(folder)},
+    )
+    return publish_folder(DataDirectory(data), name, folder, record)
 
 
 def published(data: Path, artifact: Artifact = NOISE) -> Collection:

@@ -22,9 +22,6 @@ from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import Camera, projection_matrix
 from pipeline.models.model_files import save_model
-from pipeline.store.directory import DataDirectory, hashes_of
-from pipeline.store.publish import publish_folder
-from pipeline.store.record import FolderRecord
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -32,7 +29,7 @@ from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
-from tests.engine.tiny_stages import pack
+from tests.engine.tiny_stages import pack, publish
 
 CENTRE = np.array([0.0, 0.0, 0.6])
 SIDE = 3
@@ -145,7 +142,7 @@ def charts(task: Task) -> Row:
 LABELS: Row = {
     "grasp": np.arange(5, dtype=np.int32),
     "sensor": np.array([f"finger-{number}" for number in range(SENSORS)]),
-    "joint": np.array(["joint"]),
+    "joint": np.array([f"joint-{number}" for number in range(16)]),
 }
 
 
@@ -211,7 +208,7 @@ def make_model(data: Path, name: str, *, still: bool = False) -> Path:
         with torch.no_grad():
             for parameter in network.parameters():
                 parameter.zero_()
-    folder = data / ".work" / name
+    folder = data / ".work" / "made" / name
     folder.mkdir(parents=True)
     camera = projection_matrix(CAMERA).tolist() if config.image else None
     resolution = [CAMERA.resolution] * 2 if config.image else None
@@ -219,9 +216,4 @@ def make_model(data: Path, name: str, *, still: bool = False) -> Path:
     save_model(folder, network, description | {"resolution": resolution, "charts": {"side": config.side} if config.touch else None})
     hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
     facts = {"parameters": 1000, "epochs": 3, "best_epoch": 1, "best": {"loss": 2.5}, "training_seconds": 1.5, "hardware": hardware}
-    record = FolderRecord(
-        **{"location": "unpublished", "stage": "train-gcn", "key": "0" * 64, "settings": {}, "speed_settings": {}, "preset": "draft"},
-        **{"seed": 0, "manifest": "balls", "models": {}, "versions": {}, "processor": {}, "splits": (), "inputs": {}, "facts": facts},
-        **{"seconds": 1.5, "files": hashes_of(folder)},
-    )
-    return publish_folder(DataDirectory(data), f"models/gcn/{name}", folder, record)
+    return publish(data, f"models/gcn/{name}", folder, "train-gcn", facts)

@@ -17,6 +17,7 @@ from pipeline.kernels.charts.chart_sphere import CHART_VERTICES, chart_sphere
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models.touch_model import save_touch_model
+from tests.engine.tiny_stages import publish
 from tests.learning import spheres
 
 FELT = 3  # of a grasp's four sensors
@@ -29,11 +30,11 @@ def data(tmp_path_factory):
     spheres.make_data(folder, 1)
     for name in ("none", "touch", "occluded-touch", "unoccluded"):
         spheres.make_model(folder, name, still=name == "none")
-    unet = folder / "models" / "unet"
-    unet.mkdir()
+    (unet := folder / "made").mkdir()
     with torch.random.fork_rng():
         torch.manual_seed(0)
         save_touch_model(unet, UNet(8), spheres.SENSOR, untouched_image(spheres.SENSOR), 1e-3)
+    publish(folder, "models/unet", unet, "train-unet")
     return folder
 
 
@@ -168,8 +169,8 @@ def test_files_that_do_not_fit_are_errors(data, files, tmp_path):
     Image.new("RGBA", (100, 100)).save(clear)
     refused("RGBA", readings=[clear] * 4)
     bare = tmp_path / "models"
-    shutil.copytree(data / "models", bare, ignore=shutil.ignore_patterns("unet"))
-    with pytest.raises(StoreError, match="no trained model"):
+    shutil.copytree(data / "models", bare, ignore=shutil.ignore_patterns("unet*"))
+    with pytest.raises(StoreError, match="unet has not been made; run the stage that makes it"):
         predict(tmp_path / "ball.ply", bare, "touch", **given)
 
 
