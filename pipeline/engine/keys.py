@@ -41,14 +41,16 @@ def sources_hash(module: str) -> str:
         raise ModuleNotFoundError(f"there is no module {module} to hash")
     left_out = NO_RESULTS if module.startswith(TOY_OBJECTS) else (*NO_RESULTS, TOY_OBJECTS)
     found = {module: Path(spec.origin)}
-    waiting = [module.rpartition(".")[0], *_imports(found[module])]
+    waiting = list(_imports(found[module]))
     while waiting:
         name = waiting.pop()
         path = _file_of(name)
         if name in found or path is None or any(name == layer or name.startswith(f"{layer}.") for layer in left_out):
             continue
         found[name] = path
-        waiting += [name.rpartition(".")[0], *_imports(path)]  # a package's __init__ runs before its modules
+        waiting += _imports(path)
+    packages = {name.rpartition(".")[0] for name in found} - found.keys()  # they run too; what they import decides for others
+    found |= {name: path for name in packages if (path := _file_of(name))}
     return digest.of_json(sorted((name, _normal_form(path)) for name, path in found.items()))
 
 

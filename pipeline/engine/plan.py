@@ -15,7 +15,7 @@ from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
 from pipeline.engine import keys
 from pipeline.engine.stage import Stage
-from pipeline.engine.versions import library_versions
+from pipeline.engine.versions import library_versions, processor
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory, folder_digest
@@ -167,5 +167,5 @@ class Plan(ABC, Generic[S]):
             "manifest": self.request.manifest,
             "models": self.model_digests,
             "versions": library_versions(),
-            "processor": {},
+            "processor": processor(),
         }

@@ -1,0 +1,67 @@
+"""Keys change with what decides results, and with nothing else."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipeline.engine.keys import NO_RESULTS, source_key, sources_hash
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = """
+import json, sys
+from pathlib import Path
+from pipeline.engine import keys
+
+def hashes():
+    for cached in (keys.sources_hash, keys._file_of):
+        cached.cache_clear()
+    return {name: keys.sources_hash(name) for name in modules}
+
+changes, modules = json.loads(sys.argv[1])
+rehashed = {}
+for file in changes:
+    source, before = Path(file), hashes()
+    source.write_text(source.read_text() + "\\n# a comment decides nothing\\n")
+    assert hashes() == before, file
+    source.write_text(source.read_text() + "\\nCHANGED = True\\n")
+    rehashed[file] = sorted(name for name, value in hashes().items() if value != before[name])
+print(json.dumps(rehashed))
+"""
+MODULES = ("pipeline.toy_objects.knife", "pipeline.toy_objects.bottle", "stages.sample_surfaces.stage", "stages.simulate_touch.stage")
+
+
+def test_a_module_that_was_renamed_is_an_error_and_no_empty_hash():
+    with pytest.raises(ModuleNotFoundError, match=r"no module pipeline\.reports\.gone"):
+        sources_hash("pipeline.reports.gone")
+
+
+def test_layers_that_decide_no_result_are_there():
+    for layer in NO_RESULTS:
+        path = ROOT / layer.replace(".", "/")
+        assert path.is_dir() or path.with_suffix(".py").is_file(), layer
+
+
+def test_an_object_that_is_modelled_is_keyed_by_the_code_that_makes_it():
+    knife, bottle = (source_key({"procedural": name, "variant": 0, "seed": 0})["maker"] for name in ("knife", "bottle"))
+    assert knife != bottle
+
+
+def test_a_change_rehashes_what_it_decides_and_nothing_else(tmp_path):
+    expected = {
+        "pipeline/toy_objects/knife.py": ["pipeline.toy_objects.knife"],
+        "pipeline/rng.py": ["stages.sample_surfaces.stage"],
+        "pipeline/kernels/touch/tactile_image.py": ["stages.simulate_touch.stage"],
+        "pipeline/store/shard.py": [],
+        "pipeline/engine/run.py": [],
+    }
+    for package in ("pipeline", "stages", "schemas"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__", "*.obj"))
+    asked = [sys.executable, "-c", SCRIPT, json.dumps([list(expected), MODULES])]
+    said = subprocess.run(asked, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, check=True)
+    assert json.loads(said.stdout) == expected
