@@ -126,6 +126,18 @@ class Advice:
 def advise(question: Question, log: Console) -> Advice:
     """Choose settings, and try them on a few of the objects, so that times are this machine's and these objects'.
 
+    Parameters
+    ----------
+    question
+        What advice is asked for.
+    log
+        Shows what is tried.
+
+    Returns
+    -------
+    Advice
+        With the times predicted for this machine.
+
     Raises
     ------
     AdviceError

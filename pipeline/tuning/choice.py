@@ -96,7 +96,17 @@ class Limit:
 
 
 def duration(text: str) -> float:
-    """Parse seconds from "90s", "10min" or "1.5h".
+    """Parse a duration.
+
+    Parameters
+    ----------
+    text
+        Such as "90s", "10min" or "1.5h".
+
+    Returns
+    -------
+    float
+        Seconds.
 
     Raises
     ------
@@ -110,7 +120,17 @@ def duration(text: str) -> float:
 
 
 def error_limit(text: str) -> Limit:
-    """Parse a limit from "5um", "2%" or "fit-charts=200um".
+    """Parse a limit on an error.
+
+    Parameters
+    ----------
+    text
+        Such as "5um", "2%" or "fit-charts=200um".
+
+    Returns
+    -------
+    Limit
+        With "µm" written as "um".
 
     Raises
     ------
@@ -127,6 +147,20 @@ def within_time(studies: Sequence[Study], workload: Workload, seconds: float) ->
     """Choose one setting per stage, all together within a time, such that the product of their error bounds is least.
 
     Bounds have different units, so they are compared by ratios: halving one counts as much as halving another.
+
+    Parameters
+    ----------
+    studies
+        One per stage.
+    workload
+        What is to be made, and how fast this machine is.
+    seconds
+        For all stages together.
+
+    Returns
+    -------
+    list of Choice
+        In the order of `studies`.
 
     Raises
     ------
@@ -145,12 +179,26 @@ def within_time(studies: Sequence[Study], workload: Workload, seconds: float) ->
 
 
 def fastest(studies: Sequence[Study], workload: Workload) -> list[Choice]:
-    """Choose the fastest setting of every stage."""
+    """Choose the fastest setting of every stage, one per study."""
     return [min((workload.choice(study, one) for one in study.front()), key=lambda choice: choice.seconds) for study in studies]
 
 
 def within_error(studies: Sequence[Study], workload: Workload, limit: Limit) -> list[Choice]:
     """Choose the fastest setting whose bound is within the limit, and `PRESET` for the stages that it does not limit.
+
+    Parameters
+    ----------
+    studies
+        One per stage.
+    workload
+        What is to be made, and how fast this machine is.
+    limit
+        Applies to exactly one of the studies.
+
+    Returns
+    -------
+    list of Choice
+        In the order of `studies`.
 
     Raises
     ------

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,9 +18,8 @@ from rich.table import Table
 from pipeline.console import console
 from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.shard_plan import ShardPlan
-from pipeline.engine.stage import DatasetJob, ObjectStage, Stage, Task
+from pipeline.engine.stage import DatasetJob, Stage, Task
 from pipeline.engine.workers import make_task
-from pipeline.store.directory import DataDirectory
 from schemas.base import COMMON, COORDINATES, Artifact
 
 OBJECTS = 4
@@ -66,6 +64,11 @@ class Explanation:
 def explain(plan: ShardPlan | FolderPlan) -> Explanation | None:
     """Explain what is up to date: a shard on a few of its objects (on `only`, if one was asked for), or a folder.
 
+    Parameters
+    ----------
+    plan
+        Of the run.
+
     Returns
     -------
     Explanation or None
@@ -85,7 +88,7 @@ def explain(plan: ShardPlan | FolderPlan) -> Explanation | None:
         title = (
             f"{stage.name} {plan.path}: counted on {len(chosen)} of {plan.total} objects ({', '.join(task.object_id for task in chosen)})"
         )
-    return Explanation(title, total([*counts, shards_opened(stage, request.settings, request.data)]))
+    return Explanation(title, total(counts))
 
 
 def total(counts: Iterable[Count]) -> list[Count]:
@@ -96,17 +99,6 @@ def total(counts: Iterable[Count]) -> list[Count]:
         before = found.get(key, replace(count, modelled=0, left_out=0))
         found[key] = replace(count, modelled=count.modelled + before.modelled, left_out=count.left_out + before.left_out)
     return list(found.values())
-
-
-def shards_opened(stage: Stage, settings: Any, data: Path) -> Count:
-    """Count the shards in a data directory that a stage opens: those of its inputs."""
-    inputs = {artifact.name for artifact in stage.inputs(settings)}
-    own = stage.output.name if isinstance(stage, ObjectStage) else None
-    directory = DataDirectory(data)
-    shards = {artifact.name: len(directory.collection(artifact).shards) for artifact in directory.artifacts() if artifact.name != own}
-    closed = [name for name in shards if name not in inputs]
-    opened = sum(count for name, count in shards.items() if name in inputs)
-    return Count("shards opened", opened, sum(shards.values()) - opened, f"no input of this stage with these settings: {', '.join(closed)}")
 
 
 def arrays_read(names: Iterable[str], artifacts: Iterable[Artifact]) -> Count:

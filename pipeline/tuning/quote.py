@@ -15,6 +15,13 @@ def quote(stage: str, settings: Settings) -> str:
     Settings that were not measured together are quoted one by one where they differ from `standard`, with the nearest measured
     values where their own was not measured.
 
+    Parameters
+    ----------
+    stage
+        Its name.
+    settings
+        Its settings.
+
     Returns
     -------
     str

@@ -22,6 +22,20 @@ from stages.registry import is_dataset_stage
 def measure_speed(request: Request[Any], choice: Choice, console: Console) -> MachineSpeed:
     """Run a stage on the request's objects, at the settings of a choice.
 
+    Parameters
+    ----------
+    request
+        The run; of a training one epoch is done.
+    choice
+        The measurement to compare with.
+    console
+        Shows progress.
+
+    Returns
+    -------
+    MachineSpeed
+        Of this machine, relative to the measured one.
+
     Raises
     ------
     StoreError

@@ -25,7 +25,7 @@ from stages.simulate_grasps.grasp_search import GraspSearch
 
 def small() -> dict[str, Shortcut]:
     """Every shortcut by name, on a small object and with narrow networks."""
-    data = shortcuts_data.Bench(size=1, attempts=8, points=1500, samples=512)
+    data = shortcuts_data.Bench(size=1, attempts=24, points=1500, samples=512)
     learning = shortcuts_learning.Bench(items=1, layers=4, features=24, width=0.25, unet=2)
     return {one.name: one for one in (*shortcuts_data.shortcuts(data), *shortcuts_learning.shortcuts(learning))}
 
