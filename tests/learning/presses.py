@@ -18,7 +18,7 @@ from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
-from tests.touch.scenes import ball, coarse
+from tests.kernels.touch.shapes import ball, coarse
 
 SENSOR = coarse(20)
 GRASPS_EACH, SENSORS = 2, 3

@@ -6,7 +6,7 @@ import torch
 
 from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
-from tests.touch.scenes import SENSOR
+from tests.kernels.touch.shapes import SENSOR
 
 
 def slow_mask(readings: np.ndarray, blank: np.ndarray, threshold: float) -> np.ndarray:

@@ -11,7 +11,7 @@ from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
-from tests.touch.scenes import SENSOR, ball
+from tests.kernels.touch.shapes import SENSOR, ball
 
 TABLE_5 = [
     *[(64, 100), (64, 100), (64, 50)],

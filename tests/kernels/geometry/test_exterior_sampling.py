@@ -1,0 +1,172 @@
+"""Exterior points: on the surface, uniform, none on hidden geometry, normals outward, whatever the winding."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from scipy import stats
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.exterior_sampling import DIRECTIONS, MIN_ESCAPES, RAY_OFFSET, EscapeTest, sample_exterior, spread_directions
+from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
+from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
+from pipeline.kernels.geometry.normalise import normalise_mesh
+from pipeline.kernels.geometry.triangle_sampling import sample_triangles
+from tests.conftest import mesh_of
+from tests.references.escaping_rays import count_escapes
+from tests.strategies import EPS, offsets, scales, seeds
+
+BOX = trimesh.creation.box((0.3, 0.2, 0.4))
+SPHERE = trimesh.creation.icosphere(subdivisions=3)
+
+
+def distance(mesh: Mesh, points: np.ndarray) -> np.ndarray:
+    squared = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces.astype(np.int64))[0]
+    return np.sqrt(squared)
+
+
+@pytest.mark.parametrize(
+    ("outer", "inner"),
+    [(SPHERE, trimesh.creation.box((0.5, 0.5, 0.5))), (trimesh.creation.box(), trimesh.creation.box((0.9, 0.9, 0.9)))],
+    ids=["box in sphere", "box in box"],
+)
+@pytest.mark.parametrize("wound", [1, -1], ids=["outward", "inside out"])
+def test_sampling_skips_hidden_geometry(outer, inner, wound, rng):
+    both = mesh_of(outer, inner)
+    mesh = Mesh.bare(both.vertices, both.faces[:, ::wound])
+    points, normals = sample_exterior(mesh, 10_000, rng)
+    assert distance(mesh_of(outer), points).max() < 1e-12
+    assert np.abs(points).max(axis=1).min() > 0.49  # off the inner body, but for nothing
+    assert ((points * normals).sum(axis=1) > 0).all()
+
+
+def test_open_bowl_is_sampled_from_both_sides(rng):
+    half = SPHERE.faces[(SPHERE.triangles_center[:, 2] < 0)]
+    mesh = Mesh.bare(SPHERE.vertices, half)
+    points, normals = sample_exterior(mesh, 5_000, rng)
+    outward = (points * normals).sum(axis=1) > 0
+    assert distance(mesh, points).max() < 1e-12
+    assert outward.mean() > 0.2  # the convex side is always a way out
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-12)
+
+
+def test_samples_are_area_uniform(rng):
+    box = trimesh.creation.box((1, 2, 3))
+    points, _ = sample_exterior(mesh_of(box), 20_000, rng)
+    face = _side(points, box)
+    expected = np.array([2 * 3, 2 * 3, 1 * 3, 1 * 3, 1 * 2, 1 * 2]) / 22 * len(points)
+    assert stats.chisquare(np.bincount(face, minlength=6), expected).pvalue > 0.001
+
+
+def _side(points: np.ndarray, box: trimesh.Trimesh) -> np.ndarray:
+    scaled = points / (box.extents / 2)
+    axis = np.abs(scaled).argmax(axis=1)
+    return 2 * axis + (scaled[np.arange(len(points)), axis] > 0)
+
+
+def test_early_stop_agrees_with_the_full_count(rng):
+    parts = [trimesh.creation.box((1, 1, 1)).apply_translation((x, 0, 0)) for x in (0, 1.0, 2.02)]
+    mesh = mesh_of(*parts, trimesh.creation.box((0.3, 0.3, 0.3)))
+    triangles = mesh.triangles
+    points, face = sample_triangles(triangles, 400, rng)
+    vectors = face_cross_products(triangles)[face]
+    front, back = EscapeTest(mesh).count(points, vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+    offset = RAY_OFFSET * np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    free = count_escapes(mesh.triangles, points, spread_directions(DIRECTIONS), offset)
+    np.testing.assert_array_equal(front + back >= MIN_ESCAPES, free >= MIN_ESCAPES)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1, 1e3])
+def test_samples_ignore_scale_and_offset(scale):
+    points, normals = sample_exterior(mesh_of(SPHERE), 1000, np.random.default_rng(1))
+    moved = Mesh.bare(SPHERE.vertices * scale + 1e3 * scale, SPHERE.faces)
+    far, far_normals = sample_exterior(moved, 1000, np.random.default_rng(1))
+    np.testing.assert_allclose(far / scale - 1e3, points, atol=1e-9)
+    np.testing.assert_allclose(far_normals, normals, atol=1e-9)
+
+
+def test_single_triangle_is_sampled(rng):
+    points, _ = sample_exterior(Mesh.bare([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), 100, rng)
+    assert points.shape == (100, 3)
+
+
+def test_sampling_needs_a_positive_count(rng) -> None:
+    with pytest.raises(ValueError, match="0 points are no sample"):
+        sample_exterior(mesh_of(BOX), 0, rng)
+
+
+@pytest.mark.parametrize("faces", [np.zeros((0, 3)), [[0, 1, 2]]])
+def test_surface_without_area_is_refused(faces, rng) -> None:
+    with pytest.raises(InvalidInput, match="has an area"):
+        sample_exterior(Mesh.bare(np.ones((3, 3)), faces), 10, rng)
+
+
+def test_faces_that_lose_their_area_to_rounding_are_skipped(rng) -> None:
+    """A face of 1e-18 m is one to the gate, and has no digit left at the object's place."""
+    speck = np.array([[0, 0, 0], [0, 0, 1e-18], [1e-18, 0, 0]])
+    cleaned, report = clean_mesh(Mesh.bare(np.vstack([BOX.vertices, speck]), np.vstack([BOX.faces, [8, 9, 10]])), 100)
+    assert report.degenerate_faces == 0
+    placed = normalise_mesh(cleaned, "z", 0.5)
+    assert (face_cross_products(placed.triangles)[-1] == 0).all()
+    points, normals = sample_exterior(placed, 500, rng)
+    assert np.isfinite(points).all()
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-12)
+
+
+def test_unused_vertices_do_not_affect_sampling(rng) -> None:
+    inner = trimesh.creation.box((0.1, 0.1, 0.1))
+    both = mesh_of(BOX, inner)
+    with_rubbish = Mesh.bare(np.vstack([both.vertices, [[np.nan] * 3, [1e12] * 3]]), both.faces)
+    points, _ = sample_exterior(with_rubbish, 1000, rng)
+    assert np.abs(points).max(axis=1).min() > 0.09
+
+
+@given(seed=seeds, scale=scales, offset=offsets)
+def test_sampling_skips_hidden_geometry_at_any_scale_and_offset(seed, scale, offset) -> None:
+    """A box in a box, all faces twice, every other one turned over, self-intersecting, of any size at any place."""
+    rng = np.random.default_rng(seed)
+    parts = [trimesh.creation.box((1, 1, 1)), trimesh.creation.box((0.4, 0.4, 0.4)), trimesh.creation.box((0.2, 0.2, 0.9))]
+    whole = trimesh.util.concatenate(parts)
+    faces = np.vstack([whole.faces, whole.faces])
+    faces[::2] = faces[::2, ::-1]
+    points, normals = sample_exterior(Mesh.bare(whole.vertices * scale + offset, faces), 300, rng)
+    local = (points - offset) / scale
+    digits = EPS * (np.abs(offset).max() + scale) / scale
+    assert np.abs(np.abs(local).max(axis=1) - 0.5).max() <= 8 * digits
+    assert ((local * normals).sum(axis=1) >= 0.5 - 1e-6 - 8 * digits).all()
+
+
+@pytest.mark.parametrize("aspect", [1e3, 1e8])
+def test_solid_with_slivers_has_outward_normals(aspect, rng) -> None:
+    """A prism whose top is cut into slivers of that aspect beside ordinary faces."""
+    across = np.array([0, 1 / aspect, 0.5, 1])
+    lid = np.array([[x, y, 1.0] for y in across for x in (0, 1)])
+    box = trimesh.creation.box().apply_translation((0.5, 0.5, 0.5))
+    sides = box.faces[box.face_normals[:, 2] < 0.5]
+    strips = np.array([[2 * k, 2 * k + 1, 2 * k + 3] for k in range(3)] + [[2 * k, 2 * k + 3, 2 * k + 2] for k in range(3)]) + 8
+    mesh = Mesh.bare(np.vstack([box.vertices, lid]), np.vstack([sides, strips]))
+    _, normals = sample_exterior(mesh, 2000, rng)
+    thin = mesh.triangles[len(sides) :][[0, 3]]
+    places = sample_triangles(thin, 200, rng)[0]
+    front, back = EscapeTest(mesh).count(places, np.tile([0, 0, 1.0], (200, 1)))
+    assert (front > back).all()
+    np.testing.assert_allclose(np.abs(normals).max(axis=1), 1, atol=1e-9)
+
+
+@pytest.mark.parametrize("thickness", [2e-5, 1e-4, 1e-2])
+def test_walls_within_the_stated_thickness_have_an_outside(thickness, rng) -> None:
+    """An inside-out plate: only its thickness tells which side is out."""
+    plate = trimesh.creation.box((1, 1, thickness * np.sqrt(2)))
+    points, normals = sample_exterior(Mesh.bare(plate.vertices, plate.faces[:, ::-1]), 2000, rng)
+    assert ((points * normals)[:, 2][np.abs(normals[:, 2]) > 0.5] > 0).all()
+    assert thickness > RAY_OFFSET
+
+
+def test_single_triangle_has_the_normal_of_its_winding(rng) -> None:
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]) * 1e-3 + 1e3
+    for faces, up in (([[0, 1, 2]], 1), ([[2, 1, 0]], -1)):
+        _, normals = sample_exterior(Mesh.bare(corners, faces), 50, rng)
+        np.testing.assert_allclose(normals, np.tile([0, 0, up], (50, 1)), atol=1e-9)

@@ -1,0 +1,41 @@
+"""Normalisation: axis, scale and position."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.normalise import POSITION, normalise_mesh
+from tests.strategies import EPS, offsets, scales
+
+BALL = trimesh.creation.icosphere(subdivisions=2)
+
+
+@pytest.mark.parametrize(("up", "axis"), [("x", 0), ("y", 1), ("z", 2)])
+def test_stated_axis_points_up_without_mirroring(up, axis):
+    corner = trimesh.creation.box((0.1, 0.1, 0.1))
+    vertices = np.vstack([corner.vertices, np.eye(3)[axis]])
+    tall = Mesh.bare(vertices, np.vstack([corner.faces, [0, 1, 8]]))
+    placed = normalise_mesh(tall, up, 0.5, metres_per_unit=1.0)
+    assert placed.vertices[8, 2] == pytest.approx(placed.vertices[:, 2].max())
+    before, after = (np.linalg.det(mesh.triangles[0] - mesh.vertices[8]) for mesh in (tall, placed))
+    assert after == pytest.approx(before)
+
+
+@pytest.mark.parametrize(("vertices", "message"), [(np.zeros((0, 3)), "there are none"), (np.ones((4, 3)), "all 4 vertices are at")])
+def test_mesh_without_size_is_refused(vertices, message) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        normalise_mesh(Mesh.bare(vertices, np.zeros((0, 3))), "z", 0.5)
+
+
+@given(scale=scales, offset=offsets, up=st.sampled_from("xyz"))
+def test_normalised_mesh_ignores_scale_and_offset(scale, offset, up) -> None:
+    """As far as the source's own float64 digits reach: a unit in the last place of its offset, scaled as the object is."""
+    here, there = (normalise_mesh(Mesh.bare(BALL.vertices * s + o, BALL.faces), up, 0.5).vertices for s, o in ((1, 0), (scale, offset)))
+    digits = EPS * (np.abs(offset).max() + scale) / scale
+    assert np.abs(there - here).max() <= 4 * digits + 4 * EPS * POSITION.max()

@@ -1,0 +1,23 @@
+"""Sphere tracing without its exact end."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.kernels.touch.face_culling import box_faces, cull_faces
+from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.sphere_tracing import trace_spheres
+from tests.kernels.touch.shapes import (
+    SENSOR,
+    box,
+)
+
+
+def test_rays_along_a_wall_are_reported_as_unsettled() -> None:
+    wall = box((0.04, 0.04, 0.02), x=0.02 + 1e-5, z=0.015)
+    local = cull_faces(box_faces(wall), np.eye(4), SENSOR)
+    depth, settled = trace_spheres(local, SENSOR, 1e-7, 30)
+    assert not settled.all()
+    assert settled.mean() > 0.9
+    exact = ray_depth(box_faces(wall), np.eye(4), SENSOR)
+    assert (np.isfinite(depth) == np.isfinite(exact))[settled].all()

@@ -1,0 +1,77 @@
+"""Primitives: what a renderer is given of a mesh, its colours and its textures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+
+from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
+from pipeline.kernels.vision.primitives import MAX_TEXTURE_SIDE, flatten_texture, linear_from_srgb, mesh_primitives, shrink_texture
+from tests.strategies import offsets, random_rotation, seeds
+
+BOX = trimesh.creation.box()
+
+
+def test_mesh_without_faces_has_no_primitives() -> None:
+    assert mesh_primitives(Mesh.bare(np.zeros((0, 3)), np.zeros((0, 3)))) == []
+
+
+def test_corners_and_texture_coordinates_that_are_not_finite_are_refused() -> None:
+    mesh = Mesh.bare(BOX.vertices, BOX.faces)
+    for bad in (
+        Mesh.bare(np.where(BOX.vertices > 0, np.nan, BOX.vertices), BOX.faces),
+        replace(mesh, look=replace(mesh.look, uv=np.full((8, 2), np.inf, np.float32))),
+    ):
+        with pytest.raises(ValueError, match="NaN or infinite corners or texture coordinates"):
+            mesh_primitives(bad)
+
+
+@given(seed=seeds, offset=offsets)
+def test_positions_are_rounded_to_float32_and_faces_doubled(seed, offset) -> None:
+    vertices = BOX.vertices @ random_rotation(np.random.default_rng(seed)).T + offset
+    (part,) = mesh_primitives(Mesh.bare(vertices, BOX.faces))
+    twice = part.positions[part.indices].astype(np.float64)  # (2F, 3, xyz), a face and its reverse
+    np.testing.assert_array_equal(twice[::2], twice[1::2, ::-1])
+    exact = vertices[BOX.faces]
+    assert np.abs(twice[::2] - exact).max() <= np.spacing(np.float32(np.abs(exact).max())) / 2
+    assert np.abs(np.linalg.norm(part.normals.astype(np.float64), axis=1) - 1).max() <= 2.0**-23
+    assert (np.einsum("fci,fi->fc", part.normals[part.indices[::2]], face_cross_products(exact)) > 0.99).all()
+
+
+def test_linear_light_of_all_srgb_values() -> None:
+    """Black is 0, white 1, every step up; and back to the same 8 bits."""
+    light = linear_from_srgb(np.arange(256, dtype=np.uint8))
+    assert (light[0], light[255]) == (0, 1)
+    assert (np.diff(light) > 0).all()
+    srgb = np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
+    np.testing.assert_array_equal(np.rint(255 * srgb), np.arange(256))
+
+
+@pytest.mark.parametrize("value", [0, 255])
+@pytest.mark.parametrize("alpha", [0, 1, 128, 254, 255])
+def test_transparent_textures_are_blended_with_white(value, alpha) -> None:
+    picture = np.full((5, 4, 4), value, np.uint8)
+    picture[..., 3] = alpha
+    solid = flatten_texture(picture)
+    assert (solid[..., 3] == 255).all()
+    assert (solid[..., :3] == round(value * alpha / 255 + 255 - alpha)).all()
+    assert picture[0, 0, 3] == alpha  # the caller's is as it was
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, MAX_TEXTURE_SIDE), (MAX_TEXTURE_SIDE + 1, 1), (1, 9 * MAX_TEXTURE_SIDE + 5)])
+@pytest.mark.parametrize("value", [0, 255])
+def test_large_textures_are_shrunk_and_keep_their_colour(shape, value) -> None:
+    small = shrink_texture(np.full((*shape, 4), value, np.uint8))
+    assert 1 <= max(small.shape[:2]) <= MAX_TEXTURE_SIDE
+    assert min(small.shape[:2]) == 1
+    assert (small == value).all()
+
+
+def test_shrunk_texture_has_a_whole_factor() -> None:
+    assert shrink_texture(np.full((3, 5000, 4), 7, np.uint8)).shape == (1, 1667, 4)
+    small = np.zeros((20, 30, 4), np.uint8)
+    assert shrink_texture(small) is small

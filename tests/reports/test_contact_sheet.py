@@ -1,0 +1,90 @@
+"""Contact sheets: pages, pictures, colours, and the band of one grasp."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pipeline.kernels.hand.kinematics import sensor_poses
+from pipeline.reports.contact_band import BandMaker, band_maker
+from pipeline.reports.contact_sheet import COLORS, PAGE, PICTURE, Band, depth_colors, draw
+from tests.kernels.vision.shapes import ball
+
+WIDTH, GEL, REACH = 0.01641, 0.0068, 0.05
+
+
+def make_band(name: str) -> Band:
+    depths = np.full((4, 100, 100), np.inf, np.float32)
+    depths[0, 40:60] = 0.003
+    depths[1] = 0.02
+    pictures = [(text, np.full((256, 256, 3), shade, np.uint8)) for text, shade in (("one", 10), ("two", 200), ("three", 120))]
+    readings = np.full((4, 100, 100, 3), 90, np.uint8)
+    return Band(name, "a note", pictures, ["index", "middle", "ring", "thumb"], np.array([True, False, False, False]), readings, depths)
+
+
+@pytest.fixture(scope="module")
+def maker() -> Iterator[BandMaker]:
+    with band_maker("supplement", "allegro_right", WIDTH, GEL) as opened:
+        yield opened
+
+
+def test_sheet_is_split_into_pages(tmp_path) -> None:
+    files = draw([make_band(f"object-{k}") for k in range(PAGE + 1)], tmp_path / "sheet.png", "title", "note", GEL, REACH)
+    assert [file.name for file in files] == ["sheet.png", "sheet-2.png"]
+    sizes = []
+    for file in files:
+        with Image.open(file) as image:
+            image.load()
+            assert image.mode == "RGB"
+            sizes.append(image.size)
+    assert sizes[0][0] == sizes[1][0] > 3 * PICTURE
+    assert sizes[0][1] > PAGE * PICTURE
+    assert PICTURE < sizes[1][1] < 2 * PICTURE
+
+
+def test_pictures_are_shown_pixel_for_pixel(tmp_path) -> None:
+    band = make_band("noise")
+    noise = np.random.default_rng(0).integers(0, 256, (256, 256, 3)).astype(np.uint8)
+    band = Band(band.title, band.note, [("noise", noise)], band.fingers, band.touched, band.readings, band.depths)
+    (file,) = draw([band], tmp_path / "sheet.png", "title", "note", GEL, REACH)
+    page = np.asarray(Image.open(file))
+    corner = np.argwhere((page[:-256, :-256] == noise[0, 0]).all(axis=-1) & (page[255:-1, 255:-1] == noise[-1, -1]).all(axis=-1))
+    assert any((page[r : r + 256, c : c + 256] == noise).all() for r, c in corner)
+
+
+def test_sheet_of_no_objects_is_refused(tmp_path) -> None:
+    with pytest.raises(ValueError, match="no objects"):
+        draw([], tmp_path / "sheet.png", "title", "note", GEL, REACH)
+
+
+def test_depth_colours_distinguish_gel_beyond_and_nothing() -> None:
+    deep, shallow, beyond, nothing = depth_colors(np.array([[0.0, GEL * 0.99, GEL * 1.01, np.inf]]), GEL, REACH)[0].astype(int)
+    assert deep[0] > 200 > deep[2]  # yellow
+    assert shallow.max() < 100  # dark violet
+    assert np.ptp(beyond) < 10  # grey
+    assert nothing.min() == 250
+
+
+def test_band_shows_hand_object_and_marks(maker) -> None:
+    hand_pose = np.eye(4)
+    hand_pose[:3, 3] = [-0.1, 0.0, 0.55]
+    angles = np.clip(np.full(16, 0.6), maker.hand.lower, maker.hand.upper)
+    poses = sensor_poses(maker.hand, hand_pose, angles)
+    depths = np.full((4, 100, 100), 0.003, np.float32)
+    readings, image = np.zeros((4, 100, 100, 3), np.uint8), np.zeros((256, 256, 3), np.uint8)
+    mesh = ball(0.04)
+    band = maker.band("ball", "", mesh, hand_pose, angles, poses, np.ones(4, bool), readings, depths, image, image)
+    assert [text for text, _ in band.pictures] == ["unoccluded", "occluded", "from a second side", "touch sites"]
+    held, felt = band.pictures[2][1], band.pictures[3][1]
+    assert held.shape == felt.shape == (256, 256, 3)
+    background = held[0, 0].astype(int)
+    for shown in (held, felt):
+        away = np.abs(shown.astype(int) - background).max(axis=-1) > 20
+        assert 0.05 < away.mean() < 0.95
+        near = [np.abs(shown.astype(int) - color).max(axis=-1).min() for color in COLORS[:4]]
+        assert max(near) < 60  # every finger's colour is there
+    again = maker.band("ball", "", mesh, hand_pose, angles, poses, np.ones(4, bool), readings, depths, image, image)
+    assert (again.pictures[2][1] == held).all()

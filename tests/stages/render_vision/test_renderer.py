@@ -1,0 +1,167 @@
+"""Rendered images against ray casts and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.vision.camera import Camera, camera_pose, look_at, project_points, projection_matrix
+from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.primitives import flatten_texture
+from stages.render_vision.renderer import RenderedImage, Renderer
+from tests.kernels.vision.shapes import CENTRE, HERE, SCENE, ball, box, card, half_turned, turned_over
+from tests.references.ray_cast import cast
+
+
+def seen(renderer: Renderer, *meshes: Mesh, camera: Camera | None = None) -> RenderedImage:
+    """The first mesh is the object, the others are the hand."""
+    parts = [renderer.add(mesh, Label.HAND if k else Label.OBJECT) for k, mesh in enumerate(meshes)]
+    view = renderer.render([(part, HERE) for part in parts], camera)
+    for part in parts:
+        renderer.remove(part)
+    return view
+
+
+def linear_to_srgb(value: np.ndarray) -> np.ndarray:
+    return np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
+
+
+def srgb_to_linear(value: np.ndarray) -> np.ndarray:
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def diffuse_light(normal: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """(3,) what a white surface shows of constant light and lamp, highlight apart, linear."""
+    to_lamp = np.array(SCENE.lamp.position) - at
+    distance = np.linalg.norm(to_lamp)
+    lamp = np.array(SCENE.lamp.color) * SCENE.lamp.intensity / distance**2
+    return np.array(SCENE.ambient) + lamp * max(normal @ to_lamp / distance, 0)
+
+
+def test_image_without_meshes_is_the_background(renderer) -> None:
+    view = renderer.render([])
+    assert (view.rgb == np.round(np.array(SCENE.background) * 255).astype(np.uint8)).all()
+    assert (view.segmentation == Label.BACKGROUND).all()
+    assert view.rgb.shape == (256, 256, 3)
+    assert view.rgb.dtype == view.segmentation.dtype == np.uint8
+
+
+@pytest.mark.parametrize("resolution", [256, 97])
+def test_segmentation_is_a_ray_cast_at_pixel_centres(renderer, resolution) -> None:
+    camera = SCENE.camera.with_resolution(resolution)
+    thing, hand = half_turned(ball(0.17)), box((0.1, 0.5, 0.05))
+    truth = cast(camera, thing, hand)
+    got = seen(renderer, thing, hand, camera=camera).segmentation
+    differing = (truth != got).sum()
+    assert set(np.unique(truth)) == {0, 1, 2}
+    assert differing <= 2, f"{differing} pixels differ: silhouettes may differ by rounding in a pixel or two, not more"
+
+
+def test_projection_matrix_agrees_with_the_segmentation(renderer) -> None:
+    matrix = projection_matrix(SCENE.camera)
+    for offset in ([0.0, 0.0, 0.0], [0.05, -0.2, 0.1], [-0.1, 0.15, -0.2]):
+        small = ball(0.02)
+        small = Mesh(small.vertices + offset, small.faces, small.look)
+        rows, cols = np.nonzero(seen(renderer, small).segmentation)
+        centre = np.array([cols.mean() + 0.5, rows.mean() + 0.5])
+        assert centre == pytest.approx(project_points(matrix, CENTRE + offset), abs=0.15)  # half a pixel would be a wrong convention
+
+
+def test_shading_of_a_plane_follows_the_closed_form(renderer) -> None:
+    mesh = card(0.05, None, (200, 120, 40, 255))
+    rgb = seen(renderer, mesh).rgb[128, 128] / 255
+    backward = camera_pose(SCENE.camera)[:3, 2]
+    albedo = srgb_to_linear(np.array([200, 120, 40]) / 255)
+    matt = linear_to_srgb(albedo * diffuse_light(backward, CENTRE))
+    assert (rgb >= matt - 1 / 255).all()
+    assert (srgb_to_linear(rgb) - srgb_to_linear(matt) < 0.03).all()  # the highlight, far from the mirror direction
+
+
+def test_textures_are_upright_and_keep_their_colours(renderer) -> None:
+    corners = {"red": (255, 0, 0), "green": (0, 255, 0), "blue": (0, 0, 255), "yellow": (255, 255, 0)}
+    texture = np.full((31, 33, 4), 255, np.uint8)  # odd sizes: rows are no multiple of four bytes
+    texture[:16, :17, :3], texture[:16, 17:, :3] = corners["red"], corners["green"]
+    texture[16:, :17, :3], texture[16:, 17:, :3] = corners["blue"], corners["yellow"]
+    rgb = seen(renderer, card(0.2, texture)).rgb
+    centre = project_points(projection_matrix(SCENE.camera), CENTRE).round().astype(int)
+    for (row, col), color in zip(((-30, -30), (-30, 30), (30, -30), (30, 30)), corners.values(), strict=True):
+        pixel = rgb[centre[1] + row, centre[0] + col].astype(int)
+        lit = np.array(color) > 0
+        assert pixel[lit].min() > 130, (row, col, pixel)
+        assert pixel[~lit].max() < 60, (row, col, pixel)
+
+
+def test_winding_does_not_affect_the_image(renderer) -> None:
+    good = seen(renderer, ball())
+    for bad in (turned_over(ball()), half_turned(ball())):
+        view = seen(renderer, bad)
+        assert (view.segmentation == good.segmentation).all()
+        assert np.abs(view.rgb.astype(int) - good.rgb.astype(int)).max() <= 1
+
+
+def test_inside_of_an_open_mesh_is_lit(renderer) -> None:
+    whole = box(turn=(0, 0, 0))
+    towards = np.array(SCENE.camera.position) - CENTRE
+    normals = np.cross(*(whole.triangles[:, k] - whole.triangles[:, 0] for k in (1, 2)))
+    far_side = Mesh(whole.vertices, whole.faces[normals @ towards < 0], Look.plain(8, 6))
+    view = seen(renderer, far_side)
+    shown = view.rgb[view.segmentation == Label.OBJECT]
+    assert len(shown) > 5000
+    assert shown.min() > 80  # constant light alone gives 95
+    assert len(np.unique(shown[:, 0])) > 3  # and the lamp more to some
+
+
+def test_transparent_materials_are_drawn_opaque(renderer) -> None:
+    solid = seen(renderer, card(0.1, None, (200, 30, 30, 255)))
+    glass = seen(renderer, card(0.1, None, (200, 30, 30, 0)))
+    assert (solid.rgb == glass.rgb).all()
+    assert (glass.segmentation == solid.segmentation).all()
+    hole = np.zeros((8, 8, 4), np.uint8)
+    assert (seen(renderer, card(0.1, hole, (200, 30, 30, 255))).rgb == solid.rgb).all()
+    assert (flatten_texture(np.array([[[100, 0, 0, 128]]], np.uint8)) == [[[177, 127, 127, 255]]]).all()
+
+
+def test_materials_paint_their_own_faces(renderer) -> None:
+    mesh = ball()
+    right = camera_pose(SCENE.camera)[:3, 0]
+    side = (mesh.triangles.mean(1) - CENTRE) @ right > 0
+    look = Look(
+        uv=np.zeros((len(mesh.vertices), 2), np.float32),
+        face_material=side.astype(np.int32),
+        base_color=np.array([[220, 20, 20, 255], [20, 20, 220, 255]], np.uint8),
+        material_texture=np.array([-1, -1], np.int32),
+    )
+    rgb = seen(renderer, Mesh(mesh.vertices, mesh.faces, look)).rgb.astype(int)
+    assert rgb[128, 90, 0] > rgb[128, 90, 2] + 50
+    assert rgb[128, 165, 2] > rgb[128, 165, 0] + 50
+
+
+def test_only_the_given_meshes_are_rendered_at_their_poses(renderer) -> None:
+    first, second = renderer.add(ball(0.05), Label.OBJECT), renderer.add(ball(0.05), Label.HAND)
+    aside = np.eye(4)
+    aside[:3, 3] = 0.15 * camera_pose(SCENE.camera)[:3, 0]
+    both = renderer.render([(first, HERE), (second, aside)])
+    alone = renderer.render([(first, HERE)])
+    assert set(np.unique(both.segmentation)) == {0, 1, 2}
+    assert set(np.unique(alone.segmentation)) == {0, 1}
+    assert np.nonzero(both.segmentation == 2)[1].mean() > np.nonzero(both.segmentation == 1)[1].mean() + 40
+    for part in (first, second):
+        renderer.remove(part)
+
+
+def test_two_renderers_do_not_disturb_each_other(renderer) -> None:
+    before = seen(renderer, ball())
+    with Renderer(SCENE, 64) as other:
+        assert seen(other, ball()).rgb.shape == (64, 64, 3)
+    other.close()
+    assert (seen(renderer, ball()).rgb == before.rgb).all()
+
+
+def test_another_camera_is_used_for_one_image_only(renderer) -> None:
+    before = seen(renderer, box())
+    camera = look_at(SCENE.camera.with_resolution(96), (-1.0, 0.3, 0.2), (0.0, 0.0, 0.6))
+    view = seen(renderer, box(), camera=camera)
+    assert view.rgb.shape == (96, 96, 3)
+    assert ((view.segmentation > 0) != (cast(camera, box()) > 0)).sum() <= 2
+    assert (seen(renderer, box()).rgb == before.rgb).all()

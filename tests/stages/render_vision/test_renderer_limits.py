@@ -1,0 +1,84 @@
+"""Images of nothing and of everything, in black, white and too bright a light."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.vision.camera import Camera
+from pipeline.kernels.vision.labels import Label
+from stages.render_vision.renderer import FAR_PLANE, NEAR_PLANE, RenderedImage, Renderer
+from tests.kernels.vision.shapes import HERE, SCENE
+
+DOWN = Camera(position=(0.0, 0.0, 1.0), rotation=(0.0, 0.0, 0.0), focal=(64.0, 64.0), centre=(16.5, 16.5), resolution=33)
+SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)
+AMBIENT = np.array(SCENE.ambient)
+
+
+def floor(color: tuple[int, int, int] = (255, 255, 255), scale: float = 1.0, at: tuple[float, float, float] = (0, 0, 0)) -> Mesh:
+    return Mesh(SQUARE * scale + at, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Look.plain(4, 2, color))
+
+
+def seen(renderer: Renderer, mesh: Mesh, camera: Camera = DOWN, lamp: tuple[float, float, float] = (0, 0, 1e3)) -> RenderedImage:
+    part = renderer.add(mesh, Label.OBJECT)
+    try:
+        return renderer.render([(part, HERE)], camera, lamp)
+    finally:
+        renderer.remove(part)
+
+
+def srgb(light: np.ndarray) -> np.ndarray:
+    return np.rint(255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055))
+
+
+def test_colours_in_constant_light_alone(renderer) -> None:
+    """The lamp is too far away to matter: what is left is albedo times the constant light."""
+    for color, albedo in (((0, 0, 0), 0.0), ((255, 255, 255), 1.0)):
+        rgb = seen(renderer, floor(color)).rgb
+        assert np.abs(rgb.astype(int) - srgb(albedo * AMBIENT)).max() <= 1
+
+
+@pytest.mark.parametrize("height", [1e-3, 1e-2, 0.05])
+def test_excess_light_is_clipped_to_white(renderer, height) -> None:
+    """A lamp a millimetre over a white floor: white below it, never darker further in, constant light far out."""
+    rgb = seen(renderer, floor(), lamp=(0.0, 0.0, height)).rgb.astype(int)
+    assert (rgb[16, 16] == 255).all()
+    assert (np.diff(rgb[16, 16:, 0]) <= 1).all()
+    assert (np.diff(rgb[16:, 16, 0]) <= 1).all()
+
+
+@pytest.mark.parametrize("height", [0.0, -1e-3])
+def test_lamp_on_or_behind_a_surface_does_not_light_it(renderer, height) -> None:
+    rgb = seen(renderer, floor(), lamp=(0.0, 0.0, height)).rgb.astype(int)
+    assert np.abs(rgb - srgb(AMBIENT)).max() <= 1
+
+
+def test_mesh_without_faces_is_not_shown(renderer) -> None:
+    view = seen(renderer, Mesh.bare(np.zeros((0, 3)), np.zeros((0, 3))))
+    assert (view.segmentation == Label.BACKGROUND).all()
+    assert (view.rgb == renderer.render([], DOWN).rgb).all()
+
+
+def test_objects_larger_than_the_image_and_smaller_than_a_pixel(renderer) -> None:
+    assert (seen(renderer, floor(scale=10)).segmentation == Label.OBJECT).all()
+    assert (seen(renderer, floor(scale=1e-6, at=(0.005, 0.005, 0))).segmentation == Label.BACKGROUND).all()
+    lone = seen(renderer, floor(scale=1e-3)).segmentation  # 0.13 pixels wide, over the middle one's centre
+    assert np.argwhere(lone == Label.OBJECT).tolist() == [[16, 16]]
+
+
+@pytest.mark.parametrize(
+    ("depth", "shown"),
+    [(0.99 * NEAR_PLANE, False), (1.01 * NEAR_PLANE, True), (0.99 * FAR_PLANE, True), (1.01 * FAR_PLANE, False)],
+)
+def test_surfaces_outside_near_and_far_plane_are_not_drawn(renderer, depth, shown) -> None:
+    assert (seen(renderer, floor(scale=100, at=(0, 0, 1 - depth))).segmentation == Label.OBJECT).all() == shown
+
+
+def test_degenerate_and_duplicate_faces_change_no_pixel(renderer) -> None:
+    plain = floor((200, 120, 40), scale=0.1)
+    faces = np.vstack([plain.faces, plain.faces[:, ::-1], [[0, 0, 1], [2, 2, 2]]]).astype(np.int32)
+    odd = seen(renderer, Mesh(plain.vertices, faces, Look.plain(4, len(faces), (200, 120, 40))))
+    even = seen(renderer, plain)
+    np.testing.assert_array_equal(odd.rgb, even.rgb)
+    np.testing.assert_array_equal(odd.segmentation, even.segmentation)

@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+
+from pipeline.config.hand_file import load_hand
+from pipeline.engine.stage import Task
+from pipeline.errors import InvalidInput
+from pipeline.kernels.vision.camera import project_points
+from pipeline.store.rows import Row
+from schemas.base import COMMON
+from stages.render_vision.settings import VisionSettings
+from stages.render_vision.stage import RenderVision
+from tests.kernels.vision.shapes import ball
+
+STAGE = RenderVision()
+GRASPS = 3
+
+
+def task(name: str, radius: float, held: str = "allegro_right") -> Task:
+    """A ball with the hand at three distances on the camera's side of it."""
+    hand = load_hand("allegro_right")
+    poses = np.tile(np.eye(4), (GRASPS, 1, 1))
+    poses[:, :3, 3] = [[0.2, 0.1, 0.7], [0.3, 0.1, 0.7], [3.0, 3.0, 3.0]]  # the last out of sight, behind the camera
+    angles = np.tile(np.clip(0.4, hand.lower, hand.upper), (GRASPS, 1))
+    return Task(
+        name,
+        "ball",
+        0,
+        inputs={"grasps": {"hand_pose": poses, "joint_angles": angles}},
+        attributes={"grasps": {"settings": {"hand": held}}},
+        load_mesh=lambda: ball(radius),
+    )
+
+
+def rows(settings: VisionSettings, *tasks: Task) -> list[Row]:
+    with STAGE.session(settings, {}) as process:
+        return [process(one) for one in tasks]
+
+
+def test_rows_have_the_shapes_and_types_of_the_schema() -> None:
+    (row,) = rows(VisionSettings(), task("a", 0.15))
+    assert {name: (array.shape, array.dtype.name) for name, array in row.items()} == {
+        "unoccluded": ((256, 256, 3), "uint8"),
+        "occluded": ((GRASPS, 256, 256, 3), "uint8"),
+        "segmentation": ((1 + GRASPS, 256, 256), "uint8"),
+    }
+    declared = {name for name, array in STAGE.output.arrays.items() if array.per_object} - set(COMMON)
+    assert set(row) == declared
+
+
+def test_images_show_object_and_hand() -> None:
+    (row,) = rows(VisionSettings(), task("a", 0.15))
+    assert set(np.unique(row["segmentation"][0])) == {0, 1}
+    for view in (1, 2):
+        assert set(np.unique(row["segmentation"][view])) == {0, 1, 2}
+    assert (row["segmentation"][3] == row["segmentation"][0]).all()
+    assert (row["occluded"][2] == row["unoccluded"]).all()
+    assert (row["segmentation"][2] == 2).sum() > (row["segmentation"][1] == 2).sum()  # nearer the camera, larger
+
+
+def test_another_hand_than_that_of_the_grasps_is_refused() -> None:
+    with pytest.raises(InvalidInput, match=r"made with hand other, render-vision.hand is allegro_right; set both with --set hand=other"):
+        rows(VisionSettings(resolution=64), task("a", 0.15, held="other"))
+
+
+def test_an_image_does_not_depend_on_earlier_objects() -> None:
+    settings = VisionSettings(resolution=64)
+    (alone,) = rows(settings, task("b", 0.1))
+    _, after = rows(settings, task("a", 0.2), task("b", 0.1))
+    assert all((alone[name] == after[name]).all() for name in alone)
+
+
+def test_without_occluded_only_the_object_is_rendered() -> None:
+    (row,) = rows(VisionSettings(occluded=False, resolution=64), task("a", 0.15))
+    assert set(row) == {"unoccluded", "segmentation"}
+    assert row["segmentation"].shape == (1, 64, 64)
+
+
+@pytest.mark.parametrize("resolution", [256, 64])
+def test_camera_matrix_projects_to_the_image(resolution) -> None:
+    settings = VisionSettings(resolution=resolution)
+    camera = STAGE.constants(settings)["camera"]
+    (row,) = rows(settings, task("a", 0.1))
+    at = np.argwhere(row["segmentation"][0] == 1).mean(axis=0)[::-1] + 0.5
+    assert camera.shape == (3, 4)
+    assert project_points(camera, np.array([0, 0, 0.6])) == pytest.approx(at, abs=0.01 * resolution)
+
+
+def test_assets_are_files_and_attributes_describe_the_scene() -> None:
+    assets = STAGE.assets(VisionSettings())
+    assert all(path.is_file() for path in assets)
+    assert {"supplement.yaml", "allegro_right.yaml", "mesh.frag"} <= {path.name for path in assets}
+    assert "position" in STAGE.attributes(VisionSettings())["scene"]["lamp"]

@@ -1,0 +1,145 @@
+"""A folder of bad meshes beside good ones: each bad one with a reason, each usable one used, the good ones as if alone."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.store.collection import Collection
+from pipeline.store.directory import DataDirectory
+from schemas.surfaces import SURFACES
+
+SPHERE = trimesh.creation.icosphere(subdivisions=2)
+
+
+def write(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
+    path.parent.mkdir(exist_ok=True)
+    with path.open("w") as file:
+        file.writelines(f"v {x:.17g} {y:.17g} {z:.17g}\n" for x, y, z in np.asarray(vertices, float))
+        file.writelines(f"f {a} {b} {c}\n" for a, b, c in np.asarray(faces) + 1)
+
+
+def grid(faces: int) -> tuple[np.ndarray, np.ndarray]:
+    """A bumpy square of about so many faces."""
+    side = int(np.sqrt(faces / 2)) + 2
+    x, y = np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 1, side))
+    first = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).reshape(-1, 1)
+    cells = np.concatenate([first + [0, 1, side + 1], first + [0, side + 1, side]])
+    return np.stack([x, y, 0.05 * np.sin(20 * x)], axis=-1).reshape(-1, 3), cells
+
+
+def good(folder: Path) -> None:
+    box, ring = trimesh.creation.box(), trimesh.creation.torus(1, 0.3)
+    write(folder / "good" / "box.obj", box.vertices, box.faces)
+    write(folder / "good" / "ring.obj", ring.vertices, ring.faces)
+
+
+def usable(folder: Path) -> None:
+    box = trimesh.creation.box()
+    two = trimesh.util.concatenate([box, box.copy().apply_translation((0.5, 0.5, 0.5))])
+    fan = [[0, 1, 2], [0, 1, 3], [0, 1, 4]]
+    write(folder / "usable" / "triangle.obj", [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    write(folder / "usable" / "open.obj", SPHERE.vertices, SPHERE.faces[SPHERE.triangles_center[:, 2] < 0.3])
+    write(folder / "usable" / "inside-out.obj", SPHERE.vertices, SPHERE.faces[:, ::-1])
+    write(folder / "usable" / "non-manifold.obj", [[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, -1, 0]], fan)
+    write(folder / "usable" / "self-intersecting.obj", two.vertices, two.faces)
+    write(folder / "usable" / "tiny.obj", SPHERE.vertices * 1e-6, SPHERE.faces)
+    write(folder / "usable" / "huge.obj", SPHERE.vertices * 1e6, SPHERE.faces)
+    write(folder / "usable" / "far.obj", SPHERE.vertices + np.array([1e6, -1e6, 1e6]), SPHERE.faces)
+
+
+def bad(folder: Path) -> None:
+    (folder / "bad").mkdir()
+    (folder / "bad" / "empty.obj").touch()
+    (folder / "bad" / "text.obj").write_text("Dear reader,\nthis is a letter, not a mesh.\n")
+    vertices = SPHERE.vertices.copy()
+    vertices[3] = np.nan
+    write(folder / "bad" / "nan.obj", vertices, SPHERE.faces)
+    write(folder / "bad" / "faceless.obj", SPHERE.vertices, np.zeros((0, 3), int))
+    write(folder / "bad" / "areafree.obj", [[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
+    write(folder / "bad" / "many.obj", *grid(20_000))
+
+
+REASONS = {
+    "bad-empty": "is an empty file",
+    "bad-text": "text.obj",
+    "bad-nan": "1 of 162 vertices are not finite",
+    "bad-faceless": "no triangle mesh",
+    "bad-areafree": "zero area",
+    "bad-many": "faces exceed max_faces = 10000; decimate the mesh or raise sample-surfaces.max_faces",
+}
+
+
+def surfaces(objects: Path, data: Path) -> Collection:
+    arguments = ["run", "sample-surfaces", "--manifest", "directory", "--objects", str(objects), "--data", str(data)]
+    result = CliRunner().invoke(app, [*arguments, "--set", "points=500", "--set", "max_faces=10000"])
+    assert result.exit_code == 0, result.output
+    return DataDirectory(data).collection(SURFACES)
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory) -> tuple[Path, Collection]:
+    folder = tmp_path_factory.mktemp("objects")
+    for make in (good, usable, bad):
+        make(folder)
+    data = tmp_path_factory.mktemp("data")
+    return data, surfaces(folder, data)
+
+
+def test_each_bad_mesh_is_recorded_with_a_reason(mixed):
+    _, found = mixed
+    failures = {name: failure.reason for name in found if (failure := found.failure(name))}
+    assert failures.keys() == REASONS.keys()
+    for name, part in REASONS.items():
+        assert part in failures[name]
+
+
+def test_each_usable_mesh_has_a_row(mixed):
+    _, found = mixed
+    for name in (name for name in found if not name.startswith("bad")):
+        points = found.view(name)["points"]
+        assert np.isfinite(points).all()
+        assert np.linalg.norm(np.ptp(found.view(name)["meshes/vertices"], axis=0)) == pytest.approx(0.5)
+
+
+def test_normals_point_outward_on_an_inside_out_sphere(mixed):
+    view = mixed[1].view("usable-inside-out")
+    assert (((view["points"] - [0, 0, 0.6]) * view["normals"]).sum(axis=1) > 0).all()
+
+
+def test_good_meshes_are_unaffected_by_bad_ones(mixed, tmp_path):
+    _, found = mixed
+    (tmp_path / "objects").mkdir()
+    good(tmp_path / "objects")
+    alone = surfaces(tmp_path / "objects", tmp_path / "data")
+    assert [name for name in alone] == ["good-box", "good-ring"]
+    for name in alone:
+        for array, value in alone.view(name).items():
+            if array != "split":  # the split of an object depends on which others there are
+                np.testing.assert_array_equal(value, found.view(name)[array], err_msg=array)
+
+
+def test_status_lists_the_failures(mixed):
+    data, _ = mixed
+    report = json.loads(CliRunner().invoke(app, ["status", str(data), "--json"]).output)["surfaces"]
+    assert report["objects"] == 16
+    assert report["failures"].keys() == REASONS.keys()
+    assert "bad-nan" in CliRunner().invoke(app, ["status", str(data)]).output
+
+
+@pytest.mark.slow
+def test_million_faces_need_a_higher_limit(tmp_path):
+    write(tmp_path / "objects" / "million.obj", *grid(1_000_000))
+    folders = ["--objects", str(tmp_path / "objects"), "--data", str(tmp_path / "data")]
+    arguments = ["run", "sample-surfaces", "--manifest", "directory", *folders]
+    assert CliRunner().invoke(app, arguments).exit_code == 0
+    found = DataDirectory(tmp_path / "data").collection(SURFACES)
+    failure = found.shard("million").failure("million")
+    assert failure is not None
+    assert "exceed max_faces = 500000" in failure["reason"]
+    assert CliRunner().invoke(app, [*arguments, "--set", "max_faces=2000000"]).exit_code == 0
+    assert DataDirectory(tmp_path / "data").collection(SURFACES).shard("million").failure("million") is None

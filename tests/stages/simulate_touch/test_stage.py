@@ -1,0 +1,93 @@
+"""The stage on a pressed ball: arrays as declared, and one from another as documented."""
+
+from typing import Literal
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.engine.stage import Task
+from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.touch.contact import local_points, touch_success
+from pipeline.kernels.touch.tactile_image import tactile_image
+from pipeline.store.rows import Row
+from stages.simulate_touch.settings import TouchSettings
+from stages.simulate_touch.stage import SimulateTouch
+from tests.kernels.touch.shapes import SENSOR, pose_at
+
+STAGE = SimulateTouch()
+SIZES = {"row": 100, "col": 100, "rgb": 3, "point": 10_000, "xyz": 3, "grasp": 2, "sensor": 3}
+CENTRE = np.array([0.0, 0.0, 0.6])
+
+
+def task(poses: np.ndarray, sensor: str = "gel_16mm") -> Task:
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
+    mesh = Mesh.bare(np.asarray(ball.vertices) + CENTRE, np.asarray(ball.faces))
+    attributes = {"grasps": {"hand": {"sensor": sensor}}}
+    return Task("ball", "balls", 0, inputs={"grasps": {"sensor_pose": poses}}, attributes=attributes, load_mesh=lambda: mesh)
+
+
+def six_poses() -> np.ndarray:
+    """(2, 3, 4, 4): at 1 to 6 mm, 12 mm (sees, does not touch) and 1 m from the ball."""
+    distances = [0.001, 0.003, 0.006, 0.0065, 0.012, 1.0]
+    axes = np.random.default_rng(0).normal(size=(6, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    poses = [pose_at(CENTRE + 0.05 * a, -a, d) for a, d in zip(axes, distances, strict=True)]
+    return np.stack(poses).reshape(2, 3, 4, 4)
+
+
+def run(settings: TouchSettings, poses: np.ndarray) -> Row:
+    with STAGE.session(settings, {}) as process:
+        return process(task(poses))
+
+
+@pytest.mark.parametrize("tracer", ["ray", "sphere"])
+def test_rows_match_the_schema_and_follow_from_depth(tracer: Literal["ray", "sphere"]) -> None:
+    settings = TouchSettings(tracer=tracer, store_points=True)
+    poses = six_poses()
+    row = run(settings, poses)
+    for name, array in {**row, **STAGE.constants(settings)}.items():
+        declared = STAGE.output.arrays[name]
+        assert array.shape == tuple(SIZES[d] for d in declared.dims if d != "object"), name
+        assert array.dtype == declared.dtype, name
+    assert touch_success(row["depth"], SENSOR).tolist() == [[True, True, True], [True, False, False]]
+    assert np.isfinite(row["depth"][1, 1]).any()  # seen, though not touched
+    assert np.isinf(row["depth"][1, 2]).all()
+    assert (row["reading"][1, 1:] == STAGE.constants(settings)["untouched"]).all()
+    for index in np.ndindex(2, 3):
+        assert (row["reading"][index] == tactile_image(row["depth"][index], SENSOR)).all()
+        points, count = local_points(row["depth"][index], poses[index], SENSOR)
+        assert row["local_points"][index].tobytes() == points.tobytes()
+        assert row["local_count"][index] == count
+        radii = np.linalg.norm(points[:count] - CENTRE, axis=1)
+        assert (np.abs(radii - 0.05) < 2e-4).all()
+
+
+def test_tracers_agree_to_the_tolerance() -> None:
+    ray = run(TouchSettings(tracer="ray", gel_bits=None, far_bits=None), six_poses())["depth"]
+    sphere = run(TouchSettings(tracer="sphere", gel_bits=None, far_bits=None), six_poses())["depth"]
+    assert (np.isfinite(ray) == np.isfinite(sphere)).all()
+    assert np.abs(ray[np.isfinite(ray)] - sphere[np.isfinite(ray)]).max() <= 2e-7
+
+
+def test_local_points_are_stored_on_demand() -> None:
+    settings = TouchSettings()
+    assert set(run(settings, six_poses())) == {"depth", "reading"}
+    assert STAGE.attributes(settings)["sensor"]["w"] == SENSOR.w
+    assert [path.name for path in STAGE.assets(settings)] == ["gel_16mm.yaml"]
+
+
+def test_pose_that_is_not_finite_is_invalid_input() -> None:
+    poses = six_poses()
+    poses[1, 2, 0, 0] = np.nan
+    with pytest.raises(InvalidInput, match="NaN"):
+        run(TouchSettings(), poses)
+
+
+def test_another_sensor_than_that_of_the_hand_is_refused() -> None:
+    with (
+        pytest.raises(InvalidInput, match=r"the hand wears sensor other, .* is gel_16mm; --set simulate-touch.sensor=other"),
+        STAGE.session(TouchSettings(), {}) as process,
+    ):
+        process(task(six_poses(), sensor="other"))
