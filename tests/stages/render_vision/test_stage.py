@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from pipeline.config.hand_file import load_hand
+from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.vision.camera import project_points
@@ -25,9 +26,8 @@ def task(name: str, radius: float, held: str = "allegro_right") -> Task:
         name,
         "ball",
         0,
-        inputs={"grasps": {"hand_pose": poses, "joint_angles": angles}},
+        inputs={"surfaces": mesh_row(ball(radius)), "grasps": {"hand_pose": poses, "joint_angles": angles}},
         attributes={"grasps": {"settings": {"hand": held}}},
-        load_mesh=lambda: ball(radius),
     )
 
 

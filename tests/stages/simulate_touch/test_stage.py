@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Mesh
@@ -25,7 +26,7 @@ def task(poses: np.ndarray, sensor: str = "gel_16mm") -> Task:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
     mesh = Mesh.bare(np.asarray(ball.vertices) + CENTRE, np.asarray(ball.faces))
     attributes = {"grasps": {"hand": {"sensor": sensor}}}
-    return Task("ball", "balls", 0, inputs={"grasps": {"sensor_pose": poses}}, attributes=attributes, load_mesh=lambda: mesh)
+    return Task("ball", "balls", 0, inputs={"surfaces": mesh_row(mesh), "grasps": {"sensor_pose": poses}}, attributes=attributes)
 
 
 def six_poses() -> np.ndarray:
