@@ -138,8 +138,8 @@ def test_million_faces_need_a_higher_limit(tmp_path):
     arguments = ["run", "sample-surfaces", "--manifest", "directory", *folders]
     assert CliRunner().invoke(app, arguments).exit_code == 0
     found = DataDirectory(tmp_path / "data").collection(SURFACES)
-    failure = found.shard("million").failure("million")
+    failure = found.failure("million")
     assert failure is not None
-    assert "exceed max_faces = 500000" in failure["reason"]
+    assert "exceed max_faces = 500000" in failure.reason
     assert CliRunner().invoke(app, [*arguments, "--set", "max_faces=2000000"]).exit_code == 0
-    assert DataDirectory(tmp_path / "data").collection(SURFACES).shard("million").failure("million") is None
+    assert DataDirectory(tmp_path / "data").collection(SURFACES).failure("million") is None
