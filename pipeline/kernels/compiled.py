@@ -10,14 +10,14 @@ import numba
 F = TypeVar("F", bound=Callable[..., object])
 
 
-def compiled(signature: str | None = None) -> Callable[[F], F]:
+def compiled(signature: str | list[str] | None = None) -> Callable[[F], F]:
     """Compile a function of numbers and arrays to machine code, cached beside its file or in the user's cache.
 
     Parameters
     ----------
     signature
-        Types for which the function is compiled when its file is first imported; without, it is compiled when a compiled function
-        calls it.
+        Types, or several alternatives, for which the function is compiled when its file is first imported; without, it is compiled
+        when a compiled function calls it.
 
     Returns
     -------

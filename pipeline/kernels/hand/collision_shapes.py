@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import compose, invert_pose, transform_points
 from pipeline.kernels.hand.model import Hand
 
@@ -44,10 +44,7 @@ class CollisionSpheres:
     def world_centres(self, frames: NDArray[Any]) -> NDArray[Any]:
         """Compute the centres (3, N, B) in postures whose link frames are (N, L, 4, 4), in the frames' precision."""
         points = np.empty((3, len(frames), len(self.link)), frames.dtype)
-        centres = np.concatenate([self.centres.T, np.ones((1, len(self.link)))]).astype(frames.dtype)
-        edges = np.flatnonzero(np.diff(self.link, prepend=-1, append=-1))
-        for first, last in pairwise(edges):
-            points[:, :, first:last] = np.einsum("nij,jb->inb", frames[:, self.link[first], :3], centres[:, first:last])
+        _carry(np.ascontiguousarray(frames), self.centres.astype(frames.dtype), self.link, points)
         return points
 
 
@@ -106,6 +103,16 @@ def collision_boxes(hand: Hand) -> CollisionBoxes:
             halves.append((high - low) / 2)
             links.append(number)
     return CollisionBoxes(np.array(frames).reshape(-1, 4, 4), np.array(halves).reshape(-1, 3), np.array(links, np.intp))
+
+
+@compiled([f"void({real}[:, :, :, ::1], {real}[:, ::1], int64[::1], {real}[:, :, ::1])" for real in ("float32", "float64")])
+def _carry(frames: NDArray[Any], centres: NDArray[Any], link: NDArray[np.intp], points: NDArray[Any]) -> None:
+    """Fill `points` (3, N, B) with centres (B, 3) carried by the frames (N, L, 4, 4) of their links (B,)."""
+    for axis in range(3):
+        for n in range(len(frames)):
+            for b in range(len(link)):
+                row, (x, y, z) = frames[n, link[b], axis], centres[b]
+                points[axis, n, b] = (row[0] * x + row[1] * y) + (row[2] * z + row[3])
 
 
 def _fill(hull: ConvexHull, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

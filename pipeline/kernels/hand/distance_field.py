@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.mesh import face_cross_products, flatness
 
 BLOCK = 4
@@ -68,18 +69,11 @@ class DistanceField:
         may be wrong, but no point inside gets more than 2 cells. Rounding of coordinates to float32 adds half a micrometre per metre
         from the origin.
         """
-        scaled = np.empty((points[0].size, 3), np.float32)
-        for axis, count in enumerate(self.shape):
-            along = points[axis].ravel() - np.float32(self.origin[axis])
-            along *= np.float32(1 / self.cell)
-            np.maximum(along, np.float32(0), out=along)
-            np.minimum(along, np.float32(count - 1), out=scaled[:, axis])
-        nearest = (scaled + np.float32(0.5)).astype(np.int32)
-        records = np.take(self.records, (nearest[:, 0] * self.shape[1] + nearest[:, 1]) * self.shape[2] + nearest[:, 2], axis=0)
-        scaled -= nearest
-        scaled *= np.float32(self.cell)
-        distance: NDArray[np.float32] = records[:, 0] + np.einsum("ij,ij->i", records[:, 1:], scaled)
-        return distance.reshape(points.shape[1:])
+        distance = np.empty(points.shape[1:], np.float32)
+        origin, cells = self.origin.astype(np.float32), self.records.reshape(*self.shape, 4)
+        scale, cell = np.float32(1 / self.cell), np.float32(self.cell)
+        _look_up(np.ascontiguousarray(points).reshape(3, -1), origin, scale, cell, cells, distance.reshape(-1))
+        return distance
 
     def exact(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute exact signed distances.
@@ -108,6 +102,32 @@ class DistanceField:
         distance: NDArray[np.float64] = np.sqrt(squared)
         distance[_is_inside(self, closest, _unit(points - closest), distance)] *= -1
         return distance
+
+
+@compiled()
+def _clamp(value: np.float32, top: np.float32) -> np.float32:
+    """The value within 0 … `top`; 0 for NaN."""
+    return min(value, top) if value > 0 else np.float32(0)
+
+
+@compiled("void(float32[:, ::1], float32[::1], float32, float32, float32[:, :, :, ::1], float32[::1])")
+def _look_up(
+    points: NDArray[np.float32],
+    origin: NDArray[np.float32],
+    scale: np.float32,
+    cell: np.float32,
+    cells: NDArray[np.float32],
+    distance: NDArray[np.float32],
+) -> None:
+    """Fill `distance` (N,) of points (3, N) from the nearest cells' records, to first order; `scale` is cells per metre."""
+    for n in range(len(distance)):
+        x = _clamp((points[0, n] - origin[0]) * scale, np.float32(cells.shape[0] - 1))
+        y = _clamp((points[1, n] - origin[1]) * scale, np.float32(cells.shape[1] - 1))
+        z = _clamp((points[2, n] - origin[2]) * scale, np.float32(cells.shape[2] - 1))
+        i, j, k = int(x + np.float32(0.5)), int(y + np.float32(0.5)), int(z + np.float32(0.5))
+        dx, dy, dz = (x - np.float32(i)) * cell, (y - np.float32(j)) * cell, (z - np.float32(k)) * cell
+        record = cells[i, j, k]
+        distance[n] = record[0] + ((record[1] * dx + record[2] * dy) + record[3] * dz)
 
 
 def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, cell: float, band: float) -> DistanceField:

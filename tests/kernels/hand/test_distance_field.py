@@ -199,6 +199,7 @@ def test_distance_field_takes_no_points_and_rejects_what_is_not_finite() -> None
     field: DistanceField = build_distance_field(BOX.vertices, BOX.faces, cell=CELL, band=BAND)
     assert field.exact(np.zeros((0, 3))).shape == (0,)
     assert field.lookup(np.zeros((3, 0), np.float32)).shape == (0,)
+    assert (field.lookup(np.array([[np.inf], [-np.inf], [np.nan]], np.float32)) > 0).all()  # the grid's rim
     for bad in (np.nan, np.inf):
         with pytest.raises(ValueError, match="NaN or infinite"):
             field.exact(np.array([[0, bad, 0]]))
