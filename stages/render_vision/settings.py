@@ -8,11 +8,11 @@ class VisionSettings(Settings):
 
     scene: str = setting(
         "supplement",
-        "its camera, one lamp, constant light; another is another file, by name or by path ending in .yaml",
+        "the supplement's camera, one lamp, constant light; name of a shipped scene or path of a .yaml file",
         changes="definition",
     )
-    hand: str = setting("allegro_right", "the hand that `simulate-grasps` placed: it must be the same", changes="definition")
-    resolution: int = setting(256, "pixels a side, the supplement's; the camera's intrinsics scale with it", ge=16, le=4096)
+    hand: str = setting("allegro_right", "must be the hand of `simulate-grasps`", changes="definition")
+    resolution: int = setting(256, "pixels per side, the supplement's; the camera's intrinsics scale with it", ge=16, le=4096)
     occluded: bool = setting(
-        True, "an image of every grasp; off, only the object alone is rendered, a sixth of the time and the bytes", changes="definition"
+        True, "one image per grasp; false renders only the object alone, in a sixth of the time and the bytes", changes="definition"
     )

@@ -1,4 +1,4 @@
-"""Supplement 1.4: an image of the object alone, and one of each grasp with the hand in front of it or behind."""
+"""`render-vision`: an image of every object alone and one of every grasp (supplement 1.4)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ HandMeshes = list[tuple[int, MeshHandle]]
 
 
 class RenderVision(ObjectStage):
-    """From objects and hands where they stand to what a camera sees."""
+    """Renders objects, alone and with the hand at every grasp."""
 
     name = "render-vision"
     summary = "Images of every object alone and in every grasp, with segmentation."
@@ -38,11 +38,11 @@ class RenderVision(ObjectStage):
     settings_type = VisionSettings
 
     def inputs(self, settings: VisionSettings) -> tuple[Artifact, ...]:
-        """The meshes, and where hand and sensors stand."""
+        """The meshes and the poses of the hand."""
         return (SURFACES, GRASPS)
 
     def assets(self, settings: VisionSettings) -> list[Path]:
-        """The scene, the hand with its shapes, and the shaders."""
+        """The files of the scene, the hand and the shaders."""
         return [scene_path(settings.scene), *load_hand(settings.hand).files, *shader_paths()]
 
     def constants(self, settings: VisionSettings) -> Row:
@@ -50,17 +50,17 @@ class RenderVision(ObjectStage):
         return {"camera": projection_matrix(load_scene(settings.scene).camera.with_resolution(settings.resolution))}
 
     def attributes(self, settings: VisionSettings) -> dict[str, Any]:
-        """The scene: its lamp, constant light and background are the project's choice, so they stand with the data."""
+        """The scene: its lamp, constant light and background are the project's choice, so they are stored with the data."""
         return {"scene": load_scene(settings.scene).model_dump(mode="json")}
 
     def cost(self, settings: VisionSettings) -> Cost:
-        """Six images, or one, with their segmentation, as measured on real meshes."""
+        """Six images, or one, with their segmentation."""
         images, pixels = (6 if settings.occluded else 1), (settings.resolution / 256) ** 2
         return Cost(seconds=0.05 + 0.025 * images * pixels, kilobytes=15 * images * pixels)
 
     @contextmanager
     def session(self, settings: VisionSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
-        """One renderer a worker, with the hand's shapes in it."""
+        """Open one renderer per worker, with the hand's meshes in it."""
         hand = load_hand(settings.hand)
         with Renderer(load_scene(settings.scene), settings.resolution) as renderer:
             meshes = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in hand.visual_meshes]

@@ -1,1 +1,1 @@
-"""From mesh files to normalised meshes and points on their exterior."""
+"""The stage `sample-surfaces`."""

@@ -1,16 +1,18 @@
-"""What can be set about `sample-surfaces`."""
+"""The settings of `sample-surfaces`."""
 
 from pipeline.config.settings import Settings, setting
 
 
 class SurfaceSettings(Settings):
-    """The settings of `sample-surfaces`."""
+    """How meshes become points on their exterior surface (supplement 1.1, 1.2)."""
 
     points: int = setting(10_000, "the supplement's S^obj (1.1)", gt=0)
-    diagonal: float = setting(0.5, "bounding-box diagonal an object is scaled to, m: the authors' 1 × 0.5", gt=0, changes="definition")
+    diagonal: float = setting(0.5, "bounding-box diagonal that objects are scaled to, m: the authors' 1 × 0.5", gt=0, changes="definition")
     directions: int = setting(
         256,
-        "directions among which two must lead out for a point to be exterior: 64 miss 0.1 % of the surface, more find ever narrower gaps",
+        "directions of which two must be free for a point to be exterior: 64 miss 0.1 % of the surface, more find ever narrower gaps",
         ge=2,
     )
-    max_faces: int = setting(500_000, "beyond it physics takes minutes an object and says little more", gt=0, changes="definition")
+    max_faces: int = setting(
+        500_000, "with more, physics takes minutes per object and its result hardly changes", gt=0, changes="definition"
+    )

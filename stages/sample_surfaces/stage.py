@@ -1,4 +1,4 @@
-"""`sample-surfaces`: every object's mesh, gated and normalised, and points on the surface one can touch (supplement 1.1, 1.2)."""
+"""`sample-surfaces`: every object's cleaned and normalised mesh, and points on its exterior surface (supplement 1.1, 1.2)."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from stages.sample_surfaces.settings import SurfaceSettings
 
 
 class SampleSurfaces(ObjectStage):
-    """Takes a manifest's objects; the only stage that opens source files."""
+    """Cleans, normalises and samples a manifest's objects; the only stage that opens source files."""
 
     name = "sample-surfaces"
-    summary = "gate and normalise every mesh, draw points from its exterior surface"
+    summary = "Clean and normalise every mesh, draw points from its exterior surface."
     output = SURFACES
     settings_type = SurfaceSettings
 
     def cost(self, settings: SurfaceSettings) -> Cost:
-        """Seconds and bytes an object, typically."""
+        """One mesh and its points."""
         return Cost(seconds=0.15, kilobytes=400 * settings.points / 10_000)
 
     @contextmanager
     def session(self, settings: SurfaceSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
-        """Nothing is kept between objects."""
+        """Keep nothing between objects."""
         yield lambda task: _process(task, settings)
 
 
@@ -60,5 +60,5 @@ def source_mesh(task: Task) -> Mesh:
     if "procedural" not in task.source:
         return load_mesh(Path(task.source["file"]))
     category, variant, seed = (task.source[name] for name in ("procedural", "variant", "seed"))
-    order = numpy_rng(seed, "procedural", category).permutation(len(KINDS[category]))  # no kind again before each was there
+    order = numpy_rng(seed, "procedural", category).permutation(len(KINDS[category]))  # every kind once before any repeats
     return generate(category, numpy_rng(seed, "procedural", category, variant), order[variant % len(order)])

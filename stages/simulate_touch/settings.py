@@ -7,18 +7,16 @@ from pipeline.kernels.touch.sphere_tracing import MAX_STEPS, TOLERANCE
 
 
 class TouchSettings(Settings):
-    """How touches become depth maps and readings (supplement 1.5)."""
+    """How depth maps and tactile images are simulated (supplement 1.5)."""
 
-    sensor: str = setting(
-        "gel_16mm", "the supplement's sensor; another is another file, by name or by path ending in .yaml", changes="definition"
-    )
+    sensor: str = setting("gel_16mm", "the supplement's sensor; name of a shipped sensor or path of a .yaml file", changes="definition")
     tracer: Literal["ray", "sphere"] = setting(
         "ray",
-        "exact, and tens of times faster than the supplement's `sphere`, which stops `sphere_tolerance` too soon",
+        "exact, and tens of times faster than the supplement's `sphere`, which stops `sphere_tolerance` before the surface",
     )
     sphere_tolerance: float = setting(
         TOLERANCE,
-        "m before the surface at which a sphere-traced ray stops: its error; 1 µm would save a fifth of the time",
+        "greatest distance before the surface at which a sphere-traced ray stops, m; 1 µm would save a fifth of the time",
         gt=0,
         le=1e-3,
     )
@@ -29,14 +27,14 @@ class TouchSettings(Settings):
     )
     gel_bits: int | None = setting(
         26,
-        "depth in the gel is stored in steps of 2^-26 m: at most 8 nm off, and a fifth fewer bytes; null keeps float32's digits",
+        "depth in the gel is stored in steps of 2^-26 m: error at most 8 nm, a fifth fewer bytes; null keeps float32's precision",
         ge=10,
         le=40,
     )
     far_bits: int | None = setting(
         18,
-        "depth beyond the gel, which no reading shows: at most 2 µm off, and a fifth fewer bytes",
+        "depth beyond the gel, which no tactile image shows: error at most 2 µm, a fifth fewer bytes",
         ge=10,
         le=40,
     )
-    store_points: bool = setting(False, "depth and pose give the points again, bit for bit, and they are three quarters of the bytes")
+    store_points: bool = setting(False, "local points follow from depth and pose bit for bit, and would be three quarters of the bytes")

@@ -1,4 +1,4 @@
-"""Supplement 1.5: each sensor's orthographic depth map, and the reading and local points that follow from it."""
+"""`simulate-touch`: every sensor's depth map, and the tactile image and local points that follow from it (supplement 1.5)."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ from stages.simulate_touch.settings import TouchSettings
 
 
 class SimulateTouch(ObjectStage):
-    """From where the sensors stand to what they feel."""
+    """Simulates what every sensor of every grasp measures."""
 
     name = "simulate-touch"
-    summary = "Depth map and tactile reading of every sensor of every grasp."
+    summary = "Depth map and tactile image of every sensor of every grasp."
     output = TOUCH
     settings_type = TouchSettings
 
     def inputs(self, settings: TouchSettings) -> tuple[Artifact, ...]:
-        """The meshes, and where hand and sensors stand."""
+        """The meshes and the poses of the sensors."""
         return (SURFACES, GRASPS)
 
     def assets(self, settings: TouchSettings) -> list[Path]:
-        """The sensor's description."""
+        """The sensor file."""
         return [sensor_path(settings.sensor)]
 
     def constants(self, settings: TouchSettings) -> Row:
-        """The reading of a sensor that nothing touches."""
+        """The tactile image of a sensor that nothing touches."""
         return {"untouched": untouched_image(load_sensor(settings.sensor))}
 
     def attributes(self, settings: TouchSettings) -> dict[str, Any]:
@@ -52,7 +52,7 @@ class SimulateTouch(ObjectStage):
         return {"sensor": load_sensor(settings.sensor).model_dump(mode="json")}
 
     def cost(self, settings: TouchSettings) -> Cost:
-        """Twenty sensors, as measured on real meshes."""
+        """Twenty sensors per object."""
         return Cost(seconds=0.03 if settings.tracer == "ray" else 0.7, kilobytes=1600 if settings.store_points else 600)
 
     @contextmanager
@@ -72,9 +72,11 @@ class SimulateTouch(ObjectStage):
 
 
 def _check_sensor(task: Task, settings: TouchSettings) -> None:
-    worn = task.attributes["grasps"]["hand"]["sensor"]
-    if worn != settings.sensor:
-        raise InvalidInput(f"the hand wears sensor {worn}, simulate-touch.sensor is {settings.sensor}; --set simulate-touch.sensor={worn}")
+    mounted = task.attributes["grasps"]["hand"]["sensor"]
+    if mounted != settings.sensor:
+        raise InvalidInput(
+            f"the hand carries sensor {mounted}, simulate-touch.sensor is {settings.sensor}; --set simulate-touch.sensor={mounted}"
+        )
 
 
 def _touch(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, settings: TouchSettings) -> Row:

@@ -88,7 +88,7 @@ def test_pose_that_is_not_finite_is_invalid_input() -> None:
 
 def test_another_sensor_than_that_of_the_hand_is_refused() -> None:
     with (
-        pytest.raises(InvalidInput, match=r"the hand wears sensor other, .* is gel_16mm; --set simulate-touch.sensor=other"),
+        pytest.raises(InvalidInput, match=r"the hand carries sensor other, .* is gel_16mm; --set simulate-touch.sensor=other"),
         STAGE.session(TouchSettings(), {}) as process,
     ):
         process(task(six_poses(), sensor="other"))
