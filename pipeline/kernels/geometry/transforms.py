@@ -33,19 +33,22 @@ def compose(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np
 
 
 def _stacked(matrices: NDArray[np.float64], batch: tuple[int, ...]) -> NDArray[np.float64]:
-    """Copy matrices (..., N, K), broadcast to `batch`, as (B, N, K)."""
+    """Copy matrices (..., N, K) as (B, N, K): broadcast to `batch`, except that a single one stays single."""
     shape = matrices.shape[-2:]
-    return np.array(np.broadcast_to(matrices, (*batch, *shape)), np.float64, order="C").reshape(-1, *shape)
+    if matrices.ndim > 2 and matrices.shape[:-2] != batch:
+        matrices = np.broadcast_to(matrices, (*batch, *shape))
+    return np.array(matrices, np.float64, order="C").reshape(-1, *shape)
 
 
 @compiled("void(float64[:, :, ::1], float64[:, :, ::1], float64[:, :, ::1])")
 def _multiply(left: NDArray[np.float64], right: NDArray[np.float64], product: NDArray[np.float64]) -> None:
     for n in range(product.shape[0]):
+        i, j = min(n, left.shape[0] - 1), min(n, right.shape[0] - 1)  # a single matrix is every product's
         for row in range(product.shape[1]):
             for col in range(product.shape[2]):
                 total = 0.0
                 for k in range(left.shape[2]):
-                    total += left[n, row, k] * right[n, k, col]
+                    total += left[i, row, k] * right[j, k, col]
                 product[n, row, col] = total
 
 
