@@ -1,18 +1,18 @@
-# The DAG of vt-pipeline. `make` lists the targets.
+# Makes datasets and trained models with vt-pipeline. `make` lists the targets and the variables below.
 #
-#   MANIFEST  which objects: toy, procedural, four-classes, pybullet-objects, directory, warehouse, or a YAML file  (toy)
-#   PRESET    draft, standard or paper                                                       (draft)
-#   SHARDS    into how many shards the objects are split; `make -j` works on them side by side  (1)
-#   WORKERS   processes a shard; 0 for one a core                                            (0, with -j 1)
-#   DATA      where the data set goes                                                        (data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET)
-#   OBJECTS   folder of meshes, for manifests that name none
-#   SET       settings: SET="simulate-grasps.attempts=20 simulate-touch.tracer=sphere"
-#   CONFIGURATIONS  graph networks to train and evaluate; what none of them sees or feels is not made
-#                   (none touch occluded occluded-touch unoccluded unoccluded-touch)
+#   MANIFEST=toy      which objects: toy, procedural, four-classes, pybullet-objects, directory, warehouse, or a YAML file
+#   PRESET=draft      draft, standard or paper
+#   DATA=...          data directory; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET
+#   OBJECTS=...       folder of meshes, for manifests that name none
+#   SET="..."         settings: SET="simulate-grasps.attempts=20 simulate-touch.tracer=sphere"
+#   SHARDS=...        shards the objects are split into; by default the number that the dataset has, 1 for a new one
+#   WORKERS=0         processes per shard; 0 is one per core (1 where `make -j` runs several shards at a time)
+#   CONFIGURATIONS="none touch occluded occluded-touch unoccluded unoccluded-touch"
+#                     graph networks to train and evaluate; images or touches that none of them uses are not made
 
 MANIFEST ?= toy
 PRESET   ?= draft
-SHARDS   ?= 1
+SHARDS   ?=
 DATA     ?= data/$(basename $(notdir $(MANIFEST)))$(if $(OBJECTS),-$(notdir $(abspath $(OBJECTS))))/$(PRESET)
 OBJECTS  ?=
 SET      ?=
@@ -20,29 +20,35 @@ CONFIGURATIONS ?= none touch occluded occluded-touch unoccluded unoccluded-touch
 VENV     ?= .venv
 PYTHON   ?= python3.11
 
-# Under `make -j` shards run side by side, if there are several; else a shard's objects do, on all cores.
-WORKERS  ?= $(if $(and $(filter -j%,$(MAKEFLAGS)),$(filter-out 1,$(SHARDS))),1,0)
+# The number of shards: as asked for, else as the dataset says of itself, else 1.
+KNOWN    := $(shell sed -n 's/.*"shards": *\([0-9]*\).*/\1/p' $(DATA)/dataset.json 2>/dev/null)
+COUNT    := $(or $(SHARDS),$(KNOWN),1)
+NUMBERS  := $(shell seq 0 $$(($(COUNT) - 1)) 2>/dev/null)
+ifeq ($(NUMBERS),)
+$(error SHARDS is $(COUNT); it must be a whole number, 1 or more)
+endif
+
+# `make -j` works on several shards at a time, with one core each; otherwise the objects of one shard share all cores.
+WORKERS  ?= $(if $(and $(filter -j%,$(MAKEFLAGS)),$(filter-out 1,$(COUNT))),1,0)
 
 BIN      := $(VENV)/bin
 APT      := libegl1 libgl1 libxrender1 libgl1-mesa-dri
-NUMBERS  := $(shell seq 0 $$(($(SHARDS) - 1)) 2>/dev/null)
-ifeq ($(NUMBERS),)
-$(error SHARDS is $(SHARDS); it must be a whole number, 1 or more)
-endif
 RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) --data $(DATA) \
-            $(if $(OBJECTS),--objects $(OBJECTS)) $(addprefix --set ,$(SET)) --workers $(WORKERS) --shards $(SHARDS)
+            $(if $(OBJECTS),--objects $(OBJECTS)) $(addprefix --set ,$(SET)) --workers $(WORKERS) $(if $(SHARDS)$(KNOWN),--shards $(COUNT))
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup system dataset summary train train-unet evaluate report reproduce test test-slow test-cpus lint bench bench-peers tradeoff tradeoff-missing clean FORCE
+.PHONY: help docs setup system dataset summary train train-unet evaluate report reproduce test test-slow test-cpus lint bench bench-peers tradeoff tradeoff-missing clean FORCE
 FORCE:
 
 help:  ## list the targets
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-16s %s\n", $$1, $$2}'
+	@echo "targets:"; grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-16s %s\n", $$1, $$2}'
+	@echo; echo "variables:"; sed -n 's/^#   /  /p' $(firstword $(MAKEFILE_LIST))
 
-dataset: summary  ## make the data set, then print its statistics and draw its contact sheets
+dataset: summary  ## make the dataset, print its statistics and draw its contact sheets
 
-# ---- the stages: a target a stage and shard; only the runner knows whether there is anything to do, so it is always asked
+# ---- The stages: one target per stage and shard. Each is always run: vt-pipeline itself knows what is up to date.
+# tests/test_makefile.py checks that the prerequisites are the stages' inputs.
 
 sample-surfaces.%: $(VENV)/installed FORCE
 	@$(SHARD)
@@ -53,13 +59,12 @@ render-vision.%: simulate-grasps.%
 simulate-touch.%: simulate-grasps.%
 	@$(SHARD)
 
-
 SURFACES  = $(addprefix sample-surfaces.,$(NUMBERS))
 IMAGES    = $(addprefix render-vision.,$(NUMBERS))
 TOUCHES   = $(addprefix simulate-touch.,$(NUMBERS))
 CHARTS    = $(addprefix fit-charts.,$(NUMBERS))
 
-train-unet: $(TOUCHES)
+train-unet: $(TOUCHES)  ## train the U-Net that predicts depth from tactile images
 	@$(RUN)
 fit-charts.%: train-unet
 	@$(SHARD)
@@ -70,25 +75,25 @@ train-gcn.%: $$(SURFACES) $$(if $$(findstring occluded,$$*)$$(findstring image,$
 
 comma    := ,
 space    := $(subst ,, )
-train: $(addprefix train-gcn.,$(CONFIGURATIONS))  ## train every network: the one that reads touches, and the graph networks
-evaluate: train $(TOUCHES)  ## measure the graph networks on the test objects, beside the supplement's tables
+train: $(addprefix train-gcn.,$(CONFIGURATIONS))  ## train the graph networks, and the U-Net for those that feel
+evaluate: train $(TOUCHES)  ## evaluate the graph networks on the test objects, beside the supplement's tables
 	@$(RUN) --set 'evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]'
-report: evaluate  ## say whether the supplement's orderings hold; draw learning curves and reconstructions
+report: evaluate  ## check the supplement's orderings; draw learning curves and reconstructions
 	@$(BIN)/vt-pipeline report $(DATA)
 
-reproduce:  ## the supplement's claims, tested on 240 modelled objects: data set, training, evaluation, report
+reproduce:  ## test the supplement's claims on 240 procedural objects: dataset, training, evaluation, report (about an hour)
 	@began=$$(date +%s); $(MAKE) --no-print-directory summary MANIFEST=four-classes PRESET=draft && made=$$(date +%s) && \
 	$(MAKE) --no-print-directory -j$$(nproc) report MANIFEST=four-classes PRESET=draft && \
-	echo "data set: $$(((made - began) / 60)) min; training, evaluation and report: $$((($$(date +%s) - made) / 60)) min on $$(nproc) cores"
+	echo "dataset: $$(((made - began) / 60)) min; training, evaluation and report: $$((($$(date +%s) - made) / 60)) min on $$(nproc) cores"
 
 .PRECIOUS: sample-surfaces.% simulate-grasps.% render-vision.% simulate-touch.% fit-charts.% train-gcn.%
 
-summary: $(IMAGES) $(TOUCHES)
+summary: $(IMAGES) $(TOUCHES)  ## the statistics and contact sheets alone
 	@$(BIN)/vt-pipeline summary $(DATA)
 
-# ---- what has to be installed
+# ---- Installation
 
-setup: $(VENV)/installed  ## install everything that is needed: system libraries, .venv, pinned packages
+setup: $(VENV)/installed  ## install system libraries and, into .venv, pinned packages
 
 system:
 	@command -v dpkg-query >/dev/null || exit 0; \
@@ -112,19 +117,22 @@ $(VENV)/installed-dev: $(VENV)/installed
 	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 
-# ---- tests and measurements
+# ---- Documents, tests and measurements
 
-lint: $(VENV)/installed-dev  ## check style, types and the direction of imports
+docs: $(VENV)/installed  ## regenerate docs/data-format.md and docs/settings.md
+	@$(BIN)/python -m pipeline.reports.reference_pages docs
+
+lint: $(VENV)/installed-dev  ## check style, types and import directions
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports --no-cache
 
-test: lint  ## run the tests, a toy shard through every stage among them (under 10 minutes on 2 cores)
+test: lint  ## run the tests, among them a few objects through every stage (under 10 minutes on 2 cores)
 	@$(BIN)/pytest -n auto --dist loadfile -m 'not slow'
 
 test-cpus: lint  ## run the tests as on older processors: without AVX-512, and without AVX2 and FMA
 	@for name in haswell prescott; do \
 	    echo "as on $$name"; $(BIN)/python -m tests.processors $$name $(BIN)/pytest -n auto --dist loadfile -m 'not slow' || exit 1; done
 
-test-slow: lint  ## run the same suites at full size
+test-slow: lint  ## run the same tests at full size
 	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
 
 bench: $(VENV)/installed-dev  ## measure every stage beside its raw limit, in one run
@@ -141,7 +149,7 @@ PEERS    := .venv-peers
 bench-peers: $(PEERS)/installed $(PEERS)-tacto/installed simulate-touch.0  ## measure TACTO, Taxim, KeOps, HDF5 … beside ours; writes docs/peers.md
 	@KEOPS_CACHE_FOLDER=$(abspath $(PEERS))/keops OMP_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.peers --data $(DATA) --write docs/peers.md
 
-# The peers that get on with our packages see those of $(VENV), and are installed beside them; TACTO gets an environment of its own.
+# Most peers work with our package versions: their environment adds to $(VENV). TACTO needs other versions, in an environment of its own.
 $(PEERS)/installed: $(VENV)/installed-dev benchmarks/peers/requirements.txt
 	@test -x $(PEERS)/bin/python || $(BIN)/python -m venv $(PEERS)
 	@$(BIN)/python -c 'import site; print("import site; site.addsitedir(%r)" % site.getsitepackages()[0])' \

@@ -1,0 +1,145 @@
+"""Write the reference pages `docs/data-format.md` and `docs/settings.md`: `make docs`.
+
+What is above the marker in a page is written by hand; the rest is generated from `schemas/` and from the stages' settings.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic.fields import FieldInfo
+
+from pipeline.config.presets import load_presets
+from pipeline.config.settings import Settings
+from pipeline.engine.stage import DatasetStage, ObjectStage
+from schemas.base import COMMON, FIXED, Array
+from schemas.catalogue import ARTIFACTS
+from schemas.evaluation import TABLES
+from stages.registry import STAGES, load_stage
+
+MARKER = "<!-- Generated below this line by `make docs`; do not edit. -->\n"
+
+
+def main() -> None:
+    """Bring the pages in a folder, by default `docs`, up to date."""
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs")
+    for name, generate in PAGES.items():
+        path = folder / name
+        path.write_text(regenerated(path.read_text(encoding="utf-8"), generate()), encoding="utf-8")
+
+
+def regenerated(page: str, generated: str) -> str:
+    """Replace what is below the marker of a page."""
+    written, marker, _ = page.partition(MARKER)
+    if not marker:
+        raise ValueError(f"the page has no line {MARKER!r}; add it below what is written by hand")
+    return f"{written}{MARKER}\n{generated}"
+
+
+# ---- docs/data-format.md
+
+
+def data_format() -> str:
+    """Describe every artifact and table."""
+    return "\n".join([*_artifacts(), *_tables()])
+
+
+def _artifacts() -> Iterator[str]:
+    yield "## Arrays of every artifact\n"
+    yield _array_table(COMMON)
+    yield "Dimensions of one size everywhere: " + ", ".join(f"`{name}` {size}" for name, size in FIXED.items()) + ".\n"
+    makers = {stage.output.name: name for name in STAGES if isinstance(stage := load_stage(name), ObjectStage)}
+    for artifact in ARTIFACTS.values():
+        yield f"## `{artifact.name}`\n"
+        yield f"{artifact.summary} Written by `{makers[artifact.name]}`, schema version {artifact.version}.\n"
+        yield _array_table({name: array for name, array in artifact.arrays.items() if name not in COMMON})
+        if artifact.ragged:
+            yield "Per object, in a group `meshes/OBJECT_ID` where `meshes` is the first part of the name:\n"
+            yield _array_table(artifact.ragged)
+
+
+def _tables() -> Iterator[str]:
+    yield "## `evaluation`\n"
+    yield "One Zarr group per table in `tables.zarr`; `values` and `predictions` hold one group per configuration.\n"
+    for name, table in TABLES.items():
+        yield f"### `{name}`\n"
+        yield f"{table.summary}\n"
+        yield _array_table(table.arrays)
+
+
+def _array_table(arrays: Mapping[str, Array]) -> str:
+    rows = [(f"`{name}`", ", ".join(array.dims), array.dtype, array.units, _meaning(array)) for name, array in arrays.items()]
+    return _table(("array", "dimensions", "type", "units", "meaning"), rows)
+
+
+def _meaning(array: Array) -> str:
+    equation = f" Equation {array.equation}." if array.equation else ""
+    return array.description + equation + (" May be left out." if array.optional and not array.is_coordinate else "")
+
+
+# ---- docs/settings.md
+
+
+def settings() -> str:
+    """Describe every setting of every stage."""
+    return "\n".join(part for name in STAGES for part in _stage(name))
+
+
+def _stage(name: str) -> Iterator[str]:
+    stage = load_stage(name)
+    chosen = stage.settings_type()
+    reads = [artifact.name for artifact in stage.inputs(chosen)] + list(stage.models(chosen))
+    writes = stage.folder(chosen) if isinstance(stage, DatasetStage) else stage.output.name
+    presets = {preset: values.get(name, {}) for preset, values in load_presets().items()}
+    yield f"## {name}\n"
+    yield f"{stage.summary} Reads {_listed(reads) if reads else 'mesh files'}; writes `{writes}`.\n"
+    yield _table(("setting", "type", "default", "in presets", "changes", "why"), _setting_rows(stage.settings_type, presets))
+
+
+def _setting_rows(kind: type[Settings], presets: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
+    for field, info in kind.model_fields.items():
+        others = [f"{preset}: `{_value(values[field])}`" for preset, values in presets.items() if field in values]
+        yield f"`{field}`", _type(info), f"`{_value(info.default)}`", ", ".join(others), kind.changes(field), str(info.description)
+
+
+def _value(value: Any) -> str:
+    """A value as `--set` takes it."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    return f"[{', '.join(map(_value, value))}]" if isinstance(value, list | tuple) else str(value)
+
+
+def _type(info: FieldInfo) -> str:
+    """A field's type with its limits, in words."""
+    signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+    limits = [
+        f"{sign} {limit:g}" for part in info.metadata for name, sign in signs.items() if (limit := getattr(part, name, None)) is not None
+    ]
+    return ", ".join([_type_name(info.annotation), *limits])
+
+
+def _type_name(kind: Any) -> str:
+    if get_origin(kind) is Literal:
+        return " or ".join(f"`{_value(choice)}`" for choice in get_args(kind))
+    if get_args(kind):
+        text = str(kind).replace("typing.", "").replace("None", "null")
+        return f"`{text}`" if "[" in text else text.replace(" | ", " or ")
+    return str(getattr(kind, "__name__", kind))
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    lines = [head, tuple("---" for _ in head), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
+
+
+PAGES = {"data-format.md": data_format, "settings.md": settings}
+
+if __name__ == "__main__":
+    main()
