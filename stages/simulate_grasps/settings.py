@@ -15,11 +15,13 @@ class GraspSettings(Settings):
     )
     grasps: int = setting(5, "the best five are kept (supplement 1.3)", ge=1, changes="definition")
     attempts: int = setting(
-        50, "placements tried an object at most, as many as the authors' later simulator tries; 12 leave 4 % of the sensors untouched", ge=1
+        50,
+        "poses of the palm tried per object at most, as many as the authors' later simulator tries; 12 leave 4 % of the sensors untouched",
+        ge=1,
     )
     exhaustive: bool = setting(
         False,
-        "make all attempts, for their statistics; else it ends once no other could be kept, with the same grasps, in a third of the time",
+        "make all attempts, for their statistics; else the stage ends once no other could be kept, with the same grasps, in a third of the time",
     )
     least_distance: float = setting(
         0.005, "m from object to palm at least: nearer, the thumb's base is in the way; 30 mm touches as often", ge=0
@@ -27,7 +29,7 @@ class GraspSettings(Settings):
     greatest_distance: float = setting(0.06, "m from object to palm at most: up to 100 mm 70 % of all sensors touch instead of 76", gt=0)
     ik_samples: int = setting(
         1024,
-        "joint vectors a finger that the inverse kinematics chooses among: 256, 1024, 2048 touch with 72, 76, 80 % of all sensors",
+        "joint vectors per finger that the inverse kinematics chooses among: 256, 1024, 2048 touch with 72, 76, 80 % of all sensors",
         ge=64,
     )
     ik_refinements: int = setting(
@@ -44,11 +46,11 @@ class GraspSettings(Settings):
     settle_steps: int = setting(400, "steps of 1/240 s that contact may take to settle; what has not is no grasp", ge=20)
     resting_speed: float = setting(2e-3, "rad/s below which a joint rests: at most 1 µm of the sensor's way in one step", gt=0)
     penetration_limit: float = setting(
-        0.001, "m that a rigid part may stand inside the object in a grasp that is kept", ge=0, changes="definition"
+        0.001, "m that a rigid link may penetrate the object in a grasp that is kept", ge=0, changes="definition"
     )
     grid_cell: float = setting(
         0.005,
-        "m a cell of the distance grid: 2.5 mm finds no more and takes half as long again, at 10 mm a part once stood 0.2 mm deep",
+        "m, side of a cell of the distance grid: 2.5 mm finds no more and takes half as long again, with 10 mm one link was 0.2 mm deep",
         gt=0,
     )
 

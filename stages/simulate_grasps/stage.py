@@ -27,7 +27,7 @@ SECOND_CHANCES = 4
 
 
 class SimulateGrasps(ObjectStage):
-    """From an object's surface to where the hand and its sensors stand on it."""
+    """From an object's surface to the poses of the hand and its sensors around it."""
 
     name = "simulate-grasps"
     summary = "The best grasps of many, settled in physics, and where each touches."
