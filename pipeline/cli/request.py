@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -36,7 +37,12 @@ def failures_as_words() -> Iterator[None]:
     except (PipelineError, OSError) as error:
         fail(error)
     except KeyboardInterrupt:
-        fail("interrupted; what is finished is kept, run the same command to go on")
+        fail("interrupted; what is finished is kept, run the same command to continue")
+    except typer.Exit:
+        raise
+    except Exception:
+        traceback.print_exc()
+        fail("this is a bug in vt-pipeline; please report it with the traceback above. What is finished is kept")
 
 
 def a_stage_has(setting: str) -> bool:

@@ -18,7 +18,7 @@ from pipeline.store.shard import Shard
 from schemas.base import Artifact
 from schemas.catalogue import artifact_of
 
-CACHE_BYTES = 512 * 2**20
+CACHE_BYTES = 256 * 2**20
 """Of decoded arrays that are kept: a small dataset is read once, a large one streams through."""
 
 DERIVED = ("local_points", "local_count")

@@ -1,0 +1,15 @@
+"""The import contract of pyproject.toml names every module there is."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_layers_name_every_module_of_the_project():
+    contract = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]
+    named = {module.strip() for layer in contract["layers"] for module in layer.replace("|", ":").split(":")}
+    modules = {f"pipeline.{path.stem}" for path in (ROOT / "pipeline").iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
+    assert named == (modules - {"pipeline.__init__"}) | {"stages", "schemas"}
