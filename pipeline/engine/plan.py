@@ -118,6 +118,9 @@ class Plan(ABC, Generic[S]):
     def total(self) -> int:
         """How many objects it is made of."""
 
+    def look_again(self) -> None:
+        """Forget what was seen of the output; what is asked for next is read again."""
+
     @abstractmethod
     def up_to_date(self) -> bool:
         """Whether it is there, complete, made under the same key."""

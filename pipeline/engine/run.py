@@ -66,4 +66,5 @@ def run(plan: ShardPlan | FolderPlan, console: Console) -> Result:
         Processing an object raised what no stage is meant to raise.
     """
     with one_writer(plan.lock, plan.path):
-        return Result() if plan.up_to_date() else plan.make(console)  # the run that held the lock before may have made it
+        plan.look_again()  # the run that held the lock before may have made it
+        return Result() if plan.up_to_date() else plan.make(console)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -98,9 +99,13 @@ class ShardPlan(Plan[ObjectStage]):
 
     # ---- what is there
 
-    @property
+    def look_again(self) -> None:
+        """Forget what was published when it was last looked at."""
+        self.__dict__.pop("published", None)
+
+    @cached_property
     def published(self) -> Shard | None:
-        """The shard that readers see now, None where there is none that can be used."""
+        """The shard that readers see, None where there is none that can be used."""
         path = self.directory.shard_record(self.artifact.name, self.number, self.shards)
         try:
             return Shard(path.parent, self.artifact, read_record(path, ShardRecord))
@@ -130,8 +135,7 @@ class ShardPlan(Plan[ObjectStage]):
 
     def missing(self) -> list[Member]:
         """The members that are asked for and whose row is neither published under its key nor waiting to be packed."""
-        kept = {name for name, _ in self._kept()}
-        return [member for member in self._unfinished() if member.item.object_id not in kept]
+        return [member for member in self._unfinished() if not self._is_kept(member)]
 
     def _unfinished(self) -> list[Member]:
         """The members that are asked for and of which it is not known what became."""
@@ -142,17 +146,15 @@ class ShardPlan(Plan[ObjectStage]):
         """Read the row of an object that was made under its job's key, packed or not; None where there is none."""
         if (facts := self.facts(member)) is not None:
             return None if facts.failure else self.pieces.load(member.item.object_id, member.job.key, member.item.category, facts)
-        shard = next((shard for name, shard in self._kept() if name == member.item.object_id), None)
+        shard = self.published if self._is_kept(member) else None
         return None if shard is None or shard.row(member.item.object_id).failure else shard.view(member.item.object_id)
 
-    def _kept(self) -> Iterator[tuple[str, Shard]]:
-        """The objects whose row in the published shard has the key of today's job, and need not be made again."""
-        if (shard := self.published) is None:
-            return
-        for member in self.members:
-            row = shard.row(member.item.object_id) if member.item.object_id in shard.position else None
-            if row and row.key == member.job.key and not (self._is_own(row.failure) and self._tried_again(member)):
-                yield row.object_id, shard
+    def _is_kept(self, member: Member) -> bool:
+        """Whether the published shard has the object's row under the key of today's job, so that it need not be made again."""
+        if self.published is None or member.item.object_id not in self.published.position:
+            return False
+        row = self.published.row(member.item.object_id)
+        return row.key == member.job.key and not (self._is_own(row.failure) and self._tried_again(member))
 
     def _is_own(self, failure: Failure | None) -> bool:
         return failure is not None and failure.stage == self.stage.name
@@ -206,15 +208,12 @@ class ShardPlan(Plan[ObjectStage]):
 
     def _keep_rows(self) -> None:
         """Take rows of the published shard that have today's key to the pieces; one that is damaged is made again."""
-        members = {member.item.object_id: member for member in self.members}
-        for object_id, shard in self._kept():
-            member, row = members[object_id], shard.row(object_id)
-            if self.facts(member) is None:
-                try:
-                    values = shard.view(object_id).verify()
-                except StoreError:
-                    continue
-                self.pieces.save(object_id, row.key, row.category, values, seconds=row.seconds, failure=row.failure)
+        for member in self.members:
+            if (shard := self.published) and self._is_kept(member) and self.facts(member) is None:
+                row = shard.row(member.item.object_id)
+                with suppress(StoreError):
+                    values = shard.view(row.object_id).verify()
+                    self.pieces.save(row.object_id, row.key, row.category, values, seconds=row.seconds, failure=row.failure)
 
     def _refuse_failures(self) -> None:
         for member in self.members if self.request.strict else ():
@@ -263,6 +262,7 @@ class ShardPlan(Plan[ObjectStage]):
         )
         rows = [self._row_to_pack(member, one) for member, one in known]
         publish_shard(self.directory, self.artifact, self.number, self.shards, record, rows, constants, attributes)
+        self.look_again()
         self.pieces.discard_all(member.item.object_id for member in self.members)
 
     def _labels(self) -> Row:
