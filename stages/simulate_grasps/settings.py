@@ -21,7 +21,7 @@ class GraspSettings(Settings):
     )
     exhaustive: bool = setting(
         False,
-        "make all attempts, for their statistics; else the stage ends once no other could be kept, with the same grasps, in a third of the time",
+        "make all attempts, for their statistics; else the stage ends once no other could be kept: the same grasps in a third of the time",
     )
     least_distance: float = setting(
         0.005, "m from object to palm at least: nearer, the thumb's base is in the way; 30 mm touches as often", ge=0
