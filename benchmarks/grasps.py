@@ -49,7 +49,7 @@ def main() -> None:
     with simulation(prepared_hand.hand) as physics:
         for category, tally in tallies.items():
             for variant in range(options.objects):
-                mesh = normalise_mesh(generate(category, numpy_rng(options.seed, "benchmark", category, variant)), "z", 0.5)
+                mesh = normalise_mesh(generate(category, numpy_rng(options.seed, "benchmark", category, variant)), up="z", diagonal=0.5)
                 points, normals = sample_exterior(mesh, 10_000, numpy_rng(options.seed, "points", category, variant))
                 start = time.perf_counter()
                 prepared_object = prepare_object(mesh, points, normals, cell=settings.grid_cell)

@@ -27,7 +27,7 @@ def main() -> None:
     print(f"{'object':16}{'faces':>8}{'clean ms':>10}{'any ms':>10}{'exterior ms':>13}{'off surface µm':>16}")
     for item in load_manifest("toy").objects():
         source = source_mesh(Task(item.object_id, item.category, 0, item.source))
-        mesh = normalise_mesh(clean_mesh(source, settings.max_faces)[0], item.source.get("up", "z"), settings.diagonal)
+        mesh = normalise_mesh(clean_mesh(source, settings.max_faces)[0], up=item.source.get("up", "z"), diagonal=settings.diagonal)
         points, _ = sample_exterior(mesh, POINTS, np.random.default_rng(0))
         off = np.sqrt(igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces.astype(np.int64))[0]).max()
         ways = {

@@ -88,7 +88,7 @@ def _trimesh(mesh: Mesh) -> trimesh.Trimesh:
 def _judge(mesh: Mesh, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
     """Distances off the surface, µm; the share of points hidden inside; the share of exterior places missed."""
     squared, face, nearest = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces.astype(np.int64))
-    places = sample_exterior(mesh, POINTS, np.random.default_rng(1), JUDGES)[0]
+    places = sample_exterior(mesh, POINTS, np.random.default_rng(1), directions=JUDGES)[0]
     gaps, _ = cKDTree(points).query(places)
     return UM * np.sqrt(squared), float(np.mean(~sees_outside(mesh, nearest, face))), float(np.mean(gaps > FAR))
 

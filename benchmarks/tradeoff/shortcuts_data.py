@@ -35,7 +35,7 @@ class Bench:
 
     @cached_property
     def mesh(self) -> Mesh:
-        return normalise_mesh(generate("bottle", np.random.default_rng(0)), "z", 0.5)
+        return normalise_mesh(generate("bottle", np.random.default_rng(0)), up="z", diagonal=0.5)
 
     @cached_property
     def surface(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -46,7 +46,7 @@ class BandMaker:
         frames = forward_kinematics(self.hand, hand_pose, joint_angles)  # (L, 4, 4)
         colors = finger_colors(len(touched))
         made = [
-            touch_patch(depth, pose, self.width, self.gel, color)
+            touch_patch(depth, pose, width=self.width, gel=self.gel, color=color)
             for depth, pose, color, good in zip(depths, sensor_pose, colors, touched, strict=True)
             if good
         ]

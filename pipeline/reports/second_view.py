@@ -97,7 +97,7 @@ def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspV
     return _outlined(close, near, grasp.squares, grasp.colors), _outlined(apart, far, grasp.squares, grasp.colors)
 
 
-def touch_patch(depth: NDArray[np.float32], pose: NDArray[np.float64], width: float, gel: float, color: Color) -> Mesh | None:
+def touch_patch(depth: NDArray[np.float32], pose: NDArray[np.float64], *, width: float, gel: float, color: Color) -> Mesh | None:
     """Make a mesh of the surface in a sensor's gel, `LIFT` in front of it; None where the gel is empty.
 
     Parameters

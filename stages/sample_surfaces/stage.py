@@ -43,8 +43,8 @@ class SampleSurfaces(ObjectStage):
 def _process(task: Task, settings: SurfaceSettings) -> Row:
     source = task.source
     mesh, report = clean_mesh(source_mesh(task), settings.max_faces)
-    mesh = normalise_mesh(mesh, source.get("up", "z"), settings.diagonal, source.get("metres_per_unit"))
-    points, normals = sample_exterior(mesh, settings.points, task.rng("sample-surfaces"), settings.directions)
+    mesh = normalise_mesh(mesh, up=source.get("up", "z"), diagonal=settings.diagonal, metres_per_unit=source.get("metres_per_unit"))
+    points, normals = sample_exterior(mesh, settings.points, task.rng("sample-surfaces"), directions=settings.directions)
     return {
         "points": points,
         "normals": normals,

@@ -25,13 +25,13 @@ def test_touch_patch_lies_before_the_surface() -> None:
     frame = np.eye(4)
     frame[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     frame[:3, 3] = [1, 2, 3]
-    mesh = touch_patch(depth, frame, WIDTH, GEL, COLORS[0])
+    mesh = touch_patch(depth, frame, width=WIDTH, gel=GEL, color=COLORS[0])
     assert mesh is not None
     used = mesh.vertices[np.unique(mesh.faces)]
     assert used[:, 0] == pytest.approx(np.full(len(used), 1 + 0.004 - LIFT))  # the sensor's z is the world's x
     assert used[:, 2].max() < 3  # its rows run along the world's z, and the upper half felt nothing
     assert np.abs(used[:, 1] - 2).max() < WIDTH / 2
-    assert touch_patch(np.full((100, 100), np.inf, np.float32), frame, WIDTH, GEL, COLORS[0]) is None
+    assert touch_patch(np.full((100, 100), np.inf, np.float32), frame, width=WIDTH, gel=GEL, color=COLORS[0]) is None
 
 
 def test_gel_squares_lie_at_the_front_of_the_gel() -> None:
@@ -45,7 +45,7 @@ def test_touch_patch_and_gel_square_follow_the_sensor_pose(seed, offset) -> None
     frame = np.eye(4)
     frame[:3, :3], frame[:3, 3] = random_rotation(np.random.default_rng(seed)), offset
     full = np.full((10, 10), 0.003, np.float32)
-    mesh = touch_patch(full, frame, 0.01, 0.005, (1, 2, 3))
+    mesh = touch_patch(full, frame, width=0.01, gel=0.005, color=(1, 2, 3))
     assert mesh is not None
     local = (mesh.vertices - offset) @ frame[:3, :3]
     assert np.abs(local[:, 2] - (float(full[0, 0]) - LIFT)).max() <= 16 * EPS * (np.abs(offset).max() + 1)
@@ -58,7 +58,7 @@ def test_empty_gel_has_no_patch() -> None:
     needle = nothing.copy()
     needle[STRIDE, STRIDE] = 0.001
     for depth in (nothing, needle):
-        assert touch_patch(depth, np.eye(4), 0.01, 0.005, (1, 2, 3)) is None
+        assert touch_patch(depth, np.eye(4), width=0.01, gel=0.005, color=(1, 2, 3)) is None
 
 
 @pytest.fixture

@@ -99,7 +99,7 @@ def spread_directions(count: int) -> NDArray[np.float64]:
 
 
 def sample_exterior(
-    mesh: Mesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS
+    mesh: Mesh, count: int, rng: np.random.Generator, *, directions: int = DIRECTIONS
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Draw points area-uniformly from the exterior surface of a mesh, with outward normals.
 

@@ -21,7 +21,7 @@ _TO_Z_UP = {
 }
 
 
-def normalise_mesh(mesh: Mesh, up: str, diagonal: float, metres_per_unit: float | None = None) -> Mesh:
+def normalise_mesh(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float | None = None) -> Mesh:
     """Turn a mesh upright, scale it and centre its bounding box at `POSITION`.
 
     Parameters

@@ -55,14 +55,14 @@ def sphere_traced_depth(
     """
     local = cull_faces(faces, pose, sensor)
     sliver = flatness(local.transpose(2, 1, 0)) < SLIVER
-    depth, settled = trace_spheres(local[:, :, ~sliver], sensor, tolerance, max_steps)
+    depth, settled = trace_spheres(local[:, :, ~sliver], sensor, tolerance=tolerance, max_steps=max_steps)
     if sliver.any():
         depth = np.minimum(depth, local_depth(local[:, :, sliver], sensor))
     return depth if settled.all() else np.where(settled, depth, local_depth(local, sensor))
 
 
 def trace_spheres(
-    local: NDArray[np.float64], sensor: Sensor, tolerance: float, max_steps: int
+    local: NDArray[np.float64], sensor: Sensor, *, tolerance: float, max_steps: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Trace spheres along every ray, without exact intersection of what stays unsettled.
 

@@ -24,7 +24,9 @@ def explain(settings: SurfaceSettings, models: Mapping[str, Path], tasks: Sequen
         mesh, report = clean_mesh(source_mesh(task), settings.max_faces)
         yield Count("faces", len(mesh.faces), report.degenerate_faces, "without area")
         yield Count("faces", len(mesh.faces), report.duplicate_faces, "the same as another one")
-        mesh = normalise_mesh(mesh, task.source.get("up", "z"), settings.diagonal, task.source.get("metres_per_unit"))
+        mesh = normalise_mesh(
+            mesh, up=task.source.get("up", "z"), diagonal=settings.diagonal, metres_per_unit=task.source.get("metres_per_unit")
+        )
         points, face = sample_triangles(mesh.triangles, settings.points, task.rng("sample-surfaces", "explain"))
         normals = face_cross_products(mesh.triangles)[face]
         front, back = EscapeTest(mesh, settings.directions).count(points, normals / np.linalg.norm(normals, axis=1, keepdims=True))

@@ -25,7 +25,7 @@ def explain(settings: TouchSettings, models: Mapping[str, Path], tasks: Sequence
             culled = faces.corners.shape[2] - local.shape[2]
             yield Count("faces taken to a sensor", local.shape[2], culled, "outside the prism of the sensor's rays", "prism")
             if settings.tracer == "sphere":
-                settled = int(trace_spheres(local, sensor, settings.sphere_tolerance, settings.sphere_steps)[1].sum())
+                settled = int(trace_spheres(local, sensor, tolerance=settings.sphere_tolerance, max_steps=settings.sphere_steps)[1].sum())
                 yield Count("rays traced by spheres alone", settled, pixels - settled, "they run along walls and are intersected exactly")
         blind = sum(local.shape[2] == 0 for local in near)
         yield Count("sensors traced", len(poses) - blind, blind, "no face within range")

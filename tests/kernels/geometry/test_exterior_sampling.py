@@ -109,7 +109,7 @@ def test_faces_that_lose_their_area_to_rounding_are_skipped(rng) -> None:
     speck = np.array([[0, 0, 0], [0, 0, 1e-18], [1e-18, 0, 0]])
     cleaned, report = clean_mesh(Mesh.bare(np.vstack([BOX.vertices, speck]), np.vstack([BOX.faces, [8, 9, 10]])), 100)
     assert report.degenerate_faces == 0
-    placed = normalise_mesh(cleaned, "z", 0.5)
+    placed = normalise_mesh(cleaned, up="z", diagonal=0.5)
     assert (face_cross_products(placed.triangles)[-1] == 0).all()
     points, normals = sample_exterior(placed, 500, rng)
     assert np.isfinite(points).all()

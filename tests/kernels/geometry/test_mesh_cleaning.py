@@ -53,7 +53,7 @@ def test_cleaning_and_normalising_ignore_scale_and_offset(scale, offset):
     box = trimesh.creation.box()
     cleaned, report = clean_mesh(Mesh.bare(box.vertices * scale + offset * scale, box.faces), LIMIT)
     assert report.degenerate_faces == report.duplicate_faces == 0
-    placed = normalise_mesh(cleaned, "z", 0.5)
+    placed = normalise_mesh(cleaned, up="z", diagonal=0.5)
     np.testing.assert_allclose(np.linalg.norm(np.ptp(placed.vertices, axis=0)), 0.5, rtol=1e-9)
     np.testing.assert_allclose(placed.vertices.min(axis=0) + placed.vertices.max(axis=0), 2 * POSITION, atol=1e-9)
 
@@ -110,7 +110,7 @@ def test_vertices_that_are_not_finite_are_refused(bad) -> None:
     with pytest.raises(InvalidInput, match="1 of 8 vertices are not finite"):
         clean_mesh(mesh, 100)
     with pytest.raises(InvalidInput, match="some are NaN or infinite"):
-        normalise_mesh(mesh, "z", 0.5)
+        normalise_mesh(mesh, up="z", diagonal=0.5)
     with pytest.raises(InvalidInput, match="of 12 triangles have NaN or infinite corners"):
         sample_exterior(mesh, 10, np.random.default_rng(0))
 

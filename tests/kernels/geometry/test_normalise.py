@@ -21,7 +21,7 @@ def test_stated_axis_points_up_without_mirroring(up, axis):
     corner = trimesh.creation.box((0.1, 0.1, 0.1))
     vertices = np.vstack([corner.vertices, np.eye(3)[axis]])
     tall = Mesh.bare(vertices, np.vstack([corner.faces, [0, 1, 8]]))
-    placed = normalise_mesh(tall, up, 0.5, metres_per_unit=1.0)
+    placed = normalise_mesh(tall, up=up, diagonal=0.5, metres_per_unit=1.0)
     assert placed.vertices[8, 2] == pytest.approx(placed.vertices[:, 2].max())
     before, after = (np.linalg.det(mesh.triangles[0] - mesh.vertices[8]) for mesh in (tall, placed))
     assert after == pytest.approx(before)
@@ -30,12 +30,14 @@ def test_stated_axis_points_up_without_mirroring(up, axis):
 @pytest.mark.parametrize(("vertices", "message"), [(np.zeros((0, 3)), "there are none"), (np.ones((4, 3)), "all 4 vertices are at")])
 def test_mesh_without_size_is_refused(vertices, message) -> None:
     with pytest.raises(InvalidInput, match=message):
-        normalise_mesh(Mesh.bare(vertices, np.zeros((0, 3))), "z", 0.5)
+        normalise_mesh(Mesh.bare(vertices, np.zeros((0, 3))), up="z", diagonal=0.5)
 
 
 @given(scale=scales, offset=offsets, up=st.sampled_from("xyz"))
 def test_normalised_mesh_ignores_scale_and_offset(scale, offset, up) -> None:
     """As far as the source's own float64 digits reach: a unit in the last place of its offset, scaled as the object is."""
-    here, there = (normalise_mesh(Mesh.bare(BALL.vertices * s + o, BALL.faces), up, 0.5).vertices for s, o in ((1, 0), (scale, offset)))
+    here, there = (
+        normalise_mesh(Mesh.bare(BALL.vertices * s + o, BALL.faces), up=up, diagonal=0.5).vertices for s, o in ((1, 0), (scale, offset))
+    )
     digits = EPS * (np.abs(offset).max() + scale) / scale
     assert np.abs(there - here).max() <= 4 * digits + 4 * EPS * POSITION.max()

@@ -16,7 +16,7 @@ from tests.kernels.touch.shapes import (
 def test_rays_along_a_wall_are_reported_as_unsettled() -> None:
     wall = box((0.04, 0.04, 0.02), x=0.02 + 1e-5, z=0.015)
     local = cull_faces(box_faces(wall), np.eye(4), SENSOR)
-    depth, settled = trace_spheres(local, SENSOR, 1e-7, 30)
+    depth, settled = trace_spheres(local, SENSOR, tolerance=1e-7, max_steps=30)
     assert not settled.all()
     assert settled.mean() > 0.9
     exact = ray_depth(box_faces(wall), np.eye(4), SENSOR)
