@@ -38,7 +38,7 @@ class EscapeTest:
     """Counts the rays that escape from points on a mesh's surface, traced by Embree."""
 
     def __init__(self, mesh: Mesh, directions: int = DIRECTIONS) -> None:
-        """Build the ray tracer's scene; rays are traced in the first so many of `spread_directions`."""
+        """Build the ray tracer's scene; rays are traced in `directions` directions of the sphere."""
         corners = mesh.vertices[np.unique(mesh.faces)]
         low, high = corners.min(axis=0), corners.max(axis=0)
         self._centre = (low + high) / 2

@@ -1,6 +1,6 @@
 """Shading normals of a mesh: smooth across gentle edges, sharp across creases, whatever the winding.
 
-Valid range: any scale from 1 µm to 1 km about the mesh's own position; a mesh d of its sizes away from the origin loses log10(d) digits.
+Valid range: meshes from 1 µm to 1 km large, within 100 m of the origin; the error of a normal grows with offset over size.
 """
 
 from __future__ import annotations
