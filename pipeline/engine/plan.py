@@ -32,7 +32,7 @@ class Request(Generic[S]):
     shards
         Into how many shards the objects are split; None takes the dataset's number, or 1.
     workers
-        Processes side by side.
+        Processes side by side; 0 for this process alone, which a crash in a native library then ends.
     strict
         Stop at the first object that fails.
     retry
@@ -51,7 +51,7 @@ class Request(Generic[S]):
     seed: int
     data: Path
     shards: int | None = None
-    workers: int = 1
+    workers: int = 0
     strict: bool = False
     retry: bool = False
     only: str | None = None

@@ -47,7 +47,7 @@ def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[
         else:
             cost = stage.cost(settings)
             cost, path = Cost(cost.seconds, cost.kilobytes * total), stage.output.name
-            seconds = cost.seconds * total / request.workers
+            seconds = cost.seconds * total / max(1, request.workers)
         yield request.data / path, Forecast(total, total, seconds, cost.kilobytes)
 
 

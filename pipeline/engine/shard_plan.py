@@ -169,7 +169,7 @@ class ShardPlan(Plan[ObjectStage]):
         same = [shard for shard in shards if shard.record.settings == self.settings.results()]
         seconds = [row.seconds for shard in same for row in shard.record.rows]
         mean = sum(seconds) / len(seconds) if seconds else typical.seconds
-        return Forecast(missing, self.total, missing * mean / self.request.workers, self.total * typical.kilobytes)
+        return Forecast(missing, self.total, missing * mean / max(1, self.request.workers), self.total * typical.kilobytes)
 
     # ---- making it
 

@@ -11,10 +11,10 @@ import os
 import threading
 import time
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -65,7 +65,7 @@ class Outcome:
 
 
 def run_jobs(work: Work, jobs: Sequence[Job], workers: int) -> Iterator[Outcome]:
-    """Process jobs side by side, in whatever order they finish.
+    """Process jobs, in whatever order they finish: side by side in so many processes, or in this process for 0.
 
     Raises
     ------
@@ -74,6 +74,14 @@ def run_jobs(work: Work, jobs: Sequence[Job], workers: int) -> Iterator[Outcome]
     StoreError
         An input is damaged.
     """
+    if workers == 0:
+        with ExitStack() as stack:
+            try:
+                process = stack.enter_context(_session(work))
+            except Exception as error:
+                raise _cannot_start(work, error) from error
+            yield from map(process, jobs)
+        return
     waiting = list(reversed(jobs))
     crashes: dict[str, int] = {}
     with ExitStack() as stack:
@@ -115,11 +123,8 @@ class _Pool:
         """Return when the session is open; all workers open theirs side by side."""
         try:
             self._opened.result()
-        except Exception as error:  # whatever a stage's libraries raise where they are not installed as they should be
-            name = self._work.stage.name
-            raise StageError(
-                f"{name} cannot start: {type(error).__name__}: {error}; `vt-pipeline doctor` looks for what is missing"
-            ) from error
+        except Exception as error:
+            raise _cannot_start(self._work, error) from error
 
     def submit(self, job: Job) -> Future[Outcome]:
         try:
@@ -142,6 +147,11 @@ class _Pool:
         self._executor.shutdown(wait=True, cancel_futures=True)
 
 
+def _cannot_start(work: Work, error: Exception) -> StageError:
+    """Whatever a stage's libraries raise where they are not installed as they should be."""
+    return StageError(f"{work.stage.name} cannot start: {type(error).__name__}: {error}; `vt-pipeline doctor` looks for what is missing")
+
+
 def _crashed(work: Work, job: Job) -> Outcome:
     reason = (
         f"its process died {CRASHES} times (a crash in a native library, or memory ran out); "
@@ -155,7 +165,8 @@ def _crashed(work: Work, job: Job) -> Outcome:
 
 # ---- in the worker's process ------------------------------------------------------------------------------------------
 
-_state: dict[str, Any] = {}
+_opened: dict[str, Any] = {}
+"""What a worker's process keeps between jobs."""
 
 
 def _open(work: Work) -> None:
@@ -163,15 +174,8 @@ def _open(work: Work) -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-    directory = DataDirectory(work.data)
-    stack = ExitStack()
-    _state.update(
-        work=work,
-        stack=stack,
-        process=stack.enter_context(work.stage.session(work.settings, work.models)),
-        inputs={artifact.name: directory.collection(artifact) for artifact in work.stage.inputs(work.settings)},
-        pieces=Pieces(directory.work(work.stage.output.name)),
-    )
+    _opened["stack"] = ExitStack()
+    _opened["process"] = _opened["stack"].enter_context(_session(work))
 
 
 def _end_with(parent: BaseProcess) -> None:
@@ -180,25 +184,42 @@ def _end_with(parent: BaseProcess) -> None:
 
 
 def _close() -> None:
-    _state["stack"].close()
+    _opened["stack"].close()
 
 
 def _process(job: Job) -> Outcome:
-    """Process one object and save its row, or why it has none."""
-    work: Work = _state["work"]
-    task = make_task(job, work.seed, _state["inputs"])
-    began = time.perf_counter()
-    row: Row = {}
-    failure = None
-    try:
-        row = conform(work.stage.output, _state["process"](task))
-    except InvalidInput as error:
-        failure = Failure(stage=work.stage.name, reason=str(error))
-    except Exception:  # a fault of ours: the other objects are processed all the same
-        return Outcome(job.item.object_id, time.perf_counter() - began, bug=traceback.format_exc())
-    seconds = time.perf_counter() - began
-    _state["pieces"].save(job.item.object_id, job.key, job.item.category, row, seconds=seconds, failure=failure)
-    return Outcome(job.item.object_id, seconds, failure)
+    outcome: Outcome = _opened["process"](job)
+    return outcome
+
+
+# ---- in whatever process works ----------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _session(work: Work) -> Iterator[Callable[[Job], Outcome]]:
+    """Open what a stage keeps between objects; yields what processes a job and saves its row, or why there is none."""
+    directory, name = DataDirectory(work.data), work.stage.output.name
+    inputs = {artifact.name: directory.collection(artifact) for artifact in work.stage.inputs(work.settings)}
+    pieces = Pieces(directory.work(name))
+
+    with work.stage.session(work.settings, work.models) as process:
+
+        def do(job: Job) -> Outcome:
+            task = make_task(job, work.seed, inputs)
+            began = time.perf_counter()
+            row: Row = {}
+            failure = None
+            try:
+                row = conform(work.stage.output, process(task))
+            except InvalidInput as error:
+                failure = Failure(stage=work.stage.name, reason=str(error))
+            except Exception:  # a fault of ours: the other objects are processed all the same
+                return Outcome(job.item.object_id, time.perf_counter() - began, bug=traceback.format_exc())
+            seconds = time.perf_counter() - began
+            pieces.save(job.item.object_id, job.key, job.item.category, row, seconds=seconds, failure=failure)
+            return Outcome(job.item.object_id, seconds, failure)
+
+        yield do
 
 
 def make_task(job: Job, seed: int, collections: Mapping[str, Collection]) -> Task:
