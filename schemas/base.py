@@ -49,6 +49,8 @@ class Artifact(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
+    order: int = 100
+    """Its position among the artifacts; of a label that several have, the first one's is read."""
     version: int
     summary: str
     arrays: dict[str, Array]

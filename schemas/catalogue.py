@@ -1,17 +1,24 @@
-"""Every artifact by name, in the order in which they are made."""
+"""Every artifact by name, in the order in which they are made: those that the modules of this package declare."""
 
+from collections.abc import Iterator
+from importlib import import_module
+from pkgutil import iter_modules
+
+import schemas
 from schemas.base import Artifact
-from schemas.charts import CHARTS
-from schemas.grasps import GRASPS
-from schemas.surfaces import SURFACES
-from schemas.touch import TOUCH
-from schemas.vision import VISION
 
-ARTIFACTS = {artifact.name: artifact for artifact in (SURFACES, GRASPS, VISION, TOUCH, CHARTS)}
+
+def _declared() -> Iterator[Artifact]:
+    for module in iter_modules(schemas.__path__):
+        if module.name != "catalogue":
+            yield from (value for value in vars(import_module(f"schemas.{module.name}")).values() if isinstance(value, Artifact))
+
+
+ARTIFACTS = {artifact.name: artifact for artifact in sorted(_declared(), key=lambda artifact: (artifact.order, artifact.name))}
 
 
 def artifact_of(array: str) -> Artifact:
-    """The artifact that has an array of this name; a `KeyError` that lists all names where there is none."""
+    """Find the first artifact that has an array of this name; a `KeyError` that lists all names where there is none."""
     for artifact in ARTIFACTS.values():
         if array in artifact.arrays:
             return artifact

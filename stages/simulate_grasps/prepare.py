@@ -52,7 +52,7 @@ class PreparedObject:
 def prepare_hand(settings: GraspSettings) -> PreparedHand:
     """Load the hand and sensor of these settings and sample the hand's postures."""
     hand = load_hand(settings.hand)
-    sensor = load_sensor(hand.sensor)
+    sensor = load_sensor(settings.sensor or hand.sensor)
     spheres = collision_spheres(hand, spacing=SEARCH_SPACING, tolerance=SEARCH_TOLERANCE)
     moved = {link for finger in hand.fingers for link in finger.links}
     ik = prepare_grasp_ik(

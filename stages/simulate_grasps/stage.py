@@ -41,7 +41,7 @@ class SimulateGrasps(ObjectStage):
     def assets(self, settings: GraspSettings) -> list[Path]:
         """The hand file with all it names, and the sensor's description."""
         hand = load_hand(settings.hand)
-        return [*hand.files, sensor_path(hand.sensor)]
+        return [*hand.files, sensor_path(settings.sensor or hand.sensor)]
 
     def constants(self, settings: GraspSettings) -> Row:
         """Labels of grasps, sensors and joints, which later stages' arrays take over."""
@@ -53,7 +53,7 @@ class SimulateGrasps(ObjectStage):
         """The hand's name, and what its joints and sensors are called."""
         hand = load_hand(settings.hand)
         fingers = [finger.name for finger in hand.fingers]
-        return {"hand": {"name": hand.name, "joints": list(hand.joint_names), "sensors": fingers, "sensor": hand.sensor}}
+        return {"hand": {"name": hand.name, "joints": list(hand.joint_names), "sensors": fingers, "sensor": settings.sensor or hand.sensor}}
 
     def cost(self, settings: GraspSettings) -> Cost:
         """Mostly attempts, of about 0.08 s each; some dozen are enough where not all are asked for."""

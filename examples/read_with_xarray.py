@@ -1,0 +1,27 @@
+"""Read a dataset with xarray: arrays with labels, units and descriptions.
+
+Usage: python examples/read_with_xarray.py [DATA]
+"""
+
+import sys
+
+from pipeline.dataset.labelled import open_artifact
+
+data = sys.argv[1] if len(sys.argv) > 1 else "data/toy/draft"
+
+touch = open_artifact(data, "touch")  # all shards; values are read when they are used
+grasps = open_artifact(data, "grasps")
+print(touch)
+
+# Select by the names of objects and sensors; dimensions have names, not numbers.
+name, sensor = str(touch.object[0].item()), str(touch.sensor[0].item())
+depth = touch.depth.sel(object=name, sensor=sensor)  # (grasp, row, col)
+print(f"{depth.attrs['description']} In {depth.attrs['units']}.")
+for grasp in depth.grasp.values:
+    nearest = depth.sel(grasp=grasp).min(("row", "col")).item()
+    succeeded = grasps.touch_success.sel(object=name, sensor=sensor, grasp=grasp).item()
+    print(f"{name}, {sensor}, grasp {grasp}: min D = {1e3 * nearest:.2f} mm, {'touch' if succeeded else 'no touch'}")
+
+# Statistics over the dataset: artifacts share their coordinates.
+rate = grasps.touch_success.groupby("category").mean(("object", "grasp"))
+print((100 * rate).round(1).to_pandas())

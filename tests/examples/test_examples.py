@@ -1,0 +1,72 @@
+"""Every script in `examples/` runs, on a small dataset where it needs one."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from tests.learning import spheres
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("balls")
+    spheres.make_data(folder, 2)
+    return folder
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Run an example with arguments; what it printed."""
+
+    def run_example(name: str, *arguments: object) -> str:
+        monkeypatch.setattr("sys.argv", [name, *map(str, arguments)])
+        runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+        return capsys.readouterr().out
+
+    return run_example
+
+
+def test_read_with_torch_prints_shapes_and_touches(run, data):
+    printed = run("read_with_torch", data, "test")
+    assert "10 grasps of 2 objects in split test; left out: none" in printed
+    assert "reading       (4, 100, 100, 3) torch.uint8" in printed
+    assert "12 touches, nearest 5.0, 5.0" in printed
+
+
+def test_read_with_xarray_selects_by_name(run, data):
+    printed = run("read_with_xarray", data)
+    assert "a, finger-0, grasp 1: min D = 5.00 mm, touch" in printed
+    assert "a, finger-0, grasp 0: min D = 20.00 mm, no touch" in printed
+    assert "bottle" in printed
+
+
+def test_touch_one_mesh_writes_the_image_of_a_sphere_and_of_a_file(run, tmp_path):
+    image, file = tmp_path / "tactile.png", tmp_path / "box.stl"
+    assert "nearest 5.00 mm, gel 6.8 mm, success True" in run("touch_one_mesh", image)
+    pixels = np.asarray(Image.open(image))
+    assert pixels.shape == (100, 100, 3)
+    assert pixels.std() > 1
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(file)
+    assert "success True" in run("touch_one_mesh", image, file)
+
+
+def test_train_one_network_lowers_its_loss(run, data):
+    lines = run("train_one_network", data, "test", 2).splitlines()
+    errors = [float(line.split()[2]) for line in lines]
+    assert len(errors) == 2
+    assert errors[1] < errors[0]
+
+
+def test_every_example_is_short_and_tested():
+    tests = Path(__file__).read_text()
+    for path in EXAMPLES.glob("*.py"):
+        assert len(path.read_text().splitlines()) < 50, path
+        assert f'run("{path.stem}"' in tests
