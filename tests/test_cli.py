@@ -51,7 +51,7 @@ def test_doctor_finds_everything_here():
         (["run", "simulate-touch", "--data", "/nonexistent"], "run the stage that makes"),
         (["status", "/nonexistent"], "is no data directory"),
         (["sweep", "evaluate", "--grid", "points=100,200"], "evaluate has no grid to sweep over"),
-        (["validate", "/nonexistent"], "holds no shards; looked for NAME/NNNN.zarr"),
+        (["validate", "/nonexistent"], "holds no records; looked for ARTIFACT/NNNN-of-NNNN.json"),
     ],
 )
 def test_an_error_names_the_thing_and_the_way_out(arguments, message):
@@ -61,11 +61,11 @@ def test_an_error_names_the_thing_and_the_way_out(arguments, message):
 
 
 def test_a_model_s_folder_is_no_data_directory(tmp_path):
-    (tmp_path / "record.json").write_text("{}")
+    (tmp_path / "model.json").write_text("{}")
     code, output = invoke("status", str(tmp_path))
     assert (code, "nothing has been made" in output) == (0, True)
     code, output = invoke("validate", str(tmp_path))
-    assert (code, "holds no shards" in output) == (1, True)
+    assert (code, "holds no records" in output) == (1, True)
 
 
 def test_a_dry_run_says_what_and_does_nothing(tmp_path):
