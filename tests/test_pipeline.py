@@ -20,6 +20,7 @@ from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
+from pipeline.reports.overview_picture import draw_overview
 from stages.registry import STAGES, is_dataset_stage, load_stage
 
 ROOT = Path(__file__).parents[1]
@@ -257,3 +258,9 @@ def test_a_sweep_trains_every_point_once_and_ranks_them(manifest, made):
     again = vt(*asked, "--grid", "gcn_features=6,12", "--grid", "learning_rate=1e-3").stdout
     assert again.count("up to date") == 2
     assert vt(*asked, "--dry-run").stdout.count("sweeps/train-gcn/none/") == 3**3  # the supplement's grid
+
+
+def test_the_overview_picture_shows_a_test_object(made, tmp_path):
+    (object_id,) = ObjectRows(made, ["points"], "test").object_ids
+    draw_overview(made, object_id, tmp_path / "overview.png")
+    assert (tmp_path / "overview.png").stat().st_size > 10_000

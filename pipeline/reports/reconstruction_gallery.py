@@ -56,18 +56,22 @@ def draw_gallery(data: Path, path: Path, most: int) -> list[str]:
             truth = read_mesh(surfaces.view(object_id))
             place = row * (1 + len(columns)) + 1
             _picture(
-                figure, (len(shown), 1 + len(columns), place), _seen(renderer, truth), object_id if row else f"object\n{object_id}", ""
+                figure,
+                (len(shown), 1 + len(columns), place),
+                render_mesh(renderer, truth),
+                object_id if row else f"object\n{object_id}",
+                "",
             )
             for column, (name, case) in enumerate(columns):
                 table, number = predictions[name], objects.index(object_id)
-                mesh = _surface(charts, object_id, table, number, case)
+                mesh = predicted_mesh(charts, object_id, table, number, case)
                 given = int(table["grasps_given"][case])
                 title = "" if row else name + (f"\n{given} grasp{'s' * (given > 1)}" if given else "\n")
                 figures = values[name]["chamfer"][number]  # (first grasp, grasps given)
                 place_given = int(np.flatnonzero(values[name]["grasps_given"] == max(given, 1))[0])
                 error = TABLE_3_FACTOR * figures[int(table["first_grasp"][case]), place_given]
                 place = row * (1 + len(columns)) + column + 2
-                _picture(figure, (len(shown), 1 + len(columns), place), _seen(renderer, mesh), title, f"{error:.2f}")
+                _picture(figure, (len(shown), 1 + len(columns), place), render_mesh(renderer, mesh), title, f"{error:.2f}")
         figure.savefig(path)
     return shown
 
@@ -78,7 +82,7 @@ def _cases(table: Arrays) -> list[int]:
     return sorted({int(np.argmin(given)), int(np.argmax(given))})
 
 
-def _surface(fitted: Collection, object_id: str, table: Arrays, number: int, case: int) -> Mesh:
+def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, number: int, case: int) -> Mesh:
     """A prediction in grey, with the touch charts that it was given in orange."""
     vertices, faces = [table["vertices"][number, case].astype(np.float64)], [table["faces"]]
     given, first = int(table["grasps_given"][case]), int(table["first_grasp"][case])
@@ -99,7 +103,8 @@ def _surface(fitted: Collection, object_id: str, table: Arrays, number: int, cas
     return Mesh(np.concatenate(vertices), np.concatenate(faces).astype(np.int32), look)
 
 
-def _seen(renderer: Renderer, mesh: Mesh) -> NDArray[np.uint8]:
+def render_mesh(renderer: Renderer, mesh: Mesh) -> NDArray[np.uint8]:
+    """Render a mesh alone, by the renderer's camera."""
     with renderer.added(mesh, Label.OBJECT) as handle:
         return renderer.render([(handle, np.eye(4))]).rgb
 

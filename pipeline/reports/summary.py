@@ -56,14 +56,15 @@ def _draw(collections: Mapping[str, Collection], shown: list[str], path: Path) -
     for old in path.parent.glob(f"{path.stem}*{path.suffix}"):
         old.unlink()
     with band_maker(vision["settings"]["scene"], grasps["settings"]["hand"], sensor["width"], sensor["w"]) as maker:
-        bands = [_band(maker, {name: c.view(object_id) for name, c in collections.items()}) for object_id in shown]
+        bands = [object_band(maker, {name: c.view(object_id) for name, c in collections.items()}) for object_id in shown]
     title = f"{grasps['manifest']} · {collections['grasps'].first.record.preset}"
     total = len(collections["grasps"])
     note = f"the best grasp of {len(shown)} of {total} objects; a filled dot is a touch"
     return draw(bands, path, title, note, sensor["w"], sensor["range"])
 
 
-def _band(maker: BandMaker, rows: Mapping[str, RowView]) -> Band:
+def object_band(maker: BandMaker, rows: Mapping[str, RowView]) -> Band:
+    """Gather the band of an object's best grasp from its rows."""
     grasps, touch, vision = rows["grasps"], rows["touch"], rows["vision"]
     touched = grasps["touch_success"][0]
     deep = float(grasps["penetration"][0]) * 1e3

@@ -1,0 +1,89 @@
+"""What the documents name exists: files, functions, links, targets of make, commands and options of vt-pipeline, settings."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+import typer
+import yaml
+
+from pipeline.cli import app
+from stages.registry import STAGES, load_settings_type
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+ROOTS = ("", "pipeline", "docs", "stages")
+"""Folders that paths in documents are below."""
+COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+MADE = ("docs/overview.png", "stages/measure_contact", "tests/stages/measure_contact", "explanations/measure_contact", "schemas/contact")
+PLACEHOLDER = re.compile(r"[A-Z]{3,}|…|~|^data/|^(my_|\.work|touch/0000|out\.|poses|seen|contact-sheet|learning-curves|reconstructions)")
+
+
+def shell_of(page: Path) -> str:
+    """The commands of a page: its shell blocks and inline code."""
+    text = page.read_text().replace("\\\n", " ")
+    return "\n".join([*re.findall(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL), *re.findall(r"`([^`\n]+)`", text)])
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_of_documents_lead_somewhere(page):
+    links = re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text())
+    assert not [link for link in links if "://" not in link and not (page.parent / link).exists()]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_files_that_documents_name_exist(page):
+    text = page.read_text().partition("<!-- Generated below")[0]
+    names = {name for name in re.findall(r"`([\w./-]+/[\w./-]*|[\w-]+\.(?:py|md|yaml|toml|cff))`", text) if not PLACEHOLDER.search(name)}
+    names = {name for name in names if not any(part in name for part in MADE) and not name.startswith("models/")}
+    missing = [name for name in names if not any((ROOT / root / name).exists() for root in ROOTS) and not [*ROOT.glob(f"*/*/{name}")]]
+    assert not missing
+
+
+def test_functions_that_architecture_names_exist():
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    for name, function in re.findall(r"`([\w/]+\.py): ([\w.]+)`", text):
+        source = "".join((ROOT / root / name).read_text() for root in ROOTS if (ROOT / root / name).exists())
+        for part in function.split("."):
+            assert re.search(rf"(def|class) {part}\b", source), f"{name} has no {part}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_and_options_of_documents_exist(page):
+    for line in re.findall(r"vt-pipeline ([a-z][^\n#`]*)", shell_of(page)):
+        name, *words = line.split()
+        assert name in COMMANDS, line
+        known = {option for parameter in COMMANDS[name].params for option in parameter.opts} | {"--help"}
+        assert {word for word in words if word.startswith("--")} <= known, line
+        for stage in words[:1] if name == "run" else ():
+            assert stage in STAGES or stage in ("STAGE", "measure-contact"), line
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_targets_of_make_and_settings_in_documents_exist(page):
+    shell = shell_of(page)
+    listed = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    targets, variables = set(re.findall(r"make ([\w-]+)", listed)), {*re.findall(r"([A-Z]+)=", listed), "VENV", "PYTHON"}
+    for line in re.findall(r"(?:^|\n)make ([^\n#]*)", shell):
+        words = re.sub(r'"[^"]*"', "", line).split()
+        assert {word for word in words if re.fullmatch("[a-z][a-z-]*", word)} <= targets, line
+        assert {word.partition("=")[0] for word in words if "=" in word} <= variables, line
+    for stage, setting in re.findall(r"\b([a-z]+-[a-z]+)\.([a-z_]+)=", shell):
+        assert setting in load_settings_type(stage).model_fields, f"{stage}.{setting}"
+
+
+def test_readme_is_short_and_begins_with_a_picture():
+    lines = (ROOT / "README.md").read_text().splitlines()
+    assert len(lines) < 120
+    assert lines[2].startswith("![")
+    assert (ROOT / "docs" / "overview.png").stat().st_size < 300_000
+
+
+def test_workflow_runs_lint_and_the_commands_of_this_repository():
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text())
+    runs = [step.get("run", "") for job in workflow["jobs"].values() for step in job["steps"]]
+    assert {"make lint", ".ci/run"} <= set(runs)
+    assert "test-slow" in workflow["jobs"]["nightly"]["strategy"]["matrix"]["target"]
