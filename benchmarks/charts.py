@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.charts.chart_fitting import fit_charts
-from pipeline.kernels.charts.chart_square import chart_square
-from pipeline.kernels.charts.fit_rule import SUPPLEMENT, FitRule, StopRule
-from pipeline.kernels.metrics.distances import sampling_floor
-from pipeline.kernels.metrics.surface_samples import sample_surface
+from pipeline.kernels.charts.fit_options import SUPPLEMENT, FitOptions, StopRule
+from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.metrics.cloud_distances import sampling_floor
+from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.touch.sensor import pixel_centres
 
 SENSOR = load_sensor("gel_16mm")
@@ -24,9 +24,9 @@ TWIN_STEPS = 3
 """Steps of the plain loop that are timed: each takes as long as the others."""
 RULES = {
     "to the letter": SUPPLEMENT,
-    "halt": FitRule(),
-    "halt, 250 µm": FitRule(residual_limit=2.5e-4 / SENSOR.width),
-    "tight, 100 µm": FitRule(halt=2.3e-4, residual_limit=1e-4 / SENSOR.width),
+    "halt": FitOptions(),
+    "halt, 250 µm": FitOptions(residual_limit=2.5e-4 / SENSOR.width),
+    "tight, 100 µm": FitOptions(halt=2.3e-4, residual_limit=1e-4 / SENSOR.width),
 }
 
 
@@ -55,10 +55,10 @@ def generators() -> list[torch.Generator]:
     return [torch.Generator().manual_seed(i) for i in range(CLOUDS)]
 
 
-def row(kind: str, name: str, rule: FitRule, clouds: list[NDArray[np.float64]]) -> str:
+def row(kind: str, name: str, rule: FitOptions, clouds: list[NDArray[np.float64]]) -> str:
     """Fit one kind by one rule; a line of the table."""
     start = time.process_time()
-    fits = fit_charts(clouds, SENSOR.width, generators(), rule)
+    fits = fit_charts(clouds, SENSOR.width, generators(), options=rule)
     seconds = (time.process_time() - start) / CLOUDS
     residuals = fits.residual * 1e6
     rules = ", ".join(f"{count} {StopRule(code).name}" for code, count in sorted(Counter(fits.stop_rule.tolist()).items()))
@@ -68,7 +68,7 @@ def row(kind: str, name: str, rule: FitRule, clouds: list[NDArray[np.float64]]) 
     )
 
 
-def twin_seconds(cloud: NDArray[np.float64], rule: FitRule) -> float:
+def twin_seconds(cloud: NDArray[np.float64], rule: FitOptions) -> float:
     """Seconds a step of section 2.3 written down plainly: one chart, all pairs, torch's Adam."""
     target = torch.from_numpy(cloud / SENSOR.width)
     vertices, faces = chart_square()

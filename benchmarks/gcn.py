@@ -13,16 +13,17 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from pipeline.config.scene_file import load_scene
-from pipeline.kernels.networks.configurations import CONFIGURATIONS
-from pipeline.kernels.networks.deformation import VISION, DeformationNetwork
-from pipeline.kernels.networks.graph import batch_graph
-from pipeline.kernels.networks.pooling import pool, see
-from pipeline.kernels.networks.zero_neighbour import ZeroNeighbourLayer
+from pipeline.kernels.networks.chart_graph import chart_graph
+from pipeline.kernels.networks.deformation_network import VISION, DeformationNetwork
+from pipeline.kernels.networks.graph_convolution import ZeroNeighbourLayer
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.networks.perceptual_pooling import pool_features, project_to_pixels
 from pipeline.kernels.vision.camera import projection_matrix
 
 BATCH = 16
@@ -31,10 +32,11 @@ TWIN_BATCH = 2
 SENSORS = 4
 NARROW = [(8, 64), (10, 64), (10, 96), (15, 64), (15, 96)]
 """Layers and features of narrow graph networks; their image encoders have half the channels."""
-Forward = Callable[[Tensor, Tensor, Tensor, Tensor, Sequence[int]], Tensor]
+Forward = Callable[..., Tensor]
+Given = dict[str, Any]
 
 
-def batch(items: int, grasps: int) -> tuple[Tensor, Tensor, Tensor, Tensor, list[int]]:
+def batch(items: int, grasps: int) -> Given:
     """Inputs of a step: random images, and touch charts strewn about the object."""
     generator = torch.Generator().manual_seed(0)
     charts = items * grasps * SENSORS
@@ -42,23 +44,25 @@ def batch(items: int, grasps: int) -> tuple[Tensor, Tensor, Tensor, Tensor, list
     camera = torch.from_numpy(projection_matrix(load_scene("supplement").camera))
     sites = torch.rand(charts, 1, 3, generator=generator) * 0.3 + torch.tensor([-0.15, -0.15, 0.45])
     vertices = sites + 0.016 * torch.rand(charts, 81, 3, generator=generator)
-    return images, camera, vertices, torch.rand(charts, generator=generator) < 0.63, [grasps * SENSORS] * items
+    touched = torch.rand(charts, generator=generator) < 0.63
+    return {"images": images, "camera": camera, "touch_vertices": vertices, "touched": touched, "counts": [grasps * SENSORS] * items}
 
 
 def dense_twin(network: DeformationNetwork) -> Forward:
     """The network's forward pass with a dense adjacency, one for all items, and the image encoder in every pass."""
 
-    def forward(images: Tensor, camera: Tensor, touch: Tensor, touched: Tensor, counts: Sequence[int]) -> Tensor:
+    def forward(*, images: Tensor, camera: Tensor, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> Tensor:
         assert network.encoder is not None
         items, config = len(counts), network.config
         camera, centre = camera.float(), torch.tensor(config.centre)
-        adjacency = batch_graph(network.sphere, config.side, counts[:1], torch.device("cpu"), torch.float32).mean.to_dense()
-        start = torch.tensor(network.sphere.vertices).float().expand(items, -1, -1)
-        vertices = torch.cat([start, ((touch - centre) / config.radius).reshape(items, -1, 3)], dim=1)
-        kinds = torch.where(touched, 1.0, -1.0).repeat_interleave(touch.shape[1]).reshape(items, -1)
+        adjacency = chart_graph(network.charts, config.side, counts[:1], like=camera).mean.to_dense()
+        start = torch.tensor(network.charts.vertices).float().expand(items, -1, -1)
+        vertices = torch.cat([start, ((touch_vertices - centre) / config.radius).reshape(items, -1, 3)], dim=1)
+        kinds = torch.where(touched, 1.0, -1.0).repeat_interleave(touch_vertices.shape[1]).reshape(items, -1)
         kinds = torch.cat([torch.full(start.shape[:2], VISION), kinds], dim=1)[..., None]
         for _ in range(config.passes):
-            pooled = pool(network.encoder(images), network.encoder.grids, see(camera, vertices * config.radius + centre))
+            pixels = project_to_pixels(camera, vertices * config.radius + centre)
+            pooled = pool_features(network.encoder(images), network.encoder.grids, pixels)
             features = torch.cat([vertices, kinds, pooled], dim=-1)
             for layer in network.gcn.hidden:
                 assert isinstance(layer, ZeroNeighbourLayer)
@@ -71,10 +75,10 @@ def dense_twin(network: DeformationNetwork) -> Forward:
     return forward
 
 
-def step(forward: Forward, network: DeformationNetwork, given: tuple[Tensor, Tensor, Tensor, Tensor, list[int]]) -> float:
+def step(forward: Forward, network: DeformationNetwork, given: Given) -> float:
     """One training step but for its Chamfer loss: every vertex is drawn to a smaller sphere. Returns the loss."""
     network.zero_grad()
-    radii = (forward(*given) - torch.tensor(network.config.centre)).norm(dim=-1)
+    radii = (forward(**given) - torch.tensor(network.config.centre)).norm(dim=-1)
     loss = (radii - 0.2).square().mean()
     loss.backward()
     return loss.item()

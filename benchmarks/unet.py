@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,7 +13,7 @@ from torch import Tensor
 
 from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.networks.images import network_input
+from pipeline.kernels.networks.image_tensors import network_input
 from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.face_culling import box_faces
@@ -20,7 +21,6 @@ from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.rng import seeded_weights
-from stages.train_unet.settings import UnetSettings
 
 BATCH = 8
 ROUNDS = 2
@@ -75,7 +75,7 @@ def overfit(readings: Tensor, true: Tensor, mask: Tensor, sensor: Sensor) -> tup
     start = time.process_time()
     for _ in range(OVERFIT_STEPS):
         optimizer.zero_grad()
-        masked_depth_loss(unet(images) * sensor.w, true, mask, sensor.width, sensor.w).backward()
+        masked_depth_loss(unet(images) * sensor.w, true, mask, width=sensor.width, gel=sensor.w).backward()
         optimizer.step()
         schedule.step()
     seconds = time.process_time() - start
@@ -87,18 +87,14 @@ def overfit(readings: Tensor, true: Tensor, mask: Tensor, sensor: Sensor) -> tup
 def main() -> None:
     """Print the table."""
     torch.set_num_threads(1)
-    sensor, settings = load_sensor("gel_16mm"), UnetSettings()
+    sensor = load_sensor("gel_16mm")
     readings, true = presses(sensor, BATCH, np.random.default_rng(0))
     mask = contact_mask(readings, torch.tensor(untouched_image(sensor)))
-    generator = torch.Generator().manual_seed(0)
-    given = true, mask, sensor.width, sensor.w
+    given: dict[str, Any] = {"depth": true, "mask": mask, "width": sensor.width, "gel": sensor.w}
     losses: dict[str, Loss] = {
         "none (mean depth)": lambda predicted: predicted.mean(),
-        "depth": lambda predicted: masked_depth_loss(predicted, *given),
-        f"chamfer, {settings.loss_points} points": lambda predicted: projected_chamfer_loss(
-            predicted, *given, settings.loss_points, generator
-        ),
-        "chamfer, all points": lambda predicted: projected_chamfer_loss(predicted, *given),
+        "depth": lambda predicted: masked_depth_loss(predicted, **given),
+        "chamfer": lambda predicted: projected_chamfer_loss(predicted, **given),
     }
     size, pixels = f"{sensor.rows} x {sensor.cols}", int(mask.sum()) // BATCH
     print(f"U-Net step, batch {BATCH}, {size}, untrained, {pixels} masked pixels a touch.")

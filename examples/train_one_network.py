@@ -13,7 +13,7 @@ from torch.utils.data import DataLoader
 from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.networks.images import network_input
+from pipeline.kernels.networks.image_tensors import network_input
 from pipeline.kernels.networks.touch_losses import masked_depth_loss
 from pipeline.kernels.networks.unet import UNet
 
@@ -33,7 +33,7 @@ for epoch in range(int(epochs)):
             continue
         mask = contact_mask(readings, batch["untouched"][0])  # pixels that the object changed
         predicted = network(network_input(readings, torch.float32)) * sensor.w
-        loss = masked_depth_loss(predicted, depth, mask, sensor.width, sensor.w)
+        loss = masked_depth_loss(predicted, depth, mask, width=sensor.width, gel=sensor.w)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()

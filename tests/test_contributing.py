@@ -17,7 +17,7 @@ import yaml
 
 from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.object_rows import ObjectRows
-from tests.learning import spheres
+from tests.stages import ball_dataset as spheres
 
 ROOT = Path(__file__).parents[1]
 COPIED = ("pipeline", "stages", "schemas", "data_manifests", "docs", "Makefile", "pyproject.toml")

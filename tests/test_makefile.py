@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from pipeline.engine.stage import ObjectStage
-from pipeline.kernels.networks.configurations import CONFIGURATIONS
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from stages.registry import STAGES, load_settings_type, load_stage
 
 ROOT = Path(__file__).parents[1]

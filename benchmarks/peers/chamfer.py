@@ -14,7 +14,7 @@ from benchmarks.peers.cases import Case
 from benchmarks.peers.table import Table
 from benchmarks.timing import Round, each, side_by_side
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
-from pipeline.kernels.metrics.chamfer import Target, chamfer
+from pipeline.kernels.metrics.chamfer import chamfer
 
 APART = 0.05
 """m, between clouds that do not lie on each other: a prediction far from its target."""
@@ -46,7 +46,7 @@ def measure(cases: Sequence[Case], turns: int) -> Table:
     first, second = (torch.tensor(sample_exterior(cases[0].mesh, POINTS, rng)[0], dtype=torch.float32) for _ in range(2))
     apart = second + torch.tensor([APART, 0.0, 0.0])
     pairs = [(first, second), (first, apart)]
-    times = [side_by_side({**_rounds(ways, *pair), **_kept(*pair)}, turns) for pair in pairs]
+    times = [side_by_side(_rounds(ways, *pair), turns) for pair in pairs]
     for name in times[0]:
         distance = ways.get(name, chamfer)
         error = max(abs(float(distance(a, b)) / float(all_pairs(a.double(), b.double())) - 1) for a, b in pairs)
@@ -59,12 +59,7 @@ def _rounds(ways: dict[str, Distance], a: Tensor, b: Tensor) -> dict[str, Round]
     return {name: each(lambda target, distance=distance: _step(distance, a, target), [b]) for name, distance in ways.items()}
 
 
-def _kept(a: Tensor, b: Tensor) -> dict[str, Round]:
-    """Ours with the target's tree built once, as training has it."""
-    return {"… its target's tree kept": each(lambda target: _step(chamfer, a, target), [Target(b)])}
-
-
-def _step(distance: Callable[[Tensor, Tensor | Target], Tensor], a: Tensor, b: Tensor | Target) -> None:
+def _step(distance: Callable[[Tensor, Tensor], Tensor], a: Tensor, b: Tensor) -> None:
     points = a.clone().requires_grad_()
     distance(points, b).backward()  # type: ignore[no-untyped-call]
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from benchmarks.tradeoff import runs
 from benchmarks.tradeoff.study_plan import HERE
 from pipeline.console import Meter
-from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.directory import DataDirectory
 from pipeline.tuning.sweep import file_name
 from schemas.catalogue import ARTIFACTS

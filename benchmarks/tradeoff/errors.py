@@ -22,7 +22,7 @@ from skimage.transform import resize
 from benchmarks.stored_grasps import examine
 from benchmarks.tradeoff.runs import Made, load_json
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.models.touch_model import load_touch_model
 from pipeline.store.directory import DataDirectory

@@ -10,8 +10,8 @@ import trimesh
 from numpy.typing import NDArray
 
 from pipeline.errors import StageError
-from pipeline.kernels.charts.chart_sphere import CHART_VERTICES
-from pipeline.models.reconstruct import Reconstruction
+from pipeline.kernels.charts.vision_charts import CHART_VERTICES
+from pipeline.models.reconstruction import Reconstruction
 
 SUFFIXES = (".obj", ".ply", ".glb")
 
@@ -29,11 +29,10 @@ Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
 def write_charts(path: Path, made: Reconstruction) -> None:
-    """Write a reconstruction's charts apart: every chart has its own vertices, colour and, in OBJ and GLB, its own named object.
+    """Write a reconstruction's charts apart: each chart has its own vertices, colour and, in OBJ and GLB, its own named object.
 
     Touch charts are orange and called touch_N, vision charts vision_N. Lengths are metres in the world frame; in GLB a node turns
-    it, z up, to glTF's y up. PLY and GLB hold float32, OBJ eight decimals: 0.03 µm and 5 nm in the scene; a kilometre from the
-    origin, PLY and GLB err by 30 µm.
+    it, z up, to glTF's y up. PLY and GLB hold float32, OBJ eight decimals: 0.03 µm and 5 nm in the scene.
 
     Raises
     ------
@@ -87,7 +86,7 @@ def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color) -> trimesh.Trim
 def check_suffix(path: Path) -> None:
     """A `StageError` where no mesh can be written under that name."""
     if path.suffix.lower() not in SUFFIXES:
-        raise StageError(f"{path}: meshes are written as {', '.join(SUFFIXES)}, by suffix; {path.suffix or 'no suffix'} is none of them")
+        raise StageError(f"{path}: meshes are written as {', '.join(SUFFIXES)}, by suffix; {path.suffix or 'no suffix'} is not one of them")
 
 
 def _write(path: Path, parts: Parts) -> None:

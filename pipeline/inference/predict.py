@@ -1,4 +1,4 @@
-"""From one grasp, or a few, to a mesh file: readings to charts, charts and an image to a surface."""
+"""From one grasp, or a few, to a mesh file: tactile images to charts, charts and an image to a surface."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError
-from pipeline.inference.grasp_files import read_image, read_poses, read_readings
+from pipeline.inference.grasp_input_files import read_image, read_poses, read_readings
 from pipeline.inference.mesh_files import check_suffix, write_charts, write_joined
 from pipeline.inference.stored_grasps import check_object, has_charts, stored_charts, stored_image, stored_touches
 from pipeline.kernels.charts.chart_fitting import fit_charts
-from pipeline.kernels.charts.chart_square import chart_square
-from pipeline.kernels.touch.sensor import Sensor, sensor_to_world
-from pipeline.models.reconstruct import Reconstruction, Reconstructor, View
+from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.touch.sensor import sensor_to_world
+from pipeline.models.observation import Observation
+from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
@@ -71,14 +72,14 @@ def predict(
         File to write, .obj, .ply or .glb. With `surface` "both" the charts go there, and the joined surface beside it under the
         same name with -joined. Metres, world frame (in GLB turned to y up).
     models, configuration
-        A folder of models (DATA/models), and which of its gcn/ to use. Readings need its unet/ too.
+        A folder of models (DATA/models), and which of its gcn/ to use. Tactile images need its unet/ too.
     data, object_id, grasps
-        From a data directory: an object, and the grasps to give; the occluded image is the first one's. Touch charts that stand
+        From a data directory: an object, and the grasps to give; the occluded image is the first one's. Touch charts that are stored
         there are taken as they are.
     image, readings, poses
-        From files: what the model looks at, an image from the camera it was trained with; tactile readings, one a sensor; and
-        their sensors' poses in that camera's world, see `read_poses`. Where the poses' file does not say which sensors touched,
-        those did whose reading differs from an untouched one.
+        From files: an image from the camera that the network was trained with; tactile images, one per sensor; and their sensors'
+        poses in that camera's world, see `read_poses`. Where the poses' file does not say which sensors touched, those did whose
+        tactile image differs from an untouched one.
     surface
         "apart", "joined" or "both".
     accelerator
@@ -88,25 +89,25 @@ def predict(
 
     Raises
     ------
-    StageError, StoreError
-        A model is missing, or an input that it needs; a reading's size or a chart's is not the one it was trained on; a suffix
-        that is no mesh's.
+    StageError, StoreError, InvalidInput
+        A model or an input that it needs is missing; an image's size or a chart's is not the one it was trained on; the suffix is no
+        mesh's.
     """
     check_suffix(out)
     device = device_of(accelerator)
-    model = _load(models / "gcn", configuration, device)
+    observer = _Observer(_load(models / "gcn", configuration, device), models, device, seed)
     if data is not None:
         if object_id is None or image is not None or readings or poses is not None:
             raise StageError("from a data directory: name an object, and no files; from files: name no data directory")
         if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
             DataDirectory(data).check_origins([f"models/gcn/{configuration}"])
-        view = _view_of_object(model, models, data, object_id, grasps, device, seed)
+        observation = observer.of_object(data, object_id, grasps)
     else:
         if object_id is not None:
             raise StageError(f"object {object_id} of which data directory? Name it, or leave the object out")
-        view = _view_of_files(model, models, image, readings, poses, device, seed)
-    made = model.reconstruct([view])[0]
-    return Prediction(_write(out, made, surface), made, view.touched)
+        observation = observer.of_files(image, readings, poses)
+    made = observer.model.reconstruct([observation])[0]
+    return Prediction(_write(out, made, surface), made, observation.touched)
 
 
 def _load(folder: Path, configuration: str, device: torch.device) -> Reconstructor:
@@ -116,71 +117,66 @@ def _load(folder: Path, configuration: str, device: torch.device) -> Reconstruct
     return Reconstructor(DataDirectory(folder).folder_path(configuration), device)
 
 
-def _view_of_object(
-    model: Reconstructor, models: Path, data: Path, object_id: str, grasps: Sequence[int], device: torch.device, seed: int
-) -> View:
-    if not grasps:
-        raise StageError(f"{object_id}: name a grasp at least")
-    image = None if model.image is None else stored_image(data, object_id, grasps[0], model.image)
-    if not model.touch:
-        check_object(data, object_id, grasps)
-        return View.unfelt(image)
-    if has_charts(data):
-        return View.felt(image, *stored_charts(data, object_id, grasps))
-    readings, poses, touched, sensor = stored_touches(data, object_id, grasps)
-    return View(image, *_charts(_touch_model(models, sensor, device), readings, poses, touched, model, seed, object_id))
+@dataclass(frozen=True)
+class _Observer:
+    """Collects what a model is given; touch charts are fitted where none are stored."""
 
+    model: Reconstructor
+    models: Path
+    device: torch.device
+    seed: int
 
-def _view_of_files(
-    model: Reconstructor, models: Path, image: Path | None, readings: Sequence[Path], poses: Path | None, device: torch.device, seed: int
-) -> View:
-    needed = [("an image", model.image, image), ("readings", model.touch, readings), ("the sensors' poses", model.touch, poses)]
-    if missing := [what for what, needs, given in needed if needs and not given]:
-        raise StageError(f"model {model.configuration} needs {' and '.join(missing)}, and none is given")
-    if not model.touch and (readings or poses is not None):
-        raise StageError(f"model {model.configuration} does not feel: leave readings and poses out, or take one that does")
-    seen = read_image(image) if model.image is not None and image is not None else None
-    if not model.touch or poses is None:
-        return View.unfelt(seen)
-    felt, (placed, touched) = read_readings(readings), read_poses(poses)
-    if len(felt) != len(placed):
-        raise StageError(f"{len(felt)} readings and {len(placed)} poses in {poses}: there must be one pose a reading, in the same order")
-    return View(seen, *_charts(_touch_model(models, None, device), felt, placed, touched, model, seed, "files"))
+    def of_object(self, data: Path, object_id: str, grasps: Sequence[int]) -> Observation:
+        if not grasps:
+            raise StageError(f"{object_id}: name a grasp at least")
+        image = None if self.model.image is None else stored_image(data, object_id, grasps[0], self.model.image)
+        if not self.model.touch:
+            check_object(data, object_id, grasps)
+            return Observation.without_touch(image)
+        if has_charts(data):
+            return Observation.with_charts(image, *stored_charts(data, object_id, grasps))
+        readings, poses, touched, sensor = stored_touches(data, object_id, grasps)
+        unet = self._unet()
+        if unet.sensor != sensor:
+            raise StageError(f"the U-Net in {self.models / 'unet'} knows sensor {unet.sensor.name}, the tactile images are {sensor.name}'s")
+        return Observation(image, *self._charts(unet, unet.clouds(readings), poses, touched, object_id))
 
+    def of_files(self, image: Path | None, readings: Sequence[Path], poses: Path | None) -> Observation:
+        model = self.model
+        needed = [("an image", model.image, image), ("tactile images", model.touch, readings), ("the sensors' poses", model.touch, poses)]
+        if missing := [what for what, needs, given in needed if needs and not given]:
+            raise StageError(f"model {model.configuration} needs {' and '.join(missing)}, and none is given")
+        if not model.touch and (readings or poses is not None):
+            raise StageError(f"model {model.configuration} takes no touch: leave readings and poses out, or name one that does")
+        seen = read_image(image) if model.image is not None and image is not None else None
+        if not model.touch or poses is None:
+            return Observation.without_touch(seen)
+        felt, (placed, touched) = read_readings(readings), read_poses(poses)
+        if len(felt) != len(placed):
+            raise StageError(f"{len(felt)} tactile images and {len(placed)} poses in {poses}: there must be one pose per image, in order")
+        unet = self._unet()
+        clouds = unet.clouds(felt)
+        if touched is None:
+            touched = np.array([len(cloud) > 0 for cloud in clouds])
+        return Observation(seen, *self._charts(unet, clouds, placed, touched, "files"))
 
-def _touch_model(models: Path, sensor: Sensor | None, device: torch.device) -> TouchModel:
-    """The U-Net, of the given sensor if one is given."""
-    model = load_touch_model(DataDirectory(models).folder_path("unet"), device)
-    if sensor is not None and model.sensor != sensor:
-        raise StageError(f"the U-Net in {models / 'unet'} knows sensor {model.sensor.name}, the readings are {sensor.name}'s")
-    return model
+    def _unet(self) -> TouchModel:
+        return load_touch_model(DataDirectory(self.models).folder_path("unet"), self.device)
 
-
-def _charts(
-    eyes: TouchModel,
-    readings: NDArray[np.uint8],
-    poses: NDArray[np.float64],
-    touched: NDArray[np.bool_] | None,
-    model: Reconstructor,
-    seed: int,
-    name: str,
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Charts (T, side², 3) of readings, world, m, fitted as those that the model learned from; and which are of a touch (T,)."""
-    try:
-        clouds = eyes.clouds(readings)
-    except ValueError as error:
-        raise StageError(str(error)) from error
-    if touched is None:
-        touched = np.array([len(cloud) > 0 for cloud in clouds])
-    width, side = eyes.sensor.width, model.side
-    given = [cloud if flag else np.zeros((0, 3)) for cloud, flag in zip(clouds, touched, strict=True)]
-    generators = [torch_generator(seed, "predict", name, number) for number in range(len(given))]
-    fits = fit_charts(given, width, generators, ChartSettings.model_validate(model.charts or {}).rule(width))
-    surface = touched & is_surface(fits.stop_rule)
-    flat = chart_square(side)[0].numpy() * width
-    local = np.where(surface[:, None, None], fits.vertices, flat)  # (T, side², 3) sensor frame
-    placed = [sensor_to_world(pose, *vertices.T) for pose, vertices in zip(poses, local, strict=True)]
-    return np.array(placed, np.float32).reshape(-1, side**2, 3), surface
+    def _charts(
+        self, unet: TouchModel, clouds: list[NDArray[np.float64]], poses: NDArray[np.float64], touched: NDArray[np.bool_], name: str
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Charts (T, side², 3), world, m, fitted as those that the model was trained on; and which are of a touch (T,)."""
+        width, side = unet.sensor.width, self.model.side
+        given = [cloud if flag else np.zeros((0, 3)) for cloud, flag in zip(clouds, touched, strict=True)]
+        generators = [torch_generator(self.seed, "predict", name, number) for number in range(len(given))]
+        options = ChartSettings.model_validate(self.model.chart_settings or {}).fit_options(width)
+        fits = fit_charts(given, width, generators, options=options)
+        surface = touched & is_surface(fits.stop_rule)
+        flat = chart_square(side)[0].numpy() * width
+        local = np.where(surface[:, None, None], fits.vertices, flat)  # (T, side², 3) sensor frame
+        world = [sensor_to_world(pose, *vertices.T) for pose, vertices in zip(poses, local, strict=True)]
+        return np.array(world, np.float32).reshape(-1, side**2, 3), surface
 
 
 def _write(out: Path, made: Reconstruction, surface: Surface) -> list[Path]:

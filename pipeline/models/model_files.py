@@ -22,7 +22,7 @@ def save_model(folder: Path, module: nn.Module, description: Mapping[str, Any]) 
 
 
 def load_model(folder: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """The state dict and the description that `save_model` wrote; a `StoreError` where there is none that can be read."""
+    """Read the state dict and the description that `save_model` wrote; a `StoreError` where there is none that can be read."""
     try:
         return load_file(folder / WEIGHTS), json.loads((folder / DESCRIPTION).read_text())
     except (OSError, ValueError) as error:

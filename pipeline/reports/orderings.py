@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, difference_interval
-from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.rng import numpy_rng
 from stages.evaluate.store import Arrays, read_root, read_table
 from stages.evaluate.supplement import TABLE_2, TABLE_3

@@ -16,7 +16,7 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS
 from pipeline.kernels.geometry.mesh import Look, Mesh
-from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.vision.labels import Label
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory

@@ -10,9 +10,9 @@ import numpy as np
 
 from pipeline.errors import StageError
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
-from pipeline.kernels.metrics.distances import Cloud, Distances, distances
-from pipeline.kernels.metrics.rings import ring_means, ring_of
-from pipeline.models.reconstruct import Reconstruction, Reconstructor
+from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
+from pipeline.kernels.metrics.touch_site_rings import ring_means, ring_of
+from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.rng import numpy_rng
 from stages.evaluate.cases import Case, make_cases
 from stages.evaluate.settings import EvaluationSettings
@@ -37,11 +37,11 @@ def measure(name: str, model: Reconstructor, truth: Truth, settings: EvaluationS
         "first_grasp": np.array([case.first for case in cases], np.int32),
         "case_grasps": np.array([len(case.grasps) for case in cases], np.int32),
     }
-    cloud_of = lru_cache(maxsize=1)(lambda row: Cloud(truth.points(row)))  # an object's cases come one after the other
+    points_of = lru_cache(maxsize=1)(truth.points)  # an object's cases come one after the other
     for row, number, made in _reconstructed(model, truth, cases, settings.batch_size):
         case = cases[number]
         identity = ("evaluate", truth.rows.object_ids[row], name, case.first, len(case.grasps))
-        apart = _distances(made, cloud_of(row), settings.points, numpy_rng(seed, *identity), " ".join(map(str, identity[1:])))
+        apart = _distances(made, points_of(row), settings.points, numpy_rng(seed, *identity), " ".join(map(str, identity[1:])))
         _note(found, row, case, apart, settings)
         if numbers[case.given] == 1:
             for first in case.firsts:
@@ -68,14 +68,14 @@ def _reconstructed(model: Reconstructor, truth: Truth, cases: Sequence[Case], ba
         yield from ((row, number, one) for (row, number), one in zip(batch, made, strict=True))
 
 
-def _distances(made: Reconstruction, points: Cloud, count: int, rng: np.random.Generator, name: str) -> Distances:
+def _distances(made: Reconstruction, points: np.ndarray, count: int, rng: np.random.Generator, name: str) -> CloudDistances:
     """How far points drawn from a reconstruction and points of the truth are apart."""
     if not np.isfinite(made.vertices).all():
         raise StageError(f"the reconstruction of {name} holds NaN or infinity; was the model trained to the end?")
-    return distances(sample_triangles(made.vertices[made.faces], count, rng)[0], points)
+    return cloud_distances(sample_triangles(made.vertices[made.faces], count, rng)[0], points)
 
 
-def _note(found: Arrays, row: int, case: Case, apart: Distances, settings: EvaluationSettings) -> None:
+def _note(found: Arrays, row: int, case: Case, apart: CloudDistances, settings: EvaluationSettings) -> None:
     at = (row, list(case.firsts), case.given)
     found["chamfer"][at] = apart.chamfer
     for threshold, multiple in enumerate(THRESHOLDS):
@@ -84,7 +84,7 @@ def _note(found: Arrays, row: int, case: Case, apart: Distances, settings: Evalu
         found["f1"][(*at, threshold)] = apart.f1(tau, settings.scale)
 
 
-def _note_rings(found: Arrays, row: int, grasp: int, apart: Distances, truth: Truth, rings: int) -> None:
+def _note_rings(found: Arrays, row: int, grasp: int, apart: CloudDistances, truth: Truth, rings: int) -> None:
     for sensor in np.flatnonzero(truth.touched[row, grasp]):
         ring = ring_of(truth.points(row), truth.poses[row, grasp, sensor], truth.width, rings)
         at = (row, grasp, sensor)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.engine.stage import DatasetJob
-from pipeline.kernels.metrics.distances import sampled_area, sampling_floor
-from pipeline.models.reconstruct import Reconstructor
+from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
+from pipeline.models.reconstruction import Reconstructor
 from stages.evaluate import tables
 from stages.evaluate.measure import THRESHOLDS
 from stages.evaluate.settings import EvaluationSettings

@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from pipeline.config.settings import Settings, setting
-from pipeline.kernels.networks.configurations import CONFIGURATIONS
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 
 
 def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:

@@ -8,8 +8,8 @@ from typing import Any
 from pipeline.config.manifest import SPLITS
 from pipeline.console import Meter
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
-from pipeline.kernels.networks.configurations import CONFIGURATIONS
-from pipeline.models.reconstruct import Reconstructor
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.models.reconstruction import Reconstructor
 from pipeline.store.directory import DataDirectory
 from pipeline.training.device import device_of
 from schemas.base import Artifact

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from pipeline.dataset.touch_statistics import SUPPLEMENT_SUCCESS
 from pipeline.kernels.metrics.bootstrap import LEVEL
-from pipeline.kernels.metrics.distances import TABLE_3_FACTOR
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from stages.evaluate.store import Arrays, read_root, read_table
 from stages.evaluate.supplement import BEST_EPOCH, TABLE_2, TABLE_3
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.models.reconstruct import Reconstructor, View
+from pipeline.models.observation import Observation
+from pipeline.models.reconstruction import Reconstructor
 from stages.evaluate.cases import Case
 from stages.evaluate.settings import EvaluationSettings
 
@@ -57,13 +58,13 @@ class Truth:
         """An array of the touch charts of all objects: (object, …)."""
         return np.stack([self.rows.read(name, object_id) for object_id in self.rows.object_ids])
 
-    def view(self, model: Reconstructor, row: int, case: Case) -> View:
+    def view(self, model: Reconstructor, row: int, case: Case) -> Observation:
         """What a model is shown of an object."""
         object_id = self.rows.object_ids[row]
         image = None if model.image is None else self.rows.read(model.image, object_id, case.first)
         if not model.touch:
-            return View.unfelt(image)
-        return View.felt(image, *(self.rows.read(name, object_id)[list(case.grasps)] for name in ("vertices", "stop_rule")))
+            return Observation.without_touch(image)
+        return Observation.with_charts(image, *(self.rows.read(name, object_id)[list(case.grasps)] for name in ("vertices", "stop_rule")))
 
 
 def load_truth(data: Path, models: Sequence[Reconstructor], settings: EvaluationSettings) -> Truth:

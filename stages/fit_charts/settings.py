@@ -5,8 +5,8 @@ from typing import Any, Literal
 from pydantic import field_validator
 
 from pipeline.config.settings import Settings, setting
-from pipeline.kernels.charts.chart_square import SIDE, chart_square
-from pipeline.kernels.charts.fit_rule import FitRule
+from pipeline.kernels.charts.fit_options import FitOptions
+from pipeline.kernels.charts.touch_chart import SIDE, chart_square
 
 TIGHT_HALT = 2.3e-4
 """Sensor widths²: what is left above the floor of 4000 samples (1e-4 to 1.6e-4) is about 100 µm."""
@@ -51,12 +51,12 @@ class ChartSettings(Settings):
         chart_square(side)
         return side
 
-    def rule(self, width: float) -> FitRule:
-        """The kernel's rule, in widths of a sensor of `width` m."""
+    def fit_options(self, width: float) -> FitOptions:
+        """Convert to the kernel's options, in widths of a sensor of `width` m."""
         limits: dict[str, Any] = {"halt": self.halt, "residual_limit": self.residual_limit}
         if self.tight:
             limits = {"halt": min(self.halt, TIGHT_HALT), "residual_limit": min(self.residual_limit or TIGHT_RESIDUAL, TIGHT_RESIDUAL)}
         if limits["residual_limit"] is not None:
             limits["residual_limit"] /= width
         same = {"max_iterations", "samples", "step_samples", "cloud_points", "check_every", "learning_rate", "side"}
-        return FitRule(**limits, **self.model_dump(include=same))
+        return FitOptions(**limits, **self.model_dump(include=same))

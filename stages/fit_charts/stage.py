@@ -1,4 +1,4 @@
-"""Supplement 2.3: a small triangle sheet for every touch, bent from the sensor's square to the points that it felt."""
+"""Supplement 2.3: a chart for each touch, bent from the sensor's square to the points of its depth map."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.chart_fitting import fit_charts
-from pipeline.kernels.charts.chart_square import chart_square
-from pipeline.kernels.charts.fit_rule import StopRule
+from pipeline.kernels.charts.fit_options import StopRule
+from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, sensor_to_world
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
@@ -70,15 +70,13 @@ class FitCharts(ObjectStage):
 def _process(task: Task, settings: ChartSettings, model: TouchModel | None) -> Row:
     sensor = Sensor.model_validate(task.attributes["touch"]["sensor"])
     poses, touched = task.inputs["grasps"]["sensor_pose"], task.inputs["grasps"]["touch_success"]
-    try:
-        clouds = _true_clouds(task, touched, sensor) if model is None else _predicted_clouds(task, touched, sensor, model)
-        fits = fit_charts(clouds, sensor.width, _generators(task, touched), settings.rule(sensor.width), settings.device)
-        charts = np.tile(chart_square(settings.side)[0].numpy() * sensor.width, (*touched.shape, 1, 1))
-        charts[touched] = fits.vertices
-        row = {"vertices": np.stack([_in_world(poses[at], charts[at]) for at in np.ndindex(touched.shape)]).reshape(charts.shape)}
-    except ValueError as error:
-        raise InvalidInput(f"charts: {error}") from error
-    row["vertices"] = row["vertices"].astype(np.float32)
+    clouds = _true_clouds(task, touched, sensor) if model is None else _predicted_clouds(task, touched, sensor, model)
+    options = settings.fit_options(sensor.width)
+    fits = fit_charts(clouds, sensor.width, _generators(task, touched), options=options, device=settings.device)
+    charts = np.tile(chart_square(settings.side)[0].numpy() * sensor.width, (*touched.shape, 1, 1))
+    charts[touched] = fits.vertices
+    vertices = [sensor_to_world(check_pose(poses[at]), *charts[at].T) for at in np.ndindex(touched.shape)]
+    row = {"vertices": np.stack(vertices).reshape(charts.shape).astype(np.float32)}
     for name, nothing in (("residual", np.float32(0)), ("iterations", np.int32(0)), ("stop_rule", np.uint8(StopRule.no_touch))):
         row[name] = np.full(touched.shape, nothing)
         row[name][touched] = getattr(fits, name)
@@ -86,7 +84,7 @@ def _process(task: Task, settings: ChartSettings, model: TouchModel | None) -> R
 
 
 def _true_clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor) -> list[NDArray[np.float64]]:
-    """Of each touch the points with D < w, in the sensor's frame, m."""
+    """The points with D < w of each touch, sensor frame, m."""
     x, y = pixel_centres(sensor)
     clouds = []
     for depth in task.inputs["touch"]["depth"][touched].astype(np.float64):
@@ -96,16 +94,12 @@ def _true_clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor) -> list
 
 
 def _predicted_clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor, model: TouchModel) -> list[NDArray[np.float64]]:
-    """Of each touch the points that the U-Net sees, in the sensor's frame, m."""
+    """The points that the U-Net predicts of each touch, sensor frame, m."""
     if model.sensor != sensor:
-        raise InvalidInput(f"the U-Net knows sensor {model.sensor.name}, the readings are {sensor.name}'s: run train-unet on these")
+        raise InvalidInput(f"the U-Net knows sensor {model.sensor.name}, the tactile images are {sensor.name}'s: run train-unet on these")
     return model.clouds(task.inputs["touch"]["reading"][touched])
 
 
 def _generators(task: Task, touched: NDArray[np.bool_]) -> list[torch.Generator]:
-    """One a touch, keyed by object, grasp and sensor."""
+    """One per touch, keyed by object, grasp and sensor."""
     return [torch_generator(task.seed, task.object_id, "fit-charts", *map(int, at)) for at in np.argwhere(touched)]
-
-
-def _in_world(pose: NDArray[np.float64], vertices: NDArray[np.float64]) -> NDArray[np.float64]:
-    return sensor_to_world(check_pose(pose), *vertices.T)

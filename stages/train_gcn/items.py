@@ -10,8 +10,8 @@ import torch
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.metrics.chamfer import Target
-from pipeline.kernels.networks.configurations import NetworkConfig
-from pipeline.models.reconstruct import View
+from pipeline.kernels.networks.network_configurations import NetworkConfig
+from pipeline.models.observation import Observation
 
 TARGETS = 128
 """Objects whose points are kept ready for the search of nearest ones, half a megabyte each."""
@@ -55,14 +55,14 @@ class Items:
     def _object(self, item: int) -> str:
         return self.rows.object_ids[item // self.each]
 
-    def view(self, item: int, grasps: np.ndarray) -> View:
+    def view(self, item: int, grasps: np.ndarray) -> Observation:
         """What the network is given: the charts of these grasps, and the image of the first."""
         object_id, image = self._object(item), None
         if self.config.image is not None:
             image = self.rows.read(self.config.image, object_id, int(grasps[0]) % self.grasps)
         if not self.config.touch:
-            return View.unfelt(image)
-        return View.felt(image, *(self.rows.read(name, object_id)[grasps] for name in ("vertices", "stop_rule")))
+            return Observation.without_touch(image)
+        return Observation.with_charts(image, *(self.rows.read(name, object_id)[grasps] for name in ("vertices", "stop_rule")))
 
     def grasps_of(self, item: int, count: int, others: np.ndarray) -> np.ndarray:
         """The item's own grasp, then `count` - 1 of the others in the order of `others`, a permutation of all."""

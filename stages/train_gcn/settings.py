@@ -7,8 +7,8 @@ from typing import Literal
 from pydantic import field_validator, model_validator
 
 from pipeline.config.settings import setting
-from pipeline.kernels.charts.chart_square import SIDE
-from pipeline.kernels.networks.configurations import CONFIGURATIONS, NetworkConfig
+from pipeline.kernels.charts.touch_chart import SIDE
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, NetworkConfig
 from pipeline.training.settings import TrainingSettings
 
 

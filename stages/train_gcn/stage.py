@@ -8,9 +8,9 @@ from typing import Any
 
 from pipeline.dataset.object_rows import first_shard
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
-from pipeline.kernels.charts.chart_square import SIDE
-from pipeline.kernels.networks.deformation import DeformationNetwork
-from pipeline.kernels.networks.encoder import ENCODER_PLANS
+from pipeline.kernels.charts.touch_chart import SIDE
+from pipeline.kernels.networks.deformation_network import DeformationNetwork
+from pipeline.kernels.networks.image_encoder import ENCODER_PLANS
 from pipeline.models.model_files import save_model
 from pipeline.rng import torch_generator
 from pipeline.training import checkpoint
@@ -69,13 +69,13 @@ class TrainGcn(DatasetStage):
             pixels = f"{learning.resolution} pixels, the encoder's table is for {made_for}"
             job.console.print(f"{name}: images are of {pixels}: see render-vision.resolution")
         network = DeformationNetwork(config, torch_generator(job.seed, name, "weights"))
-        facts = train(GcnLearner(network, learning, judging, settings, job.seed), settings, job, name)
+        facts = train(GcnLearner(network, learning, judging, settings, job.seed), settings, folder=job.folder, seed=job.seed, name=name)
         save_model(
             job.folder,
             network,
             {
                 "configuration": settings.configuration,
-                "network": config.model_dump(mode="json", exclude={"checkpointing", "items_at_once"}),
+                "network": config.model_dump(mode="json", exclude={"checkpointing"}),
                 "camera": None if learning.camera is None else learning.camera.tolist(),
                 "resolution": learning.resolution,
                 "charts": learning.rows.attributes("charts")["settings"] if config.touch else None,

@@ -9,14 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
 from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.networks.images import network_input
+from pipeline.kernels.networks.image_tensors import network_input
 from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
+from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.sensor import Sensor
+from pipeline.training.learner import Learner
 from stages.train_unet.settings import UnetSettings
 
 ARRAYS = ("reading", "depth", "untouched", "touch_success")
@@ -77,37 +79,37 @@ def load_touches(data: Path, split: str) -> Touches:
     return Touches(rows, np.argwhere(success), sensor, rows.read("untouched", rows.object_ids[0]))
 
 
-class UnetLearner:
-    """A U-Net with its touches (`pipeline.training.loop.Learner`)."""
+class UnetLearner(Learner):
+    """A U-Net with its touches."""
 
-    def __init__(self, module: nn.Module, train: Touches, valid: Touches, settings: UnetSettings) -> None:
-        self.module = module
+    def __init__(self, network: UNet, train: Touches, valid: Touches, settings: UnetSettings) -> None:
+        super().__init__(network)
         self.train, self.valid, self.settings = train, valid, settings
 
     def __len__(self) -> int:
         return len(self.train)
 
     def describe(self, item: int) -> str:
-        """Object, grasp and sensor of a training item."""
+        """Name the object, grasp and sensor of a training item."""
         number, grasp, sensor = self.train.where[item]
         return f"{self.train.rows.object_ids[number]} grasp {grasp} sensor {sensor}"
 
     def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
-        """The chosen loss of some training touches, in sensor widths squared."""
+        """Compute the chosen loss of some training touches, in sensor widths squared."""
         predicted, depth, mask = self._predict(self.train, items)
         if not bool(torch.isfinite(predicted).all()):
             return predicted.sum()  # no number either: the training loop stops, and names the touches
-        return self._loss(predicted, depth, mask, self.settings.loss_points, generator)
+        return self._loss(predicted, depth, mask)
 
     def validate(self) -> dict[str, float]:
-        """The chosen loss over the validation touches, exact, and the RMS error of all their masked pixels, µm."""
+        """Compute the chosen loss over the validation touches, and the RMS error of all their masked pixels, µm."""
         loss = squares = pixels = 0.0
         for start in range(0, len(self.valid), self.settings.batch_size):
             items = range(start, min(start + self.settings.batch_size, len(self.valid)))
             predicted, depth, mask = self._predict(self.valid, items)
             if not bool(torch.isfinite(predicted).all()):
                 return {"loss": math.nan}  # the training loop stops
-            loss += len(items) * float(self._loss(predicted, depth, mask, None, None))
+            loss += len(items) * float(self._loss(predicted, depth, mask))
             error = (predicted - visible_depth(depth, self.valid.sensor.w))[mask].double()
             squares += float(error.square().sum())
             pixels += len(error)
@@ -122,8 +124,6 @@ class UnetLearner:
         mask = contact_mask(readings, untouched, self.settings.mask_threshold)
         return self.module(network_input(readings, parameter.dtype)) * touches.sensor.w, depth, mask
 
-    def _loss(self, predicted: Tensor, depth: Tensor, mask: Tensor, points: int | None, generator: torch.Generator | None) -> Tensor:
-        sensor = self.train.sensor
-        if self.settings.loss == "depth":
-            return masked_depth_loss(predicted, depth, mask, sensor.width, sensor.w)
-        return projected_chamfer_loss(predicted, depth, mask, sensor.width, sensor.w, points, generator)
+    def _loss(self, predicted: Tensor, depth: Tensor, mask: Tensor) -> Tensor:
+        compute = masked_depth_loss if self.settings.loss == "depth" else projected_chamfer_loss
+        return compute(predicted, depth, mask, width=self.train.sensor.width, gel=self.train.sensor.w)

@@ -19,10 +19,4 @@ class UnetSettings(TrainingSettings):
         "after equal time its depths are 13-20 % nearer (RMS) than those of `chamfer`, whose clouds are 1-9 % nearer; it costs 0.04 % of "
         "a step of width 64, `chamfer` 4 %",
     )
-    loss_points: int | None = setting(
-        2000,
-        "points a touch that the Chamfer loss looks up each way, among all of the other cloud: unbiased; all points, null, cost 8 % of a "
-        "step of width 64",
-        ge=1,
-    )
     mask_threshold: float = setting(THRESHOLD, "2.2: squared difference from the untouched reading beyond which a pixel has touched", ge=0)

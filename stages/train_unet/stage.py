@@ -54,7 +54,8 @@ class TrainUnet(DatasetStage):
             raise StageError("train and valid were felt by different sensors; run simulate-touch again for all objects")
         with seeded_weights(job.seed, self.name):
             network = UNet(settings.width)
-        facts = train(UnetLearner(network, touches, valid, settings), settings, job, self.name)
-        save_touch_model(job.folder, network, touches.sensor, touches.untouched, settings.mask_threshold)
+        facts = train(UnetLearner(network, touches, valid, settings), settings, folder=job.folder, seed=job.seed, name=self.name)
+        threshold = settings.mask_threshold
+        save_touch_model(job.folder, network, sensor=touches.sensor, untouched=touches.untouched, mask_threshold=threshold)
         checkpoint.discard(job.folder)
         return facts | {"touches": {"train": len(touches), "valid": len(valid)}}

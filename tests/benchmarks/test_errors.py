@@ -40,8 +40,8 @@ from stages.evaluate.report import METRICS, _plain
 from stages.evaluate.store import TABLES_ZARR, write_tables
 from stages.registry import STAGES
 from tests.engine.tiny_stages import pack, publish
-from tests.learning import spheres
-from tests.learning.presses import SENSOR
+from tests.stages import ball_dataset as spheres
+from tests.stages.pressed_balls import SENSOR
 
 UM, MM = 1e-6, 1e-3
 ATTRIBUTES: dict[str, dict[str, Any]] = {"touch": {"sensor": SENSOR.model_dump(mode="json")}}
@@ -207,7 +207,7 @@ def test_a_network_that_says_one_depth_is_off_by_the_true_ones(tmp_path: Path) -
             parameter.zero_()
         network.head.load_state_dict({"weight": network.head.weight, "bias": torch.tensor([np.log(PREDICTED / (SENSOR.w - PREDICTED))])})
     (folder := tmp_path / "made").mkdir()
-    save_touch_model(folder, network, SENSOR, untouched_image(SENSOR), 1e-3)
+    save_touch_model(folder, network, sensor=SENSOR, untouched=untouched_image(SENSOR), mask_threshold=1e-3)
     publish(tmp_path, "models/unet", folder, "train-unet")
     pitch = float(np.diff(pixel_centres(SENSOR)[0])[0]) / UM
     apart = np.sqrt(np.array([100, 100, 200]) ** 2 + pitch**2 / 11 / 2)

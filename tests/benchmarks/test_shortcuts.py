@@ -16,9 +16,7 @@ from benchmarks.tradeoff.shortcuts import EQUAL, Results, Shortcut, difference, 
 from pipeline.kernels.geometry.exterior_sampling import EscapeTest
 from pipeline.kernels.hand.distance_field import DistanceField
 from pipeline.kernels.metrics.chamfer import Target
-from pipeline.kernels.networks import touch_losses
-from pipeline.kernels.networks.deformation import DeformationNetwork
-from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.touch import ray_depth
 from stages.simulate_grasps.grasp_search import GraspSearch
 
@@ -26,7 +24,7 @@ from stages.simulate_grasps.grasp_search import GraspSearch
 def small() -> dict[str, Shortcut]:
     """Every shortcut by name, on a small object and with narrow networks."""
     data = shortcuts_data.Bench(size=1, attempts=24, points=1500, samples=512)
-    learning = shortcuts_learning.Bench(items=1, layers=4, features=24, width=0.25, unet=2)
+    learning = shortcuts_learning.Bench(items=1, layers=4, features=24)
     return {one.name: one for one in (*shortcuts_data.shortcuts(data), *shortcuts_learning.shortcuts(learning))}
 
 
@@ -59,8 +57,6 @@ WORK = {
     "doubtful spheres": Work(DistanceField, "exact", lambda field, points: len(points)),
     "enough attempts": Work(GraspSearch, "attempt"),
     "prism": Work(ray_depth, "scan_convert", lambda faces, width, depth: faces.shape[2]),
-    "fewer loss points": Work(touch_losses, "one_way", lambda points, target: len(points)),
-    "touched readings": Work(UNet, "forward", lambda network, readings: len(readings)),
     "fewer samples a step": Work(Target, "nearest", lambda target, points: len(points)),
     "sparse neighbours": Work(torch.Tensor, "__matmul__", lambda matrix, columns: entries(matrix) * columns.shape[1]),
     "each case once": Work(DeformationNetwork, "forward"),

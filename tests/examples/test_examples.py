@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from tests.learning import spheres
+from tests.stages import ball_dataset as spheres
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -28,7 +28,7 @@ from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from stages.registry import STAGES, load_stage
 from stages.sample_surfaces.settings import SurfaceSettings
-from tests.learning.tiny_data import ASSIGNMENTS, manifest
+from tests.stages.tiny_dataset import ASSIGNMENTS, manifest
 
 SETS = [
     *ASSIGNMENTS,

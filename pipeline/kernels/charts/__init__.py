@@ -1,1 +1,1 @@
-"""Touch charts and vision charts: their meshes, and how touch charts are fitted."""
+"""The meshes of touch charts and vision charts, and how touch charts are fitted."""

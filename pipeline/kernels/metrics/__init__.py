@@ -1,1 +1,1 @@
-"""Distances between surfaces, and statistics over objects."""
+"""Distances between surfaces and point clouds, and statistics over objects."""

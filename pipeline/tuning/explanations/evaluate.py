@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.engine.stage import DatasetJob
-from pipeline.kernels.networks.configurations import CONFIGURATIONS
-from pipeline.models.reconstruct import Reconstructor
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.models.reconstruction import Reconstructor
 from pipeline.tuning.explain import Count, arrays_read
 from stages.evaluate.measure import cases_of
 from stages.evaluate.settings import EvaluationSettings

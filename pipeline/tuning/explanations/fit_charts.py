@@ -29,7 +29,7 @@ def explain(settings: ChartSettings, models: Mapping[str, Path], tasks: Sequence
             yield Count("points fitted to", inside, depth.size - inside, "beyond the gel")
         else:
             mask = model.mask(task.inputs["touch"]["reading"][touched])
-            yield Count("readings through the U-Net", felt, sensors - felt, "nothing touched", "touched readings")
+            yield Count("readings through the U-Net", felt, sensors - felt, "nothing touched")
             yield Count("points fitted to", int(mask.sum()), int((~mask).sum()), "the pixel shows no contact")
         taken = int(own["iterations"].sum())
         yield Count("steps", taken, fitted * settings.max_iterations - taken, "the chart was near enough")

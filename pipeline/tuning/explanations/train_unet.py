@@ -1,4 +1,4 @@
-"""What `train-unet` left out: sensors that felt nothing, pixels that no loss looks at, points that its Chamfer loss need not ask."""
+"""What `train-unet` left out: sensors that felt nothing, pixels that no loss looks at."""
 
 from __future__ import annotations
 
@@ -37,14 +37,5 @@ def explain(job: DatasetJob) -> Iterator[Count]:
             yield Count(
                 f"pixels in the loss, of {OBJECTS} objects a split", pixels, mask.numel() - pixels, "they show no contact (supplement 2.2)"
             )
-            if settings.loss == "chamfer" and settings.loss_points is not None:
-                asked = int(mask.flatten(1).sum(dim=1).clamp(max=settings.loss_points).sum())
-                yield Count(
-                    f"points looked up each way, of {OBJECTS} objects a split",
-                    asked,
-                    pixels - asked,
-                    "drawn anew each step: unbiased",
-                    "fewer loss points",
-                )
     done = len(read_metrics(job.folder))
     yield Count("epochs", done, settings.epochs - done, "patience was at its end")

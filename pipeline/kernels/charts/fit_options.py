@@ -1,0 +1,75 @@
+"""The options of a touch chart's fit, and why a fit ended (supplement 2.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from pipeline.kernels.charts.touch_chart import SIDE
+
+
+class StopRule(IntEnum):
+    """Why a chart's fit ended: no touch, the loss below the threshold, the cap on steps, no points to fit to, or no area left."""
+
+    no_touch = 0
+    threshold = 1
+    cap = 2
+    too_few_points = 3
+    collapsed = 4
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How charts are fitted. The defaults are fast; the supplement's are `SUPPLEMENT`.
+
+    Attributes
+    ----------
+    halt
+        Chamfer distance, sensor widths², below which a chart is done. Where chart and cloud are one surface of area A it is still
+        A / (π samples), and as much again from the cloud's own density: `halt` must lie above.
+    residual_limit
+        Sensor widths; what the RMS distance from cloud to chart must not exceed either, or None.
+    max_iterations
+        Steps after which a chart is taken as it is.
+    samples
+        Points of the chart in the Chamfer distance that is compared with `halt`.
+    step_samples, cloud_points
+        Points of the chart, and of the cloud, in the loss of a step; None is the whole cloud. Fewer are faster; the exact loss decides
+        all the same.
+    check_every
+        Steps between two checks of the exact loss, once it may be below the halt. Where each step has all samples and points, each
+        is a check.
+    learning_rate
+        Adam's, sensor widths per step.
+    side
+        Vertices along a side of the chart, odd.
+    """
+
+    halt: float = 6e-4
+    residual_limit: float | None = None
+    max_iterations: int = 1000
+    samples: int = 4000
+    step_samples: int = 500
+    cloud_points: int | None = 500
+    check_every: int = 10
+    learning_rate: float = 1e-2
+    side: int = SIDE
+
+    def __post_init__(self) -> None:
+        for name in ("halt", "samples", "step_samples", "check_every", "learning_rate", "residual_limit", "cloud_points"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise ValueError(f"{name} is {value}: a fit needs a finite number above 0")
+        if self.max_iterations < 0:
+            raise ValueError(f"max_iterations is {self.max_iterations}: 0 at least, which leaves the square")
+
+    @property
+    def always_exact(self) -> bool:
+        """Whether each step has all samples and points."""
+        return self.step_samples >= self.samples and self.cloud_points is None
+
+
+SUPPLEMENT = FitOptions(step_samples=4000, cloud_points=None, check_every=1, learning_rate=3e-3)
+"""Section 2.3 to the letter: one loss, of all points, for the steps and the halt."""

@@ -1,0 +1,40 @@
+"""The undeformed touch chart: a square grid of vertices on the sensor plane (supplement 2.3)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+SIDE = 9
+"""Vertices along a side: 81 vertices and 128 faces, the supplement's."""
+
+
+def chart_square(side: int = SIDE) -> tuple[Tensor, Tensor]:
+    """Make a planar chart as large as the sensor, in the plane z = 0 of the sensor frame.
+
+    Parameters
+    ----------
+    side
+        Vertices along a side; odd, so that one of them, with index side² // 2, is the centre.
+
+    Returns
+    -------
+    vertices
+        (side², 3) float64 in sensor widths, x and y from -1/2 to 1/2, row by row as pixels are: x runs along a row, y from row to row.
+    faces
+        (2 (side - 1)², 3) int64, wound so that normals are +z.
+
+    Raises
+    ------
+    ValueError
+        The side is even or below 3.
+    """
+    if side < 3 or side % 2 == 0:
+        raise ValueError(f"a chart of side {side} has no centre vertex; its side is odd and at least 3, {SIDE} in the supplement")
+    along = torch.arange(side, dtype=torch.float64) / (side - 1) - 0.5
+    y, x = torch.meshgrid(along, along, indexing="ij")
+    vertices = torch.stack([x, y, torch.zeros_like(x)], dim=-1).reshape(-1, 3)
+    index = torch.arange(side * side).reshape(side, side)
+    corner, right, below, across = (part.reshape(-1) for part in (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]))
+    faces = torch.stack([torch.stack([corner, right, across], dim=1), torch.stack([corner, across, below], dim=1)], dim=1)
+    return vertices, faces.reshape(-1, 3)

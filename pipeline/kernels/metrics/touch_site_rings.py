@@ -1,0 +1,84 @@
+"""The square rings around a touch site in which the local Chamfer distance of Table 2 is measured."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+
+
+def ring_of(points: NDArray[np.floating], pose: NDArray[np.float64], width: float, rings: int = 5) -> NDArray[np.int64]:
+    """Find the ring around a sensor in which each surface point lies.
+
+    Ring k of 1, 2, … holds the points with |x|, |y| ≤ k · width / 2 in the sensor's frame that are not in ring k - 1, and with
+    |z| ≤ width, or else the far side of the object would count.
+
+    Parameters
+    ----------
+    points
+        (N, 3) world frame, m.
+    pose
+        (4, 4) sensor frame to world frame.
+    width
+        Side of the sensor, m.
+    rings
+        Number of rings.
+
+    Returns
+    -------
+    (N,) ring index: 0 for the ring ×1, -1 for a point in none.
+
+    Raises
+    ------
+    InvalidInput
+        Points or pose hold NaN or infinity.
+    ValueError
+        Shapes do not fit, there is no ring, or the width is not positive and finite.
+    """
+    if points.ndim != 2 or points.shape[1] != 3 or pose.shape != (4, 4):
+        raise ValueError(f"points {points.shape} and pose {pose.shape}: they must be (number, 3) and (4, 4)")
+    if not 0 < width < np.inf or rings < 1:
+        raise ValueError(f"{rings} rings of a sensor {width} m wide: both must be above 0 and finite")
+    if not (np.isfinite(points).all() and np.isfinite(pose).all()):
+        raise InvalidInput("points or pose hold NaN or infinity: that lies in no ring, but is not outside either")
+    local = (np.asarray(points, np.float64) - pose[:3, 3]) @ pose[:3, :3]  # (N, 3) sensor frame
+    across = np.abs(local[:, :2]).max(axis=1)
+    multiple = np.searchsorted(np.arange(1, rings + 1) * (width / 2), across, side="left")  # an edge belongs to the inner ring
+    outside = (multiple == rings) | (np.abs(local[:, 2]) > width)
+    return np.where(outside, -1, multiple)
+
+
+def ring_means(squared: NDArray[np.float64], ring: NDArray[np.int64], rings: int = 5) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Compute the mean squared distance per ring.
+
+    Parameters
+    ----------
+    squared
+        (N,) of each surface point, m².
+    ring
+        (N,) from `ring_of`.
+    rings
+        Number of rings.
+
+    Returns
+    -------
+    Means (rings,), m², and how many points each is of (rings,). A ring without a point has count 0 and the mean 0: it has no value.
+
+    Raises
+    ------
+    InvalidInput
+        A distance in a ring is NaN or infinite.
+    ValueError
+        Shapes do not fit, or a ring is not in -1..rings - 1.
+    """
+    if squared.shape != ring.shape or squared.ndim != 1:
+        raise ValueError(f"squared distances {squared.shape} and rings {ring.shape}: they must be (number,) and the same")
+    if len(ring) and not (ring.min() >= -1 and ring.max() < rings):
+        raise ValueError(f"rings reach from {ring.min()} to {ring.max()}: there are rings 0 to {rings - 1}, and -1 for none")
+    inside = ring >= 0
+    if not np.isfinite(squared[inside]).all():
+        raise InvalidInput(f"squared distances hold NaN or infinity in {np.count_nonzero(~np.isfinite(squared[inside]))} points of a ring")
+    count = np.bincount(ring[inside], minlength=rings)
+    total = np.bincount(ring[inside], weights=squared[inside], minlength=rings)
+    return total / np.maximum(count, 1), count

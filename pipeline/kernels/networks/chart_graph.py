@@ -1,0 +1,111 @@
+"""The graph that the vertices of vision and touch charts form (supplement 3.1, 3.2)."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import sparse
+from torch import Tensor
+
+from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.charts.vision_charts import VisionCharts
+from pipeline.kernels.metrics.float_types import FULL_PRECISION
+
+CACHED_ITEMS = 64
+"""Items whose averages are kept, by number of touch charts: about 0.5 MB each."""
+
+
+@dataclass(frozen=True, eq=False)
+class ChartGraph:
+    """The neighbourhoods of the N vertices of a batch of B items.
+
+    Item b has its V vision vertices first, then `counts[b]` touch charts of side² vertices; then item b + 1 follows. Two vertices are
+    neighbours where a chart's edge joins them, where they are vision vertices that coincide, or where one is the centre of a touch
+    chart and the other the centre of a vision chart. Each vertex is its own neighbour.
+
+    Attributes
+    ----------
+    mean
+        (N, N) sparse CSR: row i averages over the neighbours of vertex i.
+    counts
+        Touch charts of each item.
+    sizes
+        Vertices of each item: V + counts[b] · side².
+    vision_size
+        V, the vision vertices of each item.
+    """
+
+    mean: Tensor
+    counts: tuple[int, ...]
+    sizes: tuple[int, ...]
+    vision_size: int
+
+    def vision_vertices(self, features: Tensor) -> Tensor:
+        """Select the vision vertices' rows of `features` (N, F): (B, V, F)."""
+        return torch.stack([item[: self.vision_size] for item in torch.split(features, list(self.sizes))])
+
+
+def chart_graph(charts: VisionCharts, side: int, counts: Sequence[int], like: Tensor) -> ChartGraph:
+    """Build the graph of a batch.
+
+    Parameters
+    ----------
+    charts
+        The vision charts of each item.
+    side
+        Vertices along a side of a touch chart.
+    counts
+        Touch charts of each item, B numbers of at least 0.
+    like
+        A tensor of the device and type that `ChartGraph.mean` gets; float32 or float64.
+
+    Raises
+    ------
+    ValueError
+        `counts` is empty or has a negative number, or the type is another one.
+    """
+    if not counts or min(counts) < 0:
+        raise ValueError(f"counts is {list(counts)}; a batch needs one item at least, each with 0 or more touch charts")
+    if like.dtype not in FULL_PRECISION:
+        raise ValueError(f"averages over neighbours in {like.dtype}: take float32 or float64, and autocast for half precision")
+    items = [_neighbour_averages(charts, side, count) for count in counts]
+    mean = sparse.block_diag(items, format="csr")
+    with warnings.catch_warnings():  # torch warns that its interface may change
+        warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
+        tensor = torch.sparse_csr_tensor(
+            torch.from_numpy(mean.indptr),
+            torch.from_numpy(mean.indices),
+            torch.from_numpy(mean.data).to(like.dtype),
+            mean.shape,
+            device=like.device,
+            check_invariants=False,
+        )
+    return ChartGraph(tensor, tuple(counts), tuple(item.shape[0] for item in items), len(charts.vertices))
+
+
+@lru_cache(maxsize=CACHED_ITEMS)
+def _neighbour_averages(charts: VisionCharts, side: int, count: int) -> sparse.csr_array:
+    """(n, n) averages over the neighbours of one item's vertices."""
+    square, square_faces = chart_square(side)
+    first_vertices = len(charts.vertices) + len(square) * np.arange(count)  # (count,) of each touch chart
+    touch_faces = (np.asarray(square_faces) + first_vertices[:, None, None]).reshape(-1, 3)
+    touch_centres = first_vertices + len(square) // 2
+    centres = np.stack(np.meshgrid(touch_centres, charts.centres, indexing="ij"), axis=-1).reshape(-1, 2)
+    size = len(charts.vertices) + count * len(square)
+    itself = np.repeat(np.arange(size)[:, None], 2, axis=1)
+    pairs = np.concatenate([_edges(charts.faces), _edges(touch_faces), charts.seams, centres])
+    rows, columns = np.concatenate([pairs, pairs[:, ::-1], itself]).T
+    neighbours = sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
+    neighbours.data[:] = 1  # edges of two faces were added up
+    return sparse.csr_array(sparse.diags_array(1 / neighbours.sum(axis=1)) @ neighbours)
+
+
+def _edges(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(3 F, 2) the sides of faces (F, 3)."""
+    return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)

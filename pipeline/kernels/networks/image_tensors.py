@@ -1,0 +1,45 @@
+"""Stored images as networks take them."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from pipeline.errors import InvalidInput
+
+COLOURS = 3
+WHITE = 255
+"""The uint8 value of intensity 1."""
+
+
+def network_input(images: Tensor, dtype: torch.dtype) -> Tensor:
+    """Convert stored images to a network's input.
+
+    Parameters
+    ----------
+    images
+        (B, H, W, 3) uint8.
+    dtype
+        Of the network's parameters.
+
+    Returns
+    -------
+    (B, 3, H, W) in [0, 1]; channels stay last in memory, which convolutions on a CPU are fastest with.
+
+    Raises
+    ------
+    ValueError
+        Other shapes or types.
+    """
+    if images.dtype != torch.uint8 or images.ndim != 4 or images.shape[3] != COLOURS:
+        raise ValueError(f"images are {tuple(images.shape)} {images.dtype}; stored images are (B, H, W, {COLOURS}) uint8")
+    return images.permute(0, 3, 1, 2).to(dtype) / WHITE
+
+
+def check_intensities(name: str, images: Tensor) -> None:
+    """Raise `InvalidInput` for images that hold NaN or leave [0, 1], as those do that nobody divided by 255."""
+    if not images.numel():
+        return
+    low, high = images.detach().aminmax()
+    if not bool((low >= 0) & (high <= 1)):  # NaN is neither
+        raise InvalidInput(f"{name} reach from {low:g} to {high:g}; floating images must lie in [0, 1]: divide by {WHITE}")

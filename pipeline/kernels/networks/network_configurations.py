@@ -1,0 +1,83 @@
+"""The supplement's deformation networks as data: the inputs and the size of each (Tables 6-11)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from pipeline.kernels.charts.vision_charts import MOST_SPLITS
+from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, Norm
+
+ImageKind = Literal["occluded", "unoccluded"]
+
+
+class NetworkConfig(BaseModel):
+    """The inputs and sizes of a `DeformationNetwork`.
+
+    Attributes
+    ----------
+    image
+        Which image it sees, if any.
+    touch
+        Whether it is given touch charts and which of them touched.
+    encoder_layers, encoder_kernel, encoder_norm, encoder_width
+        The image encoder: its plan by number of layers, pixels per side of its kernels, its normalisation, its channels over the plan's.
+    encoder_linear
+        Features that a linear layer with ReLU makes of the pooled ones (Table 11); none where it is None.
+    gcn_layers, gcn_features, mixed
+        The graph network: layers in all, features of each but the last, and the share of them averaged over neighbours.
+    passes
+        How often the vertices are moved, with the same weights.
+    splits
+        Vision charts: 24 · 4^splits of them.
+    side
+        Vertices along a side of a touch chart.
+    centre, radius
+        Where the sphere of vision charts starts, m, world. Networks see and move vertices in units of the radius from the centre.
+    checkpointing
+        Whether a pass is computed again for the gradient instead of kept: less memory for about a third more time, same results.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    image: ImageKind | None = None
+    touch: bool = False
+    encoder_layers: int = 18
+    encoder_kernel: Literal[3, 5] = 3
+    encoder_norm: Norm = "batch"
+    encoder_width: float = Field(default=1.0, gt=0)
+    encoder_linear: int | None = Field(default=None, gt=0)
+    gcn_layers: int = Field(default=20, ge=2)
+    gcn_features: int = Field(default=200, ge=1)
+    mixed: float = Field(default=1 / 3, ge=0, le=1)
+    passes: int = Field(default=3, ge=1)
+    splits: int = Field(default=1, ge=0, le=MOST_SPLITS)
+    side: int = Field(default=9, ge=3)
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.6)
+    radius: float = Field(default=0.25, gt=0)
+    checkpointing: bool = False
+
+    @model_validator(mode="after")
+    def _known_encoder(self) -> NetworkConfig:
+        if self.encoder_layers not in ENCODER_PLANS:
+            raise ValueError(f"encoder_layers is {self.encoder_layers}, but there are encoders of {sorted(ENCODER_PLANS)} layers")
+        return self
+
+
+CONFIGURATIONS: Mapping[str, NetworkConfig] = MappingProxyType(
+    {
+        "none": NetworkConfig(gcn_layers=20, gcn_features=200),  # the size of Table 8
+        "touch": NetworkConfig(touch=True, gcn_layers=15, gcn_features=250),  # Table 6
+        "occluded-touch": NetworkConfig(image="occluded", touch=True, gcn_layers=20, gcn_features=250),  # Table 7
+        "occluded": NetworkConfig(image="occluded", gcn_layers=20, gcn_features=200),  # Table 8
+        "unoccluded-touch": NetworkConfig(image="unoccluded", touch=True, gcn_layers=25, gcn_features=200),  # Table 9
+        "unoccluded": NetworkConfig(image="unoccluded", encoder_layers=12, gcn_layers=20, gcn_features=250),  # Table 10
+        "single-image": NetworkConfig(  # Table 11
+            image="unoccluded", encoder_layers=25, encoder_norm="instance", encoder_linear=250, gcn_layers=25, gcn_features=250
+        ),
+    }
+)
+"""The supplement's networks by name; a table's layers are one fewer here than it counts (its index is off by one)."""

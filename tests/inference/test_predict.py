@@ -1,0 +1,196 @@
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from PIL import Image
+
+from pipeline.dataset.grasp_dataset import GraspDataset
+from pipeline.errors import PipelineError, StageError, StoreError
+from pipeline.inference.grasp_input_files import read_poses
+from pipeline.inference.mesh_files import TOUCH_COLOR, joined
+from pipeline.inference.predict import predict
+from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
+from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.touch.tactile_image import untouched_image
+from pipeline.models.touch_model import save_touch_model
+from tests.engine.tiny_stages import publish
+from tests.stages import ball_dataset as spheres
+
+FELT = 3  # of a grasp's four sensors
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    torch.set_num_threads(1)
+    folder = tmp_path_factory.mktemp("balls")
+    spheres.make_data(folder, 1)
+    for name in ("none", "touch", "occluded-touch", "unoccluded"):
+        spheres.make_model(folder, name, still=name == "none")
+    (unet := folder / "made").mkdir()
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        save_touch_model(unet, UNet(8), sensor=spheres.SENSOR, untouched=untouched_image(spheres.SENSOR), mask_threshold=1e-3)
+    publish(folder, "models/unet", unet, "train-unet")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def files(data, tmp_path_factory):
+    """What a user has of grasp 2: an image, four readings, a file of poses."""
+    folder = tmp_path_factory.mktemp("files")
+    item = GraspDataset(data, ["occluded", "reading", "sensor_pose", "touch_success"], "test")[2]
+    Image.fromarray(item["occluded"].numpy()).save(folder / "image.png")
+    for number, reading in enumerate(item["reading"].numpy()):
+        Image.fromarray(reading).save(folder / f"reading-{number}.png")
+    poses, touched = item["sensor_pose"].numpy(), item["touch_success"].numpy()
+    (folder / "poses.json").write_text(json.dumps({"poses": poses.tolist(), "touched": touched.tolist()}))
+    (folder / "unsaid.json").write_text(json.dumps(poses.tolist()))
+    np.savez(folder / "poses.npz", poses=poses, touched=touched)
+    return folder
+
+
+def readings(files: Path) -> list[Path]:
+    return [files / f"reading-{number}.png" for number in range(4)]
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
+def test_a_stored_grasp_becomes_charts_and_a_joined_surface(data, tmp_path, suffix):
+    made = predict(tmp_path / f"ball{suffix}", data / "models", "occluded-touch", data=data, object_id="a", grasps=[2])
+    assert [path.name for path in made.files] == [f"ball{suffix}", f"ball-joined{suffix}"]
+    assert list(made.touched) == [True, True, False, True]
+    apart, together = (trimesh.load_scene(path, process=False).to_mesh() for path in made.files)
+    sphere = vision_charts(0)
+    assert len(apart.vertices) == 24 * CHART_VERTICES + FELT * spheres.SIDE**2
+    assert len(apart.faces) == len(sphere.faces) + FELT * 8
+    assert len(together.vertices) == sphere.position.max() + 1 + FELT * spheres.SIDE**2
+    upright = apart.vertices[:, [0, 2, 1]] * [1, -1, 1] if suffix == ".glb" else apart.vertices
+    np.testing.assert_allclose(np.sort(upright, axis=0), np.sort(made.reconstruction.vertices, axis=0), atol=1e-6)
+    orange = (np.asarray(apart.visual.vertex_colors)[:, :3] == TOUCH_COLOR[:3]).all(axis=1)
+    assert orange.sum() == FELT * spheres.SIDE**2
+    assert not list(tmp_path.glob("*.tmp"))
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".glb"])
+def test_every_chart_has_its_name(data, tmp_path, suffix):
+    made = predict(tmp_path / f"ball{suffix}", data / "models", "touch", data=data, object_id="a", grasps=[0, 1], surface="apart")
+    assert [path.name for path in made.files] == [f"ball{suffix}"]
+    if suffix == ".obj":
+        names = [line.split()[1] for line in made.files[0].read_text().splitlines() if line.startswith(("o ", "g "))]
+    else:
+        names = list(trimesh.load_scene(made.files[0], process=False).geometry)
+    assert sorted(names) == sorted([*(f"touch_{n:02d}" for n in range(2 * FELT)), *(f"vision_{n:03d}" for n in range(24))])
+
+
+def test_the_joined_surface_is_closed(data, tmp_path):
+    made = predict(tmp_path / "ball.ply", data / "models", "none", data=data, object_id="a", surface="joined").reconstruction
+    surface = trimesh.Trimesh(*joined(made), process=False)
+    assert surface.is_watertight
+    assert surface.is_winding_consistent
+    assert surface.euler_number == 2
+    assert surface.volume > 0
+    np.testing.assert_allclose(
+        np.linalg.norm(surface.vertices - spheres.CENTRE, axis=1), 0.25, rtol=1e-6
+    )  # nothing moved: averages of equals
+
+
+def test_files_give_what_the_store_gives(data, files, tmp_path):
+    bare = tmp_path / "uncharted"
+    shutil.copytree(data, bare, ignore=shutil.ignore_patterns("charts"))
+    stored = predict(tmp_path / "a.ply", data / "models", "occluded-touch", data=bare, object_id="a", grasps=[2])
+    for poses in ("poses.json", "poses.npz", "unsaid.json"):
+        given = {"image": files / "image.png", "readings": readings(files), "poses": files / poses}
+        own = predict(tmp_path / "b.ply", data / "models", "occluded-touch", **given)
+        assert (own.touched == stored.touched).all()
+        np.testing.assert_array_equal(own.reconstruction.faces, stored.reconstruction.faces)
+        # the charts are fitted from other seeds to the same clouds
+        np.testing.assert_allclose(own.reconstruction.vertices, stored.reconstruction.vertices, atol=5e-3)
+    again = predict(tmp_path / "c.ply", data / "models", "occluded-touch", **given)
+    assert (again.reconstruction.vertices == own.reconstruction.vertices).all()
+    assert again.files[0].read_bytes() == own.files[0].read_bytes()
+
+
+@pytest.mark.parametrize(("configuration", "asked"), [("none", {"object_id": "typo"}), ("unoccluded", {"object_id": "a", "grasps": [99]})])
+def test_what_is_not_there_is_missed_by_networks_that_do_not_feel_too(data, tmp_path, configuration, asked):
+    with pytest.raises(StoreError, match=r"no object typo|no grasp 99"):
+        predict(tmp_path / "a.ply", data / "models", configuration, data=data, **asked)
+
+
+def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
+    made = predict(tmp_path / "a.obj", data / "models", "touch", data=data, object_id="a", grasps=[1]).reconstruction
+    charts = GraspDataset(data, ["vertices", "stop_rule"], "test")[1]
+    felt = charts["vertices"][charts["stop_rule"] > 0].reshape(-1, 3).double().numpy()
+    np.testing.assert_array_equal(made.vertices[made.vision :], felt)
+
+
+@pytest.mark.parametrize(
+    ("asked", "error", "words"),
+    [
+        ({"configuration": "occluded"}, StageError, r"no model occluded .*none, occluded-touch"),
+        ({"out": "ball.stl"}, StageError, r"\.stl"),
+        ({"grasps": [5]}, StoreError, "no grasp 5; there are grasps 0 to 4"),
+        ({"grasps": []}, StageError, "at least"),
+        ({"object_id": "z"}, StoreError, "no object z"),
+        ({"object_id": None}, StageError, "name an object"),
+        ({"image": "image.png"}, StageError, "no files"),
+        ({"data": None}, StageError, "object a of which data directory"),
+        ({"data": None, "object_id": None}, StageError, "needs tactile images and the sensors' poses, and none is given"),
+        ({"data": None, "object_id": None, "configuration": "unoccluded"}, StageError, "needs an image"),
+        ({"accelerator": "abacus"}, StageError, "abacus"),
+    ],
+)
+def test_what_cannot_be_predicted_is_an_error(data, tmp_path, asked, error, words):
+    plain = {"out": "ball.ply", "models": data / "models", "configuration": "touch", "data": data, "object_id": "a", "grasps": [0]} | asked
+    out = tmp_path / plain.pop("out")
+    with pytest.raises(error, match=words):
+        predict(out, plain.pop("models"), plain.pop("configuration"), **plain)
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_that_do_not_fit_are_errors(data, files, tmp_path):
+    given = {"readings": readings(files), "poses": files / "poses.json"}
+
+    def refused(words, **changes):
+        with pytest.raises(PipelineError, match=words):
+            predict(tmp_path / "ball.ply", data / "models", changes.pop("configuration", "touch"), **(given | changes))
+
+    refused("3 tactile images and 4 poses", readings=readings(files)[:3])
+    small = tmp_path / "small.png"
+    Image.new("RGB", (50, 50)).save(small)
+    refused("50", readings=[small] * 4)
+    refused(r"small.png has \(50, 50\)", readings=[*readings(files)[:3], small])
+    refused("trained on images", configuration="unoccluded", image=small, readings=[], poses=None)
+    refused("takes no touch", configuration="unoccluded", image=small)
+    refused("cannot be read as an image", readings=[files / "poses.json"] * 4)
+    clear = tmp_path / "clear.png"
+    Image.new("RGBA", (100, 100)).save(clear)
+    refused("RGBA", readings=[clear] * 4)
+    bare = tmp_path / "models"
+    shutil.copytree(data / "models", bare, ignore=shutil.ignore_patterns("unet*"))
+    with pytest.raises(StoreError, match="unet has not been made; run the stage that makes it"):
+        predict(tmp_path / "ball.ply", bare, "touch", **given)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({}, "poses"),
+        ([[1, 2], [3, 4]], r"\(2, 2\)"),
+        ([], r"\(0,\)"),
+        ("four", "poses"),
+        ({"poses": [np.eye(4).tolist()], "touched": [1]}, "true or false"),
+        ({"poses": [np.eye(4).tolist()], "touched": [True, False]}, "each of the 1 poses"),
+        ([(2 * np.eye(4)).tolist()], "pose 0: .*rigid"),
+        ([np.full((4, 4), np.inf).tolist()], "infinity"),
+    ],
+)
+def test_poses_that_are_none_are_errors(tmp_path, content, words):
+    path = tmp_path / "poses.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(StageError, match=words):
+        read_poses(path)
+    with pytest.raises(StageError, match=r"absent\.json"):
+        read_poses(tmp_path / "absent.json")

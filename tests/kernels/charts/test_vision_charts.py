@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from pipeline.kernels.charts.vision_charts import VisionCharts, vision_charts
+
+SPLITS = (0, 1, 2)
+
+
+def welded(sphere: VisionCharts) -> tuple[np.ndarray, np.ndarray]:
+    """Distinct positions (P, 3) and the faces between them."""
+    positions = np.full((sphere.position.max() + 1, 3), np.nan)
+    positions[sphere.position] = sphere.vertices
+    return positions, sphere.position[sphere.faces]
+
+
+def test_the_supplement_s_sphere() -> None:
+    sphere = vision_charts()
+    assert len(sphere.centres) == 96
+    assert sphere.vertices.shape == (1824, 3)
+    assert sphere.faces.shape == (2304, 3)
+    assert len(np.unique(sphere.position)) == sphere.position.max() + 1 == 1154
+
+
+@pytest.mark.parametrize("splits", SPLITS)
+def test_counts_by_euler(splits: int) -> None:
+    charts = 24 * 4**splits
+    edges, corners = charts * 3 // 2, charts // 2 + 2
+    sphere = vision_charts(splits)
+    assert len(sphere.centres) == charts
+    assert len(sphere.vertices) == 19 * charts
+    assert len(sphere.faces) == 24 * charts
+    assert sphere.position.max() + 1 == corners + 3 * edges + 7 * charts
+
+
+@pytest.mark.parametrize("splits", SPLITS)
+def test_closed_and_consistently_oriented(splits: int) -> None:
+    positions, faces = welded(vision_charts(splits))
+    directed = Counter((int(face[k]), int(face[(k + 1) % 3])) for face in faces for k in range(3))
+    assert set(directed.values()) == {1}
+    assert all((b, a) in directed for a, b in directed)  # every edge has two faces, which run along it in opposite directions
+    assert len(positions) - len(directed) // 2 + len(faces) == 2
+
+
+@pytest.mark.parametrize("splits", SPLITS)
+def test_a_sphere_seen_from_outside(splits: int) -> None:
+    sphere = vision_charts(splits)
+    np.testing.assert_allclose(np.linalg.norm(sphere.vertices, axis=1), 1, atol=1e-15)
+    a, b, c = np.moveaxis(sphere.vertices[sphere.faces], 1, 0)
+    volumes = np.einsum("fi,fi->f", a, np.cross(b, c)) / 6
+    assert (volumes > 0).all()
+    # A face of angular size h lies below the sphere by about h² / 8, and less and less so with every split.
+    assert 1 - 0.03 / 4**splits < volumes.sum() / (4 / 3 * np.pi) < 1
+
+
+@pytest.mark.parametrize("splits", SPLITS)
+def test_seams_are_what_a_comparison_of_floats_finds(splits: int) -> None:
+    sphere = vision_charts(splits)
+    found = cKDTree(sphere.vertices).query_pairs(1e-12, output_type="ndarray")
+    np.testing.assert_array_equal(sphere.seams, found[np.lexsort(found.T[::-1])])
+
+
+@pytest.mark.parametrize("splits", SPLITS)
+def test_coinciding_vertices_are_equal_to_the_bit_and_lie_on_boundaries(splits: int) -> None:
+    sphere = vision_charts(splits)
+    first, second = sphere.seams.T
+    assert (sphere.vertices[first] == sphere.vertices[second]).all()
+    assert (sphere.position[first] == sphere.position[second]).all()
+    assert (sphere.chart[first] != sphere.chart[second]).all()
+    assert np.array_equal(np.unique(sphere.seams % 19), np.arange(12))
+
+
+def test_a_chart_is_a_triangle_of_four_edges_a_side() -> None:
+    sphere = vision_charts()
+    faces = sphere.faces[:24]
+    assert (sphere.chart[faces] == 0).all()
+    directed = {(int(face[k]), int(face[(k + 1) % 3])) for face in faces for k in range(3)}
+    rim = {a: b for a, b in directed if (b, a) not in directed}
+    assert rim == {k: (k + 1) % 12 for k in range(12)}
+    steps = np.arccos((sphere.vertices[:12] * np.roll(sphere.vertices[:12], -1, axis=0)).sum(axis=1)).reshape(3, 4)
+    np.testing.assert_allclose(steps, steps[:, :1].repeat(4, axis=1), rtol=1e-12)  # four equal arcs a side
+    assert sphere.centres[0] == 18
+    assert {len([1 for face in faces if vertex in face]) for vertex in range(12, 18)} == {6}
+
+
+def test_made_once_and_read_only() -> None:
+    sphere = vision_charts(1)
+    assert vision_charts(1) is sphere
+    with pytest.raises(ValueError, match="read-only"):
+        sphere.vertices[0] = 0
+
+
+@pytest.mark.parametrize("splits", [-1, 5])
+def test_a_number_of_splits_out_of_range(splits: int) -> None:
+    with pytest.raises(ValueError, match=f"splits is {splits}.*0 to 4"):
+        vision_charts(splits)

@@ -1,0 +1,75 @@
+import numpy as np
+import pytest
+
+from pipeline.kernels.metrics.bootstrap import difference_interval, mean_interval
+
+
+def slow_interval(values, rng, resamples, level):
+    """The twin: objects drawn one by one."""
+    means = sorted(sum(values[rng.integers(len(values))] for _ in values) / len(values) for _ in range(resamples))
+    cut = round((1 - level) / 2 * resamples)
+    return means[cut], means[-cut - 1]
+
+
+def test_the_interval_is_that_of_objects_drawn_one_by_one():
+    values = np.random.default_rng(0).gamma(2.0, size=25)
+    found = mean_interval(values, np.random.default_rng(1))
+    low, high = slow_interval(values, np.random.default_rng(2), 4000, 0.95)
+    assert found.mean == values.mean()
+    assert found.low == pytest.approx(low, abs=0.05 * (high - low))
+    assert found.high == pytest.approx(high, abs=0.05 * (high - low))
+
+
+def test_the_interval_of_a_normal_mean_is_nearly_the_textbook_one():
+    values = np.random.default_rng(3).normal(5, 2, size=400)
+    found = mean_interval(values, np.random.default_rng(4))
+    half = 1.96 * values.std() / 20
+    assert found.low == pytest.approx(values.mean() - half, abs=0.1 * half)
+    assert found.high == pytest.approx(values.mean() + half, abs=0.1 * half)
+
+
+def test_pairing_cancels_what_makes_an_object_hard():
+    rng = np.random.default_rng(5)
+    hardness = rng.gamma(1.0, 100.0, size=50)
+    first, second = hardness + rng.normal(1.0, 0.5, 50), hardness + rng.normal(0.0, 0.5, 50)
+    paired = difference_interval(first, second, np.random.default_rng(0))
+    assert 0 < paired.low < paired.mean < paired.high < 2
+    apart = mean_interval(first, np.random.default_rng(0))
+    assert apart.high - apart.low > 20 * (paired.high - paired.low)
+
+
+def test_the_same_seed_gives_the_same_interval_and_another_another():
+    values = np.random.default_rng(0).normal(size=30)
+    assert mean_interval(values, np.random.default_rng(7)) == mean_interval(values, np.random.default_rng(7))
+    assert mean_interval(values, np.random.default_rng(7)) != mean_interval(values, np.random.default_rng(8))
+
+
+@pytest.mark.parametrize("value", [0.1, -1e9, 1e-12])
+def test_interval_of_equal_values_is_that_value(value):
+    """To the rounding of a mean; an interval of differences that are all 0 is 0."""
+    values = np.full(10, value)
+    found = mean_interval(values, np.random.default_rng(0))
+    np.testing.assert_allclose([found.mean, found.low, found.high], value, rtol=1e-14)
+    same = difference_interval(values, values, np.random.default_rng(0))
+    assert (same.mean, same.low, same.high) == (0, 0, 0)
+
+
+def test_one_object_has_an_infinite_interval():
+    found = mean_interval(np.array([3.0]), np.random.default_rng(0))
+    assert (found.mean, found.low, found.high, found.count) == (3.0, -np.inf, np.inf, 1)
+
+
+def test_interval_of_two_objects_reaches_from_one_to_the_other():
+    found = mean_interval(np.array([-1.0, 3.0]), np.random.default_rng(0))
+    assert (found.low, found.mean, found.high) == (-1, 1, 3)
+
+
+@pytest.mark.parametrize("bad", [np.zeros(0), np.array([1.0, np.nan]), np.zeros((2, 2))])
+def test_values_that_have_no_mean_are_refused(bad):
+    with pytest.raises(ValueError, match="finite values"):
+        mean_interval(bad, np.random.default_rng(0))
+
+
+def test_unequal_numbers_of_values_are_not_paired():
+    with pytest.raises(ValueError, match=r"\(3,\) and \(4,\)"):
+        difference_interval(np.zeros(3), np.zeros(4), np.random.default_rng(0))

@@ -1,0 +1,136 @@
+"""Chamfer distance against float64 brute force, and at its extremes."""
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from pipeline.kernels.metrics import chamfer as module
+from pipeline.kernels.metrics.chamfer import Target, chamfer, squared_distances
+
+
+def cloud(count: int, seed: int, scale: float = 0.25, dtype: torch.dtype = torch.float64) -> Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    points = torch.randn(count, 3, generator=generator, dtype=torch.float64)
+    return (scale * points / points.norm(dim=1, keepdim=True) + torch.tensor([0.0, 0.0, 0.6])).to(dtype)
+
+
+def brute(a: Tensor, b: Tensor) -> Tensor:
+    """The definition: all pairs, the least of each row and column."""
+    pairs = ((a[:, None, :] - b[None, :, :]) ** 2).sum(-1)
+    return pairs.min(dim=1).values.mean() + pairs.min(dim=0).values.mean()
+
+
+def gradients(distance: Tensor, *clouds: Tensor) -> list[Tensor]:
+    return list(torch.autograd.grad(distance, clouds))
+
+
+def agree(count: int, other: int) -> None:
+    a, b = cloud(count, 1).requires_grad_(), cloud(other, 2).requires_grad_()
+    fast, slow = chamfer(a, b), brute(a, b)
+    torch.testing.assert_close(fast, slow, rtol=1e-13, atol=0)
+    for mine, theirs in zip(gradients(fast, a, b), gradients(slow, a, b), strict=True):
+        torch.testing.assert_close(mine, theirs, rtol=1e-12, atol=1e-18)
+
+
+@pytest.mark.parametrize(("count", "other"), [(1, 1), (1, 7), (300, 1), (1000, 700)])
+def test_value_and_gradients_are_those_of_brute_force(count: int, other: int) -> None:
+    agree(count, other)
+
+
+@pytest.mark.slow
+def test_full_size_is_brute_force() -> None:
+    a, b = cloud(10_000, 1).requires_grad_(), cloud(10_000, 2).requires_grad_()
+    fast = chamfer(a, b)
+    with torch.no_grad():
+        there = torch.cat([((part[:, None] - b[None]) ** 2).sum(-1).min(dim=1).indices for part in a.split(500)])
+        back = torch.cat([((part[:, None] - a[None]) ** 2).sum(-1).min(dim=1).indices for part in b.split(500)])
+    slow = ((a - b[there]) ** 2).sum(-1).mean() + ((b - a[back]) ** 2).sum(-1).mean()
+    torch.testing.assert_close(fast, slow, rtol=1e-13, atol=0)
+    for mine, theirs in zip(gradients(fast, a, b), gradients(slow, a, b), strict=True):
+        torch.testing.assert_close(mine, theirs, rtol=1e-12, atol=1e-18)
+
+
+def test_float32_is_as_good_as_its_points() -> None:
+    a, b = cloud(2000, 1, dtype=torch.float32), cloud(2000, 2, dtype=torch.float32)
+    torch.testing.assert_close(chamfer(a, b).double(), brute(a.double(), b.double()), rtol=1e-5, atol=0)
+
+
+def test_gradcheck() -> None:
+    a, b = cloud(9, 3).requires_grad_(), cloud(6, 4).requires_grad_()
+    assert torch.autograd.gradcheck(chamfer, (a, b))
+    assert torch.autograd.gradcheck(squared_distances, (a, b))
+
+
+def test_identical_clouds_are_zero_apart_with_zero_gradient() -> None:
+    points = cloud(500, 5)
+    a, b = points.clone().requires_grad_(), points.clone().requires_grad_()
+    distance = chamfer(a, b)
+    assert distance.item() == 0
+    assert all((gradient == 0).all() for gradient in gradients(distance, a, b))
+
+
+def test_many_copies_of_one_point() -> None:
+    a = cloud(1, 6).repeat(3000, 1).requires_grad_()
+    b = cloud(1, 7).repeat(2000, 1)
+    distance = chamfer(a, b)
+    torch.testing.assert_close(distance, 2 * ((a[0] - b[0]) ** 2).sum())
+    assert torch.isfinite(gradients(distance, a)[0]).all()
+
+
+def test_one_way_is_one_squared_distance_a_point() -> None:
+    a, b = torch.tensor([[0.0, 0, 0], [3, 0, 0]]), torch.tensor([[1.0, 0, 0], [0, 2, 0]])
+    assert squared_distances(a, b).tolist() == [1, 4]
+    assert squared_distances(b, a).tolist() == [1, 4]
+    assert Target(b).nearest(a).tolist() == [0, 0]
+    assert chamfer(a, b).item() == 5
+
+
+def test_target_gives_the_same_distances_as_its_cloud() -> None:
+    a, b = cloud(400, 8).requires_grad_(), cloud(300, 9)
+    kept, plain = squared_distances(a, Target(b)), squared_distances(a, b)
+    assert kept.equal(plain)
+    assert gradients(kept.sum(), a)[0].equal(gradients(plain.sum(), a)[0])
+
+
+def test_pairs_a_gpu_goes_through_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    a, b = cloud(300, 10), cloud(200, 11)
+    target = Target(b)
+    by_tree = target.nearest(a)
+    monkeypatch.setattr(target, "_tree", None)
+    monkeypatch.setattr(module, "PAIRS_PER_BLOCK", 7 * len(b))
+    assert target.nearest(a).equal(by_tree)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_gpu_agrees_with_cpu(dtype: torch.dtype) -> None:
+    clouds = cloud(10_000, 12, dtype=dtype), cloud(10_000, 13, dtype=dtype)
+    here = [points.requires_grad_() for points in clouds]
+    there = [points.detach().cuda().requires_grad_() for points in clouds]
+    torch.testing.assert_close(chamfer(*there).cpu(), chamfer(*here), rtol=1e-5, atol=0)
+    for mine, theirs in zip(gradients(chamfer(*there), *there), gradients(chamfer(*here), *here), strict=True):
+        torch.testing.assert_close(mine.cpu(), theirs, rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (torch.zeros(0, 3), "no points"),
+        (torch.zeros(4, 2), r"shape \(4, 2\)"),
+        (torch.zeros(1, 4, 3), r"shape \(1, 4, 3\)"),
+        (torch.zeros(4, 3, dtype=torch.int64), "floating"),
+        (torch.tensor([[0.0, 0, np.nan], [0, 0, 0]]), "1 of 2 points"),
+        (torch.tensor([[0.0, 0, np.inf]]), "infinity"),
+    ],
+)
+def test_bad_clouds_are_named(points: Tensor, message: str) -> None:
+    good = torch.zeros(5, 3)
+    for call in (
+        lambda: chamfer(points, good),
+        lambda: chamfer(good, points),
+        lambda: squared_distances(points, good),
+        lambda: Target(points).nearest(good),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()

@@ -1,0 +1,126 @@
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.kernels.geometry.triangle_sampling import sample_triangles
+from pipeline.kernels.metrics.chamfer import chamfer
+from pipeline.kernels.metrics.cloud_distances import cloud_distances, nearest_squared, sampled_area, sampling_floor
+
+
+def brute_force(query, points):
+    """The slow twin: every pair, in float64."""
+    return np.array([min(float(np.dot(q - p, q - p)) for p in points) for q in query])
+
+
+def sphere(radius, count, rng):
+    directions = rng.normal(size=(count, 3))
+    return radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def plane(count, rng, *, width=1.0, height=0.0):
+    return np.column_stack([rng.random((count, 2)) * width, np.full(count, height)])
+
+
+@pytest.mark.parametrize(("queries", "points"), [(1, 1), (1, 50), (50, 1), (80, 60)])
+def test_nearest_distances_are_those_of_all_pairs(queries, points):
+    rng = np.random.default_rng(3)
+    a, b = rng.normal(size=(queries, 3)), rng.normal(size=(points, 3))
+    np.testing.assert_allclose(nearest_squared(a, b), brute_force(a, b), rtol=1e-13)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-4, 1e3), st.floats(0.1, 10))
+def test_the_chamfer_distance_and_f1_are_symmetric_and_scale(seed, scale, tau):
+    rng = np.random.default_rng(seed)
+    a, b = rng.normal(size=(30, 3)), rng.normal(size=(20, 3))
+    there, back = cloud_distances(a, b), cloud_distances(b, a)
+    assert there.chamfer == pytest.approx(back.chamfer)
+    assert cloud_distances(scale * a, scale * b).chamfer == pytest.approx(scale**2 * there.chamfer)
+    assert there.precision_recall(tau) == back.precision_recall(tau)[::-1]
+    assert there.f1(tau) == pytest.approx(back.f1(tau))
+    assert there.f1(tau) <= there.f1(2 * tau)
+    scaled = cloud_distances(scale * a, scale * b).f1(tau)
+    assert there.f1(tau, scale) == pytest.approx(scaled, abs=0.1)  # a point on the very limit may round to either side
+
+
+def test_identical_clouds_are_zero_apart():
+    cloud = np.random.default_rng(0).normal(size=(100, 3))
+    found = cloud_distances(cloud, cloud)
+    assert found.chamfer == 0
+    assert found.f1(0.0) == 1
+
+
+def test_two_planes_that_face_each_other_are_twice_their_squared_distance_apart():
+    grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0), [0.0]), axis=-1).reshape(-1, 3)
+    assert cloud_distances(grid, grid + [0, 0, 0.3]).chamfer == pytest.approx(2 * 0.3**2)
+
+
+def test_spheres_are_the_squared_difference_of_their_radii_apart_each_way():
+    rng = np.random.default_rng(1)
+    directions = sphere(1.0, 4000, rng)
+    found = cloud_distances(0.5 * directions, 0.8 * directions)
+    assert found.predicted.mean() == pytest.approx(0.3**2)
+    assert found.truth.mean() == pytest.approx(0.3**2)
+
+
+def test_two_samplings_of_a_plane_are_the_sampling_floor_apart():
+    rng = np.random.default_rng(5)
+    count, width = 20_000, 0.4
+    measured = cloud_distances(plane(count, rng, width=width), plane(count, rng, width=width)).chamfer
+    assert measured == pytest.approx(sampling_floor(width**2, count), rel=0.03)
+
+
+@pytest.mark.parametrize("count", [1_000, 10_000])
+def test_the_area_of_a_sphere_is_found_from_points_on_it(count):
+    points = sphere(0.2, count, np.random.default_rng(2))
+    assert sampled_area(points) == pytest.approx(4 * np.pi * 0.2**2, rel=4 / np.sqrt(count))
+
+
+def test_a_thin_sheet_counts_once_as_it_does_in_the_distances():
+    rng = np.random.default_rng(8)
+    sheet = np.concatenate([plane(5000, rng), plane(5000, rng, height=1e-5)])
+    other = np.concatenate([plane(5000, rng), plane(5000, rng, height=1e-5)])
+    assert sampled_area(sheet) == pytest.approx(1.0, rel=0.05)
+    assert cloud_distances(sheet, other).chamfer == pytest.approx(sampling_floor(sampled_area(sheet), 10_000), rel=0.05)
+
+
+def test_precision_counts_predicted_points_and_recall_true_ones():
+    truth = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0.0]])
+    predicted = np.array([[0, 0, 0.05], [0, 0, 0.2]])
+    found = cloud_distances(predicted, truth)
+    assert found.precision_recall(0.01) == (0.5, 0.25)
+    assert found.f1(0.01) == pytest.approx(2 * 0.5 * 0.25 / 0.75)
+    assert found.f1(1e-9) == 0
+    assert found.precision_recall(0.01, scale=0.4) == (1.0, 0.25)  # 0.2 m become 0.08 m
+
+
+def test_points_on_one_sided_and_empty_faces_are_drawn_from_what_has_an_area():
+    triangles = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 5], [0, 0, 5], [1, 0, 5]]], float)
+    points, face = sample_triangles(triangles, 500, np.random.default_rng(0))
+    assert (face == 0).all()
+    assert cloud_distances(points, points[:, [1, 0, 2]]).chamfer < 0.05
+
+
+@pytest.mark.parametrize("bad", [np.zeros((0, 3)), np.zeros((4, 2)), np.zeros(3), np.array([[0, np.nan, 0]]), np.array([[np.inf, 0, 0]])])
+def test_clouds_that_are_none_are_errors(bad):
+    with pytest.raises(ValueError, match=r"cloud|NaN"):
+        cloud_distances(bad, np.zeros((1, 3)))
+    with pytest.raises(ValueError, match=r"cloud|NaN"):
+        cloud_distances(np.zeros((1, 3)), bad)
+
+
+def test_floors_and_areas_of_nothing_are_errors():
+    with pytest.raises(ValueError, match="-1"):
+        sampling_floor(-1, 10)
+    with pytest.raises(ValueError, match="0 points"):
+        sampling_floor(1, 0)
+    with pytest.raises(ValueError, match="two at least"):
+        sampled_area(np.zeros((1, 3)))
+
+
+def test_it_is_the_distance_that_networks_are_trained_by() -> None:
+    rng = np.random.default_rng(0)
+    one, other = rng.normal(size=(300, 3)), rng.normal(size=(200, 3))
+    trained_by = float(chamfer(torch.from_numpy(one), torch.from_numpy(other)))
+    assert cloud_distances(one, other).chamfer == pytest.approx(trained_by, rel=1e-12)

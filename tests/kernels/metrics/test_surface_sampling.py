@@ -1,0 +1,110 @@
+"""Area-uniform sampling: its statistics, its gradient, and an exact twin."""
+
+import numpy as np
+import pytest
+import torch
+from scipy import stats
+from torch import Tensor
+
+from pipeline.kernels.metrics.surface_sampling import map_to_surfaces, sample_surface
+
+FACES = torch.tensor([[0, 1, 2], [0, 2, 3], [1, 1, 2], [0, 3, 4]])  # the third has no area
+VERTICES = torch.tensor([[0.0, 0, 0], [1, 0, 0], [1, 2, 0], [0, 2, 1], [-0.1, 0, 0.3]], dtype=torch.float64)
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def twin(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:
+    """One point after the other, by the words of the docstring."""
+    corners = [[vertices[i] for i in face] for face in faces.tolist()]
+    areas = [float(torch.linalg.cross(b - a, c - a).norm().detach()) / 2 for a, b, c in corners]
+    points = []
+    for choose, u, v in uniform.tolist():
+        left = choose * sum(areas)
+        for (a, b, c), area in zip(corners, areas, strict=True):
+            if left < area:
+                points.append((1 - u**0.5) * a + u**0.5 * (1 - v) * b + u**0.5 * v * c)
+                break
+            left -= area
+    return torch.stack(points)
+
+
+def barycentric(points: Tensor, face: int) -> Tensor:
+    """(n, 3) weights of a face's corners; NaN for points off its plane or outside it."""
+    corners = VERTICES[FACES[face]]
+    solved = torch.linalg.lstsq(torch.cat([corners.T, torch.ones(1, 3)]), torch.cat([points.T, torch.ones(1, len(points))])).solution.T
+    on = ((solved @ corners - points).norm(dim=1) < 1e-9) & (solved > -1e-9).all(dim=1)
+    return torch.where(on[:, None], solved, torch.nan)
+
+
+def test_points_are_the_twins() -> None:
+    uniform = torch.rand(1, 500, 3, generator=generator(), dtype=torch.float64)
+    torch.testing.assert_close(map_to_surfaces(VERTICES[None], FACES, uniform)[0], twin(VERTICES, FACES, uniform[0]), rtol=0, atol=1e-14)
+
+
+def test_every_place_is_equally_likely() -> None:
+    points = sample_surface(VERTICES, FACES, 40_000, generator(1))
+    inside = [barycentric(points, face) for face in (0, 1, 3)]
+    counts = [int((~weights[:, 0].isnan()).sum()) for weights in inside]
+    corners = VERTICES[FACES[[0, 1, 3]]]
+    areas = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).norm(dim=1).numpy() / 2
+    assert sum(counts) == len(points)  # all lie on a face, none on two
+    assert stats.chisquare(counts, len(points) * areas / areas.sum()).pvalue > 0.01
+    # a face divided by halves of its edges: four parts, equally large
+    weights = inside[1][~inside[1][:, 0].isnan()]
+    parts = [int((weights[:, corner] > 0.5).sum()) for corner in range(3)]
+    assert stats.chisquare([*parts, len(weights) - sum(parts)]).pvalue > 0.01
+
+
+def test_the_ends_of_the_interval_choose_faces_with_an_area() -> None:
+    faces = torch.tensor([[1, 1, 2], [0, 1, 2], [2, 2, 2]])
+    ends = torch.tensor([[[0.0, 0.5, 0.5], [np.nextafter(1.0, 0.0), 0.5, 0.5]]], dtype=torch.float64)
+    for scale in (1e-6, 1.0, 1e3 / 3):
+        points = map_to_surfaces(VERTICES[None] * scale, faces, ends)[0] / scale
+        assert (points[:, 0] > points[:, 1] / 2).all()  # inside the second face, not on its rim
+
+
+def test_gradient_reaches_the_vertices() -> None:
+    uniform = torch.rand(2, 20, 3, generator=generator(2), dtype=torch.float64)
+    vertices = torch.stack([VERTICES, VERTICES.flip(1)]).requires_grad_()
+    weights = torch.rand(2, 20, 3, generator=generator(3), dtype=torch.float64)
+    (gradient,) = torch.autograd.grad((map_to_surfaces(vertices, FACES, uniform) * weights).sum(), vertices)
+    for i in range(2):
+        mine = vertices[i].detach().requires_grad_()
+        (slow,) = torch.autograd.grad((twin(mine, FACES, uniform[i]) * weights[i]).sum(), mine)
+        torch.testing.assert_close(gradient[i], slow, rtol=0, atol=1e-13)
+
+
+def test_a_row_does_not_depend_on_the_others_and_a_seed_settles_it() -> None:
+    uniform = torch.rand(3, 100, 3, generator=generator(4), dtype=torch.float64)
+    several = torch.stack([VERTICES, VERTICES * 2, VERTICES + 1])
+    together = map_to_surfaces(several, FACES, uniform)
+    for i in range(3):
+        assert map_to_surfaces(several[i : i + 1], FACES, uniform[i : i + 1])[0].equal(together[i])
+    assert sample_surface(VERTICES, FACES, 50, generator(5)).equal(sample_surface(VERTICES, FACES, 50, generator(5)))
+    assert not sample_surface(VERTICES, FACES, 50, generator(5)).equal(sample_surface(VERTICES, FACES, 50, generator(6)))
+
+
+def test_float32_keeps_its_type_and_chooses_in_float64() -> None:
+    points = sample_surface(VERTICES.float(), FACES, 100, generator(8))
+    assert points.dtype == torch.float32
+    torch.testing.assert_close(points.double(), sample_surface(VERTICES.float().double(), FACES, 100, generator(8)), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "count", "message"),
+    [
+        (VERTICES[:, :2], FACES, 5, r"\(5, 2\)"),
+        (VERTICES, FACES[:, :2], 5, r"\(4, 2\)"),
+        (VERTICES, FACES[:0], 5, r"\(0, 3\)"),
+        (VERTICES, FACES, 0, "0 points"),
+        (VERTICES * 0, FACES, 5, "no face"),
+        (VERTICES * torch.nan, FACES, 5, "NaN"),
+        (VERTICES[None], FACES, 5, r"\(1, 5, 3\)"),
+    ],
+)
+def test_bad_surfaces_are_named(vertices: Tensor, faces: Tensor, count: int, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        sample_surface(vertices, faces, count, generator())

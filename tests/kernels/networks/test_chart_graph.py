@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.kernels.charts.vision_charts import vision_charts
+from pipeline.kernels.networks.chart_graph import chart_graph
+from tests.references.dense_graph import dense_mean
+
+FLOAT32, FLOAT64 = torch.zeros((), dtype=torch.float32), torch.zeros((), dtype=torch.float64)
+
+
+@pytest.mark.parametrize(("splits", "side", "counts"), [(0, 3, [0]), (0, 3, [2]), (0, 5, [1, 0, 3]), (0, 3, [2, 2])])
+def test_mean_equals_dense_adjacency_of_a_loop_over_faces(splits: int, side: int, counts: list[int]) -> None:
+    sphere = vision_charts(splits)
+    graph = chart_graph(sphere, side, counts, FLOAT64)
+    expected = dense_mean(sphere.faces, sphere.vertices, sphere.centres, side, counts)
+    np.testing.assert_allclose(graph.mean.to_dense().numpy(), expected, rtol=1e-15)
+
+
+def test_full_size_graph_has_the_supplements_degrees() -> None:
+    sphere = vision_charts()
+    graph = chart_graph(sphere, 9, [4, 20], FLOAT32)
+    assert graph.sizes == (1824 + 4 * 81, 1824 + 20 * 81)
+    assert tuple(graph.mean.shape) == (sum(graph.sizes),) * 2
+    ones = torch.ones(sum(graph.sizes), 1)
+    torch.testing.assert_close(graph.mean @ ones, ones)
+    degree = graph.mean.crow_indices().diff()
+    touch_centre = 1824 + 40
+    assert degree[touch_centre] == 1 + 6 + 96  # itself, the square's diagonals lie alike, every vision chart
+    assert degree[sphere.centres[0]] == 1 + 6 + 4
+    assert degree[graph.sizes[0] + sphere.centres[0]] == 1 + 6 + 20
+
+
+def test_items_do_not_see_each_other() -> None:
+    graph = chart_graph(vision_charts(0), 3, [1, 2], FLOAT64)
+    dense = graph.mean.to_dense()
+    first = graph.sizes[0]
+    assert not dense[:first, first:].any()
+    assert not dense[first:, :first].any()
+
+
+def test_vision_vertices_are_the_first_of_each_item() -> None:
+    graph = chart_graph(vision_charts(0), 3, [1, 0, 2], FLOAT32)
+    features = torch.arange(sum(graph.sizes))[:, None]
+    found = graph.vision_vertices(features)
+    assert found[..., 0].tolist() == [[*range(456)], [*range(465, 921)], [*range(921, 1377)]]
+
+
+@pytest.mark.parametrize("counts", [[], [2, -1]])
+def test_empty_or_negative_counts_are_refused(counts: list[int]) -> None:
+    with pytest.raises(ValueError, match="counts is"):
+        chart_graph(vision_charts(0), 3, counts, FLOAT32)
+
+
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
+def test_half_precision_is_refused(dtype: torch.dtype) -> None:
+    with pytest.raises(ValueError, match=rf"{dtype}.*float32 or float64, and autocast"):
+        chart_graph(vision_charts(0), 3, [1], torch.zeros((), dtype=dtype))

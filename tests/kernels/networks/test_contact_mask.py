@@ -1,0 +1,81 @@
+"""The contact mask against section 2.2 pixel by pixel, and what is no image."""
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.kernels.networks.contact_mask import contact_mask
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+from tests.kernels.touch.shapes import SENSOR
+
+
+def slow_mask(readings: np.ndarray, blank: np.ndarray, threshold: float) -> np.ndarray:
+    """Every pixel by itself, in Python's floats."""
+    mask = np.zeros(readings.shape[:-1], bool)
+    for index in np.ndindex(mask.shape):
+        row, col = index[-2:]
+        squared = 0.0
+        for channel in range(3):
+            squared += ((float(readings[*index, channel]) - float(blank[row, col, channel])) / 255) ** 2
+        mask[index] = squared > threshold
+    return mask
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.001, 0.01])
+def test_against_the_slow_twin(threshold: float) -> None:
+    rng = np.random.default_rng(0)
+    blank = rng.integers(0, 256, (7, 5, 3), dtype=np.uint8)
+    readings = np.clip(blank + rng.integers(-20, 21, (2, 4, 7, 5, 3)) * rng.integers(0, 2, (2, 4, 7, 5, 1)), 0, 255).astype(np.uint8)
+    expected = slow_mask(readings, blank, threshold)
+    assert 0 < expected.sum() < expected.size
+    given = torch.from_numpy(readings), torch.from_numpy(blank)
+    assert (contact_mask(*given, threshold).numpy() == expected).all()
+    for dtype in (torch.float32, torch.float64):
+        floats = [image.to(dtype) / 255 for image in given]
+        assert (contact_mask(floats[0], floats[1], threshold).numpy() == expected).all()
+
+
+def test_the_norm_is_squared() -> None:
+    blank = torch.full((1, 3, 3), 100, dtype=torch.uint8)
+    touched = blank.clone()
+    touched[0, 0] += torch.tensor([8, 1, 0], dtype=torch.uint8)  # 65 / 255² = 0.0009996
+    touched[0, 1] += torch.tensor([8, 1, 1], dtype=torch.uint8)  # 66 / 255² = 0.00101
+    assert contact_mask(touched, blank).tolist() == [[False, True, False]]
+
+
+def test_extremes() -> None:
+    black, white = torch.zeros((4, 4, 3), dtype=torch.uint8), torch.full((4, 4, 3), 255, dtype=torch.uint8)
+    assert contact_mask(white, black).all()
+    assert contact_mask(black, white).all()
+    assert not contact_mask(white, white, 0.0).any()
+    assert contact_mask(black.expand(0, 4, 4, 3), black).shape == (0, 4, 4)
+
+
+def test_a_press_is_seen_where_it_presses() -> None:
+    row, col = np.indices(SENSOR.shape)
+    pressed = (row - 50) ** 2 + (col - 50) ** 2 < 20**2
+    depth = np.where(pressed, 0.005 + 1e-6 * ((row - 50) ** 2 + (col - 50) ** 2), np.inf).astype(np.float32)
+    mask = contact_mask(torch.from_numpy(tactile_image(depth, SENSOR)), torch.tensor(untouched_image(SENSOR))).numpy()
+    inside = (row - 50) ** 2 + (col - 50) ** 2 < 18**2
+    outside = (row - 50) ** 2 + (col - 50) ** 2 > 22**2
+    assert mask[inside].mean() > 0.95
+    assert not mask[outside].any()
+
+
+@pytest.mark.parametrize(
+    ("readings", "blank", "threshold", "message"),
+    [
+        (torch.zeros(2, 4, 4, 3), torch.zeros(4, 5, 3), 0.001, r"\(2, 4, 4, 3\), untouched \(4, 5, 3\)"),
+        (torch.zeros(3, 4, 4), torch.zeros(3, 4, 4), 0.001, r"\(\.\.\., H, W, 3\)"),
+        (torch.zeros(4, 3), torch.zeros(4, 3), 0.001, r"\(4, 3\)"),
+        (torch.zeros(4, 4, 3, dtype=torch.uint8), torch.zeros(4, 4, 3), 0.001, "uint8, untouched is torch.float32"),
+        (torch.zeros(4, 4, 3, dtype=torch.int64), torch.zeros(4, 4, 3, dtype=torch.int64), 0.001, "int64"),
+        (torch.zeros(4, 4, 3) + 200, torch.zeros(4, 4, 3), 0.001, r"images reach .* 200.* divide by 255"),
+        (torch.zeros(4, 4, 3), torch.zeros(4, 4, 3) * torch.nan, 0.001, "untouched reach from nan"),
+        (torch.zeros(4, 4, 3), torch.zeros(4, 4, 3), -1.0, "threshold -1"),
+        (torch.zeros(4, 4, 3), torch.zeros(4, 4, 3), float("nan"), "threshold nan"),
+    ],
+)
+def test_errors_name_what_is_wrong(readings: torch.Tensor, blank: torch.Tensor, threshold: float, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        contact_mask(readings, blank, threshold)

@@ -1,0 +1,89 @@
+"""Masks at thresholds no float can be sure of, and what is no image."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+
+from pipeline.kernels.networks.contact_mask import contact_mask
+from pipeline.kernels.networks.image_tensors import WHITE, network_input
+from tests.kernels.networks.pictures import KINDS, stored
+from tests.strategies import seeds
+
+
+@given(seed=seeds, pixel=st.integers(0, 23), beside=st.sampled_from([0, 4]))
+def test_bytes_are_compared_exactly_at_any_threshold(seed: int, pixel: int, beside: int) -> None:
+    """At the squared norm of one of the pixels and the float next to it, where a rounded product decides wrongly."""
+    blank, readings = np.random.default_rng(seed).integers(0, 256, (2, 6, 4, 3), dtype=np.uint8)
+    squares = np.square(readings.astype(int) - blank).reshape(-1, 3).sum(axis=1).tolist()
+    threshold = float(np.nextafter(squares[pixel] / WHITE**2, beside))
+    expected = [Fraction(square, WHITE**2) > Fraction(threshold) for square in squares]
+    assert contact_mask(torch.from_numpy(readings), torch.from_numpy(blank), threshold).flatten().tolist() == expected
+
+
+@pytest.mark.parametrize("square", [1, 65, 66, 4225, 65025, 194566, 195075])
+def test_a_threshold_beside_a_squared_norm_parts_it_from_the_next(square: int) -> None:
+    """Readings whose every pixel has that squared norm exactly: just below the threshold, at it, and just above."""
+    parts = next(
+        (r, g, b)
+        for r in range(WHITE + 1)
+        for g in range(r + 1)
+        for b in [math.isqrt(max(square - r * r - g * g, 0))]
+        if b <= g and r * r + g * g + b * b == square
+    )
+    readings, blank = torch.tensor(parts, dtype=torch.uint8).expand(2, 2, 3), torch.zeros(2, 2, 3, dtype=torch.uint8)
+    exactly = Fraction(square, WHITE**2)
+    for threshold in (np.nextafter(square / WHITE**2, 0), square / WHITE**2, np.nextafter(square / WHITE**2, 4)):
+        assert bool(contact_mask(readings, blank, float(threshold)).all()) == (exactly > Fraction(float(threshold)))
+
+
+@given(seed=seeds, threshold=st.floats(1e-4, 3))
+def test_floats_decide_as_bytes_do_but_within_a_millionth(seed: int, threshold: float) -> None:
+    rng = np.random.default_rng(seed)
+    blank, readings = (torch.from_numpy(image) for image in rng.integers(0, 256, (2, 6, 6, 3), dtype=np.uint8))
+    squared = (readings.double() - blank.double()).square().sum(dim=-1) / WHITE**2
+    clear = (squared - threshold).abs() > 1e-6
+    for dtype in (torch.float32, torch.float64):
+        mask = contact_mask(readings.to(dtype) / WHITE, blank.to(dtype) / WHITE, threshold)
+        assert bool((mask == contact_mask(readings, blank, threshold))[clear].all())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_reading_never_touches_itself(kind: str) -> None:
+    reading = stored(kind, 9)
+    assert not contact_mask(reading, reading, 0.0).any()
+
+
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
+def test_masks_of_half_precision_are_refused(dtype: torch.dtype) -> None:
+    with pytest.raises(ValueError, match=f"images are {dtype}.*float32 or float64"):
+        contact_mask(torch.zeros(2, 2, 3, dtype=dtype), torch.zeros(2, 2, 3, dtype=dtype))
+
+
+@pytest.mark.parametrize("threshold", [math.inf, math.nan, -1e-9])
+def test_threshold_must_be_finite_and_not_negative(threshold: float) -> None:
+    blank = torch.zeros(2, 2, 3, dtype=torch.uint8)
+    with pytest.raises(ValueError, match="threshold"):
+        contact_mask(blank, blank, threshold)
+
+
+@pytest.mark.parametrize("images", [torch.zeros(1, 4, 4, 3), torch.zeros(4, 4, 3, dtype=torch.uint8), torch.zeros(1, 3, 4, 4).byte()])
+def test_only_stored_images_become_input(images: Tensor) -> None:
+    """A float image would be divided by 255 a second time."""
+    with pytest.raises(ValueError, match=r"\(B, H, W, 3\) uint8"):
+        network_input(images, torch.float32)
+
+
+def test_input_is_a_multiple_of_a_255th() -> None:
+    ramp = torch.arange(256, dtype=torch.uint8).reshape(1, 256, 1, 1).expand(1, 256, 1, 3)
+    for dtype, bound in ((torch.float32, 6e-8), (torch.float64, 2e-16)):
+        found = network_input(ramp, dtype)[0, 0, :, 0]
+        assert max(abs(Fraction(value) - Fraction(k, WHITE)) for k, value in enumerate(found.tolist())) <= bound
+        assert (float(found[0]), float(found[-1])) == (0, 1)

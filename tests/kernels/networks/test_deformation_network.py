@@ -1,0 +1,204 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from pipeline.kernels.charts.vision_charts import vision_charts
+from pipeline.kernels.networks.deformation_network import DeformationNetwork
+from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, NetworkConfig
+from tests.kernels.networks.test_perceptual_pooling import scene_camera, slow_pool
+from tests.references.dense_graph import dense_mean
+
+SMALL = NetworkConfig(
+    image="occluded", touch=True, encoder_layers=12, encoder_width=0.1, gcn_layers=4, gcn_features=12, splits=0, side=3, passes=3
+)
+COUNTS = [2, 0, 1]
+
+
+def small(seed: int = 0, **changes: Any) -> DeformationNetwork:
+    return DeformationNetwork(SMALL.model_copy(update=changes), torch.Generator().manual_seed(seed)).double()
+
+
+def inputs(counts: list[int], config: NetworkConfig = SMALL, seed: int = 1) -> dict[str, Any]:
+    generator = torch.Generator().manual_seed(seed)
+    size = ENCODER_PLANS[config.encoder_layers].resolution
+    images = torch.rand(len(counts), 3, size, size, dtype=torch.float64, generator=generator)
+    touch = torch.rand(sum(counts), config.side**2, 3, dtype=torch.float64, generator=generator) * 0.3 + torch.tensor([-0.15, -0.15, 0.45])
+    touched = torch.rand(sum(counts), generator=generator) < 0.5
+    seen = config.image is not None
+    return {
+        "images": images if seen else None,
+        "camera": scene_camera() if seen else None,
+        "touch_vertices": touch if config.touch else None,
+        "touched": touched if config.touch else None,
+        "counts": counts,
+    }
+
+
+def in_float32(given: dict[str, Any]) -> dict[str, Any]:
+    return {name: value.float() if isinstance(value, Tensor) and value.is_floating_point() else value for name, value in given.items()}
+
+
+def slow_network(
+    network: DeformationNetwork, images: Tensor, touch_vertices: Tensor, touched: Tensor, counts: list[int], **_: Any
+) -> np.ndarray:
+    """(B, V, 3) the same network item by item and vertex by vertex, with a dense adjacency and the encoder in every pass."""
+    sphere, config = vision_charts(network.config.splits), network.config
+    camera = scene_camera().numpy()
+    assert isinstance(network.encoder, ImageEncoder)
+    centre, size = np.array(config.centre), config.side**2
+    vertices = [centre + config.radius * sphere.vertices for _ in counts]
+    firsts = np.cumsum([0, *counts])
+    for _ in range(config.passes):
+        maps = [features.detach().numpy() for features in network.encoder(images)]
+        for item, count in enumerate(counts):
+            own = touch_vertices[firsts[item] : firsts[item + 1]].reshape(count * size, 3).numpy()
+            kinds = [0.0] * len(vertices[item]) + [
+                1.0 if touched[firsts[item] + chart] else -1.0 for chart in range(count) for _ in range(size)
+            ]
+            rows = []
+            for vertex, kind in zip([*vertices[item], *own], kinds, strict=True):
+                u, v, depth = camera @ [*vertex, 1]
+                pooled = [
+                    slow_pool(features[item], MapGrid(start, jump), u / depth, v / depth)
+                    for features, start, jump in zip(maps, (5.5, 15.5, 35.5, 75.5), (2, 4, 8, 16), strict=True)
+                ]
+                rows.append(np.concatenate([(vertex - centre) / config.radius, [kind], *pooled]))
+            dense = dense_mean(sphere.faces, sphere.vertices, sphere.centres, config.side, [count])
+            features = np.stack(rows)
+            for layer in network.gcn.hidden:
+                linear = layer.linear
+                assert isinstance(linear, nn.Linear)
+                features = features @ linear.weight.detach().numpy().T + linear.bias.detach().numpy()
+                mixed = features.shape[1] // 3
+                features[:, :mixed] = dense @ features[:, :mixed]
+                features = np.maximum(features, 0)
+            moved = features @ network.gcn.last.weight.detach().numpy().T + network.gcn.last.bias.detach().numpy()
+            vertices[item] = vertices[item] + config.radius * moved[: len(vertices[item])]
+    return np.stack(vertices)
+
+
+def test_network_equals_its_slow_twin() -> None:
+    network, given = small().eval(), inputs(COUNTS)
+    with torch.no_grad():
+        fast = network(**given)
+    assert fast.shape == (3, 456, 3)
+    np.testing.assert_allclose(fast.numpy(), slow_network(network, **given), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", list(CONFIGURATIONS))
+def test_each_configuration_runs_and_has_gradients(name: str) -> None:
+    changes = {"gcn_layers": 3, "gcn_features": 9, "encoder_width": 0.1, "splits": 0, "side": 3}
+    config = CONFIGURATIONS[name].model_copy(update=changes)
+    network = DeformationNetwork(config, torch.Generator().manual_seed(0)).double()
+    vertices = network(**inputs([1, 2] if config.touch else [0, 0], config))
+    assert vertices.shape == (2, 456, 3)
+    vertices.square().sum().backward()
+    for parameter in network.parameters():
+        assert parameter.grad is not None
+        assert torch.isfinite(parameter.grad).all()
+
+
+def test_sphere_stays_without_displacement() -> None:
+    network = small(image=None, touch=False)
+    nn.init.zeros_(network.gcn.last.weight)
+    vertices = network(**inputs([0], network.config))
+    np.testing.assert_allclose(vertices[0].detach().numpy(), 0.25 * vision_charts(0).vertices + [0, 0, 0.6], atol=1e-15)
+
+
+def test_initial_displacements_are_small() -> None:
+    for name in ("touch", "unoccluded-touch", "none"):
+        network = DeformationNetwork(
+            CONFIGURATIONS[name].model_copy(update={"splits": 0, "side": 3, "encoder_width": 0.1}), torch.Generator().manual_seed(0)
+        )
+        with torch.no_grad():
+            given = in_float32(inputs([1, 1] if network.config.touch else [0, 0], network.config))
+            moved = (network(**given) - torch.tensor([0, 0, 0.6])).norm(dim=-1) - 0.25
+        assert 0 < moved.abs().max() < 0.25
+
+
+def test_encoder_runs_once_per_step() -> None:
+    network = small(passes=3)
+    calls: list[int] = []
+    assert network.encoder is not None
+    network.encoder.register_forward_hook(lambda *_: calls.append(1))
+    network(**inputs(COUNTS)).sum().backward()
+    assert len(calls) == 1
+
+
+def test_checkpointing_changes_no_bit() -> None:
+    plain, frugal = small(), small(checkpointing=True)
+    gradients = []
+    for network in (plain, frugal):
+        vertices = network(**inputs(COUNTS))
+        vertices.square().sum().backward()
+        gradients.append([vertices, *(parameter.grad for parameter in network.parameters())])
+    assert all(torch.equal(one, other) for one, other in zip(*gradients, strict=True))
+
+
+def test_gradients_reach_the_touch_charts_and_images() -> None:
+    network, given = small(passes=2).eval(), inputs([1])
+    touch = given.pop("touch_vertices")
+    assert torch.autograd.gradcheck(
+        lambda moved: network(touch_vertices=moved, **given), touch.clone().requires_grad_(), fast_mode=True, atol=1e-5
+    )
+    given["images"].requires_grad_()
+    (gradient,) = torch.autograd.grad(network(touch_vertices=touch, **given).sum(), given["images"])
+    assert gradient.abs().sum() > 0
+
+
+def test_items_do_not_depend_on_others_in_the_batch() -> None:
+    network, given = small().eval(), inputs(COUNTS)
+    last = {name: given[name][2:] for name in ("images", "touch_vertices", "touched", "counts")}
+    with torch.no_grad():
+        torch.testing.assert_close(network(**given)[2:], network(**(given | last)))
+
+
+def test_touch_and_its_success_change_the_surface() -> None:
+    network, given = small().eval(), inputs([1])
+    failed = given | {"touched": ~given["touched"]}
+    absent = given | {"touch_vertices": given["touch_vertices"][:0], "touched": given["touched"][:0], "counts": [0]}
+    with torch.no_grad():
+        one, other, none = (network(**case) for case in (given, failed, absent))
+    assert not torch.allclose(one, other)
+    assert not torch.allclose(one, none)
+
+
+def test_initial_weights_follow_the_generator() -> None:
+    state = torch.random.get_rng_state()
+    first, second, third = small(3).state_dict(), small(3).state_dict(), small(4).state_dict()
+    assert all(torch.equal(first[name], second[name]) for name in first)
+    assert any(not torch.equal(first[name], third[name]) for name in first)
+    assert torch.equal(state, torch.random.get_rng_state())
+
+
+def test_gradients_repeat_to_the_bit() -> None:
+    results = []
+    for _ in range(2):
+        network = small().float()
+        network(**in_float32(inputs(COUNTS))).square().sum().backward()
+        results.append([parameter.grad for parameter in network.parameters()])
+    assert all(torch.equal(one, other) for one, other in zip(*results, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("config", "changes", "message"),
+    [
+        ({}, {"images": None, "camera": None}, "takes an image and its camera"),
+        ({"image": None}, {}, "takes neither image nor camera"),
+        ({}, {"images": torch.zeros(2, 3, 256, 256)}, r"images are \(2, 3, 256, 256\), but counts has 3"),
+        ({"touch": False}, {}, r"takes no touch charts, but counts is \[2, 0, 1\]"),
+        ({}, {"touch_vertices": None, "touched": None}, "takes touch_vertices and touched"),
+        ({}, {"counts": [2, 1, 1], "images": torch.zeros(3, 3, 256, 256)}, r"touch_vertices are \(3, 9, 3\).*counts sum to 4"),
+        ({}, {"touch_vertices": torch.full((3, 9, 3), torch.nan)}, "touch_vertices has values that are not finite"),
+        ({}, {"counts": []}, "counts is empty"),
+    ],
+)
+def test_inputs_that_do_not_fit_are_refused(config: dict[str, Any], changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        small(**config)(**(inputs(COUNTS) | changes))

@@ -1,0 +1,110 @@
+"""Graphs of no touch chart, one and twenty; layers at features of every size."""
+
+from __future__ import annotations
+
+import copy
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor, nn
+
+from pipeline.kernels.charts.vision_charts import vision_charts
+from pipeline.kernels.networks.chart_graph import ChartGraph, chart_graph
+from pipeline.kernels.networks.graph_convolution import GraphConvolutionNetwork, ZeroNeighbourLayer
+from tests.references.dense_graph import dense_mean
+from tests.strategies import seeds
+
+COUNTS = st.lists(st.sampled_from([0, 1, 4, 20]), min_size=1, max_size=3)
+TYPES = pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+
+
+def graph_of(counts: list[int], dtype: torch.dtype = torch.float64) -> ChartGraph:
+    return chart_graph(vision_charts(0), 3, counts, torch.zeros((), dtype=dtype))
+
+
+def layer_of(mixed: float, dtype: torch.dtype = torch.float64) -> ZeroNeighbourLayer:
+    layer = ZeroNeighbourLayer(4, 6, mixed).to(dtype)
+    generator = torch.Generator().manual_seed(0)
+    with torch.no_grad():
+        layer.linear.weight.normal_(generator=generator)
+    nn.init.zeros_(layer.linear.bias)
+    return layer
+
+
+@pytest.mark.parametrize("counts", [[0], [1], [20]])
+def test_twenty_touch_charts_and_none_are_the_dense_average(counts: list[int]) -> None:
+    sphere = vision_charts(0)
+    expected = dense_mean(sphere.faces, sphere.vertices, sphere.centres, 3, counts)
+    graph = graph_of(counts)
+    np.testing.assert_allclose(graph.mean.to_dense().numpy(), expected, rtol=1e-15)
+
+
+@TYPES
+@given(counts=COUNTS, seed=seeds, exponent=st.integers(-6, 6))
+def test_averages_lie_between_the_least_and_the_largest(dtype: torch.dtype, counts: list[int], seed: int, exponent: int) -> None:
+    graph = graph_of(counts, dtype)
+    values = torch.randn(sum(graph.sizes), 3, generator=torch.Generator().manual_seed(seed % 2**31), dtype=torch.float64)
+    values = (values * 10.0**exponent).to(dtype)
+    averages, slack = graph.mean @ values, 1e-5 if dtype == torch.float32 else 1e-14
+    assert float((averages - values.max()).max()) <= slack * 10.0**exponent
+    assert float((averages - values.min()).min()) >= -slack * 10.0**exponent
+    torch.testing.assert_close(graph.mean @ torch.ones_like(values), torch.ones_like(values), rtol=slack, atol=0)
+
+
+@TYPES
+@given(seed=seeds, power=st.integers(-20, 20), mixed=st.sampled_from([0.0, 1 / 3, 1.0]))
+def test_a_layer_without_bias_scales_with_its_features_to_the_bit(dtype: torch.dtype, seed: int, power: int, mixed: float) -> None:
+    """From 1e-6 to 1e6, value and gradient: nothing in it is added that has a size of its own."""
+    graph, layer = graph_of([1, 0], dtype), layer_of(mixed, dtype)
+    features = torch.randn(sum(graph.sizes), 4, generator=torch.Generator().manual_seed(seed % 2**31), dtype=dtype)
+    found = []
+    for factor in (1.0, 2.0**power):
+        given = (features * factor).requires_grad_()
+        made = layer(given, graph.mean)
+        found.append((made / factor, *torch.autograd.grad(made.sum(), given)))
+    assert all(torch.equal(one, other) for one, other in zip(*found, strict=True))
+
+
+@given(counts=COUNTS, seed=seeds)
+def test_gradients_in_float32_are_those_of_float64(counts: list[int], seed: int) -> None:
+    """Through six layers: within 1e-5 of the largest."""
+    network = GraphConvolutionNetwork(5, 6, 24)
+    features = torch.randn(sum(graph_of(counts).sizes), 5, generator=torch.Generator().manual_seed(seed % 2**31))
+    found: list[list[Tensor]] = []
+    for dtype in (torch.float32, torch.float64):
+        given, twin = features.to(dtype).requires_grad_(), copy.deepcopy(network).to(dtype)
+        moved = twin(given, graph_of(counts, dtype).mean)
+        found.append([moved.detach(), *torch.autograd.grad(moved.square().mean(), [given, *twin.parameters()])])
+    for single, double in zip(*found, strict=True):
+        assert float((single - double).abs().max()) <= 1e-5 * float(double.abs().max()) + 1e-30
+
+
+def test_zero_features_are_the_bias_and_its_average() -> None:
+    graph, layer = graph_of([1]), layer_of(1 / 3)
+    nn.init.constant_(layer.linear.bias, 0.5)
+    made = layer(torch.zeros(sum(graph.sizes), 4, dtype=torch.float64), graph.mean)
+    torch.testing.assert_close(made, torch.full_like(made, 0.5), rtol=1e-15, atol=0)
+    nn.init.constant_(layer.linear.bias, -0.5)
+    assert not layer(torch.zeros(sum(graph.sizes), 4, dtype=torch.float64), graph.mean).any()
+
+
+def test_a_nan_reaches_the_neighbours_and_nobody_else() -> None:
+    """It is not hidden either: who calls looks at what comes out."""
+    graph, layer = graph_of([1]), layer_of(1.0)
+    features = torch.ones(sum(graph.sizes), 4, dtype=torch.float64)
+    features[7] = math.nan
+    spoilt = layer(features, graph.mean).isnan().any(dim=1)
+    assert torch.equal(spoilt, graph.mean.to_dense()[:, 7] > 0)
+
+
+def test_autocast_leaves_displacements_their_digits() -> None:
+    """The last layer maps in float32: bfloat16 would move vertices in steps of a millimetre."""
+    features = torch.randn(sum(graph_of([1]).sizes), 5, generator=torch.Generator().manual_seed(0))
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        moved = GraphConvolutionNetwork(5, 4, 24)(features, graph_of([1], torch.float32).mean)
+    assert moved.dtype == torch.float32
+    assert float((moved.bfloat16().float() != moved).float().mean()) > 0.9

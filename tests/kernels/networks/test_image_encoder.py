@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import nn
+
+from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid
+
+TABLES_7_TO_9 = [*[(16, s) for s in (127, 125, 123, 121, 119)], *[(32, s) for s in (59, 57, 55, 53, 51)]]
+TABLES_7_TO_9 += [*[(64, s) for s in (25, 23, 21, 19, 17)], *[(128, s) for s in (8, 6, 4)]]
+TABLE_10 = [
+    *[(16, s) for s in (127, 125, 123)],
+    *[(32, s) for s in (61, 59, 57)],
+    *[(64, s) for s in (28, 26, 24)],
+    *[(128, s) for s in (11, 9, 7)],
+]
+TABLE_11 = [(channels, size) for channels, size in ((16, 69), (32, 35), (64, 18), (128, 9), (256, 5)) for _ in range(5)]
+FIFTEEN = [*[(16, s) for s in (127, 125, 123, 121)], *[(32, s) for s in (60, 58, 56, 54)], *[(64, s) for s in (26, 24, 22, 20)]]
+FIFTEEN += [(128, s) for s in (9, 7, 5)]
+
+
+@pytest.mark.parametrize("kernel", [3, 5])
+@pytest.mark.parametrize(("layers", "shapes"), [(18, TABLES_7_TO_9), (12, TABLE_10), (15, FIFTEEN), (25, TABLE_11)])
+def test_shapes_after_every_layer(layers: int, shapes: list[tuple[int, int]], kernel: int) -> None:
+    plan = ENCODER_PLANS[layers]
+    encoder = ImageEncoder(plan, kernel)
+    found = []
+    for layer in encoder.layers:
+        layer.register_forward_hook(lambda _module, _given, made: found.append(tuple(made.shape)))
+    maps = encoder(torch.rand(2, 3, plan.resolution, plan.resolution))
+    assert found == [(2, channels, size, size) for channels, size in shapes]
+    assert [tuple(features.shape) for features in maps] == [found[tap - 1] for tap in plan.taps]
+
+
+@pytest.mark.parametrize(
+    ("layers", "norm", "parameters", "pooled"), [(18, "batch", 588_480, 224), (12, "batch", 491_040, 240), (25, "instance", 3_537_248, 896)]
+)
+def test_parameters_and_pooled_channels(layers: int, norm: str, parameters: int, pooled: int) -> None:
+    encoder = ImageEncoder(ENCODER_PLANS[layers], norm=norm)  # type: ignore[arg-type]
+    assert sum(parameter.numel() for parameter in encoder.parameters()) == parameters
+    assert encoder.channels == pooled
+
+
+@pytest.mark.parametrize("kernel", [3, 5])
+@pytest.mark.parametrize("layers", [12, 15, 18, 25])
+def test_receptive_fields_are_centred_on_the_grid(layers: int, kernel: int) -> None:
+    """The pixels that an element's gradient reaches lie evenly about the place that the grid gives for it."""
+    plan = ENCODER_PLANS[layers]
+    encoder = ImageEncoder(plan, kernel, width=0.01)
+    size = 700 if plan.shrinks else 300  # 700: wide enough for the deepest unpadded receptive field
+    images = torch.zeros(1, 3, size, size, requires_grad=True)
+    features = images
+    maps = []
+    for layer in encoder.layers:
+        convolution = layer[0]
+        assert isinstance(convolution, nn.Conv2d)
+        nn.init.constant_(convolution.weight, 1 / convolution.weight[0].numel())
+        features = convolution(features)
+        maps.append(features)
+    whole = 0
+    for tap, grid in zip(plan.taps, encoder.grids, strict=True):
+        tapped = maps[tap - 1]
+        row, column = tapped.shape[2] // 2, tapped.shape[3] // 2 - 1
+        (reach,) = torch.autograd.grad(tapped[0, 0, row, column], images, retain_graph=True)
+        weight = reach[0, 0].double()
+        if not weight[[0, -1]].any() and not weight[:, [0, -1]].any():  # not cut by the image's border
+            centres = torch.arange(size) + 0.5
+            whole += 1
+            found = [float((weight.sum(dim=axis) * centres).sum() / weight.sum()) for axis in (0, 1)]
+            assert found == pytest.approx([grid.start + grid.jump * column, grid.start + grid.jump * row], abs=1e-4)
+    assert whole == len(plan.taps) if plan.shrinks else whole >= 2
+
+
+def test_the_recursion() -> None:
+    grid = MapGrid().after(kernel=3, stride=2, padding=0)
+    assert grid == MapGrid(start=1.5, jump=2)
+    assert grid.after(kernel=5, stride=2, padding=1) == MapGrid(start=3.5, jump=4)
+    assert MapGrid().after(kernel=3, stride=2, padding=1) == MapGrid(start=0.5, jump=2)
+
+
+def test_narrow_encoders() -> None:
+    encoder = ImageEncoder(ENCODER_PLANS[18], width=0.5)
+    assert encoder.channels == 112
+    assert ImageEncoder(ENCODER_PLANS[12], width=0.01).channels == 4  # one channel at least
+
+
+def test_settings_and_images_that_do_not_fit() -> None:
+    with pytest.raises(ValueError, match="kernel is 4"):
+        ImageEncoder(ENCODER_PLANS[12], kernel=4)
+    with pytest.raises(ValueError, match="width is 0"):
+        ImageEncoder(ENCODER_PLANS[12], width=0)
+    with pytest.raises(ValueError, match=r"images are \(1, 4, 256, 256\)"):
+        ImageEncoder(ENCODER_PLANS[12])(torch.zeros(1, 4, 256, 256))

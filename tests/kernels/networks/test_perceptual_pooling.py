@@ -1,0 +1,174 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid
+from pipeline.kernels.networks.perceptual_pooling import NEAREST_DEPTH, pool_features, project_to_pixels
+from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
+
+SCENE = Camera(position=(0.972, 0.461, 0.974), rotation=(70.458, 4.94, 113.54), focal=(406.595, 406.595), centre=(128, 128), resolution=256)
+
+
+def scene_camera() -> Tensor:
+    return torch.from_numpy(projection_matrix(SCENE))
+
+
+def averaging(layers: int, kernel: int) -> tuple[list[Tensor], ImageEncoder, Tensor]:
+    """Maps of a ramp, column in one channel and row in another, through an encoder's convolutions with averaging kernels."""
+    plan = ENCODER_PLANS[layers]
+    encoder = ImageEncoder(plan, kernel).double()
+    centres = torch.arange(plan.resolution, dtype=torch.float64) + 0.5
+    features = torch.stack(torch.meshgrid(centres, centres, indexing="xy"))[None]  # (1, 2, row, column): the column, the row
+    maps = []
+    for layer in encoder.layers:
+        given = layer[0]
+        assert isinstance(given, nn.Conv2d)
+        convolution = nn.Conv2d(2, 2, kernel, given.stride, given.padding, groups=2, bias=False).double()
+        nn.init.constant_(convolution.weight, 1 / kernel**2)
+        if max(given.padding) and not plan.shrinks:  # what is padded with zeros is no ramp: only the pixel itself counts
+            nn.init.zeros_(convolution.weight)
+            nn.init.constant_(convolution.weight[:, :, kernel // 2, kernel // 2], 1)
+        features = convolution(features)
+        maps.append(features)
+    return [maps[tap - 1].detach() for tap in plan.taps], encoder, centres
+
+
+def reach(maps: list[Tensor], encoder: ImageEncoder) -> list[tuple[float, float]]:
+    """First and last centre of each map, pixels."""
+    return [(grid.start, grid.start + grid.jump * (features.shape[-1] - 1)) for features, grid in zip(maps, encoder.grids, strict=True)]
+
+
+@pytest.mark.parametrize(("layers", "kernel"), [(12, 3), (15, 3), (18, 3), (25, 3), (25, 5)])
+def test_a_ramp_is_pooled_exactly_inside_and_at_integers(layers: int, kernel: int) -> None:
+    maps, encoder, _ = averaging(layers, kernel)
+    generator = torch.Generator().manual_seed(0)
+    for features, grid, (first, last) in zip(maps, encoder.grids, reach(maps, encoder), strict=True):
+        integers = torch.arange(math.ceil(first), math.floor(last) + 1, dtype=torch.float64)
+        centres = torch.arange(features.shape[-1], dtype=torch.float64) * grid.jump + grid.start
+        between = first + (last - first) * torch.rand(50, dtype=torch.float64, generator=generator)
+        column = torch.cat([integers, centres, between])
+        row = column.flip(0)
+        pixels = torch.stack([column, row], dim=1)[None]
+        torch.testing.assert_close(pool_features([features], [grid], pixels), pixels, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("layers", [12, 15, 18, 25])
+def test_outside_the_outermost_centres_it_is_the_border(layers: int) -> None:
+    maps, encoder, _ = averaging(layers, 3)
+    pixels = torch.tensor([[[-1e9, 100.0], [1e9, 100.0], [120.0, -50.0], [120.0, 1e30], [-1.0, 500.0], [float(2**60), -3.0]]]).double()
+    for features, grid, (first, last) in zip(maps, encoder.grids, reach(maps, encoder), strict=True):
+        torch.testing.assert_close(pool_features([features], [grid], pixels), pixels.clamp(first, last), rtol=0, atol=1e-9)
+
+
+def test_five_by_five_padded_by_one_is_a_ramp_away_from_the_border() -> None:
+    """Averages over zeros bend the ramp at the border, and three blocks carry that inwards; the middle of the first map is free of it."""
+    maps, encoder, _ = averaging(12, 5)
+    pixels = torch.tensor([[[100.0, 150.0], [128.0, 128.0], [155.5, 101.25]]]).double()
+    torch.testing.assert_close(pool_features(maps[:1], encoder.grids[:1], pixels), pixels, rtol=0, atol=1e-10)
+
+
+def slow_pool(features: np.ndarray, grid: MapGrid, column: float, row: float) -> np.ndarray:
+    """(C,) one feature of a map (C, H, W), in plain arithmetic."""
+    _, rows, columns = features.shape
+    x = min(max((column - grid.start) / grid.jump, 0), columns - 1)
+    y = min(max((row - grid.start) / grid.jump, 0), rows - 1)
+    left, top = min(int(x), columns - 2), min(int(y), rows - 2)
+    a, b = x - left, y - top
+    upper = (1 - a) * features[:, top, left] + a * features[:, top, left + 1]
+    lower = (1 - a) * features[:, top + 1, left] + a * features[:, top + 1, left + 1]
+    return np.asarray((1 - b) * upper + b * lower)
+
+
+def test_against_plain_arithmetic() -> None:
+    rng = np.random.default_rng(0)
+    grids = [MapGrid(5.5, 2), MapGrid(7.5, 4)]
+    maps = [rng.normal(size=(2, 3, 9, 12)), rng.normal(size=(2, 5, 4, 3))]
+    pixels = rng.uniform(-10, 40, size=(2, 60, 2))
+    pooled = pool_features([torch.from_numpy(features) for features in maps], grids, torch.from_numpy(pixels))
+    expected = [
+        [
+            np.concatenate([slow_pool(features[item], grid, *place) for features, grid in zip(maps, grids, strict=True)])
+            for place in pixels[item]
+        ]
+        for item in range(2)
+    ]
+    np.testing.assert_allclose(pooled.numpy(), np.array(expected), atol=1e-12)
+
+
+def test_a_map_of_one_element() -> None:
+    features = torch.tensor([[[[3.0]], [[-1.0]]]])
+    pooled = pool_features([features], [MapGrid(103.5, 16)], torch.tensor([[[0.0, 0.0], [103.5, 103.5], [500.0, 7.0]]]))
+    torch.testing.assert_close(pooled, torch.tensor([3.0, -1.0]).expand(1, 3, 2))
+
+
+def test_points_are_seen_where_the_camera_projects_them() -> None:
+    points = np.random.default_rng(1).uniform(-0.4, 0.4, size=(2, 40, 3)) + [0, 0, 0.6]
+    pixels = project_to_pixels(scene_camera(), torch.from_numpy(points))
+    np.testing.assert_allclose(pixels.numpy(), project_points(scene_camera().numpy(), points), atol=1e-9)
+    each = project_to_pixels(scene_camera().expand(2, 3, 4), torch.from_numpy(points))
+    torch.testing.assert_close(each, pixels)
+
+
+def test_points_behind_the_camera_fall_out_of_the_image_on_their_own_side() -> None:
+    camera = scene_camera()
+    forward = camera[2, :3]
+    right = torch.linalg.cross(forward, torch.tensor([0.0, 0, 1]).double())
+    eye = torch.tensor(SCENE.position, dtype=torch.float64)
+    for sign in (-1, 1):
+        for depth in (-2.0, -1e-3, 0.0, NEAREST_DEPTH / 2):
+            column = project_to_pixels(camera, (eye + depth * forward + 0.3 * sign * right)[None, None])[0, 0, 0]
+            assert torch.isfinite(column)
+            assert column > 256 if sign > 0 else column < 0
+    torch.testing.assert_close(project_to_pixels(camera, (eye - 3 * forward)[None, None])[0, 0], torch.tensor([128.0, 128.0]).double())
+
+
+def test_gradients_behind_and_at_the_camera_are_finite() -> None:
+    camera = scene_camera()
+    eye = torch.tensor(SCENE.position, dtype=torch.float64)
+    points = torch.stack([eye, eye - camera[2, :3], eye + 1e-9, eye + torch.tensor([0.0, 0, 5]), eye * 1e6])[None].requires_grad_()
+    features = torch.rand(1, 4, 17, 17, dtype=torch.float64)
+    pooled = pool_features([features], [MapGrid(63.5, 8)], project_to_pixels(camera, points))
+    (gradient,) = torch.autograd.grad(pooled.sum(), points)
+    assert torch.isfinite(pooled).all()
+    assert torch.isfinite(gradient).all()
+
+
+def test_gradcheck_of_maps_and_points() -> None:
+    generator = torch.Generator().manual_seed(5)
+    features = torch.randn(2, 3, 51, 51, dtype=torch.float64, generator=generator, requires_grad=True)
+    points = torch.rand(2, 6, 3, dtype=torch.float64, generator=generator) * 0.4 - 0.2 + torch.tensor([0, 0, 0.6])
+    assert torch.autograd.gradcheck(
+        lambda maps, places: pool_features([maps], [MapGrid(27.5, 4)], project_to_pixels(scene_camera(), places)),
+        (features, points.requires_grad_()),
+        fast_mode=True,
+    )
+
+
+def test_half_precision_moves_no_point() -> None:
+    points = torch.tensor([0.0, 0.0, 0.6]) + 0.2 * torch.randn(2, 50, 3, generator=torch.Generator().manual_seed(0))
+    camera = scene_camera().float()
+    with torch.autocast("cpu", torch.bfloat16):
+        half = project_to_pixels(camera, points)
+    assert torch.equal(half, project_to_pixels(camera, points))
+
+
+def test_no_points() -> None:
+    assert pool_features([torch.zeros(2, 5, 4, 4)], [MapGrid()], project_to_pixels(scene_camera().float(), torch.zeros(2, 0, 3))).shape == (
+        2,
+        0,
+        5,
+    )
+
+
+def test_shapes_that_do_not_fit() -> None:
+    with pytest.raises(ValueError, match=r"camera is \(4, 4\)"):
+        project_to_pixels(torch.eye(4), torch.zeros(1, 2, 3))
+    with pytest.raises(ValueError, match="1 maps, but 2 grids"):
+        pool_features([torch.zeros(1, 2, 3, 3)], [MapGrid(), MapGrid()], torch.zeros(1, 2, 2))
+    with pytest.raises(ValueError, match=r"a map is \(3, 2, 3, 3\) and pixels \(1, 2, 2\)"):
+        pool_features([torch.zeros(3, 2, 3, 3)], [MapGrid()], torch.zeros(1, 2, 2))

@@ -1,0 +1,175 @@
+"""The losses of a depth map against slow twins, closed forms and finite differences."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
+
+WIDTH, GEL = 0.01641, 0.0068
+Loss = Callable[..., Tensor]
+LOSSES: list[Loss] = [masked_depth_loss, projected_chamfer_loss]
+
+
+def scene(batch: int = 3, rows: int = 6, cols: int = 5, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    """Predicted and true depth, partly beyond the gel and +inf, and a mask; float64."""
+    rng = np.random.default_rng(seed)
+    predicted = rng.uniform(0, GEL, (batch, rows, cols))
+    depth = rng.uniform(0, 1.3 * GEL, (batch, rows, cols))
+    depth[rng.random(depth.shape) < 0.2] = np.inf
+    mask = rng.random(depth.shape) < 0.6
+    return torch.from_numpy(predicted), torch.from_numpy(depth), torch.from_numpy(mask)
+
+
+def slow_depth_loss(predicted: Tensor, depth: Tensor, mask: Tensor) -> float:
+    losses = []
+    for item in range(len(predicted)):
+        squares = []
+        for row, col in np.ndindex(tuple(mask.shape[1:])):
+            if mask[item, row, col]:
+                target = min(float(depth[item, row, col]), GEL)
+                squares.append(((float(predicted[item, row, col]) - target) / WIDTH) ** 2)
+        losses.append(sum(squares) / len(squares) if squares else 0.0)
+    return sum(losses) / len(losses)
+
+
+def slow_chamfer_loss(predicted: Tensor, depth: Tensor, mask: Tensor) -> float:
+    rows, cols = mask.shape[1:]
+    losses = []
+    for item in range(len(predicted)):
+        clouds: tuple[list[tuple[float, ...]], list[tuple[float, ...]]] = ([], [])
+        for row, col in np.ndindex(rows, cols):
+            if mask[item, row, col]:
+                x, y = (col + 0.5) / cols - 0.5, (row + 0.5) / rows - 0.5
+                clouds[0].append((x, y, float(predicted[item, row, col]) / WIDTH))
+                clouds[1].append((x, y, min(float(depth[item, row, col]), GEL) / WIDTH))
+        loss = 0.0
+        for a, b in (clouds, clouds[::-1]):
+            nearest = [min(math.dist(p, q) ** 2 for q in b) for p in a]
+            loss += sum(nearest) / len(nearest) if nearest else 0.0
+        losses.append(loss)
+    return sum(losses) / len(losses)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_losses_equal_their_slow_twins(seed: int) -> None:
+    given = scene(seed=seed)
+    assert float(masked_depth_loss(*given, width=WIDTH, gel=GEL)) == pytest.approx(slow_depth_loss(*given), rel=1e-12)
+    assert float(projected_chamfer_loss(*given, width=WIDTH, gel=GEL)) == pytest.approx(slow_chamfer_loss(*given), rel=1e-12)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_loss_gradients_are_the_numerical_ones(loss: Loss) -> None:
+    predicted, depth, mask = scene(2, 4, 4)
+    assert torch.autograd.gradcheck(
+        lambda value: loss(value, depth, mask, width=WIDTH, gel=GEL),
+        (predicted.requires_grad_(),),
+        eps=1e-8,
+        atol=1e-6,
+    )
+
+
+def test_loss_of_a_shifted_plane_is_the_squared_shift() -> None:
+    """Depth: d². Chamfer: d² each way, while d is less than a pixel; beyond, no point has a nearer one than straight above."""
+    depth = torch.full((2, 20, 20), 0.004, dtype=torch.float64)
+    mask = torch.ones(2, 20, 20, dtype=torch.bool)
+    for shift in (0.0, 1e-6, 1e-4, -2e-3):
+        squared = (shift / WIDTH) ** 2
+        assert float(masked_depth_loss(depth + shift, depth, mask, width=WIDTH, gel=GEL)) == pytest.approx(squared, rel=1e-9)
+        assert float(projected_chamfer_loss(depth + shift, depth, mask, width=WIDTH, gel=GEL)) == pytest.approx(2 * squared, rel=1e-9)
+
+
+def test_touches_weigh_the_same_whatever_their_area() -> None:
+    depth = torch.full((2, 8, 8), 0.004, dtype=torch.float64)
+    mask = torch.zeros(2, 8, 8, dtype=torch.bool)
+    mask[0, 3, 3] = True
+    mask[1] = True
+    predicted = depth + torch.tensor([0.001, 0.0])[:, None, None]
+    assert float(masked_depth_loss(predicted, depth, mask, width=WIDTH, gel=GEL)) == pytest.approx((0.001 / WIDTH) ** 2 / 2)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_nothing_masked_is_zero_with_zero_gradient(loss: Loss) -> None:
+    predicted, depth, mask = scene()
+    predicted.requires_grad_()
+    value = loss(predicted, depth, torch.zeros_like(mask), width=WIDTH, gel=GEL)
+    value.backward()
+    assert float(value.detach()) == 0.0
+    assert predicted.grad is not None
+    assert (predicted.grad == 0).all()
+    mask[1] = False  # one of three
+    predicted.grad = None
+    loss(predicted, depth, mask, width=WIDTH, gel=GEL).backward()
+    assert (predicted.grad[1] == 0).all()
+    assert torch.isfinite(predicted.grad).all()
+    assert (predicted.grad[0] != 0).any()
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_the_true_depth_is_the_minimum_and_unmasked_pixels_do_not_matter(loss: Loss) -> None:
+    predicted, depth, mask = scene()
+    perfect = depth.clamp(max=GEL).requires_grad_()
+    value = loss(perfect, depth, mask, width=WIDTH, gel=GEL)
+    value.backward()
+    assert float(value.detach()) == 0.0
+    assert perfect.grad is not None
+    assert (perfect.grad == 0).all()
+    elsewhere = torch.where(mask, predicted, predicted + 1)
+    assert loss(elsewhere, depth, mask, width=WIDTH, gel=GEL) == loss(predicted, depth, mask, width=WIDTH, gel=GEL)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_single_pixels_and_columns_have_finite_gradients(loss: Loss) -> None:
+    """One pixel, everything beyond the gel, everything at the sensor plane, a column of one pixel's width."""
+    for shape in ((1, 1, 1), (1, 1, 9), (2, 9, 1)):
+        mask = torch.ones(shape, dtype=torch.bool)
+        for true in (0.0, GEL, math.inf):
+            predicted = torch.full(shape, 0.5 * GEL, requires_grad=True)
+            value = loss(predicted, torch.full(shape, true), mask, width=WIDTH, gel=GEL)
+            value.backward()
+            factor = 1 if loss is masked_depth_loss else 2
+            assert float(value.detach()) == pytest.approx(factor * (0.5 * GEL / WIDTH) ** 2, rel=1e-4)
+            assert predicted.grad is not None
+            assert torch.isfinite(predicted.grad).all()
+
+
+def test_chamfer_loss_of_a_full_size_touch_equals_brute_force() -> None:
+    """One touch of 100 x 100 pixels, float32, against all distances in float64."""
+    rng = np.random.default_rng(1)
+    row, col = np.indices((100, 100)) / 100 - 0.5
+    true = 0.003 + 0.01 * (row**2 + col**2)
+    predicted = true + rng.normal(0, 1e-4, true.shape)
+    mask = true < 0.0045
+    clouds = [np.stack([col[mask], row[mask], depth[mask] / WIDTH], axis=1) for depth in (predicted, true)]
+    expected = 0.0
+    for a, b in (clouds, clouds[::-1]):
+        expected += float(np.mean([((b - point) ** 2).sum(axis=1).min() for point in a]))
+    given = (torch.from_numpy(array)[None] for array in (predicted.astype(np.float32), true.astype(np.float32), mask))
+    assert float(projected_chamfer_loss(*given, width=WIDTH, gel=GEL)) == pytest.approx(expected, rel=1e-4)
+
+
+def test_visible_depth_is_clamped_to_the_gel() -> None:
+    depth = torch.tensor([0.0, 0.001, GEL, 0.01, math.inf], dtype=torch.float64)
+    assert visible_depth(depth, GEL).tolist() == [0.0, 0.001, GEL, GEL, GEL]
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_inputs_that_do_not_fit_are_refused(loss: Loss) -> None:
+    predicted, depth, mask = scene()
+    bad = torch.full_like(depth, torch.nan)
+    cases: list[tuple[tuple[Tensor, Tensor, Tensor], float, str]] = [
+        ((predicted, depth[:1], mask), WIDTH, r"\(3, 6, 5\), \(1, 6, 5\), \(3, 6, 5\)"),
+        ((predicted[0], depth[0], mask[0]), WIDTH, r"\(B, H, W\)"),
+        ((predicted[:0], depth[:0], mask[:0]), WIDTH, "B >= 1"),
+        ((predicted, depth, mask.long()), WIDTH, "mask torch.int64"),
+        ((predicted, depth, mask), 0.0, "sensor width 0"),
+        ((predicted, bad, mask), WIDTH, "depth holds NaN"),
+        ((bad, depth, mask), WIDTH, "NaN in 3 of 3 touches"),
+    ]
+    for arguments, width, message in cases:
+        with pytest.raises(ValueError, match=message):
+            loss(*arguments, width=width, gel=GEL)

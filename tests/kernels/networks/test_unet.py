@@ -1,0 +1,169 @@
+"""Table 5, layer by layer; other sizes and types; and one touch learnt by heart."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from pipeline.kernels.networks.contact_mask import contact_mask
+from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
+from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.touch.face_culling import box_faces
+from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+from tests.kernels.touch.shapes import SENSOR, ball
+
+TABLE_5 = [
+    *[(64, 100), (64, 100), (64, 50)],
+    *[(128, 50), (128, 50), (128, 25)],
+    *[(256, 25), (256, 25), (256, 12)],
+    *[(512, 12), (512, 12), (512, 6)],
+    *[(1024, 6), (1024, 6)],
+    *[(512, 12), (1024, 12), (512, 12)],
+    *[(256, 25), (512, 25), (256, 25)],
+    *[(128, 50), (256, 50), (128, 50)],
+    *[(64, 100), (128, 100), (64, 100)],
+    (1, 100),
+]
+"""Features and pixels a side after layers (1) to (27)."""
+
+
+def network(width: int, seed: int = 0) -> UNet:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return UNet(width)
+
+
+def layer_outputs(unet: UNet, images: Tensor) -> list[Tensor]:
+    """The outputs of Table 5's layers (1) to (27), one after the other; the last is (B, 1, H, W), before the sigmoid."""
+    outputs: list[Tensor] = []
+
+    def note(_module: nn.Module, _given: tuple[Tensor, ...], made: Tensor) -> None:
+        outputs.append(made.clone())  # a ReLU works in place
+
+    for layer in (*(layer for level in unet.down for layer in level), unet.pool, *unet.up, *unet.merge, unet.head):
+        layer.register_forward_hook(note)
+    for merge in unet.merge:
+        merge.register_forward_pre_hook(lambda _module, given: outputs.append(given[0]))
+    with torch.no_grad():
+        unet(images)
+    return outputs
+
+
+def test_layers_have_the_shapes_of_table_5() -> None:
+    shapes = [tuple(layer.shape) for layer in layer_outputs(network(64).eval(), torch.rand(1, 3, 100, 100))]
+    assert shapes == [(1, features, side, side) for features, side in TABLE_5]
+
+
+def test_parameters_are_24_million_at_width_64() -> None:
+    """As readings of the table: with 3 input channels, biases, and batch norm's scale and shift."""
+    assert sum(parameter.numel() for parameter in network(64).parameters()) == 24_425_601
+    wide, narrow = (sum(p.numel() for p in network(width).parameters() if p.ndim == 4) for width in (16, 8))
+    assert wide - 16 * 27 - 16 == 4 * (narrow - 8 * 27 - 8)  # kernels, but for those of the first layer and the head
+
+
+def test_layers_take_what_table_5_says() -> None:
+    """Skips (11), (8), (5), (2) meet (15), (18), (21), (24)."""
+    unet = network(2).eval()
+    layers = layer_outputs(unet, torch.rand(1, 3, 100, 100))
+    for concatenated, deconvolved, skipped in ((16, 15, 11), (19, 18, 8), (22, 21, 5), (25, 24, 2)):
+        assert torch.equal(layers[concatenated - 1], torch.cat([layers[deconvolved - 1], layers[skipped - 1]], dim=1))
+    for pooled, source in ((3, 2), (6, 5), (9, 8), (12, 11)):
+        assert torch.equal(layers[pooled - 1], torch.nn.functional.max_pool2d(layers[source - 1], 2))
+    assert torch.equal(unet.down[3][0](layers[8]), layers[9])  # (10) takes (9)
+
+
+def test_a_2_x_2_convolution_is_padded_at_the_far_side() -> None:
+    """Output pixel (r, c) sees input rows r, r + 1 and columns c, c + 1, with zeros beyond the last."""
+    merge = network(1).merge[-1]
+    features = torch.rand(1, 2, 5, 4, dtype=torch.float64)
+    weight, bias = merge.double()[1].weight, merge[1].bias
+    expected = torch.zeros(5, 4, dtype=torch.float64)
+    for row, col in np.ndindex(5, 4):
+        seen = features[0, :, row : row + 2, col : col + 2]
+        expected[row, col] = (seen * weight[0, :, : seen.shape[1], : seen.shape[2]]).sum() + bias[0]
+    with torch.no_grad():
+        assert torch.allclose(merge[1](merge[0](features))[0, 0], expected, rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (17, 31), (37, 37), (64, 48), (100, 100), (120, 160)])
+@pytest.mark.parametrize("training", [True, False])
+def test_other_sizes_give_depths_and_gradients(shape: tuple[int, int], training: bool) -> None:
+    unet = network(2).train(training)
+    depth = unet(torch.rand(2, 3, *shape))
+    assert depth.shape == (2, *shape)
+    assert (depth > 0).all()
+    assert (depth < 1).all()
+    depth.sum().backward()
+    assert all(parameter.grad is not None and torch.isfinite(parameter.grad).all() for parameter in unet.parameters())
+
+
+def test_float64_and_its_gradient() -> None:
+    unet = network(1).double().eval()
+    readings = torch.rand(1, 3, 16, 16, dtype=torch.float64)
+    assert unet(readings).dtype == torch.float64
+    kernel = unet.up[0].weight
+    assert torch.autograd.gradcheck(lambda _: unet(readings), (kernel,), eps=1e-6, atol=1e-6)
+
+
+def test_bfloat16_leaves_the_depth_its_digits() -> None:
+    """Under autocast the last layer and the sigmoid run in float32: many more values than bfloat16's 256 a factor of two."""
+    unet = network(8).eval()
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        depth = unet(torch.rand(1, 3, 64, 64))
+    assert depth.dtype == torch.float32
+    assert len(depth.unique()) > 1000
+
+
+def test_evaluation_does_not_depend_on_the_batch() -> None:
+    unet = network(4).eval()
+    readings = torch.rand(3, 3, 32, 32)
+    with torch.no_grad():
+        together = unet(readings)
+        for item in range(3):
+            assert torch.allclose(unet(readings[item : item + 1])[0], together[item], atol=1e-6)
+
+
+def test_shapes_that_do_not_fit_are_refused() -> None:
+    unet = network(1)
+    for shape, message in (
+        ((2, 100, 100, 3), r"\(2, 100, 100, 3\); the U-Net takes \(B, 3, H, W\)"),
+        ((3, 100, 100), r"\(3, 100, 100\)"),
+        ((2, 3, 15, 100), "15 x 100 pixels; 4 poolings need at least 16"),
+        ((1, 3, 31, 16), "1 image of 31 x 16 pixels has one value per channel"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            unet(torch.rand(shape))
+    assert unet.eval()(torch.rand(1, 3, 31, 16)).shape == (1, 31, 16)
+    with pytest.raises(ValueError, match="width 0"):
+        UNet(0)
+
+
+@pytest.mark.parametrize(("loss", "steps"), [(masked_depth_loss, 180), pytest.param(projected_chamfer_loss, 400, marks=pytest.mark.slow)])
+def test_one_touch_is_overfitted_to_50_micrometres(loss: Callable[..., Tensor], steps: int) -> None:
+    """A ball of 12 mm radius, 3 mm deep in the gel, in evaluation mode.
+
+    By the depth loss the RMS depth error is 50 µm at most; by the Chamfer loss the RMS distance to the nearest point, which
+    on the ball's steep flanks is less than the error along the ray.
+    """
+    radius, pressed = 0.012, 0.003
+    depth = ray_depth(box_faces(ball(4, radius, z=SENSOR.w - pressed + radius)), np.eye(4), SENSOR).astype(np.float32)
+    felt, true = torch.from_numpy(tactile_image(depth, SENSOR))[None], torch.from_numpy(depth)[None]
+    mask = contact_mask(felt, torch.tensor(untouched_image(SENSOR)))
+    readings = felt.permute(0, 3, 1, 2) / 255
+    unet, sizes = network(8), {"width": SENSOR.width, "gel": SENSOR.w}
+    optimizer = torch.optim.Adam(unet.parameters(), lr=0.01)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+    for _ in range(steps):
+        optimizer.zero_grad()
+        predicted = unet(readings) * SENSOR.w
+        loss(predicted, true, mask, **sizes).backward()
+        optimizer.step()
+        schedule.step()
+    with torch.no_grad():
+        predicted = unet.eval()(readings) * SENSOR.w
+        error = float((predicted - visible_depth(true, SENSOR.w))[mask].square().mean().sqrt()) * 1e6
+        distance = float(projected_chamfer_loss(predicted, true, mask, **sizes) / 2) ** 0.5 * SENSOR.width * 1e6
+    assert (error if loss is masked_depth_loss else distance) <= 50

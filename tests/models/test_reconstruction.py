@@ -1,0 +1,80 @@
+"""Reconstructions from no touch and from twenty touches, and observations that are refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.kernels.charts.fit_options import StopRule
+from pipeline.kernels.charts.vision_charts import vision_charts
+from pipeline.models.observation import Observation
+from pipeline.models.reconstruction import Reconstructor
+from tests.stages import ball_dataset as spheres
+
+SPHERE = vision_charts(0)
+SIZE = spheres.SIDE**2
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Reconstructor]:
+    data = tmp_path_factory.mktemp("models")
+    return {name: Reconstructor(spheres.make_model(data, name)) for name in ("touch", "unoccluded")}
+
+
+def felt(count: int, touched: bool = True) -> Observation:
+    charts = np.random.default_rng(0).uniform(-0.1, 0.1, (count, SIZE, 3)).astype(np.float32) + np.float32([0, 0, 0.6])
+    return Observation(None, charts, np.full(count, touched))
+
+
+@pytest.mark.parametrize(("count", "touched"), [(0, True), (1, True), (20, True), (20, False)])
+def test_surface_has_the_charts_of_successful_touches_alone(models: dict[str, Reconstructor], count: int, touched: bool) -> None:
+    found = models["touch"].reconstruct([felt(count, touched), felt(0)])
+    assert [len(made.vertices) for made in found] == [len(SPHERE.vertices) + count * touched * SIZE, len(SPHERE.vertices)]
+    assert all(np.isfinite(made.vertices).all() for made in found)
+    assert found[0].faces.max() == len(found[0].vertices) - 1
+
+
+def test_charts_without_a_fit_count_as_failed_touches() -> None:
+    """Whatever ended a fit is a surface; the square of a sensor that met nothing is none."""
+    rules = np.array([list(StopRule)])  # one grasp of a hand with that many sensors
+    view = Observation.with_charts(None, np.zeros((*rules.shape, SIZE, 3), np.float32), rules)
+    assert dict(zip(StopRule, view.touched.tolist(), strict=True)) == {
+        StopRule.no_touch: False,
+        StopRule.threshold: True,
+        StopRule.cap: True,
+        StopRule.too_few_points: False,
+        StopRule.collapsed: False,
+    }
+
+
+def test_observations_that_do_not_fit_are_refused(models: dict[str, Reconstructor]) -> None:
+    nowhere = felt(2)
+    nowhere.touch_vertices[1, 3, 0] = np.nan
+    image = np.zeros((1, 1, 3), np.uint8)
+    size = spheres.CAMERA.resolution
+    for name, views, message in (
+        ("touch", [], "there is no observation"),
+        ("touch", [nowhere], "touch_vertices has values that are not finite"),
+        ("unoccluded", [Observation.without_touch(image)], r"unoccluded was trained on images of .* these have \[1, 1\]"),
+        (
+            "unoccluded",
+            [Observation.without_touch(np.zeros((size, size, 3), np.float32))],
+            r"images are .* torch.float32; stored images are",
+        ),
+    ):
+        with pytest.raises(ValueError, match=message):
+            models[name].reconstruct(views)
+
+
+@pytest.mark.parametrize("value", [0, 255])
+def test_black_and_white_images_give_finite_surfaces(models: dict[str, Reconstructor], value: int) -> None:
+    size = spheres.CAMERA.resolution
+    (made,) = models["unoccluded"].reconstruct([Observation.without_touch(np.full((size, size, 3), value, np.uint8))])
+    assert np.isfinite(made.vertices).all()
+
+
+def test_reconstruction_leaves_torchs_generator_alone(models: dict[str, Reconstructor]) -> None:
+    before = torch.random.get_rng_state()
+    models["touch"].reconstruct([felt(1)])
+    assert torch.equal(torch.random.get_rng_state(), before)

@@ -1,0 +1,219 @@
+"""A data directory of balls, written by the real runner: what every stage would have made of them, in closed form, and untrained models."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from pipeline.config.manifest import Object
+from pipeline.config.sensor_file import load_sensor
+from pipeline.config.settings import Settings
+from pipeline.engine.plan import Request
+from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.networks.deformation_network import DeformationNetwork
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.touch.sensor import sensor_to_world
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+from pipeline.kernels.vision.camera import Camera, projection_matrix
+from pipeline.models.model_files import save_model
+from pipeline.store.rows import Row
+from schemas.base import Artifact
+from schemas.charts import CHARTS
+from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+from schemas.touch import TOUCH
+from schemas.vision import VISION
+from tests.engine.tiny_stages import pack, publish
+
+CENTRE = np.array([0.0, 0.0, 0.6])
+SIDE = 3
+GRASPS_AN_OBJECT, SENSORS = 5, 4
+SENSOR = load_sensor("gel_16mm")
+CAMERA = Camera(position=(1.5, 0, 0.6), rotation=(90, 0, 90), focal=(400, 400), centre=(128, 128), resolution=256)
+
+
+def direction_to(task: Task, grasp: int, sensor: int) -> np.ndarray:
+    """Where a sensor stands, from the ball's centre."""
+    drawn = task.rng("sensor", grasp, sensor).normal(size=3)
+    return np.asarray(drawn / np.linalg.norm(drawn))
+
+
+def radius_of(task: Task) -> float:
+    return 0.1 + 0.02 * (ord(task.object_id[-1]) - ord("a"))
+
+
+def pose_of(task: Task, grasp: int, sensor: int) -> np.ndarray:
+    """A sensor that looks at the ball's centre, its plane 5 mm from the ball; every fourth is too far away."""
+    outward = direction_to(task, grasp, sensor)
+    across = np.cross(outward, np.eye(3)[np.argmin(np.abs(outward))])
+    across /= np.linalg.norm(across)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([across, np.cross(-outward, across), -outward], axis=1)
+    pose[:3, 3] = CENTRE + outward * (radius_of(task) + (0.02 if sensor == grasp % SENSORS else 0.005))
+    return pose
+
+
+def depth_of(task: Task, grasp: int, sensor: int) -> np.ndarray:
+    """The ball's depth map, in closed form."""
+    radius, pose = radius_of(task), pose_of(task, grasp, sensor)
+    gap = np.linalg.norm(pose[:3, 3] - CENTRE)
+    along = (np.arange(SENSOR.cols) + 0.5) / SENSOR.cols - 0.5
+    squared = (along[None] ** 2 + along[:, None] ** 2) * SENSOR.width**2
+    return (gap - np.sqrt(radius**2 - squared)).astype(np.float32)
+
+
+def surfaces(task: Task) -> Row:
+    directions = task.rng("points").normal(size=(2000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    flags = {name: np.array(0, np.int32) for name in ("degenerate_faces", "duplicate_faces")}
+    mesh = {
+        "meshes/vertices": np.eye(3) + CENTRE,
+        "meshes/faces": np.arange(3, dtype=np.int32)[None],
+        "meshes/uv": np.zeros((3, 2), np.float32),
+    }
+    look = {
+        "meshes/face_material": np.zeros(1, np.int32),
+        "meshes/base_color": np.full((1, 4), 255, np.uint8),
+        "meshes/material_texture": np.full(1, -1, np.int32),
+    }
+    points = (CENTRE + radius_of(task) * directions).astype(np.float32)
+    return {"points": points, "normals": directions.astype(np.float32), "watertight": np.array(True), **flags, **mesh, **look}
+
+
+def each_sensor(function: Callable[[Task, int, int], np.ndarray], task: Task) -> np.ndarray:
+    return np.array([[function(task, grasp, sensor) for sensor in range(SENSORS)] for grasp in range(GRASPS_AN_OBJECT)])
+
+
+def touched(task: Task, grasp: int, sensor: int) -> np.ndarray:
+    return np.array(sensor != grasp % SENSORS)
+
+
+def grasps(task: Task) -> Row:
+    return {
+        "hand_pose": np.tile(np.eye(4), (GRASPS_AN_OBJECT, 1, 1)),
+        "joint_angles": np.zeros((GRASPS_AN_OBJECT, 16)),
+        "sensor_pose": each_sensor(pose_of, task),
+        "touch_success": each_sensor(touched, task),
+        "penetration": np.zeros(GRASPS_AN_OBJECT, np.float32),
+        "attempts": np.array(5, np.int32),
+        "attempt_success": np.full(SENSORS, 0.75, np.float32),
+    }
+
+
+def vision(task: Task) -> Row:
+    rng = task.rng("image")
+    shape = (GRASPS_AN_OBJECT, CAMERA.resolution, CAMERA.resolution)
+    images = rng.integers(0, 256, (1 + GRASPS_AN_OBJECT, *shape[1:], 3), dtype=np.uint8)
+    return {"unoccluded": images[0], "occluded": images[1:], "segmentation": np.zeros((1 + shape[0], *shape[1:]), np.uint8)}
+
+
+def touch(task: Task) -> Row:
+    depth = each_sensor(depth_of, task)
+    readings = np.array([[tactile_image(one, SENSOR) for one in grasp] for grasp in depth])
+    return {"depth": depth, "reading": readings}
+
+
+def chart_of(task: Task, grasp: int, sensor: int) -> np.ndarray:
+    """The sensor's square, laid on the ball where it touches."""
+    flat = chart_square(SIDE)[0].numpy() * SENSOR.width
+    square = sensor_to_world(pose_of(task, grasp, sensor), flat[:, 0], flat[:, 1], flat[:, 2])
+    if not touched(task, grasp, sensor):
+        return square
+    outward = square - CENTRE
+    return np.asarray(CENTRE + radius_of(task) * outward / np.linalg.norm(outward, axis=1, keepdims=True))
+
+
+def charts(task: Task) -> Row:
+    felt = each_sensor(touched, task)
+    return {
+        "vertices": each_sensor(chart_of, task).astype(np.float32),
+        "residual": np.where(felt, 2e-4, 0).astype(np.float32),
+        "iterations": np.where(felt, 80, 0).astype(np.int32),
+        "stop_rule": felt.astype(np.uint8),
+    }
+
+
+LABELS: Row = {
+    "grasp": np.arange(5, dtype=np.int32),
+    "sensor": np.array([f"finger-{number}" for number in range(SENSORS)]),
+    "joint": np.array([f"joint-{number}" for number in range(16)]),
+}
+
+
+class Given(ObjectStage):
+    """A stage that writes what a function says."""
+
+    settings_type = Settings
+    summary = "in closed form"
+
+    def __init__(
+        self, output: Artifact, function: Callable[[Task], Row], reads: tuple[Artifact, ...], constants: Row, attributes: dict[str, Any]
+    ):
+        self.name, self.output = f"give-{output.name}", output
+        self.row, self._reads, self._constants, self._attributes = function, reads, constants, attributes
+
+    def inputs(self, settings: Settings) -> tuple[Artifact, ...]:
+        return self._reads
+
+    def cost(self, settings: Settings) -> Cost:
+        return Cost(0.0, 0.0)
+
+    def session(self, settings: Settings, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Task], Row]]:
+        return nullcontext(self.row)
+
+    def constants(self, settings: Settings) -> Row:
+        return self._constants
+
+    def attributes(self, settings: Settings) -> dict[str, Any]:
+        return self._attributes
+
+
+def stages() -> list[Given]:
+    sensor = {"sensor": SENSOR.model_dump(mode="json")}
+    return [
+        Given(SURFACES, surfaces, (), {}, {}),
+        Given(GRASPS, grasps, (SURFACES,), LABELS, {}),
+        Given(VISION, vision, (GRASPS,), {"camera": projection_matrix(CAMERA)}, {}),
+        Given(TOUCH, touch, (SURFACES, GRASPS), {"untouched": untouched_image(SENSOR)}, sensor),
+        Given(CHARTS, charts, (TOUCH,), {"chart_faces": chart_square(SIDE)[1].numpy().astype(np.int32)}, {}),
+    ]
+
+
+def objects(count: int) -> list[Object]:
+    """Balls named a, b, …, bottles and knives in turn, all in the test split."""
+    return [Object(chr(ord("a") + number), ("bottle", "knife")[number % 2], "test", {"number": number}) for number in range(count)]
+
+
+def make_data(data: Path, count: int) -> None:
+    """Write every artifact of so many balls; the pieces are made here, which spares the start of five worker processes."""
+    for stage in stages():
+        request: Any = Request(
+            stage=stage, settings=Settings(), manifest="balls", objects=objects(count), preset="draft", seed=0, data=data
+        )
+        pack(request, stage.row)
+
+
+def make_model(data: Path, name: str, *, still: bool = False) -> Path:
+    """A small network of a configuration with random weights, or one that leaves the sphere as it is, as `train-gcn` leaves one."""
+    sizes = {"gcn_layers": 3, "gcn_features": 12, "encoder_width": 0.125, "side": SIDE, "splits": 0}
+    config = CONFIGURATIONS[name].model_copy(update=sizes)
+    network = DeformationNetwork(config, torch.Generator().manual_seed(len(name)))
+    if still:
+        with torch.no_grad():
+            for parameter in network.parameters():
+                parameter.zero_()
+    folder = data / ".work" / "made" / name
+    folder.mkdir(parents=True)
+    camera = projection_matrix(CAMERA).tolist() if config.image else None
+    resolution = [CAMERA.resolution] * 2 if config.image else None
+    description = {"configuration": name, "network": config.model_dump(mode="json", exclude={"checkpointing"}), "camera": camera}
+    save_model(folder, network, description | {"resolution": resolution, "charts": {"side": config.side} if config.touch else None})
+    hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
+    facts = {"parameters": 1000, "epochs": 3, "best_epoch": 1, "best": {"loss": 2.5}, "training_seconds": 1.5, "hardware": hardware}
+    return publish(data, f"models/gcn/{name}", folder, "train-gcn", facts)

@@ -1,0 +1,255 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from rich.console import Console
+
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.errors import StageError, StoreError
+from pipeline.kernels.charts.vision_charts import vision_charts
+from pipeline.kernels.geometry.triangle_sampling import sample_triangles
+from pipeline.kernels.metrics.bootstrap import Interval
+from pipeline.kernels.metrics.cloud_distances import nearest_squared
+from pipeline.models.observation import Observation
+from pipeline.models.reconstruction import Reconstructor
+from pipeline.reports.orderings import Verdict, orderings, show_orderings
+from pipeline.store.directory import DataDirectory, hashes_of
+from stages.evaluate.cases import make_cases
+from stages.evaluate.settings import EvaluationSettings
+from stages.evaluate.stage import Evaluate
+from stages.evaluate.store import load_partial, read_root, read_table, save_partial
+from stages.evaluate.tables_printed import show
+from tests.stages import ball_dataset as spheres
+
+COUNT = 3
+SETTINGS = {"points": 500}
+CONFIGURATIONS = ("none", "touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch")
+
+
+def request(data: Path, **settings: Any) -> Request[Any]:
+    chosen = EvaluationSettings(**(SETTINGS | settings))
+    return Request(stage=Evaluate(), settings=chosen, manifest="balls", objects=spheres.objects(COUNT), preset="draft", seed=0, data=data)
+
+
+def evaluate(data: Path, place: str = "evaluation", **settings: Any) -> tuple[Path, str]:
+    console = Console(record=True, width=200)
+    (plan,) = make_plans(replace(request(data, **settings), folder=place))
+    run(plan, console)
+    return plan.directory.folder_path(plan.name), console.export_text()
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    torch.set_num_threads(1)
+    folder = tmp_path_factory.mktemp("balls")
+    spheres.make_data(folder, COUNT)
+    for name in CONFIGURATIONS:
+        spheres.make_model(folder, name, still=name == "none")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def evaluation(data):
+    return evaluate(data)
+
+
+def flat_radius() -> float:
+    """How far the flat faces of the undeformed sphere are from its centre, on average over their area, m."""
+    sphere = vision_charts(0)
+    triangles = 0.25 * sphere.vertices[sphere.faces]
+    points, _ = sample_triangles(triangles, 20_000, np.random.default_rng(0))
+    return float(np.linalg.norm(points, axis=1).mean())
+
+
+def test_only_what_differs_is_reconstructed():
+    numbers = (1, 2, 3, 4, 5)
+    assert [case.firsts for case in make_cases(5, numbers, touch=False, occluded=False)] == [(0, 1, 2, 3, 4)]
+    assert [(case.first, case.grasps) for case in make_cases(5, numbers, touch=False, occluded=True)] == [(g, ()) for g in range(5)]
+    felt = make_cases(5, numbers, touch=True, occluded=False)
+    assert len(felt) == 4 * 5 + 1
+    assert len({frozenset(case.grasps) for case in felt}) == len(felt)
+    assert len(make_cases(5, numbers, touch=True, occluded=True)) == 25
+    for cases in (felt, make_cases(5, numbers, touch=True, occluded=True)):
+        filled = sorted((first, case.given) for case in cases for first in case.firsts)
+        assert filled == [(first, given) for first in range(5) for given in range(5)]
+        assert all(case.grasps[0] == case.first and len(set(case.grasps)) == len(case.grasps) for case in cases)
+
+
+def test_a_sphere_that_stays_one_has_the_chamfer_distance_of_two_spheres(evaluation):
+    values = read_table(evaluation[0], "values/none")
+    objects = read_table(evaluation[0], "objects")
+    assert values["chamfer"].shape == (COUNT, 5, 1)
+    for row, radius in enumerate((0.1, 0.12, 0.14)):
+        assert values["chamfer"][row, 0, 0] == pytest.approx(2 * (flat_radius() - radius) ** 2, rel=0.05)
+        seen = values["local_points"][row] > 0
+        assert values["local_chamfer"][row][seen].mean() == pytest.approx((flat_radius() - radius) ** 2, rel=0.05)
+        assert objects["area"][row] == pytest.approx(4 * np.pi * radius**2, rel=0.15)
+        assert objects["floor"][row] == pytest.approx(2 * objects["area"][row] / (np.pi * 500))
+    assert (values["chamfer"] == values["chamfer"][:, :1]).all()
+
+
+def test_a_figure_is_that_of_its_reconstruction_by_hand(data, evaluation):
+    folder, _ = evaluation
+    prediction, values = (read_table(folder, f"{group}/occluded-touch") for group in ("predictions", "values"))
+    model = Reconstructor(DataDirectory(data).folder_path("models/gcn/occluded-touch"))
+    rows = ObjectRows(data, ["points", "occluded", "vertices", "stop_rule", "touch_success", "sensor_pose"], "test")
+    row, grasps = 1, [4, 0]
+    name = rows.object_ids[row]
+    charts = rows.read("vertices", name)[grasps].reshape(-1, spheres.SIDE**2, 3)
+    touched = rows.read("touch_success", name)[grasps].reshape(-1)
+    made = model.reconstruct([Observation(rows.read("occluded", name, 4), charts, touched)])[0]
+    case = int(np.flatnonzero((prediction["first_grasp"] == 4) & (prediction["grasps_given"] == 2))[0])
+    np.testing.assert_allclose(prediction["vertices"][row, case], made.vertices[: made.vision], atol=1e-6)
+    dense = made.vertices[made.faces].mean(axis=1)  # face centres: another sampling of the same surface
+    assert nearest_squared(dense, rows.read("points", name)).mean() < values["chamfer"][row, 4, 1]
+
+
+def test_every_table_is_there_and_printed(evaluation):
+    folder, printed = evaluation
+    assert {path.name for path in folder.iterdir()} == {"tables.zarr", "metrics.json"}
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert set(metrics["tables"]) == {"objects", "table_1", "table_2", "table_3", "modalities", "charts", "training"}
+    assert metrics["tables"]["modalities"]["category"] == ["bottle", "knife", "all"]
+    assert metrics["tables"]["table_1"]["successful"] == pytest.approx([0.75] * 3)
+    table = read_table(folder, "table_3")
+    assert list(table["configuration"]) == ["touch", "occluded-touch", "unoccluded-touch"]
+    assert (table["low"] <= table["chamfer"]).all()
+    assert (table["chamfer"] <= table["high"]).all()
+    modalities = read_table(folder, "modalities")
+    np.testing.assert_allclose(modalities["chamfer"][modalities["configuration"] == "touch", -1], table["chamfer"][0, 0])
+    for words in ("Table 1", "Table 2", "Table 3", "6.687e-05", "1.769", "floor", "F1", "RMS residual", "test CPU", "500 points"):
+        assert words in printed
+    again = Console(record=True, width=200)
+    show(folder, again)
+    assert again.export_text() in printed
+    assert read_root(folder)["configurations"]["occluded"] == {"image": "occluded", "touch": False}
+
+
+def test_rings_are_measured_around_touches_only(evaluation):
+    values = read_table(evaluation[0], "values/touch")
+    sensor = np.arange(spheres.SENSORS)[None] != np.arange(5)[:, None] % spheres.SENSORS
+    seen = values["local_points"].sum(axis=-1) > 0
+    assert (seen == sensor).all()
+    assert (values["local_chamfer"][values["local_points"] == 0] == 0).all()
+    table = read_table(evaluation[0], "table_2")
+    assert (table["sites"] <= COUNT * 15).all()
+
+
+def test_twice_is_the_same_to_the_bit_and_another_seed_is_not(data, evaluation):
+    again, _ = evaluate(data, "again")
+    assert hashes_of(again) == hashes_of(evaluation[0])
+    by_seven = read_table(evaluate(data, "by-seven", batch_size=7, configurations=("occluded",))[0], "values/occluded")
+    np.testing.assert_allclose(by_seven["chamfer"], read_table(again, "values/occluded")["chamfer"], rtol=1e-5)
+    (plan,) = make_plans(replace(request(data, configurations=("none",)), seed=1, folder="other"))
+    run(plan, Console(quiet=True))
+    assert (read_table(plan.directory.folder_path("other"), "values/none")["chamfer"] != read_table(again, "values/none")["chamfer"]).all()
+
+
+def test_a_killed_run_goes_on_with_the_next_configuration(data, evaluation, monkeypatch):
+    asked: list[str] = []
+    genuine = Reconstructor.reconstruct
+
+    def counted(self, views):
+        asked.append(self.configuration)
+        if asked.count("occluded") == 1 and self.configuration == "occluded" and len(set(asked)) == 2:
+            raise KeyboardInterrupt
+        return genuine(self, views)
+
+    monkeypatch.setattr(Reconstructor, "reconstruct", counted)
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(data, "killed", configurations=("none", "occluded"))
+    (plan,) = make_plans(replace(request(data, configurations=("none", "occluded")), folder="killed"))
+    work = plan.directory.work("killed") / plan.key[:16]
+    assert load_partial(work, "none") is not None
+    assert load_partial(work, "occluded") is None
+    asked.clear()
+    folder, _ = evaluate(data, "killed", configurations=("none", "occluded"))
+    assert set(asked) == {"occluded"}
+    assert not list(folder.glob("partial*"))
+    np.testing.assert_array_equal(read_table(folder, "values/occluded")["chamfer"], read_table(evaluation[0], "values/occluded")["chamfer"])
+
+
+def test_models_without_touch_open_no_charts_and_those_without_sight_no_images():
+    stage = Evaluate()
+    names = {artifact.name for artifact in stage.inputs(EvaluationSettings(configurations=("none",)))}
+    assert names == {"surfaces", "grasps", "touch"}
+    assert {artifact.name for artifact in stage.inputs(EvaluationSettings(configurations=("touch",)))} == names | {"charts"}
+    assert {artifact.name for artifact in stage.inputs(EvaluationSettings(configurations=("occluded",)))} == names | {"vision"}
+
+
+def test_without_touch_there_is_no_table_of_grasps(data):
+    folder, printed = evaluate(data, "unfelt", configurations=("none",))
+    assert "Table 3:" not in printed
+    with pytest.raises(StoreError, match="no group table_3"):
+        read_table(folder, "table_3")
+
+
+def test_orderings_of_an_evaluation(evaluation):
+    verdicts = orderings(evaluation[0])
+    assert verdicts == orderings(evaluation[0])
+    claims = {one.claim: one for one in verdicts}
+    assert {"occluded-touch < occluded", "unoccluded < touch", "touch: 2 grasps < 1", "occluded: ring ×5 < ring ×1"} <= set(claims)
+    assert claims["unoccluded-touch: 4 grasps < 3"].supplement == (0.695, 0.689)
+    one = claims["touch: 5 grasps < 1"]
+    assert one.difference.mean == pytest.approx(one.smaller - one.larger)
+    assert one.difference.count == COUNT
+    console = Console(record=True, width=200)
+    show_orderings(verdicts, console)
+    printed = console.export_text()
+    assert "not there either" in printed
+    assert f"of {len(verdicts)}" in printed
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "count", "answer"),
+    [
+        (-2, -1, 6, "holds"),
+        (1, 2, 6, "does not hold"),
+        (-1, 1, 60, "undecided"),
+        (-2, -1, 5, "undecided"),
+        (-np.inf, np.inf, 1, "undecided"),
+    ],
+)
+def test_a_verdict_needs_an_interval_on_one_side_and_objects_enough(low, high, count, answer):
+    assert Verdict("a < b", 1.0, 2.0, Interval(-1.0, low, high, count)).answer == answer
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "words"),
+    [
+        ({"points": 3000}, StageError, "2000 points"),
+        ({"configurations": ("single-image",)}, StoreError, "run the stage that makes it"),
+        ({"accelerator": "abacus"}, StageError, "abacus"),
+    ],
+)
+def test_what_cannot_be_evaluated_is_an_error(data, settings, error, words):
+    with pytest.raises(error, match=words):
+        evaluate(data, "wrong", **settings)
+
+
+def test_an_unknown_model_and_no_evaluation_are_errors(tmp_path):
+    with pytest.raises(ValueError, match=r"absent.*name some of none, touch"):
+        EvaluationSettings(configurations=("absent",))
+    with pytest.raises(StoreError, match="run evaluate"):
+        orderings(tmp_path)
+
+
+def test_numbers_of_grasps_hold_the_one_that_tables_need():
+    with pytest.raises(ValueError, match="1 among them"):
+        EvaluationSettings(grasps=(2, 3))
+    assert EvaluationSettings(grasps=(5, 1)).grasps == (1, 5)
+
+
+def test_partials_hold_what_was_put_there(tmp_path):
+    arrays = {"a": np.arange(3), "b": np.zeros((2, 2))}
+    save_partial(tmp_path, "touch", arrays)
+    kept = load_partial(tmp_path, "touch")
+    assert kept is not None
+    assert all((kept[name] == arrays[name]).all() for name in arrays)
+    assert load_partial(tmp_path, "none") is None

@@ -1,0 +1,176 @@
+"""The stage on a pressed ball: arrays as declared, squares where nothing touched, charts where something did."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from pydantic import ValidationError
+
+from pipeline.config.sensor_file import load_sensor
+from pipeline.engine.stage import Task
+from pipeline.errors import InvalidInput
+from pipeline.kernels.charts.fit_options import SUPPLEMENT, FitOptions, StopRule
+from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.touch.contact import local_points, touch_success
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+from pipeline.models.touch_model import save_touch_model
+from pipeline.store.rows import Row
+from schemas.charts import FITTED, STOP_RULES
+from stages.fit_charts.settings import ChartSettings
+from stages.fit_charts.stage import UNET, FitCharts
+from tests.kernels.charts.test_chart_fitting import distances
+
+STAGE = FitCharts()
+SENSOR = load_sensor("gel_16mm")
+SIZES = {"grasp": 2, "sensor": 2, "vertex": 81, "xyz": 3, "face": 128, "corner": 3}
+TRUE = ChartSettings(cloud="true")
+
+
+def depth_of(height: float, radius: float = 0.012) -> np.ndarray:
+    """(rows, cols) float32: a ball pressed in until its lowest point is `height` m above the sensor plane."""
+    x, y = np.meshgrid(*pixel_centres(SENSOR))
+    with np.errstate(invalid="ignore"):
+        z = height + radius - np.sqrt(radius**2 - x**2 - y**2)
+    return np.where(np.isfinite(z), z, np.inf).astype(np.float32)
+
+
+def poses() -> np.ndarray:
+    """(2, 2, 4, 4) rigid motions of no particular direction."""
+    made = np.tile(np.eye(4), (2, 2, 1, 1))
+    rng = np.random.default_rng(3)
+    for pose in made.reshape(-1, 4, 4):
+        axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        pose[:3, :3] = axes * np.sign(np.linalg.det(axes))
+        pose[:3, 3] = rng.normal(scale=0.2, size=3)
+    return made
+
+
+def task(heights: tuple[float, ...] = (0.003, 1.0, 0.0055, 0.00675), name: str = "ball", **sensor: Any) -> Task:
+    """Three sensors that touch or nearly do and one in the air."""
+    depth = np.stack([depth_of(height) for height in heights]).reshape(2, 2, 100, 100)
+    inputs = {
+        "touch": {
+            "depth": depth,
+            "reading": np.stack([tactile_image(one, SENSOR) for one in depth.reshape(4, 100, 100)]).reshape(2, 2, 100, 100, 3),
+        },
+        "grasps": {"sensor_pose": poses(), "touch_success": touch_success(depth, SENSOR)},
+    }
+    return Task(name, "balls", 0, inputs=inputs, attributes={"touch": {"sensor": SENSOR.model_copy(update=sensor).model_dump(mode="json")}})
+
+
+def run(settings: ChartSettings, one: Task, models: dict[str, Path] | None = None) -> Row:
+    with STAGE.session(settings, models or {}) as process:
+        return process(one)
+
+
+@pytest.fixture(scope="module")
+def row() -> Row:
+    return run(TRUE, task())
+
+
+def test_arrays_are_as_declared(row: Row) -> None:
+    for name, array in {**row, **STAGE.constants(TRUE)}.items():
+        declared = STAGE.output.arrays[name]
+        assert array.shape == tuple(SIZES[d] for d in declared.dims if d != "object"), name
+        assert array.dtype == declared.dtype, name
+    assert {"vertices", "residual", "iterations", "stop_rule"} == set(row)
+    assert tuple(rule.name for rule in StopRule) == STOP_RULES
+    assert tuple(int(rule) for rule in (StopRule.threshold, StopRule.cap)) == FITTED
+
+
+def test_where_nothing_touched_the_square_stays(row: Row) -> None:
+    assert row["stop_rule"].tolist() == [[StopRule.threshold, StopRule.no_touch], [StopRule.threshold, StopRule.no_touch]]
+    square = chart_square()[0].numpy() * SENSOR.width
+    for at in ((0, 1), (1, 1)):
+        placed = square @ poses()[at][:3, :3].T + poses()[at][:3, 3]
+        np.testing.assert_allclose(row["vertices"][at], placed, atol=1e-7)
+        assert row["residual"][at] == row["iterations"][at] == 0
+
+
+def test_where_something_touched_the_chart_lies_on_its_points(row: Row) -> None:
+    depth = task().inputs["touch"]["depth"]
+    for at in ((0, 0), (1, 0)):
+        points, count = local_points(depth[at], poses()[at], SENSOR)
+        away = distances(points[:count].astype(np.float64), row["vertices"][at].astype(np.float64), chart_square()[1].numpy())
+        measured = float(np.sqrt(np.mean(away**2)))
+        assert measured <= TRUE.residual_limit + 1e-7
+        np.testing.assert_allclose(row["residual"][at], measured, atol=1e-7)
+        assert 0 < row["iterations"][at] < TRUE.max_iterations
+
+
+def test_seeds_are_the_object_s_and_the_sensor_s(row: Row) -> None:
+    assert all(array.tobytes() == row[name].tobytes() for name, array in run(TRUE, task()).items())
+    few = ChartSettings(cloud="true", max_iterations=3)
+    assert not np.array_equal(run(few, task())["vertices"], run(few, task(name="other"))["vertices"])
+    # the same touch once more elsewhere changes nothing here
+    assert run(few, task((0.003, 0.004, 0.0055, 1.0)))["vertices"][1, 0].tobytes() == run(few, task())["vertices"][1, 0].tobytes()
+
+
+def test_an_object_that_nothing_touches_is_fine() -> None:
+    row = run(TRUE, task((1.0, 0.01, 0.0068, 0.03)))
+    assert (row["stop_rule"] == StopRule.no_touch).all()
+    assert row["vertices"].shape == (2, 2, 81, 3)
+    assert row["vertices"].dtype == np.float32
+
+
+def trained(folder: Path, sensor: Sensor = SENSOR, constant: float = 0.6) -> dict[str, Path]:
+    """A U-Net's folder whose network says one depth, `constant` of the gel, wherever something touches."""
+    network = UNet(1)
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.zero_()
+        *_, bias = network.parameters()
+        bias.fill_(np.log(constant / (1 - constant)))
+    folder.mkdir()
+    save_touch_model(folder, network, sensor=sensor, untouched=untouched_image(sensor), mask_threshold=0.001)
+    return {UNET: folder}
+
+
+def test_predicted_points_are_the_u_nets(tmp_path: Path) -> None:
+    settings = ChartSettings(tight=True)
+    assert STAGE.models(settings) == (UNET,)
+    assert STAGE.models(TRUE) == ()
+    row = run(settings, task(), trained(tmp_path / "unet"))
+    assert row["stop_rule"][:, 0].tolist() == [StopRule.threshold] * 2
+    local = (row["vertices"][0, 0] - poses()[0, 0, :3, 3]) @ poses()[0, 0, :3, :3]  # the sensor's frame
+    assert np.median(np.abs(local[:, 2] - 0.6 * SENSOR.w)) < 3e-4  # vertices of crumpled slivers beyond the rim hang loose
+
+
+def test_a_touch_that_the_u_net_does_not_see_keeps_its_square(tmp_path: Path) -> None:
+    blind = task()
+    blind.inputs["touch"]["reading"][:] = untouched_image(SENSOR)  # type: ignore[index]
+    row = run(ChartSettings(), blind, trained(tmp_path / "unet"))
+    assert row["stop_rule"].tolist() == [[StopRule.too_few_points, StopRule.no_touch]] * 2
+    assert np.isfinite(row["vertices"]).all()
+
+
+def test_faults_are_the_object_s_and_named(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="U-Net knows sensor other"):
+        run(ChartSettings(), task(), trained(tmp_path / "unet", SENSOR.model_copy(update={"name": "other"})))
+    bent = task()
+    bent.inputs["grasps"]["sensor_pose"][0, 1, 0, 0] += 1
+    with pytest.raises(InvalidInput, match="no rigid motion"):
+        run(ChartSettings(cloud="true", max_iterations=1), bent)
+
+
+def test_settings_become_the_kernel_s_rule() -> None:
+    letter = {"residual_limit": None, "step_samples": 4000, "cloud_points": None, "check_every": 1, "learning_rate": 3e-3}
+    assert ChartSettings.model_validate(letter).fit_options(SENSOR.width) == SUPPLEMENT
+    assert ChartSettings(residual_limit=None).fit_options(SENSOR.width) == FitOptions()
+    tight = ChartSettings(tight=True).fit_options(SENSOR.width)
+    assert tight.halt == 2.3e-4
+    np.testing.assert_allclose((tight.residual_limit or 0) * SENSOR.width, 1e-4)
+    assert ChartSettings.model_validate({"cloud": True}).cloud == "true"  # how YAML reads `true`
+    with pytest.raises(ValidationError, match="side 8"):
+        ChartSettings(side=8)
+
+
+def test_threads_are_given_back() -> None:
+    threads = torch.get_num_threads()
+    with STAGE.session(TRUE, {}):
+        assert torch.get_num_threads() == 1
+    assert torch.get_num_threads() == threads

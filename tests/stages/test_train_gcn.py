@@ -1,0 +1,181 @@
+"""The graph network's training: what it reads, that it learns, and that it is resumed to the bit."""
+
+from __future__ import annotations
+
+import multiprocessing
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.errors import InvalidInput, StoreError
+from pipeline.kernels.metrics.chamfer import chamfer
+from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
+from pipeline.kernels.metrics.surface_sampling import sample_surface
+from pipeline.kernels.networks.deformation_network import DeformationNetwork
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.models.observation import Observation
+from pipeline.models.reconstruction import Reconstructor
+from pipeline.rng import torch_generator
+from pipeline.training.loop import read_metrics
+from stages.train_gcn.items import Items
+from stages.train_gcn.learner import GcnLearner
+from stages.train_gcn.settings import GcnSettings
+from stages.train_gcn.stage import TrainGcn
+from tests.stages.tiny_dataset import manifest, run_stage
+
+SMALL = ("train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.epochs=2", "train-gcn.loss_points=200", "train-gcn.threads=1")
+OBJECTS = manifest()
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    """Surface points of two bottles; nothing else was made."""
+    folder = tmp_path_factory.mktemp("data")
+    run_stage(folder, "sample-surfaces", OBJECTS)
+    return folder
+
+
+def overfit(data: Path, steps: int, points: int) -> tuple[float, float]:
+    """Learn one object; the Chamfer distance reached and its sampling floor, m²."""
+    settings = GcnSettings(configuration="none", gcn_layers=6, gcn_features=48, loss_points=points, items=1, validation_items=1)
+    config = settings.network(side=9)
+    items = Items(data, "train", config, 1)
+    network = DeformationNetwork(config, torch_generator(0, "weights"))
+    learner = GcnLearner(network, items, items, settings, 0)
+    optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+    for step in range(steps):
+        optimizer.zero_grad()
+        learner.loss([0], torch_generator(0, step)).backward()
+        optimizer.step()
+        schedule.step()
+    with torch.no_grad():
+        deformed = network(images=None, camera=None, touch_vertices=None, touched=None, counts=[0])[0]
+        faces = torch.tensor(network.charts.faces)
+        truth = items.target(0).points
+        kept = truth[torch.randperm(len(truth), generator=torch_generator(0, "kept"))[:points]]
+        reached = float(chamfer(sample_surface(deformed, faces, points, torch_generator(0, "drawn")), kept))
+    return reached, sampling_floor(sampled_area(truth.numpy()), points)
+
+
+def test_one_object_is_learned_to_one_and_a_half_times_its_sampling_floor(data):
+    reached, floor = overfit(data, steps=250, points=500)
+    print(f"Chamfer {reached:.3g} m², floor {floor:.3g} m² with 500 points: {reached / floor:.2f} x")
+    assert reached <= 1.5 * floor
+
+
+@pytest.mark.slow
+def test_one_object_is_learned_to_one_and_a_half_times_its_floor_with_10000_points(tmp_path):
+    run_stage(tmp_path, "sample-surfaces", OBJECTS, "sample-surfaces.points=10000")
+    reached, floor = overfit(tmp_path, steps=3000, points=10000)
+    print(f"Chamfer {reached:.3g} m², floor {floor:.3g} m² with 10,000 points: {reached / floor:.2f} x")
+    assert reached <= 1.5 * floor
+
+
+def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
+    reads = {name: {artifact.name for artifact in TrainGcn().inputs(GcnSettings(configuration=name))} for name in CONFIGURATIONS}
+    assert reads["none"] == {"surfaces"}
+    assert reads["touch"] == {"surfaces", "charts"}
+    assert reads["occluded"] == reads["unoccluded"] == {"surfaces", "vision"}
+    assert reads["occluded-touch"] == reads["unoccluded-touch"] == {"surfaces", "vision", "charts"}
+
+
+def test_without_input_it_trains_where_neither_images_nor_touches_were_made(data):
+    folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
+    assert folder is not None
+    assert {path.name for path in folder.iterdir()} == {"model.json", "model.safetensors", "metrics.json", "tensorboard"}
+    found = Reconstructor(folder).reconstruct([Observation.without_touch(None)])[0]
+    assert found.vertices.shape == (1824, 3)
+    assert found.vision == 1824
+    assert np.abs(found.vertices - [0, 0, 0.6]).max() < 0.6
+    with pytest.raises(StoreError, match="has no object"):
+        run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=touch", *SMALL)
+
+
+def die_midway(data: Path) -> None:
+    """Train with checkpoints at every step, and be killed in the second epoch."""
+    import os
+    import signal
+
+    learned = GcnLearner.loss
+    steps = iter(range(100))
+
+    def loss(self: GcnLearner, items: list[int], generator: torch.Generator) -> torch.Tensor:
+        if next(steps) == 3:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return learned(self, items, generator)
+
+    GcnLearner.loss = loss  # type: ignore[method-assign]
+    run_stage(
+        data, "train-gcn", OBJECTS, "train-gcn.configuration=none", "train-gcn.checkpoint_seconds=0", "train-gcn.batch_size=2", *SMALL
+    )
+
+
+def test_killed_in_mid_epoch_the_same_weights_come_out_and_other_seeds_give_others(data, tmp_path):
+    assignments = ("train-gcn.configuration=none", "train-gcn.batch_size=2", *SMALL)
+    killed = tmp_path / "killed"
+    shutil.copytree(data, killed, ignore=shutil.ignore_patterns("models"))
+    process = multiprocessing.get_context("spawn").Process(target=die_midway, args=(killed,))
+    process.start()
+    process.join()
+    assert process.exitcode == -9
+    assert not list((killed / "models").glob("**/*.json"))
+    weights = {}
+    for name, where, seed in (("killed", killed, 0), ("whole", tmp_path / "whole", 0), ("other", tmp_path / "other", 1)):
+        if not where.exists():
+            shutil.copytree(data, where, ignore=shutil.ignore_patterns("models"))
+        folder = run_stage(where, "train-gcn", OBJECTS, *assignments, seed=seed)
+        assert folder is not None
+        weights[name] = (folder / "model.safetensors").read_bytes()
+        assert len(read_metrics(folder)) == 2
+    assert weights["killed"] == weights["whole"] != weights["other"]
+
+
+def test_items_begin_with_each_grasp_in_turn_and_never_repeat_one(data):
+    items = Items(data, "train", GcnSettings(configuration="none").network(9), 5)
+    everything = np.random.default_rng(0).permutation(5)
+    for item in range(5):
+        chosen = [items.grasps_of(item, count, everything) for count in (1, 3, 5)]
+        assert all(grasps[0] == item for grasps in chosen)
+        assert [len(set(grasps)) for grasps in chosen] == [1, 3, 5]
+
+
+def test_a_view_that_lacks_what_the_network_needs_is_an_error_with_words(data):
+    folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
+    assert folder is not None
+    reconstructor = Reconstructor(folder)
+    reconstructor.network.config = CONFIGURATIONS["occluded"]
+    with pytest.raises(InvalidInput, match="some are missing or differ"):
+        reconstructor.reconstruct([Observation.without_touch(None)])
+
+
+def test_a_network_that_has_diverged_gives_no_number_instead_of_a_crash(data):
+    settings = GcnSettings(configuration="none", gcn_layers=2, gcn_features=6, loss_points=50)
+    items = Items(data, "train", settings.network(9), 5)
+    network = DeformationNetwork(settings.network(9))
+    learner = GcnLearner(network, items, items, settings, 0)
+    with torch.no_grad():
+        network.gcn.last.bias.fill_(torch.inf)
+        assert not torch.isfinite(learner.loss([0, 1], torch_generator(0, "x")))
+        assert not np.isfinite(learner.validate()["loss"])
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"encoder_layers": 13}, "encoder_layers is 13"),
+        ({"encoder_kernel": 4}, "encoder_kernel"),
+        ({"min_grasps": 4, "max_grasps": 2}, "min_grasps is 4, max_grasps 2"),
+    ],
+)
+def test_settings_that_make_no_network_are_refused(settings, words):
+    with pytest.raises(ValueError, match=words):
+        GcnSettings(**settings)
+
+
+def test_an_unknown_configuration_is_refused():
+    with pytest.raises(ValueError, match="sight is none of none, touch"):
+        GcnSettings(configuration="sight")

@@ -1,0 +1,196 @@
+"""`train-unet` on balls pressed into a small sensor: what is learnt from, what is written, and how it is used."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.config.manifest import Object
+from pipeline.config.settings import Settings
+from pipeline.console import console_on
+from pipeline.engine.plan import Request
+from pipeline.engine.stage import DatasetJob
+from pipeline.errors import StoreError
+from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.touch.contact import touch_success
+from pipeline.kernels.touch.sensor import pixel_centres
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+from pipeline.models.touch_model import load_touch_model
+from pipeline.rng import seeded_weights
+from schemas.grasps import GRASPS
+from schemas.touch import TOUCH
+from stages.train_unet.learner import Touches, UnetLearner, load_touches
+from stages.train_unet.settings import UnetSettings
+from stages.train_unet.stage import TrainUnet
+from tests.engine.tiny_stages import run
+from tests.stages.pressed_balls import GRASPS_EACH, SENSOR, SENSORS, Made, depths
+
+SETTINGS: dict[str, Any] = {"width": 2, "epochs": 2, "batch_size": 4, "threads": 1, "accelerator": "cpu", "learning_rate": 0.01}
+
+
+class RowsInMemory:
+    """The rows of a split, as `ObjectRows` gives them."""
+
+    def __init__(self, objects: int, seed: int, touching: bool = True) -> None:
+        rng = np.random.default_rng(seed)
+        depth = np.stack([depths(rng, touching) for _ in range(objects)])
+        readings = np.stack([tactile_image(image, SENSOR) for image in depth.reshape(-1, *SENSOR.shape)]).reshape(*depth.shape, 3)
+        self.arrays = {"depth": depth, "reading": readings, "touch_success": touch_success(depth, SENSOR)}
+        self.object_ids = [f"ball-{number}" for number in range(objects)]
+
+    def read(self, array: str, object_id: str, grasp: int) -> np.ndarray:
+        return self.arrays[array][self.object_ids.index(object_id), grasp]
+
+
+def touches_of(rows: Any) -> Touches:
+    return Touches(rows, np.argwhere(rows.arrays["touch_success"]), SENSOR, untouched_image(SENSOR))
+
+
+@pytest.fixture(scope="module")
+def touches() -> Touches:
+    return touches_of(RowsInMemory(4, seed=0))
+
+
+def learner(touches: Touches, **changes: Any) -> UnetLearner:
+    settings = UnetSettings.model_validate(SETTINGS | changes)
+    with seeded_weights(0, "test"):
+        return UnetLearner(UNet(settings.width), touches, touches, settings)
+
+
+def test_items_are_the_sensors_that_touched(touches: Touches) -> None:
+    assert len(touches) == 4 * GRASPS_EACH * (SENSORS - 1)
+    assert (touches.where[:, 2] < SENSORS - 1).all()
+    readings, depth = touches.batch([0, 5], torch.device("cpu"), torch.float32)
+    for item, index in enumerate(touches.where[[0, 5]]):
+        assert (readings[item].numpy() == touches.rows.arrays["reading"][tuple(index)]).all()
+        assert (depth[item].numpy() == touches.rows.arrays["depth"][tuple(index)]).all()
+    assert learner(touches).describe(5) == "ball-1 grasp 0 sensor 1"
+
+
+@pytest.mark.parametrize("loss", ["depth", "chamfer"])
+def test_the_loss_falls_and_its_measures_agree(touches: Touches, loss: Literal["depth", "chamfer"]) -> None:
+    trained = learner(touches, loss=loss, width=4)
+    optimizer = torch.optim.Adam(trained.module.parameters(), lr=0.01)
+    generator = torch.Generator().manual_seed(0)
+
+    def validate() -> dict[str, float]:
+        trained.module.eval()
+        with torch.no_grad():
+            return trained.validate()
+
+    first = validate()
+    assert first == validate()
+    for _ in range(40):
+        trained.module.train()
+        optimizer.zero_grad()
+        trained.loss(range(len(touches)), generator).backward()
+        optimizer.step()
+    last = validate()
+    assert last.keys() == {"loss", "depth_rms_um"}
+    assert last["loss"] < 0.5 * first["loss"]
+    assert last["depth_rms_um"] < 0.8 * first["depth_rms_um"]
+    if loss == "depth":  # the one weighs touches, the other pixels; both are means of the same squares
+        assert last["loss"] ** 0.5 * SENSOR.width * 1e6 == pytest.approx(last["depth_rms_um"], rel=0.5)
+
+
+def test_validation_does_not_depend_on_the_batch_size(touches: Touches) -> None:
+    found = []
+    for batch_size in (3, 100):
+        trained = learner(touches, batch_size=batch_size)
+        trained.module.eval()
+        with torch.no_grad():
+            found.append(trained.validate())
+    assert found[0] == pytest.approx(found[1], rel=1e-5)
+
+
+def test_a_network_that_has_diverged_gives_no_number(touches: Touches) -> None:
+    """The loop then stops and names the touches."""
+    trained = learner(touches, loss="chamfer")
+    with torch.no_grad():
+        next(trained.module.parameters()).fill_(torch.nan)
+    assert torch.isnan(trained.loss([0, 1], torch.Generator()))
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """A data set of 6 objects, the folder of a U-Net trained on it, and its facts."""
+    data = tmp_path_factory.mktemp("balls")
+    splits = ["train", "valid", "train", "test", "valid", "train"]
+    objects = [Object(f"ball-{number}", "balls", name, {}) for number, name in enumerate(splits)]
+    for name, output in (("simulate-grasps", GRASPS), ("simulate-touch", TOUCH)):
+        run(Request(Made(name, output), Settings(), manifest="balls", objects=objects, preset="draft", seed=0, data=data))
+    return data, make(data, data / "models", SETTINGS)
+
+
+def make(data: Path, folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
+    folder.mkdir()
+    return TrainUnet().make(DatasetJob(data, folder, UnetSettings.model_validate(settings), 0, {}, console_on(sys.stdout)))
+
+
+def test_the_stage_trains_on_touches_alone(trained: tuple[Path, dict[str, Any]]) -> None:
+    facts = trained[1]
+    assert facts["touches"] == {"train": 3 * GRASPS_EACH * (SENSORS - 1), "valid": 2 * GRASPS_EACH * (SENSORS - 1)}
+    assert facts["epochs"] == 2
+    assert facts["best"].keys() == {"train_loss", "loss", "depth_rms_um"}
+    stage, settings = TrainUnet(), UnetSettings()
+    assert stage.inputs(settings) == (TOUCH, GRASPS)
+    assert stage.models(settings) == ()
+    assert stage.splits(settings) == ("train", "valid")
+    assert stage.folder(settings) == "models/unet"
+
+
+def test_the_folder_is_all_its_users_need(trained: tuple[Path, dict[str, Any]]) -> None:
+    model = load_touch_model(trained[0] / "models", "cpu")
+    assert model.sensor == SENSOR
+    assert (model.untouched == untouched_image(SENSOR)).all()
+    assert model.mask_threshold == 0.001
+    felt = RowsInMemory(9, seed=1).arrays
+    readings = felt["reading"].reshape(-1, *SENSOR.shape, 3)  # 54: more than a batch
+    depth, mask, clouds = model.depth(readings), model.mask(readings), model.clouds(readings)
+    assert depth.shape == mask.shape == readings.shape[:3]
+    assert (depth.dtype, mask.dtype) == (np.float32, np.bool_)
+    assert ((depth > 0) & (depth < SENSOR.w)).all()
+    assert np.abs(depth[50] - model.depth(readings[50:51])[0]).max() < 1e-7
+    assert (mask.any(axis=(1, 2)) == felt["touch_success"].reshape(-1)).all()
+    x, y = pixel_centres(SENSOR)
+    for cloud, image, touched in zip(clouds, depth, mask, strict=True):
+        assert cloud.dtype == np.float64
+        expected = [(x[col], y[row], image[row, col]) for row, col in np.ndindex(SENSOR.shape) if touched[row, col]]
+        assert (cloud == np.array(expected).reshape(-1, 3)).all()
+    assert model.clouds(readings[:0]) == []
+
+
+def test_the_best_epoch_is_what_is_stored(trained: tuple[Path, dict[str, Any]]) -> None:
+    data, facts = trained
+    model = load_touch_model(data / "models", "cpu")
+    valid = load_touches(data, "valid")
+    stored = UnetLearner(model.network, valid, valid, UnetSettings.model_validate(SETTINGS))
+    with torch.no_grad():
+        assert stored.validate()["loss"] == pytest.approx(facts["best"]["loss"], rel=1e-6)
+
+
+def test_readings_of_another_sensor_are_refused(trained: tuple[Path, dict[str, Any]]) -> None:
+    model = load_touch_model(trained[0] / "models", "cpu")
+    for bad in (np.zeros((2, 30, 20, 3), np.uint8), np.zeros((20, 20, 3), np.uint8), np.zeros((2, 20, 20, 3))):
+        for call in (model.depth, model.mask, model.clouds):
+            with pytest.raises(ValueError, match=r"tactile images are .*sensor 'gel_16mm': uint8 \(N, 20, 20, 3\)"):
+                call(bad)
+
+
+def test_a_folder_without_a_model_is_an_error(trained: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="holds no trained model"):
+        load_touch_model(tmp_path, "cpu")
+    for name in ("model.safetensors", "model.json"):
+        (tmp_path / name).write_bytes((trained[0] / "models" / name).read_bytes())
+    with pytest.raises(StoreError, match=r"no U-Net that can be used.*untouched.png.*run train-unet again"):
+        load_touch_model(tmp_path, "cpu")
+    description = json.loads((tmp_path / "model.json").read_text())
+    (tmp_path / "model.json").write_text(json.dumps(description | {"width": 3}))
+    with pytest.raises(StoreError, match="size mismatch"):
+        load_touch_model(tmp_path, "cpu")

@@ -1,0 +1,86 @@
+"""A small learner with batch norm, randomness and a validation set: a line through noisy points."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from pipeline.rng import seeded_weights
+from pipeline.training.learner import Learner
+from pipeline.training.loop import train
+from pipeline.training.settings import TrainingSettings
+
+
+class Regression(Learner):
+    """y = 3 x + 1, with noise drawn anew each step; `kill_at` is a step at which the process dies, `poison` an item that is NaN.
+
+    A `plain` one has neither noise nor batch norm: its gradient is the mean of its items'.
+    """
+
+    def __init__(self, kill_at: int | None = None, poison: int | None = None, seed: int = 0, plain: bool = False) -> None:
+        with seeded_weights(seed, "regression"):
+            norm = nn.Identity() if plain else nn.BatchNorm1d(8)
+            super().__init__(nn.Sequential(nn.Linear(1, 8), norm, nn.ReLU(), nn.Linear(8, 1)))
+        self.noise = 0.0 if plain else 0.1
+        self.x = torch.linspace(-1, 1, 48)[:, None]
+        self.steps, self.kill_at, self.poison = 0, kill_at, poison
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def describe(self, item: int) -> str:
+        return f"point-{item}"
+
+    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+        if self.steps == self.kill_at:
+            os.kill(os.getpid(), signal.SIGKILL)
+        self.steps += 1
+        x = self.x[list(items)].to(next(self.module.parameters()))
+        noise = self.noise * torch.randn(x.shape, generator=generator).to(x)
+        if self.poison in items:
+            noise = noise * torch.nan
+        return (self.module(x) - 3 * x - 1 - noise).square().mean()
+
+    def validate(self) -> dict[str, float]:
+        x = self.x.to(next(self.module.parameters()))
+        return {"loss": float((self.module(x) - 3 * x - 1).square().mean())}
+
+
+class Scripted(Regression):
+    """Has the losses it is told, by epoch, whatever its weights are."""
+
+    def __init__(self, training: Sequence[float] = (), validation: Sequence[float] = ()) -> None:
+        super().__init__(plain=True)
+        self.training, self.validation, self.validated = training, validation, 0
+
+    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+        told = self.training[self.validated] if self.training else 1.0
+        return 0 * super().loss(items, generator) + told
+
+    def validate(self) -> dict[str, float]:
+        self.validated += 1
+        return {"loss": self.validation[self.validated - 1] if self.validation else 1.0}
+
+
+def fit(learner: Learner, folder: Path, seed: int = 0, **changes: Any) -> dict[str, Any]:
+    """Train in a folder; the facts."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return train(learner, settings(**changes), folder=folder, seed=seed, name="regression")
+
+
+def settings(**changes: Any) -> TrainingSettings:
+    values = {"learning_rate": 0.01, "batch_size": 8, "epochs": 5, "threads": 1, "checkpoint_seconds": 0, "accelerator": "cpu"}
+    return TrainingSettings.model_validate(values | changes)
+
+
+def run(folder: Path, seed: int = 0, kill_at: int | None = None, precision: str = "32-true") -> dict[str, Tensor]:
+    """Train, or die at a step; the final weights."""
+    learner = Regression(kill_at=kill_at, seed=seed)
+    fit(learner, folder, seed, precision=precision)
+    return learner.module.state_dict()

@@ -1,0 +1,106 @@
+"""The training loop: resumable to the bit, seeded, and loud about what no later step mends."""
+
+from __future__ import annotations
+
+import multiprocessing
+
+import pytest
+import torch
+
+from pipeline.errors import StageError
+from pipeline.training import checkpoint
+from pipeline.training.loop import read_metrics
+from tests.training.regression import Regression, Scripted, fit, run
+
+
+def same(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
+    return all(torch.equal(one[name], other[name]) for name in one)
+
+
+def validated(learner: Regression) -> float:
+    learner.module.eval()
+    with torch.no_grad():
+        return learner.validate()["loss"]
+
+
+@pytest.mark.parametrize(("kill_at", "precision"), [(0, "32-true"), (3, "32-true"), (7, "64-true"), (20, "32-true")])
+def test_killed_training_ends_with_the_weights_of_an_undisturbed_one(tmp_path, kill_at, precision):
+    undisturbed = run(tmp_path / "whole", precision=precision)
+    process = multiprocessing.get_context("spawn").Process(target=run, args=(tmp_path / "killed", 0, kill_at, precision))
+    process.start()
+    process.join()
+    assert process.exitcode == -9
+    assert (tmp_path / "killed" / checkpoint.FILE).exists() == (kill_at > 0)
+    assert same(run(tmp_path / "killed", precision=precision), undisturbed)
+    assert read_metrics(tmp_path / "killed") == read_metrics(tmp_path / "whole")
+
+
+def test_finished_training_does_nothing_and_discard_removes_all_checkpoints(tmp_path):
+    first = run(tmp_path)
+    (tmp_path / f"{checkpoint.FILE}.tmp").write_text("half")
+    assert same(run(tmp_path), first)
+    checkpoint.discard(tmp_path)
+    assert not list(tmp_path.glob("checkpoint*"))
+
+
+def test_weights_follow_from_the_seed_to_the_bit(tmp_path):
+    first, again, other = (run(tmp_path / name, seed) for name, seed in (("a", 0), ("b", 0), ("c", 1)))
+    assert same(first, again)
+    assert not same(first, other)
+
+
+def test_best_epochs_weights_are_kept(tmp_path):
+    learner = Regression()
+    facts = fit(learner, tmp_path, epochs=40, learning_rate=0.03)
+    losses = [row["loss"] for row in read_metrics(tmp_path)]
+    assert losses[facts["best_epoch"]] == min(losses) == facts["best"]["loss"] < 0.5 * losses[0]
+    assert len(losses) == facts["epochs"] == 40
+    assert validated(learner) == min(losses)
+    assert facts["hardware"]["threads"] == 1
+    assert list(tmp_path.glob("tensorboard/**/events*"))
+
+
+def test_patience_ends_a_training(tmp_path):
+    learner = Scripted(validation=[3.0, 1.0, 2.0, 1.5, 0.5])
+    facts = fit(learner, tmp_path, epochs=5, patience=2)
+    assert (facts["best_epoch"], facts["epochs"]) == (1, 4)
+
+
+def test_loss_that_is_nan_stops_and_names_its_batch(tmp_path):
+    with pytest.raises(StageError, match=r"loss is nan .*learning_rate.* in epoch 1, step \d; its batch: .*point-17\b"):
+        fit(Regression(poison=17), tmp_path)
+
+
+def test_loss_beyond_the_explosion_limit_stops(tmp_path):
+    with pytest.raises(StageError, match=r"loss is 11 \(limit 10; .*in epoch 2, step 1; its batch: point-"):
+        fit(Scripted(training=[1.0, 11.0]), tmp_path, explosion=10)
+
+
+def test_missing_device_is_a_stage_error(tmp_path):
+    if torch.cuda.is_available():
+        pytest.skip("there is one")
+    with pytest.raises(StageError, match="accelerator cuda"):
+        fit(Regression(), tmp_path, accelerator="cuda")
+
+
+def test_error_of_one_of_two_processes_is_a_stage_error(tmp_path):
+    with pytest.raises(StageError, match=r"loss is nan .* in epoch 1.*point-"):
+        fit(Regression(poison=17), tmp_path, devices=2)
+
+
+def test_two_processes_repeat_to_the_bit(tmp_path):
+    learner, again = Regression(), Regression()
+    facts = fit(learner, tmp_path / "once", devices=2, epochs=30)
+    fit(again, tmp_path / "again", devices=2, epochs=30)
+    assert facts["hardware"]["processes"] == 2
+    assert validated(learner) == pytest.approx(facts["best"]["loss"])
+    assert facts["best"]["loss"] < 0.5 * read_metrics(tmp_path / "once")[0]["loss"]
+    assert same(learner.module.state_dict(), again.module.state_dict())
+
+
+def test_two_processes_take_the_steps_of_one(tmp_path):
+    one, two = Regression(plain=True), Regression(plain=True)
+    fit(one, tmp_path / "one")
+    fit(two, tmp_path / "two", devices=2)
+    for name, value in one.module.state_dict().items():
+        torch.testing.assert_close(two.module.state_dict()[name], value, rtol=1e-3, atol=1e-4)

@@ -1,0 +1,101 @@
+"""What a training refuses, and says so with the items that caused it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from pipeline.errors import StageError
+from pipeline.kernels.metrics.chamfer import chamfer
+from pipeline.training.loop import read_metrics
+from tests.training.regression import Regression, fit, settings
+
+
+class Perfect(Regression):
+    """Starts where its loss is 0 and stays so for an epoch; then it is `later`."""
+
+    def __init__(self, later: float) -> None:
+        super().__init__(plain=True)
+        self.later = later
+
+    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+        nothing = 0 * super().loss(items, generator)
+        return nothing + (self.later if self.steps > len(self) / settings().batch_size else 0)
+
+
+class Steep(Regression):
+    """A finite loss whose gradient is none: the root of 0."""
+
+    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+        return 1 + (0 * super().loss(items, generator)).sqrt()
+
+
+class Refused(Regression):
+    """Its loss, or its validation, asks a kernel for the distance to a point that is nowhere."""
+
+    def __init__(self, where: str) -> None:
+        super().__init__(plain=True)
+        self.where = where
+
+    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+        return super().loss(items, generator) + self._distance("loss")
+
+    def validate(self) -> dict[str, float]:
+        return {"loss": super().validate()["loss"] + float(self._distance("validation"))}
+
+    def _distance(self, where: str) -> Tensor:
+        return chamfer(torch.zeros(1, 3), torch.full((1, 3), math.nan if self.where == where else 0.0))
+
+
+class Unmeasured(Regression):
+    """Validates to no number."""
+
+    def validate(self) -> dict[str, float]:
+        return {"loss": math.nan}
+
+
+class Few(Regression):
+    """So many items."""
+
+    def __init__(self, count: int, plain: bool = False) -> None:
+        super().__init__(plain=plain)
+        self.x = self.x[:count]
+
+
+def test_nothing_to_learn_from(tmp_path: Path) -> None:
+    with pytest.raises(StageError, match="regression: there are no items to train on"):
+        fit(Few(0), tmp_path)
+
+
+def test_one_item_is_enough(tmp_path: Path) -> None:
+    facts = fit(Few(1, plain=True), tmp_path, epochs=2)
+    assert (facts["items"], facts["epochs"]) == (1, 2)
+
+
+def test_after_an_epoch_without_loss_any_finite_loss_is_no_explosion(tmp_path: Path) -> None:
+    fit(Perfect(later=0.5), tmp_path, epochs=2)
+    assert [row["train_loss"] for row in read_metrics(tmp_path)] == [0, 0.5]
+
+
+def test_a_gradient_that_is_no_number_stops_it(tmp_path: Path) -> None:
+    with pytest.raises(StageError, match=r"the gradient's norm is nan \(limit inf; .*\) in epoch 1, step 1; its batch: point-"):
+        fit(Steep(plain=True), tmp_path)
+
+
+def test_a_validation_that_is_no_number_stops_it(tmp_path: Path) -> None:
+    with pytest.raises(StageError, match="validation loss of epoch 1 is nan; lower learning_rate"):
+        fit(Unmeasured(plain=True), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("where", "message"),
+    [("loss", r"NaN.*; in epoch 1, step 1; its batch: point-"), ("validation", "the validation of epoch 1 failed: .*NaN")],
+)
+def test_what_a_kernel_refuses_stops_it_with_the_items(tmp_path: Path, where: str, message: str) -> None:
+    with pytest.raises(StageError, match=message):
+        fit(Refused(where), tmp_path)
