@@ -45,7 +45,7 @@ def open_artifact(data: str | Path, artifact: str) -> xarray.Dataset:
         return shards[0]
     lazy = [shard.chunk() for shard in shards]
     whole: xarray.Dataset = xarray.concat(lazy, "object", data_vars="minimal", coords="minimal", compat="override")
-    return whole.sortby("object")
+    return whole.assign_coords({name: label.compute() for name, label in whole.coords.items()}).sortby("object")
 
 
 def _labelled(shard: xarray.Dataset) -> xarray.Dataset:

@@ -1,0 +1,99 @@
+"""Objects are read through one class: whatever is asked for, in any order, with bounded memory."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from pipeline.dataset.grasp_dataset import GraspDataset
+from pipeline.dataset.labelled import open_artifact
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.errors import StoreError
+from pipeline.store.directory import DataDirectory
+from pipeline.store.reshard import reshard
+from pipeline.store.shard import Shard
+from schemas.catalogue import artifact_of
+from tests.stages import ball_dataset
+
+ARRAYS = ("points", "occluded", "depth", "reading", "sensor_pose", "touch_success", "untouched")
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("balls")
+    ball_dataset.make_data(folder, 3)
+    return folder
+
+
+@pytest.mark.parametrize("cache_bytes", [0, 10**6, 10**9])
+def test_what_is_read_is_what_is_stored_whatever_is_kept(data, cache_bytes, rng):
+    rows, directory = ObjectRows(data, ARRAYS, "test", cache_bytes=cache_bytes), DataDirectory(data)
+    asked = [(name, object_id, grasp) for name in ARRAYS for object_id in rows.object_ids for grasp in (None, 0, 3)]
+    for number in rng.permutation(2 * len(asked)):
+        name, object_id, grasp = asked[number // 2]
+        stored = directory.collection(artifact_of(name)).view(object_id)[name]
+        by_grasp = grasp is not None and "grasp" in artifact_of(name).arrays[name].dims
+        np.testing.assert_array_equal(rows.read(name, object_id, grasp), stored[grasp] if by_grasp else stored)
+
+
+def test_what_is_kept_is_bounded(data):
+    limit = 200_000
+    rows = ObjectRows(data, ARRAYS, "test", cache_bytes=limit)
+    for object_id in rows.object_ids:
+        for name in ARRAYS:
+            last = rows.read(name, object_id, 1)
+            assert rows._cache._bytes <= max(limit, last.nbytes, max(array.nbytes for array in rows._cache._arrays.values()))
+
+
+def test_arrays_of_the_object_are_read_once_and_not_per_grasp(data, monkeypatch):
+    reads: Counter[str] = Counter()
+    genuine = Shard.read
+    monkeypatch.setattr(Shard, "read", lambda shard, name, index=...: (reads.update([name]), genuine(shard, name, index))[1])
+    dataset = GraspDataset(data, ARRAYS, "test")
+    assert len([dataset[index] for index in range(len(dataset))]) == 15
+    assert reads["points"] == 3
+    assert reads["untouched"] == 1
+    assert reads["depth"] == reads["reading"] == 15
+
+
+def test_what_is_shared_cannot_be_changed_and_tensors_can(data):
+    rows = ObjectRows(data, ["points"], "test")
+    with pytest.raises(ValueError, match="read-only"):
+        rows.read("points", "a")[0] = 0
+    GraspDataset(data, ["points"], "test")[0]["points"].zero_()
+
+
+@pytest.mark.parametrize(
+    ("arrays", "split", "words"),
+    [
+        (["taste"], "test", "no artifact has an array taste"),
+        (["points"], "train", "no usable object in split train"),
+        (["local_count", "smell"], "test", "no artifact has an array smell"),
+    ],
+)
+def test_what_is_not_there_is_named(data, arrays, split, words):
+    with pytest.raises(StoreError, match=words):
+        ObjectRows(data, arrays, split)
+
+
+def test_objects_grasps_sensors_and_joints_are_coordinates_for_any_number_of_shards(data, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shards")
+    ball_dataset.make_data(folder, 3)
+    list(reshard(DataDirectory(folder), 3))
+    rows = ObjectRows(data, ["depth", "joint_angles"], "test")
+    for where in (data, folder):
+        touch, grasps = open_artifact(where, "touch"), open_artifact(where, "grasps")
+        finger = str(touch.sensor[1].item())
+        np.testing.assert_array_equal(touch.depth.sel(object="b", sensor=finger, grasp=4), rows.read("depth", "b", 4)[1])
+        np.testing.assert_array_equal(grasps.joint_angles.sel(object="c", joint=grasps.joint[2]), rows.read("joint_angles", "c")[:, 2])
+        assert touch.depth.attrs["units"] == "m"
+        assert str(touch.category.sel(object="b").item()) == "knife"
+
+
+def test_an_artifact_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(StoreError, match="there is no artifact taste; there are surfaces"):
+        open_artifact(tmp_path, "taste")
+    with pytest.raises(StoreError, match="touch has not been made"):
+        open_artifact(tmp_path, "touch")
