@@ -22,11 +22,11 @@ sensor = load_sensor("gel_16mm")
 grasps = GraspDataset(data, ["reading", "depth", "touch_success", "untouched"], split)
 torch.manual_seed(0)
 network = UNet(width=4)
-optimiser = torch.optim.Adam(network.parameters(), lr=1e-3)
+optimiser = torch.optim.Adam(network.parameters(), lr=3e-3)
 
 for epoch in range(int(epochs)):
     losses = []
-    for batch in DataLoader(grasps, batch_size=4, shuffle=True):
+    for batch in DataLoader(grasps, batch_size=1, shuffle=True):
         touched = batch["touch_success"]  # (B, sensor) bool
         readings, depth = batch["reading"][touched], batch["depth"][touched]  # (N, H, W, 3) uint8, (N, H, W) m
         if not len(readings):

@@ -71,7 +71,7 @@ def test_targets_of_make_and_settings_in_documents_exist(page):
         words = re.sub(r'"[^"]*"', "", line).split()
         assert {word for word in words if re.fullmatch("[a-z][a-z-]*", word)} <= targets, line
         assert {word.partition("=")[0] for word in words if "=" in word} <= variables, line
-    for stage, setting in re.findall(r"\b([a-z]+-[a-z]+)\.([a-z_]+)=", shell):
+    for stage, setting in re.findall(rf"\b({'|'.join(STAGES)})\.([a-z_]+)", shell):
         assert setting in load_settings_type(stage).model_fields, f"{stage}.{setting}"
 
 
