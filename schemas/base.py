@@ -14,7 +14,7 @@ FIXED = {"xyz": 3, "rgb": 3, "rgba": 4, "uv": 2, "corner": 3, "pose_row": 4, "po
 
 
 class Array(BaseModel):
-    """One array: its dimensions by name, and what stands in it."""
+    """One array: its dimensions by name, its type, unit and meaning."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

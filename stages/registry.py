@@ -37,7 +37,7 @@ def load_stage(name: str) -> ObjectStage | DatasetStage:
 
 
 def load_settings_type(name: str) -> type[Settings]:
-    """Its settings, without the stage and the libraries that it stands on."""
+    """Load the type of its settings, without the stage and the libraries that it needs."""
     entry = STAGES[name]
     settings: type[Settings] = getattr(import_module(f"{entry.room}.settings"), entry.settings)
     return settings

@@ -27,7 +27,7 @@ EYES = {"pyrender, perspective of 40°": 0.0225, "pyrender, eye 1 m away": 1.0}
 SUBDIVISIONS = 6
 """Of the large mesh: 81,920 faces."""
 STRIDE = 5
-"""Of rows and columns, every so many are checked by brute force: it takes a thousand times as long as what it checks."""
+"""One row and column in this many is checked by brute force, which takes a thousand times as long as what it checks."""
 OURS = "exact, float64 (ours)"
 UM = 1e6
 DepthOf = Callable[[NDArray[np.float64]], NDArray[np.float64]]

@@ -107,7 +107,7 @@ def doctor() -> None:
 
 def summary(
     data: Annotated[Path, typer.Argument(help="Data directory.")],
-    most: Annotated[int, typer.Option(min=1, help="Draw at most so many objects, spread evenly.")] = 40,
+    most: Annotated[int, typer.Option(min=1, help="Objects to draw at most, spread evenly.")] = 40,
 ) -> None:
     """Print a data set's statistics beside the supplement's, and draw its contact sheets."""
     from pipeline.dataset.touch_statistics import sensors_of, tally

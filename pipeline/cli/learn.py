@@ -117,7 +117,7 @@ def predict(
 
 def report(
     data: Annotated[Path, typer.Argument(help="Data directory.")],
-    most: Annotated[int, typer.Option(min=1, help="Draw at most so many reconstructions, spread evenly.")] = 10,
+    most: Annotated[int, typer.Option(min=1, help="Reconstructions to draw at most, spread evenly.")] = 10,
 ) -> None:
     """Print the evaluation's tables and whether the supplement's orderings hold; draw learning curves and reconstructions."""
     from pipeline.reports.learning_curves import draw_curves

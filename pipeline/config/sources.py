@@ -60,7 +60,7 @@ class Placed(Source):
 
     up: Literal["x", "y", "z"]
     metres_per_unit: float | None = Field(None, gt=0)
-    """Keep real sizes, a unit of the file being so many metres; left out, objects are scaled to one size."""
+    """Metres per unit of the file, to keep real sizes; without it, objects are scaled to one size."""
 
     def placed(self, file: Path, up: str | None = None) -> dict[str, Any]:
         """How to load a file of this source."""

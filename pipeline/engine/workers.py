@@ -65,7 +65,7 @@ class Outcome:
 
 
 def run_jobs(work: Work, jobs: Sequence[Job], workers: int) -> Iterator[Outcome]:
-    """Process jobs, in whatever order they finish: side by side in so many processes, or in this process for 0.
+    """Process jobs, in whatever order they finish: side by side in worker processes, or in this process if `workers` is 0.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def run_jobs(work: Work, jobs: Sequence[Job], workers: int) -> Iterator[Outcome]
 
 
 class _Pool:
-    """One worker process that can be started anew."""
+    """One worker process that can be started again."""
 
     def __init__(self, work: Work) -> None:
         self._work = work

@@ -57,7 +57,7 @@ class Band:
 
 
 def finger_colors(count: int) -> list[Color]:
-    """The colours of so many fingers."""
+    """The colours of that number of fingers."""
     return [COLORS[k % len(COLORS)] for k in range(count)]
 
 

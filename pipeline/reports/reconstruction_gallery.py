@@ -34,7 +34,7 @@ SCENE = "supplement"
 
 
 def draw_gallery(data: Path, path: Path, most: int) -> list[str]:
-    """Draw at most so many test objects, spread evenly over the evaluation's, into a PNG at `path`; returns their names.
+    """Draw at most `most` test objects, spread evenly over the evaluation's, into a PNG at `path`; returns their names.
 
     Every model is shown with one grasp, those that feel also with the most that were evaluated; the number below is the
     Chamfer distance of that very reconstruction, m² x 9000.

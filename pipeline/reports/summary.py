@@ -23,7 +23,7 @@ SHOWN = ("surfaces", "grasps", "vision", "touch")
 
 
 def contact_sheets(data: Path, most: int) -> list[Path]:
-    """Draw the best grasp of at most so many objects, spread evenly over the data set; returns the pages' paths.
+    """Draw the best grasp of at most `most` objects, spread evenly over the dataset; returns the pages' paths.
 
     Raises
     ------

@@ -28,7 +28,7 @@ def shard_key(rows: Iterable[tuple[str, str]], number: int, shards: int, manifes
 
 
 def reshard(directory: DataDirectory, shards: int) -> Iterator[Path]:
-    """Write every artifact's rows into so many shards, then let readers see them all at once; yields each group as it is written.
+    """Write every artifact's rows into another number of shards, then let readers see all of them at once; yields each group.
 
     Nothing is computed. Killed before its end, it has changed nothing that readers see.
 

@@ -15,7 +15,10 @@ class TrainingSettings(Settings):
     epochs: int = setting(100, "at most", ge=1)
     patience: int | None = setting(None, "epochs without a better validation loss after which training stops; null never does", ge=1)
     explosion: float = setting(
-        1e4, "a loss so many times the first epoch's mean stops the training: no later epoch mends it", gt=1, changes="definition"
+        1e4,
+        "a loss above the first epoch's mean by this factor stops the training: no later epoch mends it",
+        gt=1,
+        changes="definition",
     )
     devices: int = setting(1, "processes that share a batch; batch norm then sees a part each", ge=1)
     precision: Literal["32-true", "bf16-mixed", "64-true"] = setting(

@@ -44,7 +44,7 @@ def dataset(data: Path) -> Arrays:
 
 
 def per_object(values: Arrays, given: int) -> NDArray[np.float64]:
-    """(object,) Chamfer distance with so many grasps, mean over the first ones."""
+    """(object,) Chamfer distance with `given` grasps, mean over the first ones."""
     place = int(np.flatnonzero(values["grasps_given"] == given)[0])
     return np.asarray(values["chamfer"][:, :, place].mean(axis=1))
 
