@@ -55,7 +55,8 @@ def dense_twin(network: DeformationNetwork) -> Forward:
         assert network.encoder is not None
         items, config = len(counts), network.config
         camera, centre = camera.float(), torch.tensor(config.centre)
-        adjacency = chart_graph(network.charts, config.side, counts[:1], like=camera).mean.to_dense()
+        graph = chart_graph(network.charts, config.side, counts[:1], like=camera)
+        mean = graph.adjacency.to_dense() / graph.degree
         start = torch.tensor(network.charts.vertices).float().expand(items, -1, -1)
         vertices = torch.cat([start, ((touch_vertices - centre) / config.radius).reshape(items, -1, 3)], dim=1)
         kinds = torch.where(touched, 1.0, -1.0).repeat_interleave(touch_vertices.shape[1]).reshape(items, -1)
@@ -67,7 +68,7 @@ def dense_twin(network: DeformationNetwork) -> Forward:
             for layer in network.gcn.hidden:
                 assert isinstance(layer, ZeroNeighbourLayer)
                 mapped = layer.linear(features)
-                features = torch.cat([adjacency @ mapped[..., : layer.mixed], mapped[..., layer.mixed :]], dim=-1).relu()
+                features = torch.cat([mean @ mapped[..., : layer.mixed], mapped[..., layer.mixed :]], dim=-1).relu()
             moved = network.gcn.last(features)
             vertices = torch.cat([vertices[:, : start.shape[1]] + moved[:, : start.shape[1]], vertices[:, start.shape[1] :]], dim=1)
         return vertices[:, : start.shape[1]] * config.radius + centre

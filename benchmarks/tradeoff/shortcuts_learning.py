@@ -15,7 +15,7 @@ from benchmarks.gcn import Given, batch
 from benchmarks.tradeoff.shortcuts import Results, Shortcut
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.fit_options import FitOptions
-from pipeline.kernels.networks import graph_convolution
+from pipeline.kernels.networks.chart_graph import ChartGraph
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 
@@ -88,14 +88,14 @@ def _deformed(bench: Bench) -> Results:
 
 
 def _dense(bench: Bench) -> Results:
-    dense: dict[int, tuple[Tensor, Tensor]] = {}  # each with what it was made of, which keeps its id taken
+    dense: dict[int, tuple[ChartGraph, Tensor]] = {}  # each with its graph, which keeps the graph's id taken
 
-    def average(mean: Tensor, features: Tensor) -> Tensor:
-        if id(mean) not in dense:
-            dense[id(mean)] = mean, mean.to_dense()
-        return dense[id(mean)][1] @ features
+    def average(graph: ChartGraph, features: Tensor) -> Tensor:
+        if id(graph) not in dense:
+            dense[id(graph)] = graph, graph.adjacency.to_dense() / graph.degree
+        return dense[id(graph)][1] @ features
 
-    with patch.object(graph_convolution, "_average", average):
+    with patch.object(ChartGraph, "average", average):
         return _deformed(bench)
 
 

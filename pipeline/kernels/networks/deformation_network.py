@@ -134,7 +134,7 @@ class DeformationNetwork(nn.Module):
             if cameras is not None:
                 parts.append(self._image_features(positions, [map_[item : item + 1] for map_ in maps], cameras[item]))
             features.append(torch.cat(parts, dim=1))
-        return graph.vision_vertices(self.gcn(torch.cat(features), graph.mean))
+        return graph.vision_vertices(self.gcn(torch.cat(features), graph))
 
     def _image_features(self, positions: Tensor, maps: list[Tensor], camera: Tensor) -> Tensor:
         """(n, F) image features of one item's vertices."""

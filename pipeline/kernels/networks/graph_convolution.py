@@ -9,6 +9,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import linear
 
+from pipeline.kernels.networks.chart_graph import ChartGraph
+
 
 class ZeroNeighbourLayer(nn.Module):
     """Map each vertex's features linearly, average the first of them over neighbours, and apply a ReLU.
@@ -28,15 +30,15 @@ class ZeroNeighbourLayer(nn.Module):
         self.linear = nn.Linear(in_features, out_features)
         self.mixed = math.floor(mixed * out_features)
 
-    def forward(self, features: Tensor, mean: Tensor) -> Tensor:
+    def forward(self, features: Tensor, graph: ChartGraph) -> Tensor:
         """Compute the layer's output.
 
         Parameters
         ----------
         features
             (N, in_features).
-        mean
-            (N, N) sparse: averages over neighbours, see `ChartGraph.mean`.
+        graph
+            The neighbours of the N vertices.
 
         Returns
         -------
@@ -47,7 +49,7 @@ class ZeroNeighbourLayer(nn.Module):
         ValueError
             The features do not fit the graph or the layer.
         """
-        expected = mean.shape[0], self.linear.in_features
+        expected = sum(graph.sizes), self.linear.in_features
         if tuple(features.shape) != expected:
             raise ValueError(f"features are {tuple(features.shape)}; graph and layer take {expected}: vertices, features")
         weight, bias = self.linear.weight, self.linear.bias
@@ -55,13 +57,7 @@ class ZeroNeighbourLayer(nn.Module):
         if not self.mixed:
             return kept.relu()
         averaged = linear(features, weight[: self.mixed], bias[: self.mixed])
-        return torch.cat([_average(mean, averaged), kept], dim=1).relu_()
-
-
-def _average(mean: Tensor, features: Tensor) -> Tensor:
-    """The averages in `mean`'s precision: sparse products know no half precision on a CPU."""
-    with torch.autocast(features.device.type, enabled=False):
-        return (mean @ features.to(mean.dtype)).to(features.dtype)
+        return torch.cat([graph.average(averaged), kept], dim=1).relu_()
 
 
 class GraphConvolutionNetwork(nn.Module):
@@ -87,10 +83,10 @@ class GraphConvolutionNetwork(nn.Module):
         self.hidden = nn.ModuleList(ZeroNeighbourLayer(before, after, mixed) for before, after in pairwise(widths))
         self.last = nn.Linear(features, 3)
 
-    def forward(self, features: Tensor, mean: Tensor) -> Tensor:
-        """Compute displacements (N, 3) from features (N, in_features) and the averages over neighbours (N, N)."""
+    def forward(self, features: Tensor, graph: ChartGraph) -> Tensor:
+        """Compute displacements (N, 3) from the features (N, in_features) of a graph's vertices."""
         for layer in self.hidden:
-            features = layer(features, mean)
+            features = layer(features, graph)
         with torch.autocast(features.device.type, enabled=False):  # half precision would move vertices in steps of a millimetre
             displacements: Tensor = self.last(features.to(self.last.weight.dtype))
         return displacements

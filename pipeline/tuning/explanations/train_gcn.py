@@ -34,7 +34,7 @@ def explain(job: DatasetJob) -> Iterator[Count]:
         rows = ObjectRows(job.data, ["stop_rule"], "train")
         charts = min(settings.max_grasps, rows.size("stop_rule", "grasp")) * rows.size("stop_rule", "sensor")
     graph = chart_graph(vision_charts(config.splits), config.side, [charts], like=torch.zeros(()))
-    neighbours, size = graph.mean.values().numel(), sum(graph.sizes)
+    neighbours, size = graph.adjacency.values().numel(), sum(graph.sizes)
     yield Count("pairs of vertices averaged, an item", neighbours, size**2 - neighbours, "no neighbours", "sparse neighbours")
     points = ObjectRows(job.data, ["points"], "valid").size("points", "point")
     asked = min(settings.loss_points, points)

@@ -16,17 +16,17 @@ def test_mean_equals_dense_adjacency_of_a_loop_over_faces(splits: int, side: int
     sphere = vision_charts(splits)
     graph = chart_graph(sphere, side, counts, FLOAT64)
     expected = dense_mean(sphere.faces, sphere.vertices, sphere.centres, side, counts)
-    np.testing.assert_allclose(graph.mean.to_dense().numpy(), expected, rtol=1e-15)
+    np.testing.assert_allclose((graph.adjacency.to_dense() / graph.degree).numpy(), expected, rtol=1e-15)
 
 
 def test_full_size_graph_has_the_supplements_degrees() -> None:
     sphere = vision_charts()
     graph = chart_graph(sphere, 9, [4, 20], FLOAT32)
     assert graph.sizes == (1824 + 4 * 81, 1824 + 20 * 81)
-    assert tuple(graph.mean.shape) == (sum(graph.sizes),) * 2
+    assert tuple(graph.adjacency.shape) == (sum(graph.sizes),) * 2
     ones = torch.ones(sum(graph.sizes), 1)
-    torch.testing.assert_close(graph.mean @ ones, ones)
-    degree = graph.mean.crow_indices().diff()
+    torch.testing.assert_close(graph.average(ones), ones)
+    degree = graph.degree[:, 0]
     touch_centre = 1824 + 40
     assert degree[touch_centre] == 1 + 6 + 96  # itself, the square's diagonals lie alike, every vision chart
     assert degree[sphere.centres[0]] == 1 + 6 + 4
@@ -35,7 +35,7 @@ def test_full_size_graph_has_the_supplements_degrees() -> None:
 
 def test_items_do_not_see_each_other() -> None:
     graph = chart_graph(vision_charts(0), 3, [1, 2], FLOAT64)
-    dense = graph.mean.to_dense()
+    dense = graph.adjacency.to_dense() / graph.degree
     first = graph.sizes[0]
     assert not dense[:first, first:].any()
     assert not dense[first:, :first].any()

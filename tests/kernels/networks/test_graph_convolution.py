@@ -38,7 +38,7 @@ def test_layer_and_its_gradients_equal_those_with_a_dense_adjacency(
     features = torch.randn(len(dense), 7, dtype=torch.float64, generator=generator, requires_grad=True)
     weights = torch.randn(len(dense), 11, dtype=torch.float64, generator=generator)
     wanted = [features, layer.linear.weight, layer.linear.bias]
-    fast = layer(features, graph.mean)
+    fast = layer(features, graph)
     fast_gradients = torch.autograd.grad((fast * weights).sum(), wanted)
     slow = slow_layer(features, layer.linear, dense, columns)
     slow_gradients = torch.autograd.grad((slow * weights).sum(), wanted)
@@ -51,7 +51,7 @@ def test_layer_gradient_is_the_numerical_one() -> None:
     graph = chart_graph(vision_charts(0), 3, [1], torch.zeros((), dtype=torch.float64))
     layer = ZeroNeighbourLayer(2, 3).double()
     features = torch.randn(graph.sizes[0], 2, dtype=torch.float64, generator=torch.Generator().manual_seed(2), requires_grad=True)
-    assert torch.autograd.gradcheck(lambda given: layer(given, graph.mean), features, fast_mode=True)
+    assert torch.autograd.gradcheck(lambda given: layer(given, graph), features, fast_mode=True)
 
 
 def test_network_applies_its_layers_in_turn(graph: ChartGraph, dense: torch.Tensor) -> None:
@@ -62,7 +62,7 @@ def test_network_applies_its_layers_in_turn(graph: ChartGraph, dense: torch.Tens
         assert isinstance(layer, ZeroNeighbourLayer)
         expected = slow_layer(expected, layer.linear, dense, 3)
     assert len(network.hidden) == 3
-    torch.testing.assert_close(network(features, graph.mean), network.last(expected))
+    torch.testing.assert_close(network(features, graph), network.last(expected))
 
 
 def test_network_repeats_to_the_bit(graph: ChartGraph) -> None:
@@ -71,7 +71,7 @@ def test_network_repeats_to_the_bit(graph: ChartGraph) -> None:
     features = torch.randn(sum(single.sizes), 4)
     results = []
     for _ in range(2):
-        moved = network(features, single.mean)
+        moved = network(features, single)
         results.append([moved, *torch.autograd.grad(moved.square().sum(), list(network.parameters()))])
     assert all(torch.equal(one, other) for one, other in zip(*results, strict=True))
 
@@ -81,15 +81,15 @@ def test_autocast_maps_in_half_and_averages_in_full_precision(graph: ChartGraph)
     layer = ZeroNeighbourLayer(4, 6)
     features = torch.randn(sum(single.sizes), 4, generator=torch.Generator().manual_seed(4))
     with torch.autocast("cpu", torch.bfloat16):
-        mixed = layer(features, single.mean)
+        mixed = layer(features, single)
     assert mixed.dtype == torch.bfloat16
-    torch.testing.assert_close(mixed.float(), layer(features, single.mean), rtol=0.02, atol=0.02)
+    torch.testing.assert_close(mixed.float(), layer(features, single), rtol=0.02, atol=0.02)
     mixed.sum().backward()
 
 
 def test_shapes_and_sizes_that_do_not_fit_are_refused(graph: ChartGraph) -> None:
     with pytest.raises(ValueError, match=r"features are \(3, 4\); graph and layer take \(1395, 4\)"):
-        ZeroNeighbourLayer(4, 6)(torch.zeros(3, 4), graph.mean)
+        ZeroNeighbourLayer(4, 6)(torch.zeros(3, 4), graph)
     with pytest.raises(ValueError, match=r"mixed is 1\.5"):
         ZeroNeighbourLayer(4, 6, 1.5)
     with pytest.raises(ValueError, match="layers is 1"):
