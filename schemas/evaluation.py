@@ -61,7 +61,7 @@ TABLES = {
         },
     ),
     "table_1": Table(
-        summary="Table 1: the data set, all splits.",
+        summary="Table 1: the dataset, all splits.",
         arrays={
             "category": _CATEGORY,
             "objects": _count(("category",), "Objects that did not fail."),

@@ -54,18 +54,12 @@ def rules_of_stages(settings: Mapping[str, dict[str, Any]]) -> dict[str, list[st
 
 @pytest.mark.parametrize("configuration", CONFIGURATIONS)
 def test_prerequisites_are_the_stages_inputs(configuration, tmp_path):
-    made = rules_of_makefile("evaluate", f"CONFIGURATIONS={configuration}", f"DATA={tmp_path}")
     read = rules_of_stages({"train-gcn": {"configuration": configuration}, "evaluate": {"configurations": (configuration,)}})
     targets = {name: f"{name}.0" if isinstance(load_stage(name), ObjectStage) else name for name in STAGES}
     targets["train-gcn"] = f"train-gcn.{configuration}"
-    assert stages_before("evaluate", made) == stages_before("evaluate", read)
-    for name in stages_before("evaluate", read):
+    made = rules_of_makefile(*targets.values(), f"CONFIGURATIONS={configuration}", f"DATA={tmp_path}")
+    for name in STAGES:
         assert stages_before(targets[name], made) == stages_before(name, read), name
-
-
-def test_every_stage_is_a_target():
-    asked = rules_of_makefile("evaluate")
-    assert {target.partition(".")[0] for target in asked} >= set(STAGES)
 
 
 @pytest.mark.parametrize(("asked", "known", "shards"), [("", None, []), ("", 3, [3]), ("2", None, [2]), ("2", 3, [2])])

@@ -1,4 +1,4 @@
-"""Shortcuts of the stages that make the data set, on one modelled object."""
+"""Shortcuts of the stages that make the dataset, on one modelled object."""
 
 from __future__ import annotations
 

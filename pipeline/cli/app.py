@@ -10,7 +10,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_show_locals=False,
-    help="Make a visuotactile data set stage by stage, learn from it, and use what was learned.",
+    help="Make a visuotactile dataset stage by stage, learn from it, and use what was learned.",
 )
 for command in (
     run.run,

@@ -109,7 +109,7 @@ def summary(
     data: Annotated[Path, typer.Argument(help="Data directory.")],
     most: Annotated[int, typer.Option(min=1, help="Objects to draw at most, spread evenly.")] = 40,
 ) -> None:
-    """Print a data set's statistics beside the supplement's, and draw its contact sheets."""
+    """Print a dataset's statistics beside the supplement's, and draw its contact sheets."""
     from pipeline.dataset.touch_statistics import sensors_of, tally
     from pipeline.reports import statistics
     from pipeline.reports.summary import contact_sheets

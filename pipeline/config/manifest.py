@@ -1,4 +1,4 @@
-"""Manifests: which objects a data set is made of, where their meshes come from, and how they are split."""
+"""Manifests: which objects a dataset is made of, where their meshes come from, and how they are split."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Splits(BaseModel):
 
 
 class Manifest(BaseModel):
-    """A data set's objects, as its YAML file states them."""
+    """A dataset's objects, as its YAML file states them."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -81,7 +81,7 @@ def draw(bands: Sequence[Band], path: Path, title: str, note: str, gel: float, r
         Where there is nothing to draw.
     """
     if not bands:
-        raise ValueError("a contact sheet of no objects: no object of this data set has been processed through all stages")
+        raise ValueError("a contact sheet of no objects: no object of this dataset has been processed through all stages")
     pages = [bands[start : start + PAGE] for start in range(0, len(bands), PAGE)]
     written = []
     for number, page in enumerate(pages, start=1):

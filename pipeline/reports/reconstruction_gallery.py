@@ -1,4 +1,4 @@
-"""Reconstructions beside their objects: a row an object, a column a model, seen by the data set's camera."""
+"""Reconstructions beside their objects: a row an object, a column a model, seen by the dataset's camera."""
 
 from __future__ import annotations
 

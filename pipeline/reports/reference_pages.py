@@ -8,7 +8,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
+from types import NoneType
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
@@ -122,12 +123,16 @@ def _type(info: FieldInfo) -> str:
 
 
 def _type_name(kind: Any) -> str:
-    if get_origin(kind) is Literal:
-        return " or ".join(f"`{_value(choice)}`" for choice in get_args(kind))
-    if get_args(kind):
-        text = str(kind).replace("typing.", "").replace("None", "null")
-        return f"`{text}`" if "[" in text else text.replace(" | ", " or ")
-    return str(getattr(kind, "__name__", kind))
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Literal:
+        return " or ".join(f"`{_value(choice)}`" for choice in inner)
+    if origin is Annotated:
+        return _type_name(inner[0])
+    if origin is tuple:
+        return f"list of {_type_name(inner[0])}"
+    if inner:  # a union
+        return " or ".join(map(_type_name, inner))
+    return "null" if kind is NoneType else str(kind.__name__)
 
 
 def _listed(names: Iterable[str]) -> str:

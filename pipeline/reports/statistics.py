@@ -1,4 +1,4 @@
-"""A data set's grasps in numbers, beside Table 1 and section 1.6 of the supplement."""
+"""A dataset's grasps in numbers, beside Table 1 and section 1.6 of the supplement."""
 
 from __future__ import annotations
 

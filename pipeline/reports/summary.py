@@ -1,4 +1,4 @@
-"""A data set's contact sheets: drawn from the store, and only when what they show has changed."""
+"""A dataset's contact sheets: drawn from the store, and only when what they show has changed."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
     """How an array of this declaration and shape is laid out on disk.
 
     zstd over shuffled bytes with a checksum, an object (or one grasp of it) a chunk, up to `OBJECTS_PER_FILE` objects a
-    file, so that one grasp is read without the others and a data set is few files.
+    file, so that one grasp is read without the others and a dataset is few files.
     """
     file_shape, chunk = _chunking(array, shape)
     bytes_codec = {"name": "vlen-utf8"} if array.dtype == "string" else {"name": "bytes", **_endian(array)}

@@ -29,7 +29,7 @@ class EvaluationSettings(Settings):
         changes="definition",
     )
     grasps: Annotated[tuple[Annotated[int, Field(ge=1)], ...], AfterValidator(_with_one)] = setting(
-        (1, 2, 3, 4, 5), "Table 3's numbers of grasps; those the data set does not have are left out", changes="definition"
+        (1, 2, 3, 4, 5), "Table 3's numbers of grasps; those the dataset does not have are left out", changes="definition"
     )
     points: int = setting(10_000, "points drawn from each surface: as many as S^obj has; the sampling floor falls with them", ge=2)
     tau: float = setting(1e-4, "squared distance of F1 in Table 4's protocol, in scaled metres squared", gt=0, changes="definition")

@@ -66,7 +66,7 @@ def _dataset(table: Arrays, console: Console) -> None:
     for name, *counts, share in zip(*(table[key] for key in ("category", "objects", "grasps", "touches", "successful")), strict=True):
         theirs = SUPPLEMENT_SUCCESS.get(name)
         printed.add_row(name, *map(str, counts), f"{100 * share:.1f}", NONE if theirs is None else f"{theirs:.1f}")
-    _print("Table 1: the data set, all splits", printed, console)
+    _print("Table 1: the dataset, all splits", printed, console)
 
 
 def _rings(table: Arrays, floor: float, console: Console) -> None:

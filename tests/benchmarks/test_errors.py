@@ -75,8 +75,8 @@ def sure(found: Errors, *figures: float, each: list[float], power: int = 1, rel:
     assert found.power == power
 
 
-def test_every_stage_has_an_error() -> None:
-    assert list(ERRORS) == list(STAGES)
+def test_errors_are_of_stages_in_their_order() -> None:
+    assert list(ERRORS) == [name for name in STAGES if name in ERRORS]
 
 
 def lifted(task: Task, near: float, far: float) -> Row:

@@ -119,7 +119,7 @@ def test_a_network_that_has_diverged_gives_no_number(touches: Touches) -> None:
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    """A data set of 6 objects, the folder of a U-Net trained on it, and its facts."""
+    """A dataset of 6 objects, the folder of a U-Net trained on it, and its facts."""
     data = tmp_path_factory.mktemp("balls")
     splits = ["train", "valid", "train", "test", "valid", "train"]
     objects = [Object(f"ball-{number}", "balls", name, {}) for number, name in enumerate(splits)]

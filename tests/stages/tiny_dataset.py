@@ -1,4 +1,4 @@
-"""Small real data sets for the tests of learning, made by the stages themselves."""
+"""Small real datasets for the tests of learning, made by the stages themselves."""
 
 from __future__ import annotations
 
