@@ -150,8 +150,8 @@ def test_shards_change_no_digest(manifest, made, tmp_path):
         ("vision/camera.py", {"render-vision"}),
         ("geometry/exterior_sampling.py", {"sample-surfaces"}),
         ("networks/touch_losses.py", {"train-unet"}),
-        ("charts/chart_batch.py", {"fit-charts"}),
-        ("metrics/rings.py", {"evaluate"}),
+        ("charts/chart_optimizer.py", {"fit-charts"}),
+        ("metrics/touch_site_rings.py", {"evaluate"}),
     ],
 )
 def test_a_changed_line_in_a_kernel_rebuilds_what_stands_on_it_and_nothing_else(manifest, made, tmp_path, kernel, rebuilt):
@@ -207,7 +207,7 @@ def test_recomputed_points_are_the_stored_ones_to_the_bit(manifest, made, tmp_pa
 def test_a_split_or_array_that_is_not_there_is_named(made, tmp_path):
     with pytest.raises(StoreError, match="no artifact has an array taste"):
         GraspDataset(made, ["taste"])
-    with pytest.raises(StoreError, match="is not there"):
+    with pytest.raises(StoreError, match="surfaces has not been made; run the stage that makes surfaces first"):
         GraspDataset(tmp_path, ["points"])
 
 

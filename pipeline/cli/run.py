@@ -99,10 +99,8 @@ def run_plan(plan: ShardPlan | FolderPlan) -> None:
         say(f"{stage} {plan.path}: up to date, {plan.total} objects")
     else:
         result = run_stage(plan, console)
-        say(
-            f"{stage} {plan.path}: made {result.made} objects in {result.seconds:.1f} s"
-            + (f", {result.failed} failed" if result.failed else "")
-        )
+        what = f"made {result.made} objects" if isinstance(plan, ShardPlan) else f"made from {plan.total} objects"
+        say(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {result.failed} failed" if result.failed else ""))
     failures = plan.failures() if isinstance(plan, ShardPlan) else {}
     for object_id, failure in failures.items():
         errors.print(f"  [yellow]failed[/] {escape(object_id)}: {escape(failure.reason)}")

@@ -83,8 +83,6 @@ class ObjectRows:
         return [*self.arrays, *(("depth", "sensor_pose") if set(DERIVED) & set(self.arrays) else ())]
 
     def _refuse_unmade(self, collection: Collection) -> None:
-        if not self.data.is_dir():
-            raise StoreError(f"{self.data.resolve()} is not there; `vt-pipeline run` makes a data directory")
         shard = collection.first
         for name, artifact in self._owner.items():
             if artifact is collection.artifact and name not in DERIVED and not shard.has(name):

@@ -20,7 +20,7 @@ def of_arrays(arrays: Mapping[str, np.ndarray], **attributes: Any) -> str:
     digest = hashlib.sha256(of_json(attributes).encode())
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])
-        if array.dtype.kind in "OU":  # strings, whatever numpy keeps them in
+        if array.dtype.kind in "OUT":  # strings, whatever numpy keeps them in
             digest.update(f"{name}\0string\0{of_json(array.tolist())}".encode())
             continue
         digest.update(f"{name}\0{array.dtype.str}\0{array.shape}\0".encode())

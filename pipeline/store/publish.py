@@ -9,7 +9,7 @@ from typing import Any
 from pipeline.store.atomic import move_folder, write_at_once
 from pipeline.store.directory import DataDirectory, shard_name, versioned
 from pipeline.store.garbage import collect
-from pipeline.store.record import FolderRecord, Provenance, ShardRecord
+from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord
 from pipeline.store.rows import Row
 from pipeline.store.write import RowToPack, write_group
 from schemas.base import Artifact
@@ -30,7 +30,7 @@ def publish_shard(
     location = versioned(name, [record.key, [row.digest for row in record.rows]]) + ".zarr"
     beside, path = directory.work(artifact.name) / location, directory.root / artifact.name / location
     write_group(beside, artifact, rows, constants, attributes)
-    _publish(beside, path, directory.shard_record(artifact.name, number, shards), record.model_copy(update={"location": location}))
+    _publish(beside, path, directory.shard_record(artifact.name, number, shards), _located(record, location))
     return path
 
 
@@ -38,8 +38,13 @@ def publish_folder(directory: DataDirectory, name: str, beside: Path, record: Fo
     """Move a finished folder to a name of its own, and publish its record; returns the folder's path."""
     place = directory.folder_record(name)
     location = versioned(place.stem, [record.key, record.files])
-    _publish(beside, place.with_name(location), place, record.model_copy(update={"location": location}))
+    _publish(beside, place.with_name(location), place, _located(record, location))
     return place.with_name(location)
+
+
+def _located(record: R, location: str) -> R:
+    """Fill in a record's location, validated: what is published can be read."""
+    return type(record).model_validate({**dict(record), "location": location})
 
 
 def _publish(beside: Path, path: Path, record_path: Path, record: Provenance) -> None:
