@@ -70,6 +70,10 @@ def fit_charts(
     at_once
         Charts fitted together. Changes speed and memory, nothing else.
 
+    Returns
+    -------
+    N fits, in the order of the clouds; vertices in the sensor frame, m.
+
     Raises
     ------
     InvalidInput

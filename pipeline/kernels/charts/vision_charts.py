@@ -59,7 +59,15 @@ class VisionCharts:
 def vision_charts(splits: int = 1) -> VisionCharts:
     """Make the 24 · 4^splits vision charts around the unit sphere.
 
-    One split, the supplement's number, gives 96 charts, 1824 vertices, 2304 faces and 1154 distinct positions.
+    Parameters
+    ----------
+    splits
+        Times that each triangle of the tetrakis hexahedron is split into four, 0 to 4. One, the supplement's number, gives 96 charts,
+        1824 vertices, 2304 faces and 1154 distinct positions.
+
+    Returns
+    -------
+    The charts, in radii of the sphere; kept in memory and shared by all callers.
 
     Raises
     ------
@@ -87,7 +95,15 @@ def vision_charts(splits: int = 1) -> VisionCharts:
 
 
 def tetrakis_hexahedron() -> tuple[list[NDArray[np.float64]], Triangles]:
-    """Make its 14 vertices on the unit sphere (the cube's corners, then the middles of its sides) and its 24 triangles, wound outwards."""
+    """Make a tetrakis hexahedron: a cube with a pyramid on each side.
+
+    Returns
+    -------
+    vertices
+        14 points (3,) float64 on the unit sphere: the cube's corners, then the middles of its sides.
+    triangles
+        24 triples of vertex numbers, wound outwards.
+    """
     cube = [np.array(corner) for corner in product((-1, 1), repeat=3)]
     middles = [sign * np.eye(3, dtype=int)[axis] for axis in range(3) for sign in (-1, 1)]
     keys = cube + middles

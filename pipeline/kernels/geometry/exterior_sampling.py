@@ -88,7 +88,21 @@ class EscapeTest:
 
 
 def spread_directions(count: int) -> NDArray[np.float64]:
-    """Compute (count, 3) unit vectors spread evenly over the sphere (Fibonacci lattice); the first few are spread widely too."""
+    """Compute unit vectors spread evenly over the sphere.
+
+    Parameters
+    ----------
+    count
+        Number of vectors.
+
+    Returns
+    -------
+    (count, 3) float64.
+
+    Notes
+    -----
+    A Fibonacci lattice in a low-discrepancy order: the first few are spread widely too.
+    """
     index = np.arange(count) + 0.5
     z = 1 - 2 * index / count
     angle = index * np.pi * (3 - np.sqrt(5))

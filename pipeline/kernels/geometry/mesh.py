@@ -53,7 +53,7 @@ class Mesh:
 
     @staticmethod
     def bare(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-        """Make a mesh of this shape in plain grey."""
+        """Make a mesh of vertices (V, 3), m, and faces (F, 3) in plain grey."""
         return Mesh(
             np.ascontiguousarray(vertices, np.float64),
             np.ascontiguousarray(faces, np.int32),
@@ -83,7 +83,17 @@ def face_cross_products(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def flatness(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the height of every face (F, 3, 3) over its longest edge: (F,), 0.87 for equal sides, 0 for no area, at any scale."""
+    """Compute the height of every face over its longest edge.
+
+    Parameters
+    ----------
+    triangles
+        (F, 3, 3) float64 corner positions, any unit.
+
+    Returns
+    -------
+    (F,) float64 ratio: 0.87 for equal sides, 0 for no area, at any scale.
+    """
     edges = triangles - np.roll(triangles, 1, axis=1)
     longest = np.linalg.norm(edges, axis=2).max(axis=1)
     edges = edges / np.where(longest > 0, longest, 1)[:, None, None]

@@ -70,7 +70,17 @@ def clean_mesh(mesh: Mesh, max_faces: int) -> tuple[Mesh, CleaningReport]:
 
 
 def number_positions(vertices: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Number the positions of vertices (V, 3): (V,) numbers, equal where positions are equal to the bit."""
+    """Number the distinct positions of vertices.
+
+    Parameters
+    ----------
+    vertices
+        (V, 3) float64, any unit.
+
+    Returns
+    -------
+    (V,) intp, equal where positions are equal to the bit (-0 and 0 are the same).
+    """
     return np.unique(vertices + 0.0, axis=0, return_inverse=True)[1].reshape(-1)  # + 0.0 makes -0 and 0 the same
 
 

@@ -23,6 +23,11 @@ def compose(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np
     Returns
     -------
     (..., N, M) float64.
+
+    Raises
+    ------
+    ValueError
+        The dimensions do not fit.
     """
     if left.shape[-1] != right.shape[-2]:
         raise ValueError(f"no product of matrices {left.shape} and {right.shape}: the last dimension must be the other's last but one")
@@ -53,13 +58,35 @@ def _multiply(left: NDArray[np.float64], right: NDArray[np.float64], product: ND
 
 
 def transform_points(pose: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Transform points (..., P, 3) by poses (..., 4, 4): (..., P, 3) float64, in the frame that the poses are given in."""
+    """Transform points by poses.
+
+    Parameters
+    ----------
+    pose
+        (..., 4, 4) float64, from the points' frame to the wanted one.
+    points
+        (..., P, 3), m; leading dimensions broadcast against the pose's.
+
+    Returns
+    -------
+    (..., P, 3) float64, m, in the wanted frame.
+    """
     turned = np.einsum("...ij,...pj->...pi", pose[..., :3, :3], points)  # einsum calls no BLAS unless it is asked to optimise
     return np.asarray(turned + pose[..., None, :3, 3])
 
 
 def invert_pose(pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Invert rigid transforms (..., 4, 4)."""
+    """Invert rigid transforms.
+
+    Parameters
+    ----------
+    pose
+        (..., 4, 4) float64, frame a to frame b; the axes are orthonormal.
+
+    Returns
+    -------
+    (..., 4, 4) float64, frame b to frame a.
+    """
     inverse = pose.copy()
     inverse[..., :3, :3] = np.swapaxes(pose[..., :3, :3], -1, -2)
     inverse[..., :3, 3] = -np.einsum("...ij,...j->...i", inverse[..., :3, :3], pose[..., :3, 3])
@@ -67,25 +94,78 @@ def invert_pose(pose: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def solve_3x3(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve `matrix` (3, 3) x = `target` (3,) by Cramer's rule; the error grows with the matrix's condition."""
+    """Solve the linear equations `matrix` x = `target`.
+
+    Parameters
+    ----------
+    matrix, target
+        (3, 3) and (3,) float64.
+
+    Returns
+    -------
+    (3,) float64.
+
+    Notes
+    -----
+    Cramer's rule; the error grows with the matrix's condition.
+    """
     columns = matrix.T
     crosses = np.cross(columns[[1, 2, 0]], columns[[2, 0, 1]])
     return np.asarray((crosses * target).sum(axis=1) / (crosses[0] * columns[0]).sum())
 
 
 def length(vectors: ArrayLike) -> NDArray[np.float64]:
-    """Compute Euclidean lengths along the last axis; `np.linalg.norm` without an axis calls BLAS."""
+    """Compute Euclidean lengths along the last axis.
+
+    Parameters
+    ----------
+    vectors
+        (..., N), any unit.
+
+    Returns
+    -------
+    (...) float64, the same unit.
+
+    Notes
+    -----
+    `np.linalg.norm` without an axis calls BLAS.
+    """
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
 def sin_cos(angles: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute sines and cosines of angles, rad."""
+    """Compute sines and cosines of angles.
+
+    Parameters
+    ----------
+    angles
+        (...) rad.
+
+    Returns
+    -------
+    sines, cosines
+        (...) float64 each, rounded from extended precision.
+    """
     extended = np.asarray(angles, np.longdouble)
     return np.sin(extended).astype(np.float64), np.cos(extended).astype(np.float64)
 
 
 def rotation_from_euler(angles: ArrayLike) -> NDArray[np.float64]:
-    """Compute the rotation (3, 3) by extrinsic XYZ Euler angles (3,), rad: R = Rz Ry Rx, about the fixed x axis first."""
+    """Compute the rotation by extrinsic XYZ Euler angles.
+
+    Parameters
+    ----------
+    angles
+        (3,) rad, about the fixed x axis first, then y, then z.
+
+    Returns
+    -------
+    (3, 3) float64 rotation matrix.
+
+    Notes
+    -----
+    R = Rz Ry Rx.
+    """
     (sx, sy, sz), (cx, cy, cz) = sin_cos(angles)
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])

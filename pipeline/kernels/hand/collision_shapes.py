@@ -42,7 +42,7 @@ class CollisionSpheres:
         return CollisionSpheres(self.centres[own], self.radii[own], self.link[own])
 
     def world_centres(self, frames: NDArray[Any]) -> NDArray[Any]:
-        """Compute the centres (3, N, B) in postures whose link frames are (N, L, 4, 4), in the frames' precision."""
+        """Compute the centres (3, N, B), m, for link frames (N, L, 4, 4); precision and frame of reference are the link frames'."""
         points = np.empty((3, len(frames), len(self.link)), frames.dtype)
         _carry(np.ascontiguousarray(frames), self.centres.astype(frames.dtype), self.link, points)
         return points
@@ -69,6 +69,10 @@ def collision_spheres(hand: Hand, *, spacing: float, tolerance: float = 0.0) -> 
     tolerance
         A sphere is left out where a larger one reaches as far but for this, m.
 
+    Returns
+    -------
+    The spheres of all links, in their links' frames, m.
+
     Raises
     ------
     InvalidInput
@@ -91,7 +95,17 @@ def collision_spheres(hand: Hand, *, spacing: float, tolerance: float = 0.0) -> 
 
 
 def collision_boxes(hand: Hand) -> CollisionBoxes:
-    """Compute the box around every collision shape, along the axes of the shape's own frame."""
+    """Compute the box around every collision shape, along the axes of the shape's own frame.
+
+    Parameters
+    ----------
+    hand
+        Its links' collision shapes are enclosed.
+
+    Returns
+    -------
+    C boxes, in their links' frames, m, ordered by link.
+    """
     frames, halves, links = [], [], []
     for number, link in enumerate(hand.links):
         for shape in link.collisions:

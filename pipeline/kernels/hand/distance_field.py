@@ -143,6 +143,10 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
         Distance from the surface up to which the grid's values are more than bounds, m; also the grid's rim around the object. It is
         enlarged to two cells: the grid's corner must be known to be outside.
 
+    Returns
+    -------
+    The field, in the frame of the vertices, m; negative inside.
+
     Raises
     ------
     ValueError

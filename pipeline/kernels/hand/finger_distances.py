@@ -45,6 +45,10 @@ def finger_geometry(hand: Hand, spheres: CollisionSpheres, *, gel_width: float, 
     gel_width, gel_thickness
         m.
 
+    Returns
+    -------
+    Spheres and probes of S fingers, in their links' frames, m.
+
     Raises
     ------
     InvalidInput
@@ -62,7 +66,21 @@ def finger_geometry(hand: Hand, spheres: CollisionSpheres, *, gel_width: float, 
 
 
 def gel_probes(hand: Hand, fingers: FingerGeometry, frames: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Compute the probe points (3, N, S, PROBES²) float32 of postures whose link frames are (N, L, 4, 4), world, m."""
+    """Compute the positions of the gels' probe points in postures.
+
+    Parameters
+    ----------
+    hand
+        Gives the S fingers' tip links.
+    fingers
+        The probes, from `finger_geometry`.
+    frames
+        (N, L, 4, 4) float64 link frames of N postures, m.
+
+    Returns
+    -------
+    (3, N, S, PROBES²) float32, m, in the frame that the link frames are given in.
+    """
     tips = frames[:, [finger.tip for finger in hand.fingers]]  # (N, S, 4, 4)
     turned = np.einsum("nsij,spj->insp", tips[..., :3, :3], fingers.probes)
     points: NDArray[np.float32] = (turned + np.moveaxis(tips[..., :3, 3], -1, 0)[..., None]).astype(np.float32)

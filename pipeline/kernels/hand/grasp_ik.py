@@ -97,6 +97,15 @@ def prepare_grasp_ik(
         Number of joint vectors.
     clearance, finger_gap
         What a good posture keeps between rigid links and the object, and between fingers, m.
+
+    Returns
+    -------
+    Samples of the joint angles, with their link frames and gel probes in the root link's frame, m.
+
+    Raises
+    ------
+    InvalidInput
+        A finger has no collision shape; see `finger_geometry`.
     """
     fingers = finger_geometry(hand, spheres, gel_width=gel_width, gel_thickness=gel_thickness)
     boxes = collision_boxes(hand)
@@ -112,7 +121,21 @@ def prepare_grasp_ik(
 
 
 def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: NDArray[np.float64]) -> bool:
-    """Tell whether every finger of a hand at `hand_pose` (4, 4) has, among some samples, one that keeps clear of the object."""
+    """Decide whether every finger of a hand has room at a pose.
+
+    Parameters
+    ----------
+    ik
+        The hand, from `prepare_grasp_ik`.
+    field
+        The object.
+    hand_pose
+        (4, 4) float64, frame of the root link, world, m.
+
+    Returns
+    -------
+    True where every finger has, among some samples, one that keeps clear of object and palm.
+    """
     rows = _spread(ik)
     clear = finger_clearance(field, ik.fingers, compose(hand_pose, ik.frames[rows])) >= ik.clearance
     return bool((clear & ik.free[rows]).any(axis=0).all())

@@ -50,12 +50,39 @@ def forward_kinematics(hand: Hand, hand_pose: NDArray[np.float64], joint_angles:
 
 
 def sensor_poses(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the sensor frames of a posture: (..., S, 4, 4) float64, world; arguments as for `forward_kinematics`."""
+    """Compute the sensor frames of postures.
+
+    Parameters
+    ----------
+    hand, hand_pose, joint_angles
+        As for `forward_kinematics`.
+
+    Returns
+    -------
+    (..., S, 4, 4) float64, sensor frame to world frame, m, in the order of `hand.fingers`.
+
+    Raises
+    ------
+    ValueError
+        As `forward_kinematics`.
+    """
     return sensors_of_links(hand, forward_kinematics(hand, hand_pose, joint_angles))
 
 
 def sensors_of_links(hand: Hand, link_frames: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the sensor frames (..., S, 4, 4) of a hand whose link frames are (..., L, 4, 4), both float64, world."""
+    """Compute the sensor frames of a hand from its link frames.
+
+    Parameters
+    ----------
+    hand
+        Gives the S fingers' tip links and their sensors.
+    link_frames
+        (..., L, 4, 4) float64, world, m, from `forward_kinematics`.
+
+    Returns
+    -------
+    (..., S, 4, 4) float64, sensor frame to world frame, m, in the order of `hand.fingers`.
+    """
     return np.stack([compose(link_frames[..., finger.tip, :, :], finger.sensor_pose) for finger in hand.fingers], axis=-3)
 
 

@@ -37,5 +37,19 @@ def penetration_depth(field: DistanceField, spheres: CollisionSpheres, frames: N
 
 
 def doubtful_spheres(field: DistanceField, spheres: CollisionSpheres, points: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Select the spheres, centred at `points` (3, B) in the world, that may overlap the object as far as the grid can tell."""
+    """Select the spheres that may overlap the object as far as the grid can tell.
+
+    Parameters
+    ----------
+    field
+        The object.
+    spheres
+        B spheres.
+    points
+        (3, B) float64, their centres, world, m.
+
+    Returns
+    -------
+    (K,) intp, numbers of the selected spheres, ascending.
+    """
     return np.flatnonzero(field.lookup(points.astype(np.float32)) - spheres.radii < DOUBT * field.cell)

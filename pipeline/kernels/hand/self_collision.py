@@ -15,7 +15,21 @@ BEAM = 256
 
 
 def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> float:
-    """Compute the least gap between links of a hand, m, negative where they overlap; link frames (L, 4, 4)."""
+    """Compute the least gap between links of a hand that no joint connects.
+
+    Parameters
+    ----------
+    hand
+        L links.
+    boxes
+        Their boxes, from `collision_boxes`.
+    frames
+        (L, 4, 4) float64 link frames of one posture, any common frame, m.
+
+    Returns
+    -------
+    m, from `box_gap`: negative where links overlap, +inf where no two can meet.
+    """
     return float(_pair_gaps(boxes, frames[None], _pairs(hand, boxes)).min(initial=np.inf))
 
 

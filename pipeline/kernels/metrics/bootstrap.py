@@ -46,6 +46,10 @@ def mean_interval(values: NDArray[np.float64], rng: np.random.Generator) -> Inte
     rng
         Draws the resamples.
 
+    Returns
+    -------
+    The mean and its 95 % interval, in the values' unit; infinite ends for a single value.
+
     Raises
     ------
     ValueError
@@ -72,6 +76,10 @@ def difference_interval(first: NDArray[np.float64], second: NDArray[np.float64],
         (N,) one value per object in each, in the same order; the mean is of `first` - `second`.
     rng
         Draws the resamples.
+
+    Returns
+    -------
+    The mean of `first` - `second` and its 95 % interval, in the values' unit.
 
     Raises
     ------

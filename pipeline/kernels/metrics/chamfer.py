@@ -76,11 +76,21 @@ def squared_distances(query: Tensor, points: Tensor | Target) -> Tensor:
 
 
 def chamfer(a: Tensor, b: Tensor) -> Tensor:
-    """Compute the Chamfer distance of clouds (N, 3) and (M, 3): the mean squared nearest distance, both directions summed.
+    """Compute the Chamfer distance of two clouds: the mean squared nearest distance, both directions summed.
+
+    Parameters
+    ----------
+    a, b
+        (N, 3) and (M, 3), of the same unit and on the same device.
 
     Returns
     -------
-    A scalar, the clouds' unit squared; differentiable in both. Raises as `squared_distances`.
+    A scalar, the unit squared; differentiable in both clouds.
+
+    Raises
+    ------
+    InvalidInput, ValueError
+        As `squared_distances`.
 
     Notes
     -----

@@ -18,7 +18,16 @@ TABLE_3_FACTOR = 9000.0
 
 
 def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Compute the squared distance from each query point (N, 3) to the nearest of `points` (M, 3): (N,), m².
+    """Compute the squared distance from each query point to the nearest of `points`.
+
+    Parameters
+    ----------
+    query, points
+        (N, 3) and (M, 3), one frame, m.
+
+    Returns
+    -------
+    (N,) float64, m².
 
     Raises
     ------
@@ -83,7 +92,22 @@ class CloudDistances:
 
 
 def cloud_distances(predicted: NDArray[np.floating], truth: NDArray[np.floating]) -> CloudDistances:
-    """Compute the squared nearest distances between a predicted (P, 3) and a true (T, 3) cloud, both ways; errors as `nearest_squared`."""
+    """Compute the squared nearest distances between two clouds, both ways.
+
+    Parameters
+    ----------
+    predicted, truth
+        (P, 3) and (T, 3), one frame, m.
+
+    Returns
+    -------
+    Squared distances (P,) and (T,), float64, m².
+
+    Raises
+    ------
+    InvalidInput, ValueError
+        As `nearest_squared`.
+    """
     return CloudDistances(nearest_squared(predicted, truth), nearest_squared(truth, predicted))
 
 

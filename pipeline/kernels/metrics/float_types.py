@@ -11,6 +11,13 @@ FULL_PRECISION = (torch.float32, torch.float64)
 def check_full_precision(name: str, values: Tensor) -> None:
     """Refuse half precision and integers: at the scene's 0.6 m, bfloat16 goes in steps of 4 mm and float16 of 0.5 mm.
 
+    Parameters
+    ----------
+    name
+        What the message calls the values.
+    values
+        Any shape.
+
     Raises
     ------
     ValueError

@@ -86,8 +86,21 @@ def map_to_surfaces(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:
 
 
 def doubled_areas(vertices: Tensor, faces: Tensor) -> Tensor:
-    """Compute twice the areas of faces (F, 3) of vertices (B, V, 3): (B, F), the unit squared; exactly 0 where two corners are one.
+    """Compute twice the areas of faces.
 
+    Parameters
+    ----------
+    vertices
+        (B, V, 3) floating, any unit.
+    faces
+        (F, 3) integers, the same of each item.
+
+    Returns
+    -------
+    (B, F) of the vertices' type, the unit squared; exactly 0 where two corners are one.
+
+    Notes
+    -----
     By components: torch's cross product fuses multiplications and additions, which leaves such faces a rounding error for an area.
     """
     a, b, c = vertices[:, faces].unbind(dim=2)  # (B, F, 3) each

@@ -93,6 +93,10 @@ def chart_graph(charts: VisionCharts, side: int, counts: Sequence[int], like: Te
     like
         A tensor of the device and type that the adjacency gets; float32 or float64.
 
+    Returns
+    -------
+    The graph of N vertices, vision charts before touch charts in each item.
+
     Raises
     ------
     ValueError

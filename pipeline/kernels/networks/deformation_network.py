@@ -180,7 +180,19 @@ class DeformationNetwork(nn.Module):
 
 
 def initialise(network: DeformationNetwork, generator: torch.Generator | None) -> None:
-    """Draw He's normal weights, which keep the features' size through 25 layers of ReLU; biases are zero."""
+    """Draw a network's initial weights, in place.
+
+    Parameters
+    ----------
+    network
+        Its convolutions and linear layers are set; biases are zero.
+    generator
+        Draws the weights; None for torch's global one.
+
+    Notes
+    -----
+    He's normal weights keep the features' size through 25 layers of ReLU; the last layer's are scaled by `FIRST_STEP`.
+    """
     for module in network.modules():
         if isinstance(module, nn.Conv2d | nn.Linear):
             nn.init.kaiming_normal_(module.weight, nonlinearity="relu", generator=generator)

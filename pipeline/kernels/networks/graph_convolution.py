@@ -84,7 +84,7 @@ class GraphConvolutionNetwork(nn.Module):
         self.last = nn.Linear(features, 3)
 
     def forward(self, features: Tensor, graph: ChartGraph) -> Tensor:
-        """Compute displacements (N, 3) from the features (N, in_features) of a graph's vertices."""
+        """Compute displacements (N, 3) of a graph's vertices from their features (N, in_features), in the unit of the positions."""
         for layer in self.hidden:
             features = layer(features, graph)
         with torch.autocast(features.device.type, enabled=False):  # half precision would move vertices in steps of a millimetre

@@ -37,7 +37,20 @@ def network_input(images: Tensor, dtype: torch.dtype) -> Tensor:
 
 
 def check_intensities(name: str, images: Tensor) -> None:
-    """Raise `InvalidInput` for images that hold NaN or leave [0, 1], as those do that nobody divided by 255."""
+    """Refuse images whose values leave [0, 1], as those do that nobody divided by 255.
+
+    Parameters
+    ----------
+    name
+        What the message calls the images.
+    images
+        Any shape, floating.
+
+    Raises
+    ------
+    InvalidInput
+        A value is NaN, below 0 or above 1.
+    """
     if not images.numel():
         return
     low, high = images.detach().aminmax()

@@ -22,6 +22,10 @@ def visible_depth(depth: Tensor, gel: float) -> Tensor:
     gel
         w, the gel's thickness, m.
 
+    Returns
+    -------
+    min(D, w) in m, of the shape and type of `depth`.
+
     Raises
     ------
     InvalidInput
@@ -67,11 +71,23 @@ def masked_depth_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, width: 
 def projected_chamfer_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, width: float, gel: float) -> Tensor:
     """Compute the mean over the batch of the Chamfer distance between predicted and true local points.
 
-    A masked pixel is the point (x, y, D) of the sensor frame; a touch whose mask is empty has loss 0.
+    Parameters
+    ----------
+    predicted, depth, mask, width, gel
+        As `masked_depth_loss`.
 
-    Parameters, Returns, Raises
-    ---------------------------
-    As `masked_depth_loss`.
+    Returns
+    -------
+    A scalar in sensor widths squared, of `predicted`'s type, differentiable in it.
+
+    Raises
+    ------
+    InvalidInput, ValueError
+        As `masked_depth_loss`.
+
+    Notes
+    -----
+    A masked pixel is the point (x, y, D) of the sensor frame; a touch whose mask is empty has loss 0.
     """
     _check(predicted, depth, mask, width, gel)
     true = visible_depth(depth, gel).to(predicted.dtype)

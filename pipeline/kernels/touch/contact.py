@@ -25,6 +25,11 @@ def touch_success(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
     -------
     (...) bool.
 
+    Raises
+    ------
+    ValueError
+        `depth` holds NaN.
+
     Notes
     -----
     Depth is judged in float32, as it is stored: the stored depth gives the same mask, unless quantisation moved it across the limit.
@@ -54,6 +59,13 @@ def local_points(depth: np.ndarray, pose: np.ndarray, sensor: Sensor) -> tuple[N
         the error of a coordinate is below 0.5 µm.
     count
         int32, the number of points.
+
+    Raises
+    ------
+    ValueError
+        `depth` holds NaN, or is not float32 of the sensor's shape.
+    InvalidInput
+        The pose is no rigid motion; see `check_pose`.
 
     Notes
     -----

@@ -23,6 +23,11 @@ def quantise_depth(depth: NDArray[np.float64], sensor: Sensor, *, gel_bits: int 
     Returns
     -------
     (..., rows, cols) float32, m. The error is at most half a step and half a float32 unit in the last place; +inf stays.
+
+    Raises
+    ------
+    ValueError
+        `depth` holds NaN.
     """
     if np.isnan(depth).any():
         raise ValueError("depth holds NaN; where nothing is met it must be +inf")

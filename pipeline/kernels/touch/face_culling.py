@@ -42,6 +42,10 @@ def box_faces(triangles: np.ndarray) -> BoxedFaces:
     triangles
         (F, 3, 3) float64 corner positions, world frame, m; F may be 0. Winding, duplicates and holes do not matter.
 
+    Returns
+    -------
+    Corners and bounding boxes, float64, world frame, m.
+
     Raises
     ------
     ValueError

@@ -48,7 +48,19 @@ def ray_depth(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> NDArray[np
 
 
 def local_depth(local: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
-    """Compute the depth map (rows, cols), m, of faces (3 axes, 3 corners, N) in the sensor frame, m; see `ray_depth`."""
+    """Compute the depth map of faces in the sensor frame; see `ray_depth`.
+
+    Parameters
+    ----------
+    local
+        (3 axes, 3 corners, N) float64, sensor frame, m, from `cull_faces`.
+    sensor
+        Gives the grid of rays and their range.
+
+    Returns
+    -------
+    (rows, cols) float64, m; +inf where nothing is met within the sensor's range.
+    """
     depth = np.full(sensor.shape, np.inf)
     scan_convert(np.ascontiguousarray(local), sensor.width, depth)
     depth[depth > sensor.range] = np.inf

@@ -53,14 +53,38 @@ class Sensor(BaseModel):
 
 
 def pixel_centres(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute x (cols,) and y (rows,) of the pixel centres, float64, sensor frame, m."""
+    """Compute the positions of the pixel centres on the sensor plane.
+
+    Parameters
+    ----------
+    sensor
+        Gives width, rows and columns.
+
+    Returns
+    -------
+    x, y
+        (cols,) and (rows,) float64, sensor frame, m.
+
+    Notes
+    -----
+    x = ((col + ½)/cols - ½) · width, y = ((row + ½)/rows - ½) · width.
+    """
     x = ((np.arange(sensor.cols) + 0.5) / sensor.cols - 0.5) * sensor.width
     y = ((np.arange(sensor.rows) + 0.5) / sensor.rows - 0.5) * sensor.width
     return x, y
 
 
 def check_pose(pose: np.ndarray) -> NDArray[np.float64]:
-    """Check that a sensor pose is a rigid motion, sensor frame to world frame, and return it as (4, 4) float64.
+    """Check that a sensor pose is a rigid motion.
+
+    Parameters
+    ----------
+    pose
+        (4, 4), sensor frame to world frame, m.
+
+    Returns
+    -------
+    The pose as (4, 4) float64.
 
     Raises
     ------
@@ -108,6 +132,23 @@ def sensor_to_world(pose: NDArray[np.float64], x: np.ndarray, y: np.ndarray, z: 
 
 
 def ray_origins(pose: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
-    """Compute the (rows, cols, 3) pixel centres on the sensor plane, world frame, m; rays leave along `pose[:3, 2]`."""
+    """Compute the pixel centres on the sensor plane, where rays start; they leave along `pose[:3, 2]`.
+
+    Parameters
+    ----------
+    pose
+        (4, 4), sensor frame to world frame, m.
+    sensor
+        Gives the grid of pixels.
+
+    Returns
+    -------
+    (rows, cols, 3) float64, world frame, m.
+
+    Raises
+    ------
+    ValueError, InvalidInput
+        As `check_pose`.
+    """
     x, y = pixel_centres(sensor)
     return sensor_to_world(check_pose(pose), x[None, :], y[:, None], np.zeros(sensor.shape))

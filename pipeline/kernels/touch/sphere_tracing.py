@@ -80,6 +80,11 @@ def trace_spheres(
     settled
         (rows, cols) bool. A hit is settled when the face at which the ray stops lies across the ray, at most `tolerance` ahead; a miss
         when the ray has passed every face or the range.
+
+    Raises
+    ------
+    ValueError
+        `tolerance` is not above 0, or `max_steps` is below 1.
     """
     if not tolerance > 0 or max_steps < 1:
         raise ValueError(f"sphere tracing needs tolerance > 0 and max_steps >= 1, not {tolerance} and {max_steps}")

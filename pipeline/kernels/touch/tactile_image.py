@@ -15,7 +15,28 @@ WHITE = 255
 
 
 def impression(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
-    """Compute the impression D' = ReLU(w - D) of a depth map (rows, cols): (rows, cols) float64, m (equation 1)."""
+    """Compute the impression D' of an object in the gel.
+
+    Parameters
+    ----------
+    depth
+        (rows, cols) D in m from the sensor plane, float32 or float64, +inf where nothing is met.
+    sensor
+        Gives the shape and w.
+
+    Returns
+    -------
+    (rows, cols) float64, m; 0 where the gel is not pressed in.
+
+    Raises
+    ------
+    ValueError
+        `depth` holds NaN or negative values, or has another shape.
+
+    Notes
+    -----
+    D' = ReLU(w - D), equation 1.
+    """
     if depth.shape != sensor.shape:
         raise ValueError(f"depth has shape {depth.shape}; sensor {sensor.name!r} has {sensor.shape} (rows, cols)")
     if not (depth >= 0).all():
@@ -36,6 +57,11 @@ def tactile_image(depth: np.ndarray, sensor: Sensor) -> NDArray[np.uint8]:
     Returns
     -------
     (rows, cols, 3) uint8, red, green, blue: intensity 0..1, clipped, times 255, rounded to the nearest.
+
+    Raises
+    ------
+    ValueError
+        As `impression`.
 
     Notes
     -----
@@ -62,7 +88,17 @@ def tactile_image(depth: np.ndarray, sensor: Sensor) -> NDArray[np.uint8]:
 
 
 def untouched_image(sensor: Sensor) -> NDArray[np.uint8]:
-    """Compute the tactile image (rows, cols, 3) uint8 of a sensor that nothing touches."""
+    """Compute the tactile image of a sensor that nothing touches.
+
+    Parameters
+    ----------
+    sensor
+        Gives the shape, lamps and lambda.
+
+    Returns
+    -------
+    (rows, cols, 3) uint8, red, green, blue.
+    """
     return tactile_image(np.full(sensor.shape, np.inf), sensor)
 
 

@@ -58,7 +58,17 @@ class Camera(BaseModel):
 
 
 def camera_pose(camera: Camera) -> NDArray[np.float64]:
-    """Compute the (4, 4) pose of a camera, camera frame to world frame: columns right, up, backwards, position."""
+    """Compute the pose of a camera.
+
+    Parameters
+    ----------
+    camera
+        Gives position and rotation.
+
+    Returns
+    -------
+    (4, 4) float64, camera frame to world frame, m: columns right, up, backwards, position.
+    """
     pose = np.eye(4)
     pose[:3, :3] = rotation_from_euler(np.deg2rad(camera.rotation))
     pose[:3, 3] = camera.position
@@ -66,7 +76,16 @@ def camera_pose(camera: Camera) -> NDArray[np.float64]:
 
 
 def projection_matrix(camera: Camera) -> NDArray[np.float64]:
-    """Compute the (3, 4) float64 projection of world points, m, to pixels.
+    """Compute the matrix that projects world points to pixels.
+
+    Parameters
+    ----------
+    camera
+        Gives pose, focal lengths and principal point.
+
+    Returns
+    -------
+    (3, 4) float64 M, world frame, m, to pixels.
 
     Notes
     -----
@@ -91,6 +110,11 @@ def project_points(matrix: NDArray[np.float64], points: NDArray[np.floating]) ->
     Returns
     -------
     (..., 2) float64 (column, row), pixels; NaN for points at or behind the camera.
+
+    Raises
+    ------
+    ValueError
+        A point is NaN or infinite.
     """
     if not np.isfinite(points).all():
         raise ValueError("points hold NaN or infinity; drop them before projecting")
@@ -108,6 +132,10 @@ def look_at(camera: Camera, position: Vector, target: Vector) -> Camera:
         Gives the intrinsics.
     position, target
         World frame, m.
+
+    Returns
+    -------
+    The camera at the new position, world frame, m, with the same intrinsics.
 
     Raises
     ------

@@ -48,6 +48,15 @@ class Primitive:
 def mesh_primitives(mesh: Mesh) -> list[Primitive]:
     """Group a mesh's faces by colour and texture, and prepare each group for rendering.
 
+    Parameters
+    ----------
+    mesh
+        Vertices in m, any frame; with its look.
+
+    Returns
+    -------
+    One primitive per colour and texture that some face has, in the mesh's frame, m.
+
     Raises
     ------
     ValueError
@@ -65,6 +74,11 @@ def mesh_primitives(mesh: Mesh) -> list[Primitive]:
 
 def faces_by_material(look: Look) -> list[tuple[list[int], NDArray[np.intp]]]:
     """Group faces by what they look like; materials of equal colour and texture are one group.
+
+    Parameters
+    ----------
+    look
+        Materials of F faces.
 
     Returns
     -------
@@ -99,22 +113,55 @@ def _primitive(
 
 
 def linear_from_srgb(srgb: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Convert 8-bit sRGB values to linear light, 0..1 (IEC 61966-2-1)."""
+    """Convert 8-bit sRGB values to linear light.
+
+    Parameters
+    ----------
+    srgb
+        (...) uint8.
+
+    Returns
+    -------
+    (...) float64, 0..1.
+
+    Notes
+    -----
+    IEC 61966-2-1.
+    """
     value = srgb / 255.0
     return np.asarray(np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4))
 
 
 def shrink_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Average a texture (height, width, 4) down by a whole factor to at most `MAX_TEXTURE_SIDE` pixels per side."""
+    """Average a texture down by a whole factor to at most `MAX_TEXTURE_SIDE` pixels per side.
+
+    Parameters
+    ----------
+    texture
+        (height, width, 4) uint8, sRGB and opacity.
+
+    Returns
+    -------
+    (height / factor, width / factor, 4) uint8, rounded up; the texture itself where it is small enough.
+    """
     height, width = texture.shape[:2]
     factor = -(-max(height, width) // MAX_TEXTURE_SIDE)
     return texture if factor <= 1 else np.array(Image.fromarray(texture).reduce(factor))
 
 
 def flatten_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Blend a texture (height, width, 4) with white by its opacity, so that the base colour shows where it is transparent.
+    """Blend a texture with white by its opacity, so that the base colour shows where it is transparent.
 
     Every surface is rendered opaque: what the fingers touch is also seen, and a segmentation has one label per pixel.
+
+    Parameters
+    ----------
+    texture
+        (height, width, 4) uint8, sRGB and opacity.
+
+    Returns
+    -------
+    (height, width, 4) uint8, with opacity 255; the texture itself where it is opaque.
     """
     if (texture[..., 3] == 255).all():
         return texture
