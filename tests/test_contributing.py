@@ -15,6 +15,7 @@ import pytest
 import trimesh
 import yaml
 
+from pipeline.config.manifest import load_manifest
 from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.object_rows import ObjectRows
 from tests.stages import ball_dataset as spheres
@@ -103,6 +104,12 @@ def _read(group: Path, name: str) -> np.ndarray:
     import zarr
 
     return np.asarray(zarr.open_array(str(group / name), mode="r"))
+
+
+def test_manifest_of_the_recipe_names_two_objects(tmp_path):
+    (text,) = re.findall(r"^```yaml\n(name: two\n.*?)^```$", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE | re.DOTALL)
+    (tmp_path / "two.yaml").write_text(text)
+    assert len(load_manifest(str(tmp_path / "two.yaml")).objects()) == 2
 
 
 def test_sensor_of_the_recipe_is_a_sensor(tmp_path):

@@ -100,7 +100,8 @@ def run_plan(plan: ShardPlan | FolderPlan) -> None:
     else:
         result = run_stage(plan, console)
         what = f"made {result.made} objects" if isinstance(plan, ShardPlan) else f"made from {plan.total} objects"
-        say(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {result.failed} failed" if result.failed else ""))
+        left = f"; {result.waiting} of {plan.total} not made yet, run without --object to publish the shard" if result.waiting else ""
+        say(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {result.failed} failed" if result.failed else "") + left)
     failures = plan.failures() if isinstance(plan, ShardPlan) else {}
     for object_id, failure in failures.items():
         errors.print(f"  [yellow]failed[/] {escape(object_id)}: {escape(failure.reason)}")

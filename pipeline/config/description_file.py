@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from pipeline.config.complaints import complaints
 from pipeline.errors import InvalidInput
 
 Kind = Literal["hand", "sensor", "scene"]
@@ -49,5 +50,7 @@ def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
     try:
         content: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
         return model.model_validate(content)
-    except (ValidationError, yaml.YAMLError) as error:
-        raise InvalidInput(f"{kind} file {path}: {error}") from error
+    except ValidationError as error:
+        raise InvalidInput(f"{kind} file {path}: {complaints(error)}. Its entries are {', '.join(model.model_fields)}") from error
+    except yaml.YAMLError as error:
+        raise InvalidInput(f"{kind} file {path} is not YAML: {error}") from error

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from pipeline.config.complaints import complaints
 from pipeline.config.sources import Directory, Found, Procedural, Pybullet, ShapeNet
 from pipeline.errors import ManifestError
 
@@ -142,7 +143,9 @@ def load_manifest(name_or_path: str) -> Manifest:
     try:
         text = file.read_text(encoding="utf-8")
         return Manifest.model_validate(yaml.safe_load(text))
-    except (ValidationError, yaml.YAMLError, OSError, UnicodeDecodeError) as error:
+    except ValidationError as error:
+        raise ManifestError(f"manifest {name_or_path}: {complaints(error)}") from error
+    except (yaml.YAMLError, OSError, UnicodeDecodeError) as error:
         raise ManifestError(f"manifest {name_or_path}: {error}") from error
 
 

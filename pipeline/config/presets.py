@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import yaml
 from pydantic import ValidationError
 
+from pipeline.config.complaints import complaints
 from pipeline.config.settings import Settings
 from pipeline.errors import SettingsError
 
@@ -75,5 +76,4 @@ def resolve(
         return stage.settings_type.model_validate(values)
     except ValidationError as error:
         known = ", ".join(stage.settings_type.model_fields)
-        complaints = "; ".join(f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors())
-        raise SettingsError(f"settings of {stage.name}: {complaints}. Its settings are {known}") from error
+        raise SettingsError(f"settings of {stage.name}: {complaints(error)}. Its settings are {known}") from error

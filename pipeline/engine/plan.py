@@ -16,7 +16,7 @@ from pipeline.config.settings import Settings
 from pipeline.engine import keys
 from pipeline.engine.stage import Stage
 from pipeline.engine.versions import library_versions, processor
-from pipeline.errors import InvalidInput, StoreError
+from pipeline.errors import InvalidInput, StageError
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory, folder_digest
 
@@ -70,12 +70,16 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Result:
-    """What a run did: the objects it made, those of them that failed, the seconds these took, and those that packing took."""
+    """What a run did: the objects it made, those of them that failed, the seconds these took, and those that packing took.
+
+    `waiting` objects are still to be made before the shard is published; 0 where it is.
+    """
 
     made: int = 0
     failed: int = 0
     seconds: float = 0.0
     packing: float = 0.0
+    waiting: int = 0
 
 
 class Plan(ABC, Generic[S]):
@@ -139,7 +143,7 @@ class Plan(ABC, Generic[S]):
         try:
             assets = keys.asset_hashes(self.stage.assets(self.settings))
         except InvalidInput as error:  # a hand, sensor or scene file that is missing, or not valid
-            raise StoreError(f"{self.stage.name}: {error}") from error
+            raise StageError(f"{self.stage.name}: {error}") from error
         return digest.of_json(
             {
                 "stage": self.stage.name,

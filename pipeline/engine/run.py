@@ -59,7 +59,7 @@ def run(plan: ShardPlan | FolderPlan, console: Console) -> Result:
     InvalidInput
         With `strict`, at the first object that fails, or that failed before.
     StageError
-        The stage cannot work here.
+        The stage cannot work here, or a hand, sensor or scene file cannot be used.
     StoreError
         Another run is at it, other objects are in its place, an input is damaged, or what was made cannot be stored.
     BugFound

@@ -187,7 +187,7 @@ class ShardPlan(Plan[ObjectStage]):
             self._publish()
         elif self.request.only is None:
             raise StoreError(f"{self.path}: rows are gone, that of {unfinished[0]} first: did another run pack them? Run again")
-        return replace(result, packing=time.perf_counter() - began)
+        return replace(result, packing=time.perf_counter() - began, waiting=len(unfinished))
 
     def _refuse_strangers(self) -> None:
         """A data directory of other objects would be lost: two folders of meshes go by one name, or a manifest by another's."""

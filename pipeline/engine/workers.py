@@ -23,7 +23,7 @@ from typing import Any
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import ObjectStage, Task
-from pipeline.errors import InvalidInput, StageError, StoreError
+from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.pieces import Pieces
@@ -148,7 +148,9 @@ class _Pool:
 
 
 def _cannot_start(work: Work, error: Exception) -> StageError:
-    """Whatever a stage's libraries raise where they are not installed as they should be."""
+    """What a stage's libraries raise where they are not installed as they should be, or a description file that cannot be used."""
+    if isinstance(error, PipelineError):
+        return StageError(f"{work.stage.name} cannot start: {error}")
     return StageError(f"{work.stage.name} cannot start: {type(error).__name__}: {error}; `vt-pipeline doctor` looks for what is missing")
 
 

@@ -41,7 +41,9 @@ class Collection:
         try:
             return self._shard_of[object_id]
         except KeyError:
-            raise StoreError(f"{self.folder} has no object {object_id}; run the stage that makes {self.artifact.name} first") from None
+            raise StoreError(
+                f"{self.folder} has no object {object_id}; run the stage that makes {self.artifact.name} first, for all objects"
+            ) from None
 
     def row(self, object_id: str) -> RowRecord:
         """What is recorded of an object."""

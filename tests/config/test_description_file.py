@@ -49,6 +49,16 @@ def test_unusable_sensor_entry_is_named_with_its_file(tmp_path: Path, changes: d
     assert str(path) in str(error.value)
 
 
+def test_every_unusable_entry_is_named_in_one_line(tmp_path: Path) -> None:
+    path = sensor_file(tmp_path, height=0.03, rows=48.5)
+    with pytest.raises(InvalidInput, match=r"rows: .*; there is no entry height\. Its entries are name, width, rows") as error:
+        load_sensor(path)
+    assert "\n" not in str(error.value)
+    path.write_text("name: gel")
+    with pytest.raises(InvalidInput, match="entry width is missing; "):
+        load_sensor(path)
+
+
 def test_unknown_scene_entry_is_named_with_its_file(tmp_path: Path) -> None:
     path = tmp_path / "spoilt.yaml"
     path.write_text(scene_path("supplement").read_text() + "fog: 1\n")

@@ -4,12 +4,15 @@ import shutil
 import threading
 import time
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
+from pipeline.config.description_file import description_path
 from pipeline.config.manifest import Object
 from pipeline.engine import shard_plan
+from pipeline.engine.run import forecast
 from pipeline.engine.workers import Work, _Pool
 from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
 from pipeline.rng import numpy_rng
@@ -203,6 +206,14 @@ def test_a_stage_that_cannot_start_fails_no_object(tmp_path):
     with pytest.raises(StageError, match="make-noise cannot start: OSError: no device; `vt-pipeline doctor`"):
         run(request(tmp_path, stage=MakeNoise(broken=True)))
     assert run(request(tmp_path)) == 5
+
+
+def test_a_description_file_that_is_missing_ends_a_dry_run_too(tmp_path):
+    with (
+        patch.object(MakeNoise, "assets", lambda *_: [description_path("sensor", "nope.yaml")]),
+        pytest.raises(StageError, match=r"make-noise: sensor 'nope\.yaml': there is no file"),
+    ):
+        list(forecast(request(tmp_path)))
 
 
 def test_failures_are_tried_again_when_asked(tmp_path):
