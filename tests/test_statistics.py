@@ -14,7 +14,7 @@ def test_a_hand_of_other_fingers_is_told_by_its_names():
     written = io.StringIO()
     show({"mug": entry}, ["left", "right [1]", "tail"], Console(file=written, width=120))
     lines = [line.split() for line in written.getvalue().splitlines()]
-    assert ["touches", "a", "finger,", "%", "left", "right", "[1]", "tail"] in lines
+    assert ["touches", "per", "finger,", "%", "left", "right", "[1]", "tail"] in lines
     assert ["kept", "100.0", "0.0", "50.0"] in lines
     assert ["all", "attempts", "100.0", "25.0", "50.0"] in lines
     assert ["here", "0.0", "50.0", "50.0", "0.0"] in lines

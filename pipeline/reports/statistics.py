@@ -14,7 +14,7 @@ SUPPLEMENT_HISTOGRAM = (None, 9.47, 26.08, 53.83, 10.61)
 
 
 def show(found: dict[str, Tally], sensors: list[str], console: Console) -> None:
-    """Print the tables; the supplement's touches a grasp beside ours where there are as many sensors."""
+    """Print the tables; the supplement's touches per grasp beside ours where there are as many sensors."""
     everything = Tally([t for e in found.values() for t in e.touched], [t for e in found.values() for t in e.tried])
     table = Table("class", "objects", "grasps", "touches", "% successful", "supplement", "% of all attempts", box=None, padding=(0, 2))
     for name, entry in [*found.items(), ("all", everything)]:
@@ -26,12 +26,12 @@ def show(found: dict[str, Tally], sensors: list[str], console: Console) -> None:
 
     touched = np.concatenate(everything.touched)
     counts = np.bincount(touched.sum(axis=1), minlength=touched.shape[1] + 1)
-    table = Table("touches a grasp, %", *map(str, range(len(counts))), box=None, padding=(0, 2))
+    table = Table("touches per grasp, %", *map(str, range(len(counts))), box=None, padding=(0, 2))
     table.add_row("here", *(f"{100 * count / len(touched):.1f}" for count in counts))
     if len(counts) == len(SUPPLEMENT_HISTOGRAM):
         table.add_row("supplement", *("–" if share is None else f"{share:.1f}" for share in SUPPLEMENT_HISTOGRAM))
     console.print(table)
-    table = Table("touches a finger, %", *map(escape, sensors), box=None, padding=(0, 2))
+    table = Table("touches per finger, %", *map(escape, sensors), box=None, padding=(0, 2))
     table.add_row("kept", *(f"{100 * share:.1f}" for share in touched.mean(axis=0)))
     table.add_row("all attempts", *(f"{100 * share:.1f}" for share in np.mean(everything.tried, axis=0)))
     console.print(table)
