@@ -18,6 +18,11 @@ settings.register_profile("thorough", settings.get_profile("quick"), max_example
 settings.load_profile("quick")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run the longest file first: where files are shared among processes, the last one does not keep the others waiting."""
+    items.sort(key=lambda item: item.path.name != "test_pipeline.py")
+
+
 def mesh_of(*parts: trimesh.Trimesh) -> Mesh:
     """Some of trimesh's shapes as one mesh."""
     whole = trimesh.util.concatenate(parts)

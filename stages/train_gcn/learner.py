@@ -71,7 +71,7 @@ class GcnLearner(Learner):
     def _chamfer(self, observations: Sequence[Observation], targets: Sequence[Target], generator: torch.Generator) -> Tensor:
         """(B,) Chamfer distance of each item, m² x `TABLE_3_FACTOR`, of `loss_points` points each way to all of the object's."""
         batch = stack_observations(observations, self._network)
-        camera = None if self._train.camera is None else torch.from_numpy(self._train.camera)
+        camera = None if self._train.camera is None else torch.tensor(self._train.camera)
         deformed = deform(self.module, batch, camera)
         if not bool(torch.isfinite(deformed).all()):
             return deformed.sum(dim=(1, 2))  # no number either: the training loop stops, and names the items
