@@ -114,9 +114,9 @@ class ObjectRows:
         if chunks[0] > 1:  # a chunk holds several objects
             first = position - position % chunks[0]
             row = self._kept((array, shard.path, first), lambda: shard.read(array, slice(first, first + chunks[0])))[position - first]
-        elif by_grasp and chunks[1] == 1:
+        elif by_grasp and chunks[1] == 1 and grasp and (array, object_id) not in self._cache:
             return self._kept((array, object_id, grasp), lambda: shard.read(array, (position, grasp)))
-        else:
+        else:  # so is that of grasp 0, with which a pass through an object begins: one call in place of one per grasp
             row = self._kept((array, object_id), lambda: shard.read(array, position))
         return np.asarray(row[grasp] if by_grasp else row)
 
@@ -137,6 +137,9 @@ class _Cache:
     def __init__(self, limit: int) -> None:
         self._limit, self._bytes = limit, 0
         self._arrays: OrderedDict[Hashable, np.ndarray] = OrderedDict()
+
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._arrays
 
     def get(self, key: Hashable, read: Callable[[], np.ndarray]) -> np.ndarray:
         if key in self._arrays:

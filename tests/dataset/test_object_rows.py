@@ -53,9 +53,17 @@ def test_arrays_of_the_object_are_read_once_and_not_per_grasp(data, monkeypatch)
     monkeypatch.setattr(Shard, "read", lambda shard, name, index=...: (reads.update([name]), genuine(shard, name, index))[1])
     dataset = GraspDataset(data, ARRAYS, "test")
     assert len([dataset[index] for index in range(len(dataset))]) == 15
-    assert reads["points"] == 3
+    assert reads["points"] == reads["depth"] == reads["reading"] == 3
     assert reads["untouched"] == 1
-    assert reads["depth"] == reads["reading"] == 15
+
+
+def test_one_grasp_is_read_without_the_others(data, monkeypatch):
+    sizes: list[int] = []
+    genuine = Shard.read
+    monkeypatch.setattr(Shard, "read", lambda shard, name, index=...: (sizes.append(np.size(index)), genuine(shard, name, index))[1])
+    rows = ObjectRows(data, ["depth"], "test")
+    assert rows.read("depth", "b", 3).shape == rows.read("depth", "b", 0)[None].shape[1:]
+    assert sizes == [2, 1], "by object and grasp, then the whole object"
 
 
 def test_what_is_shared_cannot_be_changed_and_tensors_can(data):
