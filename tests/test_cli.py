@@ -45,7 +45,7 @@ def test_doctor_finds_everything_here():
         ([*RUN, "--set", "pionts=5"], "there is no entry pionts. Its settings are points"),
         ([*RUN, "--set", "points"], "write STAGE.SETTING=VALUE"),
         ([*RUN, "--set", "fly.points=5"], "there is no stage fly"),
-        ([*RUN, "--shards", "2", "--shard", "2"], "shards are numbered 0 to 1"),
+        ([*RUN, "--data", "/nonexistent", "--shards", "2", "--shard", "2"], "shards are numbered 0 to 1"),
         ([*RUN, "--object", "nobody"], "has no object nobody"),
         ([*RUN, "--dry-run", "--explain"], "--dry-run makes nothing: leave one of them out"),
         (["run", "simulate-touch", "--data", "/nonexistent"], "run the stage that makes"),
