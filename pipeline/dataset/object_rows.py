@@ -108,20 +108,17 @@ class ObjectRows:
             return self._derive(array, object_id, grasp)
         dims = artifact.arrays[array].dims
         if dims[0] != "object":
-            return self._kept((array,), lambda: shard.read(array))
+            return self._cache.get((array,), lambda: shard.read(array))
         by_grasp = grasp is not None and dims[1:2] == ("grasp",)
         chunks, position = shard.array(array).chunks, shard.position[object_id]
         if chunks[0] > 1:  # a chunk holds several objects
             first = position - position % chunks[0]
-            row = self._kept((array, shard.path, first), lambda: shard.read(array, slice(first, first + chunks[0])))[position - first]
+            row = self._cache.get((array, shard.path, first), lambda: shard.read(array, slice(first, first + chunks[0])))[position - first]
         elif by_grasp and chunks[1] == 1 and grasp and (array, object_id) not in self._cache:
-            return self._kept((array, object_id, grasp), lambda: shard.read(array, (position, grasp)))
+            return self._cache.get((array, object_id, grasp), lambda: shard.read(array, (position, grasp)))
         else:  # so is that of grasp 0, with which a pass through an object begins: one call in place of one per grasp
-            row = self._kept((array, object_id), lambda: shard.read(array, position))
+            row = self._cache.get((array, object_id), lambda: shard.read(array, position))
         return np.asarray(row[grasp] if by_grasp else row)
-
-    def _kept(self, key: Hashable, read: Callable[[], np.ndarray]) -> np.ndarray:
-        return self._cache.get(key, read)
 
     def _derive(self, array: str, object_id: str, grasp: int | None) -> np.ndarray:
         sensor = Sensor.model_validate(self.attributes("touch")["sensor"])

@@ -17,14 +17,14 @@ GRACE_SECONDS = 3600.0
 
 def unnamed(folder: Path) -> Iterator[Path]:
     """Find the groups and folders directly in a folder that none of its records names."""
-    named = {_location(path) for path in folder.glob("*.json")}
+    named = {named_location(path) for path in folder.glob("*.json")}
     if None in named:  # a damaged record: what it named cannot be told
         return
     yield from (path for path in sorted(folder.glob("*-*")) if path.is_dir() and is_version(path.name) and path.name not in named)
 
 
 def collect(folder: Path, older_than: float = GRACE_SECONDS) -> list[Path]:
-    """Remove what no record of a folder names and was written longer ago, s; returns what was removed."""
+    """Remove what no record of a folder names and was replaced, or written, longer ago, s; returns what was removed."""
     doomed = [path for path in unnamed(folder) if time.time() - path.stat().st_mtime > older_than]
     for path in doomed:
         shutil.rmtree(path, ignore_errors=True)
@@ -32,7 +32,7 @@ def collect(folder: Path, older_than: float = GRACE_SECONDS) -> list[Path]:
 
 
 def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECONDS) -> list[Path]:
-    """Remove from a data directory all that no record names and was written longer ago, s; returns what was removed."""
+    """Remove from a data directory all that no record names and was replaced, or written, longer ago, s; returns what was removed."""
     return [path for folder in _folders(directory) for path in collect(folder, older_than)]
 
 
@@ -47,7 +47,8 @@ def _folders(directory: DataDirectory) -> list[Path]:
     return sorted(names | {directory.folder_record(name).parent for name in directory.folders()})
 
 
-def _location(path: Path) -> str | None:
+def named_location(path: Path) -> str | None:
+    """What the record at `path` names; None where there is no record that can be read."""
     try:
         return str(json.loads(path.read_bytes())["location"])
     except (OSError, ValueError, KeyError, TypeError):

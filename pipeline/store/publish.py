@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pipeline.store.atomic import move_folder, write_at_once
 from pipeline.store.directory import DataDirectory, shard_name, versioned
-from pipeline.store.garbage import collect
+from pipeline.store.garbage import collect, named_location
 from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord
 from pipeline.store.rows import Row
 from pipeline.store.write import RowToPack, write_group
@@ -49,5 +50,8 @@ def _located(record: R, location: str) -> R:
 
 def _publish(beside: Path, path: Path, record_path: Path, record: Provenance) -> None:
     move_folder(beside, path)
+    replaced = path.with_name(named_location(record_path) or path.name)
+    if replaced.exists():
+        os.utime(replaced)  # its readers are given time from now on, however old it is
     write_at_once(record_path, record.model_dump_json(indent=1).encode())
     collect(path.parent)

@@ -33,7 +33,7 @@ class GcnSettings(TrainingSettings):
     patience: int | None = setting(70, "the supplement's", ge=1)
     min_grasps: int = setting(1, "fewest grasps an item is given; how many, between fewest and most, is drawn for every item", ge=1)
     max_grasps: int = setting(5, "most grasps", ge=1)
-    items: int = setting(5, "items an object an epoch, each beginning with another grasp, whether a network feels or not", ge=1)
+    items: int = setting(5, "items per object and epoch, each beginning with another grasp, whether a network feels or not", ge=1)
     validation_items: int = setting(5, "items a validation object, with 1, 2, … grasps", ge=1)
     loss_points: int = setting(3000, "points sampled on the prediction and drawn from the object's for the loss", ge=1)
     checkpoint_passes: bool = setting(False, "recompute each pass in the backward one: less memory, more time", changes="speed")
