@@ -6,6 +6,7 @@ from fnmatch import fnmatchcase
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic.dataclasses import dataclass
 
 Dtype = Literal["float64", "float32", "int32", "uint8", "bool", "string"]
 
@@ -13,10 +14,9 @@ FIXED = {"xyz": 3, "rgb": 3, "rgba": 4, "uv": 2, "corner": 3, "pose_row": 4, "po
 """Dimensions whose size is the same everywhere; every other size belongs to a dataset, and is the same in all its shards."""
 
 
-class Array(BaseModel):
-    """One array: its dimensions by name, its type, unit and meaning."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class Array:
+    """One array: its dimensions by name, its type, unit and meaning, and the number of its equation in the paper."""
 
     dims: tuple[str, ...]
     dtype: Dtype
@@ -35,12 +35,12 @@ class Array(BaseModel):
 
     @property
     def per_object(self) -> bool:
-        """Whether there is one entry an object."""
+        """Whether there is one entry per object."""
         return self.dims[:1] == ("object",)
 
 
 class Artifact(BaseModel):
-    """What one stage writes: the arrays of a shard's root group, and those of a group an object where sizes differ.
+    """What one stage writes: the arrays of a shard's root group, and those of a group per object where sizes differ.
 
     `ragged` maps an array's path below the root with the object's id left out, such as `meshes/vertices` for
     `meshes/OBJECT_ID/vertices`; a `*` in it stands for a number.
@@ -69,24 +69,21 @@ class Artifact(BaseModel):
 
 
 COMMON = {
-    "object_id": Array(dims=("object",), dtype="string", units="1", description="The object's name, the same in every artifact."),
-    "category": Array(dims=("object",), dtype="string", units="1", description="The object's class."),
-    "split": Array(dims=("object",), dtype="string", units="1", description="train, valid or test: a label, on which no value depends."),
+    "object_id": Array(("object",), "string", "1", "The object's name, the same in every artifact."),
+    "category": Array(("object",), "string", "1", "The object's class."),
+    "split": Array(("object",), "string", "1", "train, valid or test: a label, on which no value depends."),
     "ok": Array(
-        dims=("object",),
-        dtype="bool",
-        units="1",
-        description="False where the object could not be processed: its rows are zeros, and `failures` in the attributes says why.",
+        ("object",),
+        "bool",
+        "1",
+        "False where the object could not be processed: its rows are zeros, and `failures` in the attributes says why.",
     ),
 }
 
 COORDINATES = {
-    name: Array(dims=(name,), dtype="int32" if name == "grasp" else "string", units="1", description=description, optional=True)
-    for name, description in {
-        "grasp": "Number of the grasp, 0 the best.",
-        "sensor": "Name of the finger that wears the sensor.",
-        "joint": "Name of the joint in the hand's URDF, finger by finger.",
-    }.items()
+    "grasp": Array(("grasp",), "int32", "1", "Number of the grasp, 0 the best.", optional=True),
+    "sensor": Array(("sensor",), "string", "1", "Name of the finger that wears the sensor.", optional=True),
+    "joint": Array(("joint",), "string", "1", "Name of the joint in the hand's URDF, finger by finger.", optional=True),
 }
 """Labels of dimensions: a stage that gives none takes over those of its inputs."""
 

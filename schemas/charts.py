@@ -17,28 +17,24 @@ CHARTS = Artifact(
     arrays={
         **coordinates("grasp", "sensor"),
         "vertices": Array(
-            dims=("object", "grasp", "sensor", "vertex", "xyz"),
-            dtype="float32",
-            units="m",
-            description="Vertices of the chart in the world; the undeformed sensor square where the sensor did not touch.",
+            ("object", "grasp", "sensor", "vertex", "xyz"),
+            "float32",
+            "m",
+            "Vertices of the chart in the world; the undeformed sensor square where the sensor did not touch.",
         ),
         "residual": Array(
-            dims=("object", "grasp", "sensor"),
-            dtype="float32",
-            units="m",
-            description="Root of the mean squared distance of the cloud's points to the chart's surface; 0 where no chart was fitted.",
+            ("object", "grasp", "sensor"),
+            "float32",
+            "m",
+            "Root of the mean squared distance of the cloud's points to the chart's surface; 0 where no chart was fitted.",
         ),
-        "iterations": Array(
-            dims=("object", "grasp", "sensor"), dtype="int32", units="1", description="Steps of Adam; 0 where no chart was fitted."
-        ),
+        "iterations": Array(("object", "grasp", "sensor"), "int32", "1", "Steps of Adam; 0 where no chart was fitted."),
         "stop_rule": Array(
-            dims=("object", "grasp", "sensor"),
-            dtype="uint8",
-            units="1",
-            description=f"Why fitting stopped: {', '.join(f'{code} {name}' for code, name in enumerate(STOP_RULES))}.",
+            ("object", "grasp", "sensor"),
+            "uint8",
+            "1",
+            f"Why fitting stopped: {', '.join(f'{code} {name}' for code, name in enumerate(STOP_RULES))}.",
         ),
-        "chart_faces": Array(
-            dims=("face", "corner"), dtype="int32", units="1", description="Triangles of every chart, as indices of its vertices."
-        ),
+        "chart_faces": Array(("face", "corner"), "int32", "1", "Triangles of every chart, as indices of its vertices."),
     },
 )

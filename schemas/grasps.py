@@ -10,41 +10,29 @@ GRASPS = Artifact(
     arrays={
         **coordinates("grasp", "sensor", "joint"),
         "hand_pose": Array(
-            dims=("object", "grasp", "pose_row", "pose_column"),
-            dtype="float64",
-            units="m",
-            description="The hand's root link (its URDF frame) in the world, best grasp first.",
+            ("object", "grasp", "pose_row", "pose_column"),
+            "float64",
+            "m",
+            "The hand's root link (its URDF frame) in the world, best grasp first.",
         ),
-        "joint_angles": Array(
-            dims=("object", "grasp", "joint"), dtype="float64", units="rad", description="Joint angles as simulated, finger by finger."
-        ),
+        "joint_angles": Array(("object", "grasp", "joint"), "float64", "rad", "Joint angles as simulated, finger by finger."),
         "sensor_pose": Array(
-            dims=("object", "grasp", "sensor", "pose_row", "pose_column"),
-            dtype="float64",
-            units="m",
-            description="P: the sensor's frame in the world; origin at the centre of the gel's base, +z its outward normal, "
+            ("object", "grasp", "sensor", "pose_row", "pose_column"),
+            "float64",
+            "m",
+            "P: the sensor's frame in the world; origin at the centre of the gel's base, +z its outward normal, "
             "+x along image columns, +y along image rows.",
         ),
-        "touch_success": Array(
-            dims=("object", "grasp", "sensor"),
-            dtype="bool",
-            units="1",
-            description="M: whether the sensor touches, 0 < min D < w - 0.1 mm.",
-        ),
+        "touch_success": Array(("object", "grasp", "sensor"), "bool", "1", "M: whether the sensor touches, 0 < min D < w - 0.1 mm."),
         "penetration": Array(
-            dims=("object", "grasp"),
-            dtype="float32",
-            units="m",
-            description="Depth of the deepest rigid point inside the object, or of the object inside a rigid link; the gel is soft.",
+            ("object", "grasp"),
+            "float32",
+            "m",
+            "Depth of the deepest rigid point inside the object, or of the object inside a rigid link; the gel is soft.",
         ),
-        "attempts": Array(
-            dims=("object",), dtype="int32", units="1", description="Placements of the hand tried, before the best were chosen."
-        ),
+        "attempts": Array(("object",), "int32", "1", "Placements of the hand tried, before the best were chosen."),
         "attempt_success": Array(
-            dims=("object", "sensor"),
-            dtype="float32",
-            units="1",
-            description="Share of the attempts made in which the sensor touched, before the best were chosen.",
+            ("object", "sensor"), "float32", "1", "Share of the attempts made in which the sensor touched, before the best were chosen."
         ),
     },
 )

@@ -10,40 +10,26 @@ TOUCH = Artifact(
     arrays={
         **coordinates("grasp", "sensor"),
         "depth": Array(
-            dims=("object", "grasp", "sensor", "row", "col"),
-            dtype="float32",
-            units="m",
-            description="D: distance from the sensor plane along its normal; +inf where nothing is met within range.",
+            ("object", "grasp", "sensor", "row", "col"),
+            "float32",
+            "m",
+            "D: distance from the sensor plane along its normal; +inf where nothing is met within range.",
             equation="1",
             infinite=True,
         ),
         "reading": Array(
-            dims=("object", "grasp", "sensor", "row", "col", "rgb"),
-            dtype="uint8",
-            units="1/255",
-            description="R: the tactile image of `depth`.",
-            equation="2-5",
+            ("object", "grasp", "sensor", "row", "col", "rgb"), "uint8", "1/255", "R: the tactile image of `depth`.", equation="2-5"
         ),
         "untouched": Array(
-            dims=("row", "col", "rgb"),
-            dtype="uint8",
-            units="1/255",
-            description="The reading of a sensor that nothing touches: losses mask against it.",
-            equation="2-5",
+            ("row", "col", "rgb"), "uint8", "1/255", "The reading of a sensor that nothing touches: losses mask against it.", equation="2-5"
         ),
         "local_points": Array(
-            dims=("object", "grasp", "sensor", "point", "xyz"),
-            dtype="float32",
-            units="m",
-            description="S^loc: world points with D < w, in row-major pixel order, zeros beyond `local_count`.",
+            ("object", "grasp", "sensor", "point", "xyz"),
+            "float32",
+            "m",
+            "S^loc: world points with D < w, in row-major pixel order, zeros beyond `local_count`.",
             optional=True,
         ),
-        "local_count": Array(
-            dims=("object", "grasp", "sensor"),
-            dtype="int32",
-            units="1",
-            description="How many of `local_points` there are.",
-            optional=True,
-        ),
+        "local_count": Array(("object", "grasp", "sensor"), "int32", "1", "How many of `local_points` there are.", optional=True),
     },
 )

@@ -9,26 +9,26 @@ VISION = Artifact(
     summary="Images of every object alone and in every grasp, with what each pixel shows.",
     arrays={
         **coordinates("grasp"),
-        "unoccluded": Array(dims=("object", "row", "col", "rgb"), dtype="uint8", units="1/255", description="V_u: the object alone, sRGB."),
+        "unoccluded": Array(("object", "row", "col", "rgb"), "uint8", "1/255", "V_u: the object alone, sRGB."),
         "occluded": Array(
-            dims=("object", "grasp", "row", "col", "rgb"),
-            dtype="uint8",
-            units="1/255",
-            description="V_o: the object with the hand as it stood in each grasp, sRGB.",
+            ("object", "grasp", "row", "col", "rgb"),
+            "uint8",
+            "1/255",
+            "V_o: the object with the hand as it stood in each grasp, sRGB.",
             optional=True,
         ),
         "segmentation": Array(
-            dims=("object", "view", "row", "col"),
-            dtype="uint8",
-            units="1",
-            description="What the ray through a pixel's centre meets: 0 background, 1 object, 2 hand. "
+            ("object", "view", "row", "col"),
+            "uint8",
+            "1",
+            "What the ray through a pixel's centre meets: 0 background, 1 object, 2 hand. "
             "View 0 is the unoccluded one, view 1 + g that of grasp g.",
         ),
         "camera": Array(
-            dims=("image_axis", "homogeneous"),
-            dtype="float64",
-            units="pixel; pixel / m",
-            description="Projection of homogeneous world points, m, to (column, row, 1) times depth; pixel centres at 1/2.",
+            ("image_axis", "homogeneous"),
+            "float64",
+            "pixel; pixel / m",
+            "Projection of homogeneous world points, m, to (column, row, 1) times depth; pixel centres at 1/2.",
         ),
     },
 )

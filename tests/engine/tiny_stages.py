@@ -37,17 +37,17 @@ NOISE = Artifact(
     version=1,
     summary="Random numbers.",
     arrays={
-        "values": Array(dims=("object", "sample", "xyz"), dtype="float32", units="m", description="Noise."),
-        "label": Array(dims=("object",), dtype="string", units="1", description="A word."),
-        "reach": Array(dims=("sample", "xyz"), dtype="float64", units="m", description="The scale of the noise."),
+        "values": Array(("object", "sample", "xyz"), "float32", "m", "Noise."),
+        "label": Array(("object",), "string", "1", "A word."),
+        "reach": Array(("sample", "xyz"), "float64", "m", "The scale of the noise."),
     },
-    ragged={"lists/numbers": Array(dims=("number",), dtype="int32", units="1", description="As many as the id is long.")},
+    ragged={"lists/numbers": Array(("number",), "int32", "1", "As many as the id is long.")},
 )
 MEAN = Artifact(
     name="mean",
     version=1,
     summary="Their means.",
-    arrays={"mean": Array(dims=("object", "xyz"), dtype="float64", units="m", description="The mean of `values`.")},
+    arrays={"mean": Array(("object", "xyz"), "float64", "m", "The mean of `values`.")},
 )
 
 
