@@ -1,18 +1,28 @@
-"""Every stage by name, in the order of the pipeline; a stage's module is imported when the stage is asked for."""
+"""Every stage by name, in the order of the pipeline, and the settings that a user chooses for it.
+
+A stage's modules are imported when the stage is asked for.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from importlib import import_module
-from typing import NamedTuple, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
+import yaml
+from pydantic import ValidationError
+
+from pipeline.config.complaints import complaints
+from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import DatasetStage, ObjectStage
+from pipeline.errors import SettingsError
 
 
 class Entry(NamedTuple):
-    """Where a stage is: its room, the class in the room's `stage`, and that in its `settings`."""
+    """Where a stage is: its folder, the class in the folder's `stage`, and that in its `settings`."""
 
-    room: str
+    folder: str
     stage: str
     settings: str
 
@@ -30,19 +40,62 @@ STAGES = {
 
 
 def load_stage(name: str) -> ObjectStage | DatasetStage:
-    """The stage called `name`, a key of `STAGES`."""
+    """Load the stage called `name`, a key of `STAGES`."""
     entry = STAGES[name]
-    stage: ObjectStage | DatasetStage = getattr(import_module(f"{entry.room}.stage"), entry.stage)()
+    stage: ObjectStage | DatasetStage = getattr(import_module(f"{entry.folder}.stage"), entry.stage)()
     return stage
 
 
 def load_settings_type(name: str) -> type[Settings]:
     """Load the type of its settings, without the stage and the libraries that it needs."""
     entry = STAGES[name]
-    settings: type[Settings] = getattr(import_module(f"{entry.room}.settings"), entry.settings)
+    settings: type[Settings] = getattr(import_module(f"{entry.folder}.settings"), entry.settings)
     return settings
 
 
 def is_dataset_stage(stage: ObjectStage | DatasetStage) -> TypeGuard[DatasetStage]:
     """Tell a stage that looks at the whole dataset at once from one that looks at one object after the other."""
     return isinstance(stage, DatasetStage)
+
+
+def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
+    """Resolve a stage's settings: defaults, then the preset, then `STAGE.SETTING=VALUE`, or `SETTING=VALUE` where a stage has that setting.
+
+    Assignments to other stages are left alone, so that one list serves all of them.
+
+    Raises
+    ------
+    SettingsError
+        Unknown preset, stage or setting, or a value that is not allowed; the message lists what there is.
+    """
+    presets, settings = load_presets(), load_settings_type(stage)
+    if preset not in presets:
+        raise SettingsError(f"there is no preset {preset}; there are {', '.join(presets)}")
+    values = dict(presets[preset].get(stage, {}))
+    for assignment in assignments:
+        name, separator, text = assignment.partition("=")
+        owner, _, setting = name.rpartition(".")
+        if not separator or not setting:
+            raise SettingsError(f"--set {assignment}: write STAGE.SETTING=VALUE")
+        if owner and owner not in STAGES:
+            raise SettingsError(f"--set {assignment}: there is no stage {owner}; there are {', '.join(STAGES)}")
+        if owner == stage or (not owner and (setting in settings.model_fields or not _is_known(setting, STAGES))):
+            values[setting] = _value(assignment, text)
+        elif owner and not _is_known(setting, [owner]):
+            raise SettingsError(f"--set {assignment}: {owner} has no setting {setting}; `vt-pipeline stages` lists them")
+    try:
+        return settings.model_validate(values)
+    except ValidationError as error:
+        known = ", ".join(settings.model_fields)
+        raise SettingsError(f"settings of {stage}: {complaints(error)}. Its settings are {known}") from error
+
+
+def _is_known(setting: str, stages: Iterable[str]) -> bool:
+    return any(setting in load_settings_type(stage).model_fields for stage in stages)
+
+
+def _value(assignment: str, text: str) -> Any:
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise SettingsError(f"--set {assignment}: {text!r} is no value: {error}") from error

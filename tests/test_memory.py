@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 
 from pipeline.config.manifest import load_manifest
-from pipeline.config.presets import resolve
 from pipeline.console import errors
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.engine.workers import Work, run_jobs
-from stages.registry import STAGES, load_stage
+from stages.registry import STAGES, load_stage, resolve
 
 ASSIGNMENTS = ["sample-surfaces.points=1000", "simulate-grasps.attempts=5", "simulate-grasps.ik_samples=256"]
 GROWTH_MB = 30
@@ -38,7 +37,7 @@ def test_memory_stays_flat_over_300_objects(tmp_path):
     objects = load_manifest("pybullet-objects").objects()[:300]
     for name in STAGES:
         stage = load_stage(name)
-        (plan,) = make_plans(Request(stage, resolve(stage, "draft", ASSIGNMENTS, STAGES), "300", objects, "draft", 0, tmp_path))
+        (plan,) = make_plans(Request(stage, resolve(name, "draft", ASSIGNMENTS), "300", objects, "draft", 0, tmp_path))
         jobs, work = [member.job for member in plan.members], Work(stage, plan.settings, 0, tmp_path, plan.models)
         sizes = [children_megabytes() for _ in run_jobs(work, jobs, 1)]
         run(plan, errors)

@@ -10,9 +10,9 @@ from typing import Any, Literal
 
 import yaml
 
-from pipeline.config.presets import load_presets, resolve
+from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
-from stages.registry import STAGES, load_stage
+from stages.registry import resolve
 
 HERE = Path(__file__).parent
 Kind = Literal["preset", "setting", "combination", "reference", "seed"]
@@ -37,7 +37,7 @@ class Variant:
 
     def settings(self, stage: str) -> Settings:
         """Resolve all settings of the stage."""
-        return resolve(load_stage(stage), self.preset, self.assignments(stage), STAGES)
+        return resolve(stage, self.preset, self.assignments(stage))
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ import typer
 
 from pipeline.cli.messages import fail
 from pipeline.config.manifest import load_manifest
-from pipeline.config.presets import load_presets, resolve
+from pipeline.config.presets import load_presets
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
 from pipeline.errors import PipelineError
-from stages.registry import STAGES, load_settings_type
+from stages.registry import resolve
 
 S = TypeVar("S", bound=Stage)
 
@@ -45,12 +45,6 @@ def failures_as_words() -> Iterator[None]:
         fail("this is a bug in vt-pipeline; please report it with the traceback above. What is finished is kept")
 
 
-def a_stage_has(setting: str) -> bool:
-    """Whether any stage has a setting of this name, or the one before its dot."""
-    owner, _, field = setting.rpartition(".")
-    return any(field in load_settings_type(name).model_fields for name in ([owner] if owner else STAGES))
-
-
 def make_request(
     stage: S,
     manifest: str,
@@ -69,7 +63,7 @@ def make_request(
     described = load_manifest(manifest)
     return Request(
         stage=stage,
-        settings=resolve(stage, preset, assignments, STAGES, a_stage_has),
+        settings=resolve(stage.name, preset, assignments),
         manifest=described.name,
         objects=described.objects(objects),
         preset=preset,

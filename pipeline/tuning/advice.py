@@ -17,14 +17,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from pipeline.config.manifest import Object, load_manifest
-from pipeline.config.presets import resolve
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
 from pipeline.errors import AdviceError
 from pipeline.tuning.choice import PRESET, Choice, Limit, MachineSpeed, Workload, fastest, within_error, within_time
 from pipeline.tuning.measurements import Study, load_studies
 from pipeline.tuning.trial import measure_speed, trial_objects
-from stages.registry import STAGES, load_stage
+from stages.registry import load_stage, resolve
 
 STAGES_OF = {
     "dataset": ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch"),
@@ -111,7 +110,7 @@ class Advice:
 
     def _entry(self, choice: Choice) -> dict[str, Any]:
         study, measured = choice.study, choice.measurement
-        settings = resolve(load_stage(study.stage), PRESET, [*self.assignments, TOUCH_NETWORK], STAGES)
+        settings = resolve(study.stage, PRESET, [*self.assignments, TOUCH_NETWORK])
         return {
             "setting": measured.label,
             "seconds": round(choice.seconds, 1),
@@ -191,7 +190,7 @@ def _try(request: Request[Any], choices: Sequence[Choice], log: Console) -> Mapp
     assignments, speeds = [*_assignments(choices), TOUCH_NETWORK], {}
     for choice in choices:
         stage = load_stage(choice.study.stage)
-        settings = resolve(stage, PRESET, assignments, STAGES)
+        settings = resolve(stage.name, PRESET, assignments)
         speeds[choice.study.stage] = measure_speed(replace(request, stage=stage, settings=settings), choice, log)
     return speeds
 
@@ -201,4 +200,4 @@ def _assignments(choices: Sequence[Choice]) -> list[str]:
 
 
 def _preset(stage: str) -> Settings:
-    return resolve(load_stage(stage), PRESET, [], STAGES)
+    return resolve(stage, PRESET, [])

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from pipeline.config.manifest import Manifest
-from pipeline.config.presets import resolve
 from pipeline.console import errors
 from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
-from stages.registry import STAGES, load_stage
+from stages.registry import load_stage, resolve
 
 ASSIGNMENTS = ("sample-surfaces.points=2000", "simulate-grasps.attempts=4", "simulate-grasps.ik_samples=512")
 
@@ -25,7 +24,7 @@ def manifest(train: int = 1, valid: int = 1, test: int = 0, **count: int) -> Man
 def run_stage(data: Path, name: str, objects: Manifest, *assignments: str, seed: int = 0) -> Path | None:
     """Run a stage; the folder, where it is a dataset stage."""
     stage = load_stage(name)
-    settings = resolve(stage, "draft", [*ASSIGNMENTS, *assignments], STAGES)
+    settings = resolve(name, "draft", [*ASSIGNMENTS, *assignments])
     (plan,) = make_plans(Request(stage, settings, objects.name, objects.objects(), "draft", seed, data))
     assert not run(plan, errors).failed
     return plan.directory.folder_path(plan.name) if isinstance(plan, FolderPlan) else None

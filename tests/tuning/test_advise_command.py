@@ -14,14 +14,13 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.cli.request import make_request
 from pipeline.config.manifest import load_manifest
-from pipeline.config.presets import resolve
 from pipeline.console import errors
 from pipeline.errors import StoreError
 from pipeline.tuning.advice import STAGES_OF
 from pipeline.tuning.choice import Choice
 from pipeline.tuning.measurements import Measurement
 from pipeline.tuning.trial import measure_speed, trial_objects
-from stages.registry import STAGES, load_stage
+from stages.registry import load_stage, resolve
 from tests.tuning.studies import measurement, study
 
 METRICS = {
@@ -41,7 +40,7 @@ def figures(monkeypatch):
     """Made-up figures: of every stage `standard`, and of touch a setting of another error."""
 
     def made(stage: str, label: str, error: float, **changed: object) -> Measurement:
-        settings = resolve(load_stage(stage), "standard", [], STAGES).accuracy() | changed
+        settings = resolve(stage, "standard", []).accuracy() | changed
         return measurement(label, 0.1, error, metric=METRICS[stage], kind="setting" if changed else "preset", **settings)
 
     studies = {name: study(name, made(name, "standard", 8), fixed=FIXED.get(name, {})) for name in METRICS}

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from pipeline.config.presets import resolve
 from pipeline.engine.keys import code_hash
 from pipeline.tuning.measurements import load_studies
-from stages.registry import STAGES, load_stage
+from stages.registry import STAGES, load_stage, resolve
 from tests.tuning.studies import MADE, measurement, study
 
 
@@ -37,10 +36,9 @@ def test_preset_is_found_in_a_label_of_several():
 
 
 def test_study_names_fixed_settings_that_differ():
-    stage = load_stage("render-vision")
     measured = study("render-vision", measurement("standard", 1, 1), fixed={"scene": "other"})
-    assert measured.fixed_otherwise(resolve(stage, "standard", [], STAGES)) == ", with scene=other"
-    assert measured.fixed_otherwise(resolve(stage, "standard", ["scene=other"], STAGES)) == ""
+    assert measured.fixed_otherwise(resolve("render-vision", "standard", [])) == ", with scene=other"
+    assert measured.fixed_otherwise(resolve("render-vision", "standard", ["scene=other"])) == ""
 
 
 @pytest.mark.parametrize(("code", "current"), [(None, False), ("of another commit", False), ("", True)])

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from pipeline.config.presets import resolve
 from pipeline.tuning import quote as quoting
 from pipeline.tuning.quote import quote
-from stages.registry import STAGES, load_stage
+from stages.registry import resolve
 from tests.tuning.studies import measurement, study
 
 SOURCE = "[commit abc1234, 2026-01-31; the code has changed since]"
@@ -15,7 +14,7 @@ VISION = {"resolution": 256, "occluded": True}
 
 
 def settings(stage: str, *assignments: str):
-    return resolve(load_stage(stage), "standard", assignments, STAGES)
+    return resolve(stage, "standard", assignments)
 
 
 @pytest.fixture
