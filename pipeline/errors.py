@@ -11,14 +11,10 @@ class PipelineError(Exception):
 
 
 class InvalidInput(PipelineError, ValueError):
-    """Something given cannot be used: a mesh, an image, a pose, a description file.
+    """Something given cannot be used: a mesh, an image, a pose, a manifest, a description file.
 
     While an object is processed, it is that object's failure.
     """
-
-
-class ManifestError(PipelineError):
-    """A manifest cannot be read or names no objects."""
 
 
 class SettingsError(PipelineError):

@@ -39,7 +39,7 @@ def test_doctor_finds_everything_here():
     ("arguments", "message"),
     [
         (["run", "fly"], "there is no stage fly; there are sample-surfaces"),
-        ([*RUN, "--manifest", "moon"], "there is no manifest moon; built in are"),
+        ([*RUN, "--manifest", "moon"], "there is no manifest 'moon'; built in are"),
         ([*RUN, "--preset", "best"], "there is no preset best; there are draft, standard, paper"),
         ([*RUN, "--set", "points=many"], "points: Input should be a valid integer"),
         ([*RUN, "--set", "pionts=5"], "there is no entry pionts. Its settings are points"),

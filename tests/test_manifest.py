@@ -6,9 +6,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.config.manifest import Manifest, built_in, load_manifest, shard_of
+from pipeline.config.description_file import shipped_files
+from pipeline.config.manifest import Manifest, load_manifest
 from pipeline.config.sources import checksum, fingerprint
-from pipeline.errors import ManifestError
+from pipeline.errors import InvalidInput
 
 CUBE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
@@ -35,8 +36,9 @@ def warehouse(root: Path, **counts: int) -> Path:
 
 
 def test_every_built_in_manifest_loads():
-    assert built_in() == ["directory", "four-classes", "procedural", "pybullet-objects", "toy", "warehouse"]
-    for name in built_in():
+    names = list(shipped_files("manifest"))
+    assert names == ["directory", "four-classes", "procedural", "pybullet-objects", "toy", "warehouse"]
+    for name in names:
         assert load_manifest(name).name == name
 
 
@@ -80,18 +82,18 @@ def test_a_model_without_a_file_is_listed_and_fails_when_it_is_read(tmp_path):
 
 def test_the_supplements_counts_are_kept(tmp_path):
     root = warehouse(tmp_path, bottle=1, knife=1, cellphone=1, rifle=1)
-    with pytest.raises(ManifestError, match="holds 1 models of bottle, the manifest counts 487; complete or prune"):
+    with pytest.raises(InvalidInput, match="holds 1 models of bottle, the manifest counts 487; complete or prune"):
         load_manifest("warehouse").objects(root)
 
 
 def test_a_missing_class_names_where_it_was_looked_for(tmp_path):
-    with pytest.raises(ManifestError, match=r"no models of bottle in .*02876657; looked for MODEL/models/model_normalized.obj"):
+    with pytest.raises(InvalidInput, match=r"no models of bottle in .*02876657; looked for MODEL/models/model_normalized.obj"):
         load_manifest("warehouse").objects(tmp_path)
 
 
 def test_splits_that_count_must_count_right(tmp_path):
     (tmp_path / "a.obj").write_text(CUBE)
-    with pytest.raises(ManifestError, match=r"1298 \+ 258 \+ 175 = 1731 objects, 1 were found"):
+    with pytest.raises(InvalidInput, match=r"1298 \+ 258 \+ 175 = 1731 objects, 1 were found"):
         manifest(folder("directory", tmp_path), splits={"train": 1298, "valid": 258, "test": 175}).objects()
 
 
@@ -110,9 +112,9 @@ def test_a_folder_gives_ids_and_categories(tmp_path):
 
 
 def test_no_folder_and_an_empty_one_are_errors_with_a_way_out(tmp_path):
-    with pytest.raises(ManifestError, match="give a folder of meshes with --objects DIR"):
+    with pytest.raises(InvalidInput, match="give a folder of meshes with --objects DIR"):
         load_manifest("directory").objects()
-    with pytest.raises(ManifestError, match="no mesh files below"):
+    with pytest.raises(InvalidInput, match="no mesh files below"):
         load_manifest("directory").objects(tmp_path)
 
 
@@ -121,7 +123,7 @@ def test_a_checksum_that_differs_is_an_error(tmp_path):
     right = checksum(manifest(folder("directory", tmp_path)).sources[0].find(None))
     assert len(manifest(folder("directory", tmp_path, sha256=right)).objects()) == 1
     (tmp_path / "a.obj").write_text(CUBE + "# changed\n")
-    with pytest.raises(ManifestError, match=r"have checksum .* the manifest says"):
+    with pytest.raises(InvalidInput, match=r"have checksum .* the manifest says"):
         manifest(folder("directory", tmp_path, sha256=right)).objects()
 
 
@@ -139,27 +141,19 @@ def test_a_checksum_that_differs_is_an_error(tmp_path):
 def test_what_is_wrong_in_a_file_is_named(tmp_path, change, reason):
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(load_manifest("directory").model_dump(mode="json") | change))
-    with pytest.raises(ManifestError, match=reason):
+    with pytest.raises(InvalidInput, match=reason):
         load_manifest(str(path))
 
 
 def test_an_unknown_manifest_lists_the_known():
-    with pytest.raises(ManifestError, match="built in are directory, four-classes, procedural, pybullet-objects, toy, warehouse"):
+    with pytest.raises(InvalidInput, match="built in are directory, four-classes, procedural, pybullet-objects, toy, warehouse"):
         load_manifest("moon")
 
 
 def test_two_objects_of_one_name_are_an_error(tmp_path):
     (tmp_path / "a.obj").write_text(CUBE)
-    with pytest.raises(ManifestError, match="two objects are called a"):
+    with pytest.raises(InvalidInput, match="two objects are called a"):
         manifest(folder("directory", tmp_path), folder("directory", tmp_path)).objects()
-
-
-@pytest.mark.parametrize("shards", [1, 2, 7, 25, 40])
-def test_shards_are_consecutive_and_even(shards):
-    objects = load_manifest("toy").objects()
-    parts = [shard_of(objects, number, shards) for number in range(shards)]
-    assert [item for part in parts for item in part] == objects
-    assert max(map(len, parts)) - min(map(len, parts)) <= 1
 
 
 def test_an_object_is_what_its_files_hold_wherever_they_lie(tmp_path):

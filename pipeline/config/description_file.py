@@ -1,10 +1,10 @@
-"""Description files of hands, sensors and scenes: shipped ones by name, others by the path of a YAML file."""
+"""Description files of manifests, hands, sensors and scenes: shipped ones by name, others by the path of a YAML file."""
 
 from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -12,8 +12,15 @@ from pydantic import BaseModel, ValidationError
 from pipeline.config.complaints import complaints
 from pipeline.errors import InvalidInput
 
-Kind = Literal["hand", "sensor", "scene"]
+Kind = Literal["manifest", "hand", "sensor", "scene"]
 Model = TypeVar("Model", bound=BaseModel)
+
+
+def shipped_files(kind: Kind) -> dict[str, Path]:
+    """List the files that come with the package, by name."""
+    package = Path(str(resources.files("pipeline")))
+    folder = package.parent / "data_manifests" if kind == "manifest" else package / "assets" / f"{kind}s"
+    return {file.stem: file for file in sorted(folder.glob("*.yaml"))}
 
 
 def description_path(kind: Kind, name: str | Path) -> Path:
@@ -24,18 +31,17 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     kind
         What the file describes.
     name
-        Name of a shipped file, or a path that ends in .yaml or .yml.
+        Name of a shipped file, or the path of a YAML file.
 
     Raises
     ------
     InvalidInput
         There is no such file; the message lists the shipped ones.
     """
-    folder = Path(str(resources.files("pipeline"))) / "assets" / f"{kind}s"
-    path = Path(name).expanduser() if str(name).endswith((".yaml", ".yml")) else folder / f"{name}.yaml"
+    shipped = shipped_files(kind)
+    path = shipped.get(str(name), Path(name).expanduser())
     if not path.is_file():
-        names = ", ".join(sorted(file.stem for file in folder.glob("*.yaml")))
-        raise InvalidInput(f"{kind} {str(name)!r}: there is no file {path}; choose one of [{names}] or give the path of a .yaml file")
+        raise InvalidInput(f"there is no {kind} {str(name)!r}; built in are {', '.join(shipped)}, or give the path of a YAML file")
     return path
 
 
@@ -45,12 +51,12 @@ def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
     Raises
     ------
     InvalidInput
-        The file is no YAML, or lacks an entry, or has an unknown or unusable one; the message names the file and every such entry.
+        The file cannot be read, is no YAML, lacks an entry, or has an unknown or unusable one; the message names the file and every
+        such entry.
     """
     try:
-        content: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-        return model.model_validate(content)
+        return model.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
     except ValidationError as error:
         raise InvalidInput(f"{kind} file {path}: {complaints(error)}. Its entries are {', '.join(model.model_fields)}") from error
-    except yaml.YAMLError as error:
-        raise InvalidInput(f"{kind} file {path} is not YAML: {error}") from error
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InvalidInput(f"{kind} file {path} cannot be read as YAML: {error}") from error

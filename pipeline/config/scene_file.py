@@ -8,11 +8,6 @@ from pipeline.config.description_file import description_path, read_description
 from pipeline.kernels.vision.scene import Scene
 
 
-def scene_path(name: str | Path) -> Path:
-    """Find a scene file by the name of a shipped scene or by path; see `description_path`."""
-    return description_path("scene", name)
-
-
 def load_scene(name: str | Path) -> Scene:
     """Read a scene by the name of a shipped scene or by path; an `InvalidInput` names the file and what is wrong with it."""
-    return read_description("scene", scene_path(name), Scene)
+    return read_description("scene", description_path("scene", name), Scene)

@@ -8,11 +8,6 @@ from pipeline.config.description_file import description_path, read_description
 from pipeline.kernels.touch.sensor import Sensor
 
 
-def sensor_path(name: str | Path) -> Path:
-    """Find a sensor file by the name of a shipped sensor or by path; see `description_path`."""
-    return description_path("sensor", name)
-
-
 def load_sensor(name: str | Path) -> Sensor:
     """Read a sensor by the name of a shipped sensor or by path; an `InvalidInput` names the file and what is wrong with it."""
-    return read_description("sensor", sensor_path(name), Sensor)
+    return read_description("sensor", description_path("sensor", name), Sensor)

@@ -10,13 +10,15 @@ from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib import util
+from importlib import resources
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Literal
 from urllib.parse import unquote
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from pipeline.errors import InvalidInput
 
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
 
@@ -42,13 +44,13 @@ class Source(BaseModel):
 
     @abstractmethod
     def each(self, root: Path | None) -> Iterator[Found]:
-        """Every object of the source; an OSError or ValueError says what is not there."""
+        """List every object of the source; an `OSError` or `InvalidInput` says what is not there."""
 
     def find(self, root: Path | None) -> list[Found]:
-        """Every object of the source, after its checksum, if it states one, was found right."""
+        """List every object of the source, and check its checksum if it states one."""
         found = list(self.each(root))
         if self.sha256 is not None and (actual := checksum(found)) != self.sha256:
-            raise ValueError(
+            raise InvalidInput(
                 f"the {len(found)} files of this source have checksum {actual}, the manifest says {self.sha256}: "
                 "other files than it was written for; install the pinned packages, or state the new checksum in a manifest of your own"
             )
@@ -63,7 +65,7 @@ class Placed(Source):
     """Metres per unit of the file, to keep real sizes; without it, objects are scaled to one size."""
 
     def placed(self, file: Path, up: str | None = None) -> dict[str, Any]:
-        """How to load a file of this source."""
+        """Say how to load a file of this source."""
         return {"file": str(file), "up": up or self.up, "metres_per_unit": self.metres_per_unit}
 
 
@@ -75,7 +77,7 @@ class Procedural(Source):
     seed: int = Field(ge=0)
 
     def each(self, root: Path | None) -> Iterator[Found]:
-        """Every variant of every category."""
+        """List every variant of every category."""
         for category, count in self.count.items():
             for number in range(count):
                 source = {"procedural": category, "variant": number, "seed": self.seed}
@@ -100,13 +102,14 @@ class Pybullet(Placed):
     category: str = "object"
 
     def each(self, root: Path | None) -> Iterator[Found]:
-        """The named files, then the first of `random_urdfs`."""
-        data = _package_folder("pybullet_data")
-        for name, entry in self.files.items():
-            yield Found(name, self.category, self.placed(_existing(data / entry.file), entry.up))
-        for number in range(self.random_urdfs):
-            file = data / "random_urdfs" / f"{number:03d}" / f"{number:03d}.obj"
-            yield Found(f"random-{number:03d}", self.category, self.placed(_existing(file)))
+        """List the named files, then the first of `random_urdfs`."""
+        data = Path(str(resources.files("pybullet_data")))
+        named = [(name, entry.file, entry.up) for name, entry in self.files.items()]
+        numbered = [(f"random-{n:03d}", f"random_urdfs/{n:03d}/{n:03d}.obj", self.up) for n in range(self.random_urdfs)]
+        for name, file, up in [*named, *numbered]:
+            if not (data / file).is_file():
+                raise InvalidInput(f"{data / file} is missing; reinstall the pinned packages")
+            yield Found(name, self.category, self.placed(data / file, up))
 
 
 class Directory(Placed):
@@ -116,12 +119,12 @@ class Directory(Placed):
     path: Path | None = None
 
     def each(self, root: Path | None) -> Iterator[Found]:
-        """Every mesh file below the folder, hidden ones apart."""
+        """List every mesh file below the folder, hidden ones apart."""
         folder = _folder(self.path or root, "a folder of meshes")
         named = (file for file in sorted(folder.rglob("*")) if file.suffix.lower() in MESH_SUFFIXES and not file.is_dir())
         files = [file for file in named if not any(part.startswith(".") for part in file.relative_to(folder).parts)]
         if not files:
-            raise ValueError(f"no mesh files below {folder.resolve()}; looked for {', '.join(MESH_SUFFIXES)} in all its sub-folders")
+            raise InvalidInput(f"no mesh files below {folder.resolve()}; looked for {', '.join(MESH_SUFFIXES)} in all its sub-folders")
         names = {file: _name(file.relative_to(folder).with_suffix("")) for file in files}
         repeated = Counter(names.values())
         for file, name in names.items():
@@ -146,7 +149,7 @@ class ShapeNet(Placed):
         return self
 
     def each(self, root: Path | None) -> Iterator[Found]:
-        """Every model of the named synsets, whose numbers must be those of `counts`; one without a file fails when it is to be read."""
+        """List every model of the named synsets, whose numbers must be those of `counts`; one without a file fails when it is read."""
         folder = _folder(self.path or root, "a folder laid out as ShapeNetCore")
         for category, synset in self.synsets.items():
             models = [model for model in sorted((folder / synset).glob("*")) if model.is_dir()]
@@ -154,9 +157,9 @@ class ShapeNet(Placed):
             whole = sum(file.is_file() for _, file in files)
             if not whole:
                 where = (folder / synset).resolve()
-                raise ValueError(f"no models of {category} in {where}; looked for MODEL/models/model_normalized.obj and MODEL/model.obj")
+                raise InvalidInput(f"no models of {category} in {where}; looked for MODEL/models/model_normalized.obj and MODEL/model.obj")
             if self.counts is not None and whole != self.counts[category]:
-                raise ValueError(
+                raise InvalidInput(
                     f"{(folder / synset).resolve()} holds {whole} models of {category}, the manifest counts {self.counts[category]}; "
                     "complete or prune the folder, or state other counts in a manifest of your own"
                 )
@@ -165,7 +168,7 @@ class ShapeNet(Placed):
 
 
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
-    """What an object's source amounts to, wherever its files lie: a file is replaced by the hash of what it holds.
+    """Describe an object's source wherever its files lie: a file is replaced by the hash of what it holds.
 
     The materials and textures that it names count too.
     """
@@ -177,7 +180,7 @@ def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
 
 
 def _companions(file: Path) -> list[Path]:
-    """The files that a mesh file names: an OBJ's materials and their textures, a glTF's buffers and images, a PLY's texture."""
+    """List the files that a mesh file names: an OBJ's materials and their textures, a glTF's buffers and images, a PLY's texture."""
     match file.suffix.lower():
         case ".gltf":
             try:
@@ -189,27 +192,23 @@ def _companions(file: Path) -> list[Path]:
         case ".obj":
             libraries = [file.parent / name for line in _after("mtllib", file) for name in {line, *line.split()}]
             textures = [(library, line) for library in libraries if library.is_file() for line in _after("map_", library)]
-            return [*libraries, *(library.parent / name for library, line in textures for name in _texture_names(line))]
+            # a texture's options may come before its name, and blanks in it
+            return [*libraries, *(library.parent / name for library, line in textures for name in {line, line.split()[-1]})]
         case ".ply":
             return [file.parent / line for line in _after("comment TextureFile", file, most=100)]
     return []
 
 
 def _after(start: str, file: Path, most: int | None = None) -> list[str]:
-    """What follows the first word (for PLY two) on the lines that begin with `start`."""
+    """Read what follows the first word (for PLY two) on the lines that begin with `start`."""
     words = len(start.split())
     with file.open(errors="replace") as opened:
         lines = [line.split(maxsplit=words) for line in islice(opened, most) if line.lower().lstrip().startswith(start.lower())]
     return [line[words].strip() for line in lines if len(line) > words]
 
 
-def _texture_names(line: str) -> set[str]:
-    """What a material's map may be called: options may stand before the name, and blanks in it."""
-    return {line, line.split()[-1]}
-
-
 def checksum(found: list[Found]) -> str:
-    """One SHA-256 for all files of a source: of the lines `ID SHA256`, by id."""
+    """Compute one SHA-256 for all files of a source: of the lines `ID SHA256`, by id."""
     files = sorted((item.object_id, Path(item.source["file"])) for item in found if "file" in item.source)
     return hashlib.sha256("".join(f"{name} {_sha256(file)}\n" for name, file in files).encode()).hexdigest()
 
@@ -220,32 +219,17 @@ def _sha256(file: Path) -> str:
 
 
 def _name(path: Path) -> str:
-    """A path as an object id: its parts joined by dashes, other characters replaced."""
+    """Write a path as an object id: its parts joined by dashes, other characters replaced."""
     return re.sub(r"[^A-Za-z0-9._-]+", "_", "-".join(path.parts))
 
 
 def _folder(path: Path | None, what: str) -> Path:
-    if path is None:
-        raise ValueError(f"the manifest names no folder; give {what} with --objects DIR (make: OBJECTS=DIR)")
-    if not path.is_dir():
-        raise ValueError(f"{path.resolve()} is no folder; give {what} with --objects DIR (make: OBJECTS=DIR)")
+    if path is None or not path.is_dir():
+        problem = "the manifest names no folder" if path is None else f"{path.resolve()} is no folder"
+        raise InvalidInput(f"{problem}; give {what} with --objects DIR (make: OBJECTS=DIR)")
     return path
-
-
-def _existing(file: Path) -> Path:
-    if not file.is_file():
-        raise ValueError(f"{file} is missing; reinstall the pinned packages")
-    return file
 
 
 def _model_file(model: Path) -> Path:
     candidates = (model / "models" / "model_normalized.obj", model / "model.obj")
     return next((file for file in candidates if file.is_file()), candidates[0])
-
-
-def _package_folder(package: str) -> Path:
-    """The folder of an installed package, without importing it."""
-    spec = util.find_spec(package)
-    if spec is None or not spec.submodule_search_locations:
-        raise ValueError(f"the package {package} is not installed; install vt-pipeline with its pinned packages")
-    return Path(spec.submodule_search_locations[0])

@@ -50,7 +50,7 @@ def trial_objects(objects: Sequence[Object], count: int) -> list[Object]:
     """Choose about `count` objects, spread evenly, the last of them for validation and the others for training."""
     chosen = objects[:: max(1, len(objects) // count)]
     splits = ["train"] * (len(chosen) - 1) + ["valid"]
-    return [Object(one.object_id, one.category, split, one.source) for one, split in zip(chosen, splits, strict=True)]
+    return [replace(one, split=split) for one, split in zip(chosen, splits, strict=True)]
 
 
 def _make_objects(request: Request[ObjectStage], choice: Choice, console: Console) -> MachineSpeed:

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.config.description_file import description_path
 from pipeline.config.hand_file import load_hand
-from pipeline.config.scene_file import load_scene, scene_path
+from pipeline.config.scene_file import load_scene
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.kinematics import forward_kinematics
@@ -43,7 +44,7 @@ class RenderVision(ObjectStage):
 
     def assets(self, settings: VisionSettings) -> list[Path]:
         """The files of the scene, the hand and the shaders."""
-        return [scene_path(settings.scene), *load_hand(settings.hand).files, *shader_paths()]
+        return [description_path("scene", settings.scene), *load_hand(settings.hand).files, *shader_paths()]
 
     def constants(self, settings: VisionSettings) -> Row:
         """The camera's projection matrix."""

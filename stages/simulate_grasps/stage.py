@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.config.description_file import description_path
 from pipeline.config.hand_file import load_hand
-from pipeline.config.sensor_file import sensor_path
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
 from pipeline.store.rows import Row
@@ -41,7 +41,7 @@ class SimulateGrasps(ObjectStage):
     def assets(self, settings: GraspSettings) -> list[Path]:
         """The hand file with all it names, and the sensor's description."""
         hand = load_hand(settings.hand)
-        return [*hand.files, sensor_path(settings.sensor or hand.sensor)]
+        return [*hand.files, description_path("sensor", settings.sensor or hand.sensor)]
 
     def constants(self, settings: GraspSettings) -> Row:
         """Labels of grasps, sensors and joints, which later stages' arrays take over."""

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.sensor_file import load_sensor, sensor_path
+from pipeline.config.description_file import description_path
+from pipeline.config.sensor_file import load_sensor
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.contact import local_points
@@ -41,7 +42,7 @@ class SimulateTouch(ObjectStage):
 
     def assets(self, settings: TouchSettings) -> list[Path]:
         """The sensor file."""
-        return [sensor_path(settings.sensor)]
+        return [description_path("sensor", settings.sensor)]
 
     def constants(self, settings: TouchSettings) -> Row:
         """The tactile image of a sensor that nothing touches."""

@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 import yaml
 
-from pipeline.config.scene_file import load_scene, scene_path
-from pipeline.config.sensor_file import load_sensor, sensor_path
+from pipeline.config.description_file import description_path
+from pipeline.config.scene_file import load_scene
+from pipeline.config.sensor_file import load_sensor
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.sensor import ray_origins
 
@@ -15,7 +16,7 @@ from pipeline.kernels.touch.sensor import ray_origins
 def sensor_file(folder: Path, **changes: Any) -> Path:
     """The shipped sensor's file with some entries changed."""
     path = folder / "other.yaml"
-    path.write_text(yaml.safe_dump(yaml.safe_load(sensor_path("gel_16mm").read_text()) | changes))
+    path.write_text(yaml.safe_dump(yaml.safe_load(description_path("sensor", "gel_16mm").read_text()) | changes))
     return path
 
 
@@ -61,7 +62,7 @@ def test_every_unusable_entry_is_named_in_one_line(tmp_path: Path) -> None:
 
 def test_unknown_scene_entry_is_named_with_its_file(tmp_path: Path) -> None:
     path = tmp_path / "spoilt.yaml"
-    path.write_text(scene_path("supplement").read_text() + "fog: 1\n")
+    path.write_text(description_path("scene", "supplement").read_text() + "fog: 1\n")
     with pytest.raises(InvalidInput, match=r"spoilt\.yaml[\s\S]*fog"):
         load_scene(path)
 
@@ -74,7 +75,7 @@ def test_file_that_is_no_yaml_is_named(tmp_path: Path) -> None:
 
 
 def test_missing_description_lists_the_shipped_ones() -> None:
-    with pytest.raises(InvalidInput, match=r"sensor 'nope': .*gel_16mm"):
+    with pytest.raises(InvalidInput, match=r"there is no sensor 'nope'; built in are gel_16mm"):
         load_sensor("nope")
-    with pytest.raises(InvalidInput, match=r"scene 'gone\.yaml': .*supplement"):
+    with pytest.raises(InvalidInput, match=r"there is no scene 'gone\.yaml'; built in are supplement"):
         load_scene("gone.yaml")

@@ -150,7 +150,7 @@ def test_what_an_input_was_made_from_is_checked_too(tmp_path):
 
 def test_a_data_directory_of_other_objects_is_not_written_over(tmp_path):
     run(request(tmp_path))
-    x = Object("x", "letter", "train", {"trouble": None, "name": "x"})
+    x = Object("x", "letter", {"trouble": None, "name": "x"}, "train")
     before = stamps(tmp_path / "noise")
     with pytest.raises(StoreError, match=r"holds other objects \(a, b, c, …\), and none of manifest tiny; name another --data"):
         run(request(tmp_path, items=[x]))
@@ -212,7 +212,7 @@ def test_a_stage_that_cannot_start_fails_no_object(tmp_path):
 def test_a_description_file_that_is_missing_ends_a_dry_run_too(tmp_path):
     with (
         patch.object(MakeNoise, "assets", lambda *_: [description_path("sensor", "nope.yaml")]),
-        pytest.raises(StageError, match=r"make-noise: sensor 'nope\.yaml': there is no file"),
+        pytest.raises(StageError, match=r"make-noise: there is no sensor 'nope\.yaml'; built in are"),
     ):
         list(forecast(request(tmp_path)))
 

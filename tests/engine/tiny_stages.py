@@ -145,7 +145,7 @@ class Halve(_TinyStage):
 def objects(count: int, kind: str = "letter", split: str = "train", **troubles: str) -> list[Object]:
     """Objects a, b, c …, some with a trouble."""
     names = [chr(ord("a") + number) for number in range(count)]
-    return [Object(name, kind, split, {"trouble": troubles.get(name), "name": name}) for name in names]
+    return [Object(name, kind, {"trouble": troubles.get(name), "name": name}, split) for name in names]
 
 
 def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] | None = None, **changes: Any) -> Request:

@@ -187,7 +187,7 @@ def stages() -> list[Given]:
 
 def objects(count: int) -> list[Object]:
     """Balls named a, b, …, bottles and knives in turn, all in the test split."""
-    return [Object(chr(ord("a") + number), ("bottle", "knife")[number % 2], "test", {"number": number}) for number in range(count)]
+    return [Object(chr(ord("a") + number), ("bottle", "knife")[number % 2], {"number": number}, "test") for number in range(count)]
 
 
 def make_data(data: Path, count: int) -> None:

@@ -122,7 +122,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, A
     """A dataset of 6 objects, the folder of a U-Net trained on it, and its facts."""
     data = tmp_path_factory.mktemp("balls")
     splits = ["train", "valid", "train", "test", "valid", "train"]
-    objects = [Object(f"ball-{number}", "balls", name, {}) for number, name in enumerate(splits)]
+    objects = [Object(f"ball-{number}", "balls", {}, name) for number, name in enumerate(splits)]
     for name, output in (("simulate-grasps", GRASPS), ("simulate-touch", TOUCH)):
         run(Request(Made(name, output), Settings(), manifest="balls", objects=objects, preset="draft", seed=0, data=data))
     return data, make(data, data / "models", SETTINGS)
