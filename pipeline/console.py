@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import sys
 import time
-from types import TracebackType
 from typing import TextIO
 
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-SECONDS_A_LINE = 15.0
+SECONDS_PER_LINE = 15.0
 WIDE = 160
 """Columns where no terminal says how many it has: a table in a log is not squeezed."""
 
 
 def console_on(stream: TextIO) -> Console:
-    """A console on standard output or standard error."""
+    """Make a console on standard output or standard error."""
     return Console(stderr=stream is sys.stderr, highlight=False, soft_wrap=True, width=None if stream.isatty() else WIDE)
 
 
@@ -35,27 +34,22 @@ class Meter:
     def __init__(self, console: Console, title: str, total: int, of: str, done: int = 0) -> None:
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"))
         self._bar = Progress(*columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal, transient=True)
-        self._console, self._title, self._total, self._of, self._done = console, title, total, of, done
-        self._task = self._bar.add_task(title, total=total, completed=done)
-        self.began = self._last = time.monotonic()
+        self._bar.add_task(title, total=total, completed=done)
+        (self._task,) = self._bar.tasks
+        self._title, self._of, self._last = title, of, time.monotonic()
 
     def __enter__(self) -> Meter:
         self._bar.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._bar.stop()
 
-    @property
-    def seconds(self) -> float:
-        """Since it was made."""
-        return time.monotonic() - self.began
-
     def advance(self, note: str = "") -> None:
-        """One more is done; `note` says how it goes."""
-        self._done += 1
-        note = f", {note}" if note else ""
-        self._bar.update(self._task, advance=1, description=escape(self._title + note))
-        if not self._console.is_terminal and time.monotonic() - self._last > SECONDS_A_LINE:
+        """Count one more; `note` says how it goes."""
+        note, task = f", {note}" if note else "", self._task
+        self._bar.update(task.id, advance=1, description=escape(self._title + note))
+        if not self._bar.console.is_terminal and time.monotonic() - self._last > SECONDS_PER_LINE:
             self._last = time.monotonic()
-            self._console.print(escape(f"{self._title}: {self._done} of {self._total} {self._of}, {self.seconds:.0f} s{note}"))
+            progress = f"{self._title}: {task.completed:.0f} of {task.total:.0f} {self._of}, {task.elapsed or 0:.0f} s{note}"
+            self._bar.console.print(escape(progress))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from importlib import import_module
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple
 
 import yaml
 from pydantic import ValidationError
@@ -51,11 +51,6 @@ def load_settings_type(name: str) -> type[Settings]:
     entry = STAGES[name]
     settings: type[Settings] = getattr(import_module(f"{entry.folder}.settings"), entry.settings)
     return settings
-
-
-def is_dataset_stage(stage: ObjectStage | DatasetStage) -> TypeGuard[DatasetStage]:
-    """Tell a stage that looks at the whole dataset at once from one that looks at one object after the other."""
-    return isinstance(stage, DatasetStage)
 
 
 def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:

@@ -87,7 +87,8 @@ def test_two_folders_of_meshes_do_not_share_a_data_directory(tmp_path):
         folder = tmp_path / name
         folder.mkdir()
         trimesh.creation.box().export(folder / "one.ply")
-        places.append(make_request(load_stage("sample-surfaces"), "directory", "draft", None, folder, [], None).data)
+        stage = load_stage("sample-surfaces")
+        places.append(make_request(stage, "directory", "draft", data=None, objects=folder, assignments=[], seed=None).data)
     assert places == [Path("data/directory-mugs/draft"), Path("data/directory-bowls/draft")]
     dry = subprocess.run(["make", "-n", "dataset", "MANIFEST=directory", f"OBJECTS={tmp_path / 'mugs'}/"], capture_output=True, text=True)
     assert f"--data {places[0]}" in dry.stdout

@@ -19,9 +19,10 @@ import yaml
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError
 from pipeline.reports.overview_picture import draw_overview
-from stages.registry import STAGES, is_dataset_stage, load_stage
+from stages.registry import STAGES, load_stage
 
 ROOT = Path(__file__).parents[1]
 ASSIGNMENTS = [
@@ -37,7 +38,7 @@ ASSIGNMENTS = [
     ),
     *("evaluate.grasps=[1,5]",),
 ]
-SHARDED = [name for name in STAGES if not is_dataset_stage(load_stage(name))]
+SHARDED = [name for name in STAGES if not isinstance(load_stage(name), DatasetStage)]
 SEEN = {"train-unet": 3, "train-gcn": 3}
 """How many of the four objects a dataset stage looks at."""
 

@@ -11,10 +11,11 @@ from typing import Any
 
 from benchmarks.tradeoff.study_plan import HERE, StudyPlan, Variant
 from pipeline.config.manifest import load_manifest
+from pipeline.engine.stage import DatasetStage
 from pipeline.store.directory import DataDirectory
 from pipeline.tuning.sweep import file_name
 from schemas.catalogue import ARTIFACTS
-from stages.registry import is_dataset_stage, load_stage
+from stages.registry import load_stage
 
 COMMON = "common"
 VT_PIPELINE = str(Path(sys.executable).parent / "vt-pipeline")
@@ -85,7 +86,7 @@ def make(root: Path, plan: StudyPlan, variant: Variant) -> Made:
     own = MADE_BY[plan.stage]
     link_common(root / plan.objects, data, own)
     command(plan.stage, plan.manifest, variant.preset, data, variant.assignments(plan.stage), variant.seed)
-    return _of_folder(data, plan, variant) if is_dataset_stage(load_stage(plan.stage)) else _of_shard(data, own)
+    return _of_folder(data, plan, variant) if isinstance(load_stage(plan.stage), DatasetStage) else _of_shard(data, own)
 
 
 def _of_shard(data: Path, artifact: str) -> Made:
@@ -108,7 +109,7 @@ def _bytes(folder: Path) -> int:
 
 def described(plan: StudyPlan) -> dict[str, Any]:
     """Describe a study as `pipeline.tuning.measurements.Study` does, without its measurements."""
-    whole = is_dataset_stage(load_stage(plan.stage))
+    whole = isinstance(load_stage(plan.stage), DatasetStage)
     items = load_manifest(str(plan.manifest)).objects(None)
     split = "test" if plan.stage == "evaluate" else "train"
     return {

@@ -12,6 +12,7 @@ import yaml
 
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
+from pipeline.tuning.sweep import assignment
 from stages.registry import resolve
 
 HERE = Path(__file__).parent
@@ -33,7 +34,7 @@ class Variant:
 
     def assignments(self, stage: str) -> list[str]:
         """Write the values as `--set` takes them."""
-        return [f"{stage}.{name}={_as_text(value)}" for name, value in self.values.items()]
+        return [f"{stage}.{assignment(name, value)}" for name, value in self.values.items()]
 
     def settings(self, stage: str) -> Settings:
         """Resolve all settings of the stage."""
@@ -126,9 +127,5 @@ def study_plans() -> list[StudyPlan]:
     return [StudyPlan(name=name, stage=name.split()[0], **entry) for name, entry in described.items()]
 
 
-def _as_text(value: Any) -> str:
-    return str(yaml.safe_dump(value, default_flow_style=True, width=1000)).removesuffix("\n").removesuffix("\n...")
-
-
 def _label(values: Values) -> str:
-    return " ".join(f"{name}={_as_text(value)}" for name, value in values.items())
+    return " ".join(assignment(name, value) for name, value in values.items())

@@ -7,10 +7,9 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.messages import fail
-from pipeline.cli.request import ManifestOption, ObjectsOption, failures_as_words
+from pipeline.cli.failures import fail
+from pipeline.cli.request import ManifestOption, ObjectsOption
 from pipeline.console import console, errors, say
-from pipeline.errors import AdviceError
 from pipeline.tuning.advice import STAGES_OF, Question
 from pipeline.tuning.advice import advise as advise_settings
 from pipeline.tuning.choice import Limit, duration, error_limit
@@ -32,19 +31,16 @@ def advise(
     """
     if target not in STAGES_OF:
         fail(f"--for {target}: it is {' or '.join(STAGES_OF)}")
-    with failures_as_words():
-        try:
-            if budget is not None and error is None:
-                goal: float | Limit = duration(budget)
-            elif error is not None and budget is None:
-                goal = error_limit(error)
-            else:
-                fail("give either --budget or --error")
-            advice = advise_settings(Question(target, manifest, objects, goal), errors)
-        except AdviceError as unable:
-            fail(unable)
-        except KeyboardInterrupt:
-            fail("interrupted; what was tried out is removed")
+    if budget is not None and error is None:
+        goal: float | Limit = duration(budget)
+    elif error is not None and budget is None:
+        goal = error_limit(error)
+    else:
+        fail("give either --budget or --error")
+    try:
+        advice = advise_settings(Question(target, manifest, objects, goal), errors)
+    except KeyboardInterrupt:
+        fail("interrupted; what was tried out is removed")
     if as_json:
         typer.echo(json.dumps(advice.as_json(), indent=2))
         return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from pipeline.cli import advise, inspection, learn, run
+from pipeline.cli.failures import failures_as_words
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -26,4 +27,4 @@ for command in (
     inspection.doctor,
     inspection.summary,
 ):
-    app.command()(command)
+    app.command()(failures_as_words()(command))

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.cli.messages import fail
-from pipeline.cli.request import failures_as_words
+from pipeline.cli.failures import fail
+from pipeline.cli.request import DataArgument
 from pipeline.console import console, say
-from pipeline.engine.stage import ObjectStage
-from stages.registry import STAGES, is_dataset_stage, load_stage
+from pipeline.engine.stage import DatasetStage
+from pipeline.store.directory import DataDirectory
+from stages.registry import STAGES, load_stage
 
 
 def stages() -> None:
@@ -22,7 +22,7 @@ def stages() -> None:
         stage = load_stage(name)
         settings = stage.settings_type()
         reads = ", ".join(artifact.name for artifact in stage.inputs(settings)) or "the manifest's meshes"
-        writes = stage.folder(settings) if is_dataset_stage(stage) else cast(ObjectStage, stage).output.name
+        writes = stage.folder(settings) if isinstance(stage, DatasetStage) else stage.output.name
         console.print(f"[bold]{name}[/]  {stage.summary}\n  reads {reads}; writes {writes}")
         table = Table("setting", "default", "changes", "why", box=None, pad_edge=True, padding=(0, 2))
         for setting, info in stage.settings_type.model_fields.items():
@@ -30,61 +30,52 @@ def stages() -> None:
         console.print(table)
 
 
-def status(
-    data: Annotated[Path, typer.Argument(help="Data directory.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Everything, as JSON.")] = False,
-) -> None:
+def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", help="Everything, as JSON.")] = False) -> None:
     """Say what is in a data directory: objects, failures with their reasons, models, digests."""
     from pipeline.reports import status as report
 
-    with failures_as_words():
-        account = report.read_account(data)
-        if as_json:
-            typer.echo(account.to_json())
-        elif not (account.artifacts or account.folders):
-            say(f"{data.resolve()}: nothing has been made here")
-        else:
-            report.show(account, console)
+    account = report.read_account(data)
+    if as_json:
+        typer.echo(account.to_json())
+    elif not (account.artifacts or account.folders):
+        say(f"{data.resolve()}: nothing has been made here")
+    else:
+        report.show(account, console)
 
 
 def reshard(
-    data: Annotated[Path, typer.Argument(help="Data directory.")],
+    data: DataArgument,
     shards: Annotated[int, typer.Argument(min=1, max=9999, help="How many shards the objects are split into from now on.")],
 ) -> None:
     """Split the objects of a data directory into another number of shards; nothing is computed again."""
-    from pipeline.store.directory import DataDirectory
     from pipeline.store.reshard import reshard as split
 
-    with failures_as_words():
-        written = sum(1 for _ in split(DataDirectory(data), shards))
-        say(f"{data}: {shards} shards per artifact, {written} groups written")
+    written = sum(1 for _ in split(DataDirectory(data), shards))
+    say(f"{data}: {shards} shards per artifact, {written} groups written")
 
 
 def collect_garbage(
-    data: Annotated[Path, typer.Argument(help="Data directory.")],
+    data: DataArgument,
     older_than: Annotated[float, typer.Option(min=0, help="Minutes ago that it was written, at least: readers may still use it.")] = 60.0,
 ) -> None:
     """Remove what no record names: groups and folders that were replaced, and what killed runs left."""
-    from pipeline.store.directory import DataDirectory
     from pipeline.store.garbage import collect_everything
 
-    with failures_as_words():
-        removed = collect_everything(DataDirectory(data), 60 * older_than)
-        for path in removed:
-            say(f"removed {path}")
-        say(f"{data}: {len(removed)} removed")
+    removed = collect_everything(DataDirectory(data), 60 * older_than)
+    for path in removed:
+        say(f"removed {path}")
+    say(f"{data}: {len(removed)} removed")
 
 
-def validate(data: Annotated[Path, typer.Argument(help="Data directory.")]) -> None:
+def validate(data: DataArgument) -> None:
     """Check every shard against its schema and digests, and every model's files; ends with status 1 when one is not as it should be."""
     from pipeline.store.validate import problems_below
 
-    with failures_as_words():
-        found = problems_below(data)
+    found = problems_below(data)
     for path, lines in found.items():
         console.print(f"{path}: {'[green]valid[/]' if not lines else '[red]not valid[/]'}")
         for line in lines:
-            console.print(f"  {escape(line)}")
+            say(f"  {line}")
     if not found:
         fail(f"{data.resolve()} holds no records; looked for ARTIFACT/NNNN-of-NNNN.json")
     if any(found.values()):
@@ -99,14 +90,14 @@ def doctor() -> None:
     for check in examine():
         console.print(f"[{'green' if check.ok else 'red'}]{'ok' if check.ok else 'missing':8}[/]{escape(check.what)}")
         if not check.ok:
-            console.print(f"        {escape(check.remedy)}")
+            say(f"        {check.remedy}")
             healthy = False
     if not healthy:
         raise typer.Exit(1)
 
 
 def summary(
-    data: Annotated[Path, typer.Argument(help="Data directory.")],
+    data: DataArgument,
     most: Annotated[int, typer.Option(min=1, help="Objects to draw at most, spread evenly.")] = 40,
 ) -> None:
     """Print a dataset's statistics beside the supplement's, and draw its contact sheets."""
@@ -114,8 +105,7 @@ def summary(
     from pipeline.reports import statistics
     from pipeline.reports.summary import contact_sheets
 
-    with failures_as_words():
-        say(str(data.resolve()))
-        statistics.show(tally(data), sensors_of(data), console)
-        for path in contact_sheets(data, most):
-            say(f"contact sheet: {path}")
+    say(str(data.resolve()))
+    statistics.show(tally(data), sensors_of(data), console)
+    for path in contact_sheets(data, most):
+        say(f"contact sheet: {path}")

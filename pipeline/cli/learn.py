@@ -10,26 +10,25 @@ import typer
 import yaml
 from rich.markup import escape
 
-from pipeline.cli.messages import fail
+from pipeline.cli.failures import fail
 from pipeline.cli.request import (
+    DataArgument,
     DataOption,
     ManifestOption,
     ObjectsOption,
     PresetOption,
     SeedOption,
     SetOption,
-    failures_as_words,
     make_request,
 )
 from pipeline.cli.run import run_plan
 from pipeline.console import console, errors, say
 from pipeline.engine.run import make_plans
+from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StageError
 from pipeline.store.directory import DataDirectory
 from pipeline.tuning import sweep as sweeps
-from stages.registry import STAGES, is_dataset_stage, load_stage
-
-NO_GRID = "{} has no grid to sweep over; train-unet and train-gcn have"
+from stages.registry import STAGES, load_stage, resolve
 
 
 def sweep(
@@ -44,36 +43,30 @@ def sweep(
     dry_run: Annotated[bool, typer.Option(help="List the points, and do nothing.")] = False,
 ) -> None:
     """Train over a grid of hyperparameters (supplement 2.2 and 3.4); run again, it goes on where it was."""
-    with failures_as_words():
-        loaded = load_stage(stage) if stage in STAGES else None
-        if loaded is None or not is_dataset_stage(loaded):
-            fail(NO_GRID.format(stage))
-        plain = make_request(loaded, manifest, preset, data, objects, assignments or [], seed)
-        if not (given := dict(loaded.grid(plain.settings))):
-            fail(NO_GRID.format(stage))
-        asked = _grid(grid) if grid else given
-        found, failed = [], 0
-        for point in sweeps.grid_points(asked):
-            chosen = [
-                *(assignments or []),
-                *(f"{stage}.{setting}={yaml.safe_dump(value).split(chr(10))[0]}" for setting, value in point.items()),
-            ]
-            request = make_request(loaded, manifest, preset, data, objects, chosen, seed)
-            folder = sweeps.point_folder(stage, loaded.folder(request.settings), point)
-            if dry_run:
-                say(f"{request.data / folder}")
-                continue
-            try:
-                (plan,) = make_plans(replace(request, folder=folder))
-                run_plan(plan)
-                found.append((point, DataDirectory(request.data).folder(folder)))
-            except StageError as error:  # a rate too high says something about that point alone
-                failed += 1
-                errors.print(f"[yellow]failed[/] {escape(folder)}: {escape(str(error))}")
-        if found:
-            sweeps.show_sweep(found, console)
-        if failed:
-            fail(f"{failed} points failed, see above")
+    loaded = load_stage(stage) if stage in STAGES else None
+    given = loaded.grid(resolve(stage, preset, assignments or ())) if isinstance(loaded, DatasetStage) else {}
+    if not isinstance(loaded, DatasetStage) or not given:
+        fail(f"{stage} has no grid to sweep over; train-unet and train-gcn have")
+    plain = make_request(loaded, manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
+    found, failed = [], 0
+    for point in sweeps.grid_points(_grid(grid) if grid else given):
+        varied = [f"{stage}.{sweeps.assignment(setting, value)}" for setting, value in point.items()]
+        settings = resolve(stage, preset, [*(assignments or ()), *varied])
+        folder = sweeps.point_folder(stage, loaded.folder(settings), point)
+        if dry_run:
+            say(f"{plain.data / folder}")
+            continue
+        try:
+            (plan,) = make_plans(replace(plain, settings=settings, folder=folder))
+            run_plan(plan)
+            found.append((point, DataDirectory(plain.data).folder(folder)))
+        except StageError as error:  # a rate too high says something about that point alone
+            failed += 1
+            errors.print(f"[yellow]failed[/] {escape(folder)}: {escape(str(error))}")
+    if found:
+        sweeps.show_sweep(found, console)
+    if failed:
+        fail(f"{failed} points failed, see above")
 
 
 def predict(
@@ -84,7 +77,7 @@ def predict(
     object_id: Annotated[str | None, typer.Option("--object", help="An object of the data directory.")] = None,
     grasps: Annotated[list[int] | None, typer.Option("--grasp", min=0, help="Of its grasps, from 0; several times for several.")] = None,
     image: Annotated[Path | None, typer.Option(help="8-bit RGB file from the camera the model was trained with.")] = None,
-    readings: Annotated[list[Path] | None, typer.Option("--reading", help="A tactile reading, one a sensor, as the poses.")] = None,
+    readings: Annotated[list[Path] | None, typer.Option("--reading", help="A tactile image, one per sensor, as the poses.")] = None,
     poses: Annotated[Path | None, typer.Option(help=".json or .npz: poses (4 x 4, sensor frame to world, m), perhaps touched.")] = None,
     surface: Annotated[str, typer.Option(help="apart (charts), joined, or both.")] = "both",
     seed: Annotated[int, typer.Option(min=0, help="Of the chart fitting.")] = 0,
@@ -96,27 +89,26 @@ def predict(
         fail(f"--surface {surface}: it is apart, joined or both")
     if (folder := models or (data / "models" if data else None)) is None:
         fail("name a folder of models with --models, or a data directory with --data")
-    with failures_as_words():
-        made = prediction.predict(
-            out,
-            folder,
-            configuration,
-            data=data,
-            object_id=object_id,
-            grasps=grasps or [0],
-            image=image,
-            readings=readings or [],
-            poses=poses,
-            surface=cast(prediction.Surface, surface),
-            seed=seed,
-        )
-        size = f"{len(made.reconstruction.vertices)} vertices, {len(made.reconstruction.faces)} faces, {made.touched.sum()} touches"
-        for path in made.files:
-            say(f"{path}: {size}")
+    made = prediction.predict(
+        out,
+        folder,
+        configuration,
+        data=data,
+        object_id=object_id,
+        grasps=grasps or [0],
+        image=image,
+        readings=readings or [],
+        poses=poses,
+        surface=cast(prediction.Surface, surface),
+        seed=seed,
+    )
+    size = f"{len(made.reconstruction.vertices)} vertices, {len(made.reconstruction.faces)} faces, {made.touched.sum()} touches"
+    for path in made.files:
+        say(f"{path}: {size}")
 
 
 def report(
-    data: Annotated[Path, typer.Argument(help="Data directory.")],
+    data: DataArgument,
     most: Annotated[int, typer.Option(min=1, help="Reconstructions to draw at most, spread evenly.")] = 10,
 ) -> None:
     """Print the evaluation's tables and whether the supplement's orderings hold; draw learning curves and reconstructions."""
@@ -125,19 +117,17 @@ def report(
     from pipeline.reports.reconstruction_gallery import draw_gallery
     from stages.evaluate.tables_printed import show, show_training
 
-    with failures_as_words():
-        directory = DataDirectory(data)
-        directory.check_origins(["evaluation"])
-        folder = directory.folder_path("evaluation")
-        show(folder, console)
-        show_orderings(orderings(folder), console)
-        trained = [name for name in ("models/unet", *directory.folder("evaluation").models) if directory.folder_record(name).exists()]
-        show_training({Path(name).name: directory.folder(name).facts for name in trained}, console)
-        curves = {Path(name).name: directory.folder_path(name) for name in trained}
-        draw_curves(curves, data / "learning-curves.png")
-        say(f"learning curves: {data / 'learning-curves.png'}")
-        shown = draw_gallery(data, data / "reconstructions.png", most)
-        say(f"reconstructions of {len(shown)} objects: {data / 'reconstructions.png'}")
+    directory = DataDirectory(data)
+    directory.check_origins(["evaluation"])
+    folder = directory.folder_path("evaluation")
+    show(folder, console)
+    show_orderings(orderings(folder), console)
+    trained = [name for name in ("models/unet", *directory.folder("evaluation").models) if directory.folder_record(name).exists()]
+    show_training({Path(name).name: directory.folder(name).facts for name in trained}, console)
+    draw_curves({Path(name).name: directory.folder_path(name) for name in trained}, data / "learning-curves.png")
+    say(f"learning curves: {data / 'learning-curves.png'}")
+    shown = draw_gallery(data, data / "reconstructions.png", most)
+    say(f"reconstructions of {len(shown)} objects: {data / 'reconstructions.png'}")
 
 
 def _grid(options: list[str]) -> dict[str, list[Any]]:

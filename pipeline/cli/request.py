@@ -1,26 +1,24 @@
-"""What commands that run stages have in common: their options, and the request made of them."""
+"""The options that commands which run stages share, and the request made of them."""
 
 from __future__ import annotations
 
 import os
-import traceback
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 
 import typer
 
-from pipeline.cli.messages import fail
+from pipeline.cli.failures import fail
 from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import load_presets
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
-from pipeline.errors import PipelineError
 from stages.registry import resolve
 
 S = TypeVar("S", bound=Stage)
 
+DataArgument = Annotated[Path, typer.Argument(help="Data directory.")]
 ManifestOption = Annotated[str, typer.Option(help="A built-in manifest, or the path of a YAML file.")]
 PresetOption = Annotated[str, typer.Option(help=f"One of {', '.join(load_presets())}.")]
 DataOption = Annotated[Path | None, typer.Option(help="Data directory; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET.")]
@@ -29,51 +27,32 @@ SetOption = Annotated[list[str] | None, typer.Option("--set", help="STAGE.SETTIN
 SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.")]
 
 
-@contextmanager
-def failures_as_words() -> Iterator[None]:
-    """Whatever a person can mend ends the command with words for it."""
-    try:
-        yield
-    except (PipelineError, OSError) as error:
-        fail(error)
-    except KeyboardInterrupt:
-        fail("interrupted; what is finished is kept, run the same command to continue")
-    except typer.Exit:
-        raise
-    except Exception:
-        traceback.print_exc()
-        fail("this is a bug in vt-pipeline; please report it with the traceback above. What is finished is kept")
-
-
 def make_request(
     stage: S,
     manifest: str,
     preset: str,
+    *,
     data: Path | None,
     objects: Path | None,
-    assignments: Sequence[str],
+    assignments: Sequence[str] | None,
     seed: int | None,
-    *,
-    workers: int = 0,
-    **options: Any,
 ) -> Request[S]:
-    """Turn what every command's options say into a request; `options` are its other fields."""
+    """Turn what the shared options say into a request with one worker per core."""
     if (where := data or _default_place(manifest, objects) / preset).is_file():
         fail(f"--data {where} is a file; name a folder")
     described = load_manifest(manifest)
     return Request(
         stage=stage,
-        settings=resolve(stage.name, preset, assignments),
+        settings=resolve(stage.name, preset, assignments or ()),
         manifest=described.name,
         objects=described.objects(objects),
         preset=preset,
         seed=described.seed if seed is None else seed,
         data=where,
-        workers=workers or len(os.sched_getaffinity(0)),
-        **options,
+        workers=len(os.sched_getaffinity(0)),
     )
 
 
 def _default_place(manifest: str, objects: Path | None) -> Path:
-    """A folder of meshes goes by its name: two of them do not share a data directory."""
+    """Name a data directory; a folder of meshes goes by its name: two of them do not share one."""
     return Path("data") / (Path(manifest).stem + (f"-{objects.absolute().name}" if objects else ""))

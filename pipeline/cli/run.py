@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.markup import escape
 
-from pipeline.cli.explain import explain_plan
-from pipeline.cli.messages import fail
-from pipeline.cli.request import (
-    DataOption,
-    ManifestOption,
-    ObjectsOption,
-    PresetOption,
-    SeedOption,
-    SetOption,
-    failures_as_words,
-    make_request,
-)
+from pipeline.cli.failures import fail
+from pipeline.cli.request import DataOption, ManifestOption, ObjectsOption, PresetOption, SeedOption, SetOption, make_request
 from pipeline.console import console, errors, say
 from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.plan import Forecast
@@ -27,6 +18,8 @@ from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as run_stage
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import DatasetStage
+from pipeline.tuning.explain import explain_plan
+from pipeline.tuning.quote import quote
 from stages.registry import STAGES, load_stage
 
 
@@ -52,34 +45,20 @@ def run(
         fail(f"there is no stage {stage}; there are {', '.join(STAGES)}")
     if explain and dry_run:
         fail("--explain counts what was made, and --dry-run makes nothing: leave one of them out")
-    with failures_as_words():
-        loaded = load_stage(stage)
-        request = make_request(
-            loaded,
-            manifest,
-            preset,
-            data,
-            objects,
-            assignments or [],
-            seed,
-            shards=shards,
-            workers=workers,
-            strict=strict,
-            retry=retry,
-            only=object_id,
-        )
-        if object_id is not None and object_id not in {item.object_id for item in request.objects}:
-            fail(f"manifest {request.manifest} has no object {object_id}")
-        if isinstance(loaded, DatasetStage) and (object_id is not None or shard is not None):
-            fail(f"{stage} looks at all objects at once; run it without --object and --shard")
-        if dry_run:
-            for path, foreseen in forecast(request, shard):
-                _print_forecast(stage, path, foreseen)
-            return
-        for plan in make_plans(request, shard):
-            run_plan(plan)
-            if explain:
-                explain_plan(plan)
+    shared = make_request(load_stage(stage), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
+    request = replace(shared, shards=shards, workers=workers or shared.workers, strict=strict, retry=retry, only=object_id)
+    if object_id is not None and object_id not in {item.object_id for item in request.objects}:
+        fail(f"manifest {request.manifest} has no object {object_id}")
+    if isinstance(request.stage, DatasetStage) and (object_id is not None or shard is not None):
+        fail(f"{stage} looks at all objects at once; run it without --object and --shard")
+    if dry_run:
+        for path, foreseen in forecast(request, shard):
+            _print_forecast(stage, path, foreseen)
+        return
+    for plan in make_plans(request, shard):
+        run_plan(plan)
+        if explain:
+            _print_explanation(plan)
 
 
 def _print_forecast(stage: str, path: Path, foreseen: Forecast) -> None:
@@ -107,3 +86,15 @@ def run_plan(plan: ShardPlan | FolderPlan) -> None:
         errors.print(f"  [yellow]failed[/] {escape(object_id)}: {escape(failure.reason)}")
     if failures and request.strict:
         fail(f"{len(failures)} objects have failed, and --strict was asked for")
+
+
+def _print_explanation(plan: ShardPlan | FolderPlan) -> None:
+    """Explain what has just been made, or was up to date."""
+    explanation, request = explain_plan(plan), plan.request
+    if explanation is not None:
+        say(explanation.title)
+        console.print(explanation.table())
+        if known := quote(plan.stage.name, request.settings):
+            say(f"error, {known}")
+    elif request.only is None:  # else it is in another shard, or failed, and that has been said
+        say(f"{plan.stage.name} {plan.path}: {'every object failed' if plan.total else 'no objects'}, there is nothing to explain")

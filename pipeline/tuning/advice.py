@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,12 +16,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.config.manifest import Object, load_manifest
+from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
 from pipeline.errors import AdviceError
-from pipeline.tuning.choice import PRESET, Choice, Limit, MachineSpeed, Workload, fastest, within_error, within_time
-from pipeline.tuning.measurements import Study, load_studies
+from pipeline.tuning.choice import PRESET, Choice, Limit, Workload, within_error, within_time
+from pipeline.tuning.measurements import load_studies
 from pipeline.tuning.trial import measure_speed, trial_objects
 from stages.registry import load_stage, resolve
 
@@ -67,7 +67,7 @@ class Advice:
     @property
     def assignments(self) -> list[str]:
         """What differs from `PRESET`, as `--set` takes it."""
-        return _assignments(self.choices)
+        return [line for choice in self.choices for line in choice.assignments()]
 
     @property
     def seconds(self) -> float:
@@ -82,6 +82,10 @@ class Advice:
         network = " CONFIGURATIONS=touch" if question.target == "train" else ""
         settings = f' SET="{" ".join(self.assignments)}"' if self.assignments else ""
         return f"make {question.target} MANIFEST={question.manifest}{folder} PRESET={PRESET}{network}{settings}"
+
+    def settings(self, stage: str) -> Settings:
+        """Resolve all settings of a stage."""
+        return resolve(stage, PRESET, [*self.assignments, TOUCH_NETWORK])
 
     def table(self) -> Table:
         """Lay out the choices for a console."""
@@ -110,14 +114,13 @@ class Advice:
 
     def _entry(self, choice: Choice) -> dict[str, Any]:
         study, measured = choice.study, choice.measurement
-        settings = resolve(study.stage, PRESET, [*self.assignments, TOUCH_NETWORK])
         return {
             "setting": measured.label,
             "seconds": round(choice.seconds, 1),
             "megabytes": round(measured.kilobytes * (1 if study.whole_dataset else self.objects) / 1e3, 2),
             "error": measured.error,
             "bound": measured.bound,
-            "metric": study.metric + study.fixed_otherwise(settings),
+            "metric": study.metric + study.fixed_otherwise(self.settings(study.stage)),
             "measured": study.source(),
         }
 
@@ -143,61 +146,33 @@ def advise(question: Question, log: Console) -> Advice:
         No measured settings reach the goal, or the objects are too few to try a training.
     """
     started = time.process_time()  # the imports, which every command pays for
-    if missing := [stage for stage in STAGES_OF[question.target] if stage not in load_studies()]:
+    known, wanted = load_studies(), STAGES_OF[question.target]
+    if missing := [stage for stage in wanted if stage not in known]:
         raise AdviceError(f"{', '.join(missing)}: not measured; run make tradeoff")
-    studies = [load_studies()[stage] for stage in STAGES_OF[question.target]]
-    objects = load_manifest(question.manifest).objects(question.meshes)
+    studies = [known[stage] for stage in wanted]
+    manifest = load_manifest(question.manifest)
+    objects = manifest.objects(question.meshes)
     if question.target == "train" and len(objects) < 2:
         raise AdviceError(f"{question.manifest} has {len(objects)} object; a training needs two, one of them for validation")
     workers = len(os.sched_getaffinity(0))
-    request = _trial_request(question, objects, workers)
+    some = trial_objects(objects, TRIAL_OBJECTS_PER_WORKER * workers)
     learned = sum(item.split == "train" for item in objects)
     workload = Workload({study.stage: learned if study.whole_dataset else len(objects) for study in studies}, workers)
+    goal = question.goal
     tried: list[list[str]] = []
     with TemporaryDirectory() as folder, redirect_stdout(sys.stderr):  # standard output is for the advice
         while True:
-            choices = _choose(studies, workload, question.goal)
+            choices = within_error(studies, workload, goal) if isinstance(goal, Limit) else within_time(studies, workload, goal)
+            advice = Advice(question, len(objects), choices)
             labels = [f"{choice.study.stage} {choice.measurement.label}" for choice in choices]
             if labels in tried or len(tried) == MOST_TRIALS:
-                return Advice(question, len(objects), choices)
-            log.print(escape(f"trying out {', '.join(labels)} on {len(request.objects)} objects"))
-            speeds = _try(replace(request, data=Path(folder) / str(len(tried))), choices, log)
-            workload = replace(workload, speeds={name: replace(speed, startup=speed.startup + started) for name, speed in speeds.items()})
+                return advice
+            log.print(escape(f"trying out {', '.join(labels)} on {len(some)} objects"))
+            data, speeds = Path(folder) / str(len(tried)), {}
+            for choice in choices:
+                stage = load_stage(choice.study.stage)
+                request = Request(stage, advice.settings(stage.name), manifest.name, some, PRESET, manifest.seed, data, workers=workers)
+                speed = measure_speed(request, choice, log)
+                speeds[stage.name] = replace(speed, startup=speed.startup + started)
+            workload = replace(workload, speeds=speeds)
             tried.append(labels)
-
-
-def _choose(studies: Sequence[Study], workload: Workload, goal: float | Limit) -> list[Choice]:
-    if isinstance(goal, Limit):
-        return within_error(studies, workload, goal)
-    try:
-        return within_time(studies, workload, goal)
-    except AdviceError:
-        if workload.speeds:
-            raise
-        return fastest(studies, workload)  # this machine may be faster than the one that measured
-
-
-def _trial_request(question: Question, objects: Sequence[Object], workers: int) -> Request[Any]:
-    """The run that tries a stage out; `_try` sets stage, settings and folder."""
-    manifest = load_manifest(question.manifest)
-    stage = load_stage(STAGES_OF[question.target][0])
-    some = trial_objects(objects, TRIAL_OBJECTS_PER_WORKER * workers)
-    return Request(stage, stage.settings_type(), manifest.name, some, PRESET, manifest.seed, Path(), workers=workers)
-
-
-def _try(request: Request[Any], choices: Sequence[Choice], log: Console) -> Mapping[str, MachineSpeed]:
-    """Run every stage at its chosen settings; the speed of this machine by stage."""
-    assignments, speeds = [*_assignments(choices), TOUCH_NETWORK], {}
-    for choice in choices:
-        stage = load_stage(choice.study.stage)
-        settings = resolve(stage.name, PRESET, assignments)
-        speeds[choice.study.stage] = measure_speed(replace(request, stage=stage, settings=settings), choice, log)
-    return speeds
-
-
-def _assignments(choices: Sequence[Choice]) -> list[str]:
-    return [line for choice in choices for line in choice.assignments(_preset(choice.study.stage).accuracy())]
-
-
-def _preset(stage: str) -> Settings:
-    return resolve(stage, PRESET, [])

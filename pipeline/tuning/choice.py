@@ -10,10 +10,12 @@ from dataclasses import dataclass, field
 
 from pipeline.errors import AdviceError
 from pipeline.tuning.measurements import Measurement, Study
-from pipeline.tuning.quote import assignment
+from pipeline.tuning.sweep import assignment
+from stages.registry import load_settings_type
 
 PRESET = "standard"
-"""Advice is given as changes to this preset."""
+"""Advice is given as changes to this preset, the defaults."""
+_NUMBER = r"([0-9]+\.?[0-9]*|\.[0-9]+)"
 _UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
 
@@ -50,8 +52,9 @@ class Choice:
         positive = (one.bound for one in self.study.measurements if one.bound > 0)
         return math.log(self.measurement.bound or min(positive, default=1.0))
 
-    def assignments(self, preset: Mapping[str, object]) -> list[str]:
-        """Write as `--set` takes them the settings that differ from a preset's."""
+    def assignments(self) -> list[str]:
+        """Write as `--set` takes them the settings that differ from those of `PRESET`."""
+        preset = load_settings_type(self.study.stage)().accuracy()
         changed = {name: value for name, value in self.measurement.settings.items() if preset[name] != value}
         return [f"{self.study.stage}.{assignment(name, value)}" for name, value in changed.items()]
 
@@ -67,7 +70,7 @@ class Workload:
     workers
         Processes that share them, where they are processed one by one.
     speeds
-        By stage; the measured speed where there is none.
+        By stage, once the stages were tried on this machine; before that each is as fast as measured.
     """
 
     objects: Mapping[str, int]
@@ -90,10 +93,6 @@ class Limit:
     unit: str
     stage: str | None = None
 
-    def applies_to(self, study: Study) -> bool:
-        """Whether it limits the error of this study's stage."""
-        return self.unit == study.unit if self.stage is None else self.stage == study.stage
-
 
 def duration(text: str) -> float:
     """Parse a duration.
@@ -113,8 +112,8 @@ def duration(text: str) -> float:
     AdviceError
         The text is something else.
     """
-    match = re.fullmatch(r"([0-9.]+) *(s|min|h)", text.strip())
-    if not match or (value := _number(match[1])) is None or value <= 0:
+    match = re.fullmatch(rf"{_NUMBER} *(s|min|h)", text.strip())
+    if not match or not (value := float(match[1])):
         raise AdviceError(f"{text!r} is no time; write 90s, 10min or 1.5h")
     return value * _UNITS[match[2]]
 
@@ -137,10 +136,10 @@ def error_limit(text: str) -> Limit:
     AdviceError
         The text is something else.
     """
-    match = re.fullmatch(r"(?:([a-z-]+) *= *)?([0-9.]+(?:[eE][-+]?[0-9]+)?) *([^0-9. ].*)?", text.strip())
-    if not match or (value := _number(match[2])) is None or not (match[1] or match[3]):
+    match = re.fullmatch(rf"(?:([a-z-]+) *= *)?({_NUMBER}(?:[eE][-+]?[0-9]+)?) *([^0-9. ].*)?", text.strip())
+    if not match or not (match[1] or match[4]):
         raise AdviceError(f"{text!r} is no error; write a number and the unit it is measured in, as 5um, 2% or fit-charts=200um")
-    return Limit(value, (match[3] or "").replace("µm", "um"), match[1])
+    return Limit(float(match[2]), (match[4] or "").replace("µm", "um"), match[1])
 
 
 def within_time(studies: Sequence[Study], workload: Workload, seconds: float) -> list[Choice]:
@@ -160,27 +159,26 @@ def within_time(studies: Sequence[Study], workload: Workload, seconds: float) ->
     Returns
     -------
     list of Choice
-        In the order of `studies`.
+        In the order of `studies`. The fastest, where even these take longer and were not tried on this machine, which may be faster
+        than the one that measured.
 
     Raises
     ------
     AdviceError
-        Even the fastest settings take longer; the message says how long.
+        Even the fastest settings take longer, as tried on this machine; the message says how long.
     """
-    plans: list[_Plan] = [(0.0, 0.0, ())]
+    plans: list[tuple[float, float, tuple[Choice, ...]]] = [(0.0, 0.0, ())]  # seconds, logarithm of the product of bounds, choices
     for study in studies:
         options = [workload.choice(study, one) for one in study.front()]
-        plans = _undominated(
-            [(t + one.seconds, e + one.log_bound, (*chosen, one)) for (t, e, chosen), one in itertools.product(plans, options)]
-        )
-    if plans[0][0] > seconds:
+        longer = [(t + one.seconds, e + one.log_bound, (*chosen, one)) for (t, e, chosen), one in itertools.product(plans, options)]
+        plans = []
+        for plan in sorted(longer, key=lambda plan: plan[:2]):
+            if not plans or plan[1] < plans[-1][1]:  # no other is both faster and more accurate
+                plans.append(plan)
+    fitting = [plan for plan in plans if plan[0] <= seconds]
+    if not fitting and workload.speeds:
         raise AdviceError(f"the fastest measured settings take {plans[0][0]:.0f} s, {seconds:.0f} s were given; take fewer objects")
-    return list([plan for plan in plans if plan[0] <= seconds][-1][2])  # the slowest of them is the most accurate
-
-
-def fastest(studies: Sequence[Study], workload: Workload) -> list[Choice]:
-    """Choose the fastest setting of every stage, one per study."""
-    return [min((workload.choice(study, one) for one in study.front()), key=lambda choice: choice.seconds) for study in studies]
+    return list((fitting or plans[:1])[-1][2])  # the slowest of them is the most accurate
 
 
 def within_error(studies: Sequence[Study], workload: Workload, limit: Limit) -> list[Choice]:
@@ -219,33 +217,17 @@ def within_error(studies: Sequence[Study], workload: Workload, limit: Limit) -> 
 
 
 def _limited(studies: Sequence[Study], limit: Limit) -> Study:
-    """The one study that a limit applies to."""
-    found = [study for study in studies if limit.applies_to(study)]
+    """Find the one study that a limit applies to."""
+    found = [study for study in studies if (study.unit == limit.unit if limit.stage is None else study.stage == limit.stage)]
     if len(found) != 1:
-        measured = ", ".join(f"{study.stage} in {study.unit or 'a number without unit'}" for study in studies)
+        measured = ", ".join(f"{study.stage} in {_unit(study)}" for study in studies)
         if limit.stage is not None:
             raise AdviceError(f"settings are not chosen for {limit.stage} here, but for {measured}")
         raise AdviceError(f"{'several stages are' if found else 'no stage is'} measured so; say which, as STAGE=5um: {measured}")
     if limit.unit != found[0].unit:
-        raise AdviceError(f"{found[0].stage} is measured in {found[0].unit or 'a number without unit'}: {found[0].metric}")
+        raise AdviceError(f"{found[0].stage} is measured in {_unit(found[0])}: {found[0].metric}")
     return found[0]
 
 
-_Plan = tuple[float, float, tuple[Choice, ...]]
-"""Seconds, logarithm of the product of bounds, and one choice for each of the first stages."""
-
-
-def _undominated(plans: list[_Plan]) -> list[_Plan]:
-    """The plans than which no other is both faster and more accurate, the fastest first."""
-    kept: list[_Plan] = []
-    for plan in sorted(plans, key=lambda plan: plan[:2]):
-        if not kept or plan[1] < kept[-1][1]:
-            kept.append(plan)
-    return kept
-
-
-def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
+def _unit(study: Study) -> str:
+    return study.unit or "a number without unit"

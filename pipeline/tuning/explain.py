@@ -62,7 +62,7 @@ class Explanation:
         return table
 
 
-def explain(plan: ShardPlan | FolderPlan) -> Explanation | None:
+def explain_plan(plan: ShardPlan | FolderPlan) -> Explanation | None:
     """Explain what is up to date: a shard on a few of its objects (on `only`, if one was asked for), or a folder.
 
     Parameters

@@ -9,6 +9,8 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from pipeline.config.settings import Settings
 from pipeline.engine.keys import code_hash
 from stages.registry import load_stage
@@ -160,12 +162,6 @@ class Study:
 
 @cache
 def load_studies() -> dict[str, Study]:
-    """Load every study by name, in the order of the stages; none where `make tradeoff` has not been run."""
-    asset = resources.files("pipeline.tuning").joinpath(ASSET)
-    return {name: _study(name, entry) for name, entry in json.loads(asset.read_text())["studies"].items()} if asset.is_file() else {}
-
-
-def _study(name: str, entry: Mapping[str, Any]) -> Study:
-    measurements = tuple(Measurement(**one) for one in entry["measurements"])
-    built = {"name": name, "costs": tuple(entry["costs"]), "provenance": Provenance(**entry["provenance"]), "measurements": measurements}
-    return Study(**{**entry, **built})
+    """Load every study by name, in the order of the stages."""
+    entries = json.loads(resources.files("pipeline.tuning").joinpath(ASSET).read_text())["studies"]
+    return TypeAdapter(dict[str, Study]).validate_python({name: {"name": name, **entry} for name, entry in entries.items()})

@@ -7,6 +7,7 @@ from typing import Any
 
 from pipeline.config.settings import Settings
 from pipeline.tuning.measurements import Measurement, Study, load_studies
+from pipeline.tuning.sweep import assignment
 
 
 def quote(stage: str, settings: Settings) -> str:
@@ -27,10 +28,10 @@ def quote(stage: str, settings: Settings) -> str:
     str
         One line; empty where nothing of the stage was measured.
     """
-    studies = [study for study in load_studies().values() if study.stage == stage]
+    of_stage = (study for study in load_studies().values() if study.stage == stage)
+    studies = sorted(of_stage, key=lambda study: study.fixed_otherwise(settings))
     if not studies:
         return ""
-    studies.sort(key=lambda study: study.fixed_otherwise(settings))
     for study in studies:
         if found := study.at(settings):
             error = f"{study.metric}: {found.error:.3g}{_compared_with_standard(study, found)}"
@@ -39,11 +40,6 @@ def quote(stage: str, settings: Settings) -> str:
     single = [_single(studies, name, value) for name, value in settings.accuracy().items() if value != default[name]]
     others = "".join(f" at {name}={value}" for name, value in first.varied_at.items()) + first.fixed_otherwise(settings)
     return f"not measured at these settings; one by one{others}, {first.metric}: {', '.join(single)} [{first.source()}]"
-
-
-def assignment(name: str, value: Any) -> str:
-    """Write a setting and its value as `--set` takes them."""
-    return f"{name}={'null' if value is None else str(value).lower()}"
 
 
 def _compared_with_standard(study: Study, found: Measurement) -> str:

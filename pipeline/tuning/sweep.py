@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+import yaml
 from rich.console import Console
 from rich.table import Table
 
@@ -15,8 +16,13 @@ from pipeline.store.record import FolderRecord
 
 def grid_points(grid: Mapping[str, Iterable[Any]]) -> Iterator[dict[str, Any]]:
     """List every combination of the grid's values, the last setting changing fastest."""
-    for values in itertools.product(*grid.values()):
-        yield dict(zip(grid, values, strict=True))
+    return (dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values()))
+
+
+def assignment(name: str, value: Any) -> str:
+    """Write a setting and its value as `--set` takes them."""
+    text: str = yaml.safe_dump(value, default_flow_style=True, width=1000)
+    return f"{name}=" + text.rstrip().removesuffix("\n...")  # YAML ends the document after a number or a word
 
 
 def point_folder(stage: str, folder: str, point: Mapping[str, Any]) -> str:

@@ -115,7 +115,8 @@ def test_trial_of_objects_that_all_fail_says_why(tmp_path):
     meshes = tmp_path / "meshes"
     meshes.mkdir()
     trimesh.Trimesh([[0, 0, 0]] * 3, [[0, 1, 2]], process=False).export(meshes / "point.ply")
-    asked = make_request(load_stage("sample-surfaces"), "directory", "draft", tmp_path / "data", meshes, [], None, workers=1)
+    stage = load_stage("sample-surfaces")
+    asked = make_request(stage, "directory", "draft", data=tmp_path / "data", objects=meshes, assignments=[], seed=None)
     coarse = study("sample-surfaces", measurement("coarse", 1, 1))
     with pytest.raises(StoreError, match="none of 1 objects tried can be made; point"):
         measure_speed(asked, Choice(coarse, coarse.measurements[0], 1.0), errors)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import AdviceError
-from pipeline.tuning.choice import Limit, MachineSpeed, Workload, duration, error_limit, fastest, within_error, within_time
+from pipeline.tuning.choice import Choice, Limit, MachineSpeed, Workload, duration, error_limit, within_error, within_time
 from tests.tuning.studies import measurement, study
 
 FEEL = study(
@@ -49,9 +49,9 @@ def test_within_time_finds_the_least_product_of_errors_of_all_combinations(rng: 
 
 def test_objects_are_shared_by_workers_and_packed_by_one_process():
     speed = {"feel": MachineSpeed(factor=2.0, startup=3.0, packing=0.5)}
-    (choice,) = fastest([FEEL], Workload({"feel": 5}, 2, speed))
+    choice = Workload({"feel": 5}, 2, speed).choice(FEEL, FEEL.measurements[0])
     assert choice.seconds == 3 + 2.0 * 1 * 3 + 5 * 0.5  # three rounds of two workers; a second and a kilobyte per object
-    (choice,) = fastest([FEEL], Workload({"feel": 1}, 16, speed))
+    choice = Workload({"feel": 1}, 16, speed).choice(FEEL, FEEL.measurements[0])
     assert choice.seconds == 3 + 2.0 + 0.5
 
 
@@ -62,8 +62,13 @@ def test_more_time_never_gives_more_error():
 
 
 def test_too_little_time_is_refused_with_the_time_it_takes():
+    tried = Workload({"feel": 10, "hold": 10}, 1, {"feel": MachineSpeed(), "hold": MachineSpeed()})
     with pytest.raises(AdviceError, match=r"take 30 s, 5 s were given; take fewer objects"):
-        within_time([FEEL, HOLD], Workload({"feel": 10, "hold": 10}, 1), 5)
+        within_time([FEEL, HOLD], tried, 5)
+
+
+def test_too_little_time_gives_the_fastest_of_every_stage_before_this_machine_is_tried():
+    assert labels(within_time([FEEL, HOLD], Workload({"feel": 10, "hold": 10}, 1), 5)) == ["coarse", "fast"]
 
 
 def test_within_error_takes_the_fastest_setting_and_the_preset_for_other_units():
@@ -81,9 +86,10 @@ def test_unreachable_error_and_unknown_unit_are_refused():
 
 
 def test_assignments_name_what_differs_from_the_preset():
-    fine = within_error([FEEL], ONE, Limit(0, "um"))[0]
-    assert fine.assignments({"depth": 1}) == ["feel.depth=3"]
-    assert fine.assignments({"depth": 3}) == []
+    touch = study("simulate-touch", measurement("rounded", 1, 1, gel_bits=24, far_bits=None), measurement("standard", 2, 1, tracer="ray"))
+    rounded, standard = (Choice(touch, one, 1.0).assignments() for one in touch.measurements)
+    assert rounded == ["simulate-touch.gel_bits=24", "simulate-touch.far_bits=null"]
+    assert standard == []
 
 
 @pytest.mark.parametrize("workers", [1, 8])
@@ -138,7 +144,3 @@ def test_limit_without_unit_applies_to_a_stage_measured_without_one():
     assert labels(within_error([count], ONE, Limit(50, "", "other"))) == ["few"]
     with pytest.raises(AdviceError, match="other is measured in a number without unit"):
         within_error([count], ONE, Limit(50, "um", "other"))
-
-
-def test_fastest_takes_the_fastest_of_every_stage():
-    assert labels(fastest([FEEL, HOLD], ONE)) == ["coarse", "fast"]

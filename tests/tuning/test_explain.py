@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from benchmarks.tradeoff import shortcuts_data, shortcuts_learning
 from pipeline.cli import app
-from pipeline.cli import explain as command
+from pipeline.cli import run as command
 from pipeline.console import console
 from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.plan import Request
@@ -22,7 +22,7 @@ from pipeline.engine.run import make_plans, run
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.store.directory import DataDirectory
 from pipeline.tuning import explanations
-from pipeline.tuning.explain import Count, Explanation, arrays_read, explain, processed_tasks, total
+from pipeline.tuning.explain import Count, Explanation, arrays_read, explain_plan, processed_tasks, total
 from schemas.base import COMMON, COORDINATES
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
@@ -61,12 +61,12 @@ def explained(data) -> Explained:
     found: Explained = {}
 
     def explain_and_keep(plan: ShardPlan | FolderPlan) -> Explanation | None:
-        explanation = explain(plan)
+        explanation = explain_plan(plan)
         assert explanation is not None
         found[plan.stage.name] = list(explanation.counts)
         return explanation
 
-    with patch.object(command, "explain", explain_and_keep):
+    with patch.object(command, "explain_plan", explain_and_keep):
         for stage in STAGES:
             asked = ["run", stage, "--manifest", str(manifest), "--data", str(data), "--workers", "1", "--explain", *sets]
             result = CliRunner().invoke(app, asked)
