@@ -37,6 +37,7 @@ def run(
     seed: SeedOption = None,
     strict: Annotated[bool, typer.Option(help="Stop at the first object that fails.")] = False,
     retry: Annotated[bool, typer.Option(help="Try objects again that failed in this stage.")] = False,
+    check: Annotated[bool, typer.Option(help="Read what is there first, and make again what is damaged.")] = False,
     dry_run: Annotated[bool, typer.Option(help="Say what would be done, and do nothing.")] = False,
     explain: Annotated[bool, typer.Option(help="Then say what was modelled and what was left out, and why.")] = False,
 ) -> None:
@@ -46,7 +47,7 @@ def run(
     if explain and dry_run:
         fail("--explain counts what was made, and --dry-run makes nothing: leave one of them out")
     shared = make_request(load_stage(stage), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
-    request = replace(shared, shards=shards, workers=workers or shared.workers, strict=strict, retry=retry, only=object_id)
+    request = replace(shared, shards=shards, workers=workers or shared.workers, strict=strict, retry=retry, check=check, only=object_id)
     if object_id is not None and object_id not in {item.object_id for item in request.objects}:
         fail(f"manifest {request.manifest} has no object {object_id}")
     if isinstance(request.stage, DatasetStage) and (object_id is not None or shard is not None):

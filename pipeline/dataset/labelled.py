@@ -40,6 +40,8 @@ def open_artifact(data: str | Path, artifact: str) -> xarray.Dataset:
         raise StoreError(f"there is no artifact {artifact}; there are {', '.join(ARTIFACTS)}")
     collection = DataDirectory(Path(data)).collection(ARTIFACTS[artifact])
     collection.first  # noqa: B018 (an error where there is none)
+    for shard in collection.shards:
+        shard.check_arrays()
     shards = [_labelled(xarray.open_zarr(shard.path, consolidated=False, chunks=None)) for shard in collection.shards]
     if len(shards) == 1:
         return shards[0]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from pipeline.console import Meter
 from pipeline.engine.plan import Forecast, Plan, Request, Result
 from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.errors import StoreError
@@ -66,6 +67,8 @@ class FolderPlan(Plan[DatasetStage]):
             record, folder = self.directory.folder(self.name), self.directory.folder_path(self.name)
         except StoreError:
             return False
+        if self.request.check:
+            return record.key == self.key and hashes_of(folder) == record.files
         return record.key == self.key and all((folder / name).is_file() for name in record.files)
 
     def forecast(self) -> Forecast:
@@ -87,6 +90,7 @@ class FolderPlan(Plan[DatasetStage]):
 
     def _fill(self, work: Path, filled: Path, console: Console) -> FolderRecord:
         began = time.perf_counter()
+        self._verify_inputs(console)
         work.mkdir(parents=True, exist_ok=True)
         facts = self.stage.make(DatasetJob(self.request.data, work, self.settings, self.request.seed, self.models, console))
         record = FolderRecord(
@@ -99,6 +103,14 @@ class FolderPlan(Plan[DatasetStage]):
         )
         filled.write_text(record.model_dump_json())
         return record
+
+    def _verify_inputs(self, console: Console) -> None:
+        """Compare every row that is looked at with its digest, so that nothing is learned from what is damaged."""
+        with Meter(console, f"{self.stage.name} checks its inputs", self.total * len(self.inputs), "rows") as meter:
+            for collection in self.inputs:
+                for object_id in self.objects:
+                    collection.view(object_id).verify()
+                    meter.advance()
 
     def _finished(self, work: Path, filled: Path) -> FolderRecord | None:
         """The record of a run that was killed after it had filled the folder."""

@@ -37,6 +37,8 @@ class Request(Generic[S]):
         Stop at the first object that fails.
     retry
         Try objects again that failed in this stage.
+    check
+        Read what was published, and make again what is damaged.
     only
         Process this object alone.
     folder
@@ -54,6 +56,7 @@ class Request(Generic[S]):
     workers: int = 0
     strict: bool = False
     retry: bool = False
+    check: bool = False
     only: str | None = None
     folder: str | None = None
 

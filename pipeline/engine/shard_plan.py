@@ -27,6 +27,7 @@ from pipeline.store.record import Failure, RowRecord, ShardRecord, read_record
 from pipeline.store.reshard import shard_key, shard_of
 from pipeline.store.rows import Row, conform, row_digest
 from pipeline.store.shard import Shard
+from pipeline.store.validate import problems_of
 from pipeline.store.write import RowToPack
 
 
@@ -119,7 +120,9 @@ class ShardPlan(Plan[ObjectStage]):
         shard = self.published
         if shard is None or shard.record.key != self.key:
             return False
-        return not (self.request.retry and any(self._is_own(row.failure) for row in shard.record.rows)) and shard.is_complete()
+        if self.request.retry and any(self._is_own(row.failure) for row in shard.record.rows):
+            return False
+        return not any(problems_of(shard)) if self.request.check else shard.is_complete()
 
     def failures(self) -> dict[str, Failure]:
         """The objects of the published shard that failed in this stage, with their reasons."""
@@ -258,7 +261,7 @@ class ShardPlan(Plan[ObjectStage]):
             schema_version=self.artifact.version,
             rows=tuple(self._row_record(member, one) for member, one in known),
             constants_digest=digest.of_arrays(constants),
-            attributes_digest=digest.of_json(attributes),
+            metadata={},
         )
         rows = [self._row_to_pack(member, one) for member, one in known]
         publish_shard(self.directory, self.artifact, self.number, self.shards, record, rows, constants, attributes)

@@ -22,6 +22,22 @@ def write_at_once(path: Path, content: bytes) -> None:
             file.flush()
             os.fsync(file.fileno())
         beside.replace(path)
+    flush(path.parent)
+
+
+def flush(path: Path) -> None:
+    """Let the disk have what was written of a file, or the names in a folder: a power cut takes neither."""
+    opened = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(opened)
+    finally:
+        os.close(opened)
+
+
+def flush_folder(folder: Path) -> None:
+    """Let the disk have a folder with everything in it."""
+    for path in [*folder.rglob("*"), folder]:
+        flush(path)
 
 
 @contextmanager
@@ -40,6 +56,7 @@ def move_folder(source: Path, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(target, ignore_errors=True)
     source.replace(target)
+    flush(target.parent)
 
 
 @contextmanager

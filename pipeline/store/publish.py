@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipeline.store.atomic import move_folder, write_at_once
+from pipeline.store.atomic import flush_folder, move_folder, write_at_once
 from pipeline.store.directory import DataDirectory, shard_name, versioned
 from pipeline.store.garbage import collect, named_location
 from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord
 from pipeline.store.rows import Row
-from pipeline.store.write import RowToPack, write_group
+from pipeline.store.write import RowToPack, metadata_digests, write_group
 from schemas.base import Artifact
 
 
@@ -31,7 +31,8 @@ def publish_shard(
     location = versioned(name, [record.key, [row.digest for row in record.rows]]) + ".zarr"
     beside, path = directory.work(artifact.name) / location, directory.root / artifact.name / location
     write_group(beside, artifact, rows, constants, attributes)
-    _publish(beside, path, directory.shard_record(artifact.name, number, shards), _located(record, location))
+    written = {"location": location, "metadata": metadata_digests(beside, artifact)}
+    _publish(beside, path, directory.shard_record(artifact.name, number, shards), _completed(record, written))
     return path
 
 
@@ -39,16 +40,17 @@ def publish_folder(directory: DataDirectory, name: str, beside: Path, record: Fo
     """Move a finished folder to a name of its own, and publish its record; returns the folder's path."""
     place = directory.folder_record(name)
     location = versioned(place.stem, [record.key, record.files])
-    _publish(beside, place.with_name(location), place, _located(record, location))
+    _publish(beside, place.with_name(location), place, _completed(record, {"location": location}))
     return place.with_name(location)
 
 
-def _located(record: R, location: str) -> R:
-    """Fill in a record's location, validated: what is published can be read."""
-    return type(record).model_validate({**dict(record), "location": location})
+def _completed(record: R, fields: Mapping[str, Any]) -> R:
+    """Fill in what is known of an output when it is written, validated: what is published can be read."""
+    return type(record).model_validate({**dict(record), **fields})
 
 
 def _publish(beside: Path, path: Path, record_path: Path, record: Provenance) -> None:
+    flush_folder(beside)
     move_folder(beside, path)
     replaced = path.with_name(named_location(record_path) or path.name)
     if replaced.exists():

@@ -5,12 +5,16 @@ A record is replaced at once. What no record names is garbage.
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pipeline.errors import StoreError
+
+FORMAT: Final = 2
+"""Of records; one more where an older version could misread them."""
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}$")]
@@ -33,6 +37,8 @@ class Provenance(_Model):
 
     Attributes
     ----------
+    format
+        Of the record.
     location
         The Zarr group or folder beside the record.
     key
@@ -45,6 +51,7 @@ class Provenance(_Model):
         What the processor offers: training and charts may differ in their last bits between processors.
     """
 
+    format: Literal[2] = FORMAT
     location: Name
     stage: str
     key: Sha256
@@ -72,12 +79,15 @@ class RowRecord(_Model):
 
 
 class ShardRecord(Provenance):
-    """What is said of a shard: its rows in order, and the digests of its constants and attributes."""
+    """What is said of a shard: its rows in order, and the digest of its constants.
+
+    `metadata` is the SHA-256 of the `zarr.json` of the group itself, under the empty name, and of each array at its root.
+    """
 
     schema_version: int
     rows: tuple[RowRecord, ...]
     constants_digest: Sha256
-    attributes_digest: Sha256
+    metadata: dict[str, Sha256]
 
 
 class FolderRecord(Provenance):
@@ -103,15 +113,31 @@ def read_record(path: Path, kind: type[R]) -> R:
     Raises
     ------
     StoreError
-        There is none, or it is damaged.
+        There is none, it is damaged, or another version of this project wrote it.
     """
     try:
-        return kind.model_validate_json(path.read_bytes())
+        content = path.read_bytes()
+        return kind.model_validate_json(content)
     except FileNotFoundError:
         raise StoreError(f"{path.with_suffix('')} has not been made; run the stage that makes it") from None
     except (OSError, ValidationError) as error:
-        raise StoreError(f"{path}: the record is damaged ({_first_line(error)}); delete it and run its stage again") from error
+        if isinstance(error, ValidationError) and (other := _other_format(content)):
+            raise StoreError(
+                f"{path}: the record is of format {other}, this version of vt-pipeline reads format {FORMAT}; "
+                "use the version that wrote it, or delete the record and run its stage again"
+            ) from None
+        raise StoreError(f"{path}: the record is damaged ({first_line(error)}); delete it and run its stage again") from error
 
 
-def _first_line(error: Exception) -> str:
+def _other_format(content: bytes) -> int | None:
+    """The format that a record names; None where it names none, or the current one."""
+    try:
+        found = json.loads(content)["format"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+    return found if isinstance(found, int) and found != FORMAT else None
+
+
+def first_line(error: Exception) -> str:
+    """The first line of an error's message, or its type where there is none."""
     return next(iter(str(error).splitlines()), type(error).__name__)

@@ -13,7 +13,6 @@ from pipeline.store.atomic import one_writer, write_at_once
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DESCRIPTION, DataDirectory, Description
 from pipeline.store.publish import publish_shard
-from pipeline.store.record import ShardRecord
 from pipeline.store.write import RowToPack
 
 
@@ -80,6 +79,5 @@ def _write(directory: DataDirectory, collection: Collection, members: Sequence[s
         for row in rows
         for view in [collection.view(row.object_id)]
     ]
-    changed = {"key": key, "rows": rows, "attributes_digest": digest.of_json(attributes)}
-    record = ShardRecord(**{**dict(first.record), **changed})
+    record = first.record.model_copy(update={"key": key, "rows": rows})
     return publish_shard(directory, artifact, number, shards, record, packed, constants, attributes)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,8 +14,7 @@ import numpy as np
 import zarr
 
 from pipeline.errors import StoreError
-from pipeline.store import digest
-from pipeline.store.record import RowRecord, ShardRecord
+from pipeline.store.record import RowRecord, ShardRecord, first_line
 from pipeline.store.rows import Row, row_digest
 from pipeline.store.spec import numpy_dtype
 from schemas.base import COMMON, Artifact
@@ -46,34 +47,42 @@ class Shard:
     @cached_property
     def group(self) -> zarr.Group:
         """The opened group."""
-        try:
-            group = zarr.open_group(str(self.path), mode="r")
-        except Exception as error:  # whatever zarr raises on metadata that changed
-            raise StoreError(f"{self.path} cannot be opened as a Zarr group ({error}); {self.remedy}") from error
-        if digest.of_json(group.attrs.asdict()) != self.record.attributes_digest:
-            raise StoreError(f"{self.path}: its attributes differ from what was written; {self.remedy}")
-        return group
+        self._check_metadata("")
+        return zarr.open_group(str(self.path), mode="r")
 
     @cached_property
     def attributes(self) -> Mapping[str, Any]:
         """What the group's attributes say: settings, and the descriptions of hand, sensor or scene."""
         return self.group.attrs.asdict()
 
-    @cached_property
-    def _root_arrays(self) -> dict[str, Any]:
+    def _check_metadata(self, name: str) -> None:
+        """Refuse a `zarr.json` that changed: Zarr and readers compute with what it says."""
+        path = self.path / name / "zarr.json"
         try:
-            return dict(self.group.arrays())
+            found = hashlib.sha256(path.read_bytes()).hexdigest()
+        except OSError as error:
+            raise StoreError(f"{path} cannot be read ({error.strerror}); {self.remedy}") from error
+        if found != self.record.metadata.get(name):
+            raise StoreError(f"{path} differs from what was written; {self.remedy}")
+
+    @contextmanager
+    def errors_as_damage(self, what: str) -> Iterator[None]:
+        """Turn whatever zarr and its codecs raise on bytes that changed into a `StoreError`."""
+        try:
+            yield
+        except StoreError:
+            raise
         except Exception as error:
-            raise StoreError(f"{self.path}: the metadata of its arrays cannot be read ({error}); {self.remedy}") from error
+            raise StoreError(f"{self.path}: {what} ({first_line(error)}); {self.remedy}") from error
 
     @property
     def remedy(self) -> str:
         """What a person does about a damaged shard."""
-        return f"delete {self.path} and run {self.record.stage} again"
+        return f"`vt-pipeline run {self.record.stage} --check`, with its other options as before, makes what is damaged again"
 
     def has(self, name: str) -> bool:
         """Whether there is an array of this name at the root: not every shard has all that its schema allows."""
-        return name in self._root_arrays
+        return name in self.record.metadata
 
     def array(self, name: str) -> Any:
         """Open a stored array, by its path below the root.
@@ -81,12 +90,12 @@ class Shard:
         Raises
         ------
         StoreError
-            One of its files is missing or empty: Zarr would read zeros in its place.
+            There is none, its metadata changed, or one of its files is missing or empty: Zarr would read zeros in its place.
         """
-        try:
-            array: Any = self.group[name] if "/" in name else self._root_arrays[name]
-        except KeyError as error:
-            raise StoreError(f"{self.path}: there is no array {name}; {self.remedy}") from error
+        if name not in self._checked and "/" not in name:
+            self._check_metadata(name)
+        with self.errors_as_damage(f"{name} cannot be opened"):
+            array: Any = self.group[name]
         if name not in self._checked:
             files = math.prod(math.ceil(size / part) for size, part in zip(array.shape, array.shards or array.chunks, strict=True))
             chunks = self.path / name / "c"
@@ -104,18 +113,18 @@ class Shard:
         StoreError
             A part of it is missing or damaged.
         """
-        try:
+        with self.errors_as_damage(f"{name} is damaged"):
             return np.asarray(self.array(name)[index])
-        except StoreError:
-            raise
-        except Exception as error:  # whatever a codec raises on bytes that changed
-            raise StoreError(f"{self.path}: {name} is damaged ({error}); {self.remedy}") from error
+
+    def check_arrays(self) -> None:
+        """Open every array at the root, with the errors of `array`."""
+        for name in filter(None, self.record.metadata):
+            self.array(name)
 
     def is_complete(self) -> bool:
         """Whether every file of every array is there."""
         try:
-            for name in self._root_arrays:
-                self.array(name)
+            self.check_arrays()
             for row in self.record.rows:
                 for name in RowView(self, row.object_id).ragged():
                     self.array(name)
@@ -159,13 +168,14 @@ class RowView(Mapping[str, np.ndarray]):
     def ragged(self) -> list[str]:
         """Paths below the root of the object's ragged arrays."""
         parents = {pattern.split("/")[0] for pattern in self.shard.artifact.ragged}
-        groups = {name: self.shard.group.get(f"{name}/{self.object_id}") for name in parents}
-        return sorted(
-            f"{name}/{self.object_id}/{leaf}"
-            for name, group in groups.items()
-            if isinstance(group, zarr.Group)
-            for leaf in group.array_keys()
-        )
+        with self.shard.errors_as_damage(f"arrays of {self.object_id} cannot be opened"):
+            groups = {name: self.shard.group.get(f"{name}/{self.object_id}") for name in parents}
+            return sorted(
+                f"{name}/{self.object_id}/{leaf}"
+                for name, group in groups.items()
+                if isinstance(group, zarr.Group)
+                for leaf in group.array_keys()
+            )
 
     def __iter__(self) -> Iterator[str]:
         yield from (name for name, array in self.shard.artifact.arrays.items() if array.per_object and self.shard.has(name))

@@ -14,7 +14,7 @@ from pipeline.store.directory import DataDirectory, hashes_of
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
 from pipeline.store.spec import departures
-from schemas.base import COMMON
+from schemas.base import COMMON, Artifact
 from schemas.catalogue import ARTIFACTS
 
 
@@ -29,7 +29,7 @@ def problems_below(root: Path) -> dict[Path, list[str]]:
     found: dict[Path, list[str]] = {}
     for name in ARTIFACTS:
         for path in sorted((root / name).glob("????-of-????.json")):
-            found[path] = _lines(shard_problems(path, name))
+            found[path] = _lines(_record_problems(path, ARTIFACTS[name]))
         if (root / name).is_dir() and (origins := _lines(_origin_problems(directory, name))):
             found[root / name] = origins
     for name in directory.folders():
@@ -48,16 +48,22 @@ def _lines(check: Iterator[str]) -> list[str]:
     return found
 
 
-def shard_problems(record: Path, artifact: str) -> Iterator[str]:
-    """Check the shard that a record names: structure first; where that is right, every value is read and compared with its digest."""
-    shard = Shard(record.parent, ARTIFACTS[artifact], read_record(record, ShardRecord))
-    try:
+def problems_of(shard: Shard) -> list[str]:
+    """Check a shard: structure first; where that is right, every value is read and compared with its digest."""
+    return _lines(_shard_problems(shard))
+
+
+def _record_problems(record: Path, artifact: Artifact) -> Iterator[str]:
+    yield from problems_of(Shard(record.parent, artifact, read_record(record, ShardRecord)))
+
+
+def _shard_problems(shard: Shard) -> Iterator[str]:
+    with shard.errors_as_damage("metadata cannot be read"):
         found = list(departures(shard.artifact, GroupSpec.from_zarr(shard.group)))
-    except (ValueError, KeyError, OSError) as error:
-        raise StoreError(f"metadata cannot be read: {error}; {shard.remedy}") from error
     if found:
-        yield from found
+        yield from (f"{line}; {shard.remedy}" for line in found)
         return
+    shard.check_arrays()
     arrays = shard.artifact.arrays
     constants = {name: shard.read(name) for name in arrays if shard.has(name) and not arrays[name].per_object}
     if digest.of_arrays(constants) != shard.record.constants_digest:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -56,6 +57,12 @@ def write_group(path: Path, artifact: Artifact, rows: Sequence[RowToPack], const
             _write_rows(group, stacked, artifact, rows[first : first + OBJECTS_PER_FILE], first)
     if found := list(departures(artifact, GroupSpec.from_zarr(zarr.open_group(str(path), mode="r")))):
         raise StoreError(f"{path} was written but does not fit its schema, so it is not published: {'; '.join(found)}")
+
+
+def metadata_digests(path: Path, artifact: Artifact) -> dict[str, str]:
+    """Compute the SHA-256 of the `zarr.json` of a group, under the empty name, and of every array at its root that it has."""
+    files = {name: path / name / "zarr.json" for name in ("", *artifact.arrays)}
+    return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items() if file.exists()}
 
 
 def _write_rows(group: Any, stacked: Mapping[str, Any], artifact: Artifact, rows: Sequence[RowToPack], first: int) -> None:

@@ -163,7 +163,7 @@ def test_a_chunk_that_is_missing_or_empty_is_not_read_as_zeros(tmp_path, damage)
     run(request(tmp_path))
     for chunk in (path for path in (published(tmp_path).first.path / "values" / "c").rglob("*") if path.is_file()):
         damage(chunk)
-    lost = r"of values 1 of 1 files are missing or empty; delete .* and run make-noise again"
+    lost = r"of values 1 of 1 files are missing or empty; `vt-pipeline run make-noise --check`"
     with pytest.raises(StoreError, match=lost):
         run(request(tmp_path, stage=TakeMean()))
     with pytest.raises(StoreError, match=lost):  # whoever reads it, as trainings do

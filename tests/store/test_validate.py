@@ -54,18 +54,18 @@ def test_a_shard_as_it_was_written_is_valid(shard):
 
 def test_a_missing_array(shard):
     shutil.rmtree(shard / "values")
-    assert only_problem(shard) == "values: the array is missing"
+    assert only_problem(shard).startswith("values: the array is missing")
 
 
 def test_an_array_no_schema_knows(shard):
     shutil.copytree(shard / "values", shard / "walues")
-    assert only_problem(shard) == "walues: the schema knows no such array"
+    assert only_problem(shard).startswith("walues: the schema knows no such array")
 
 
 def test_a_wrong_dtype(shard):
     shutil.rmtree(shard / "values")
     zarr.open_group(str(shard)).create_array("values", shape=(5, 50, 3), dtype="float64", dimension_names=("object", "sample", "xyz"))
-    assert only_problem(shard) == "values: dtype is float64, the schema says float32"
+    assert only_problem(shard).startswith("values: dtype is float64, the schema says float32")
 
 
 def test_a_wrong_dimension_name(shard):
@@ -76,12 +76,12 @@ def test_a_wrong_dimension_name(shard):
 def test_a_dimension_that_differs_between_arrays(shard):
     shutil.rmtree(shard / "reach")
     zarr.open_group(str(shard)).create_array("reach", shape=(50, 4), dtype="float64", dimension_names=("sample", "xyz"))
-    assert only_problem(shard) == "reach: dimension xyz has size 4, the schema says 3"
+    assert only_problem(shard).startswith("reach: dimension xyz has size 4, the schema says 3")
 
 
 def test_a_value_that_was_changed(shard):
     zarr.open_group(str(shard), mode="r+")["values"][2, 0, 0] = np.nan
-    assert "c is damaged; delete" in problems(shard)[0]
+    assert "c is damaged; `vt-pipeline run make-noise --check`" in problems(shard)[0]
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_a_missing_or_empty_chunk(shard, damage):
 
 def test_an_attribute_that_was_changed(shard):
     zarr.open_group(str(shard), mode="r+").attrs["seed"] = 1
-    assert "its attributes differ from what was written" in only_problem(shard)
+    assert "zarr.json differs from what was written" in only_problem(shard)
 
 
 @pytest.mark.parametrize(
@@ -132,4 +132,4 @@ def test_a_damaged_record_is_a_line_and_the_rest_is_still_checked(shard, content
 
 def test_a_group_that_is_gone(shard):
     shutil.rmtree(shard)
-    assert "cannot be opened as a Zarr group" in problems(shard)[0]
+    assert "cannot be read (No such file or directory)" in problems(shard)[0]
