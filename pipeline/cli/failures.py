@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,23 +15,39 @@ from pipeline.console import errors
 from pipeline.errors import PipelineError
 
 
-def fail(message: object) -> NoReturn:
-    """Say what is wrong and end with status 1."""
+CONTINUE = "what is finished is kept, run the same command to continue"
+
+
+class _Terminated(BaseException):
+    """SIGTERM came."""
+
+
+def _terminate(number: int, frame: object) -> None:
+    raise _Terminated
+
+
+def fail(message: object, *, status: int = 1) -> NoReturn:
+    """Say what is wrong and end with this status."""
     errors.print(f"[bold red]error:[/] {escape(str(message))}")
-    raise typer.Exit(1)
+    raise typer.Exit(status)
 
 
 @contextmanager
 def failures_as_words() -> Iterator[None]:
-    """End a command with words for whatever a person can mend; decorates every command."""
+    """End a command with words for whatever a person can mend, and for Ctrl-C and SIGTERM; decorates every command."""
+    before = signal.signal(signal.SIGTERM, _terminate)
     try:
         yield
     except (PipelineError, OSError) as error:
         fail(error)
+    except _Terminated:
+        fail(f"terminated; {CONTINUE}", status=128 + signal.SIGTERM)
     except KeyboardInterrupt:
-        fail("interrupted; what is finished is kept, run the same command to continue")
+        fail(f"interrupted; {CONTINUE}", status=128 + signal.SIGINT)
     except typer.Exit:
         raise
     except Exception:
         traceback.print_exc()
         fail("this is a bug in vt-pipeline; please report it with the traceback above. What is finished is kept")
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -37,10 +37,12 @@ def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", h
     account = report.read_account(data)
     if as_json:
         typer.echo(account.to_json())
-    elif not (account.artifacts or account.folders):
+    elif not (account.artifacts or account.folders or account.damaged):
         say(f"{data.resolve()}: nothing has been made here")
     else:
         report.show(account, console)
+    if account.damaged:
+        raise typer.Exit(1)
 
 
 def reshard(

@@ -13,7 +13,7 @@ from pipeline.engine.plan import Forecast, Request, Result
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import Cost, DatasetStage, ObjectStage
 from pipeline.errors import StoreError
-from pipeline.store.atomic import one_writer
+from pipeline.store.atomic import is_machine_fault, one_writer
 from pipeline.store.directory import DataDirectory
 
 
@@ -61,10 +61,17 @@ def run(plan: ShardPlan | FolderPlan, console: Console) -> Result:
     StageError
         The stage cannot work here, or a hand, sensor or scene file cannot be used.
     StoreError
-        Another run is at it, other objects are in its place, an input is damaged, or what was made cannot be stored.
+        Another run is at it, other objects are in its place, an input is damaged, or what was made cannot be stored (a full disk).
     BugFound
         Processing an object raised what no stage is meant to raise.
     """
     with one_writer(plan.lock, plan.path):
         plan.look_again()  # the run that held the lock before may have made it
-        return Result() if plan.up_to_date() else plan.make(console)
+        try:
+            return Result() if plan.up_to_date() else plan.make(console)
+        except OSError as error:
+            if not is_machine_fault(error):
+                raise
+            raise StoreError(
+                f"{plan.path} cannot be written: {error.strerror}; make room there, then run again: what is finished is kept"
+            ) from error

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import threading
 import time
 import traceback
@@ -24,6 +25,7 @@ from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import ObjectStage, Task
 from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
+from pipeline.store.atomic import is_machine_fault
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.pieces import Pieces
@@ -32,6 +34,8 @@ from pipeline.store.rows import Row, conform
 
 CRASHES = 2
 """A process that dies may have been killed from outside; the object is to blame when it dies again."""
+
+MORE_MEMORY = "with more memory, or the mesh made smaller, run again with --retry"
 
 
 @dataclass(frozen=True)
@@ -117,14 +121,27 @@ class _Pool:
     def _start(self) -> None:
         spawn = multiprocessing.get_context("spawn")  # a fork would share GL contexts and locks
         self._executor = ProcessPoolExecutor(1, mp_context=spawn)
-        self._opened = self._executor.submit(_open, self._work)
+        others = set(multiprocessing.active_children())
+        with _interrupts_ignored():  # the process starts here and inherits it: Ctrl-C is the main process's, which ends its workers
+            self._opened = self._executor.submit(_open, self._work)
+        self._processes = set(multiprocessing.active_children()) - others
 
     def wait_until_open(self) -> None:
         """Return when the session is open; all workers open theirs side by side."""
-        try:
-            self._opened.result()
-        except Exception as error:
-            raise _cannot_start(self._work, error) from error
+        for chance in range(1, CRASHES + 1):
+            try:
+                self._opened.result()
+                return
+            except BrokenProcessPool as error:  # somebody killed it, or the session's libraries did
+                if chance == CRASHES:
+                    raise StageError(
+                        f"{self._work.stage.name} cannot start: its process died {CRASHES} times while it opened (killed, or memory ran "
+                        "out?); run again, with fewer --workers where memory is short"
+                    ) from error
+                self._executor.shutdown(wait=False)
+                self._start()
+            except Exception as error:
+                raise _cannot_start(self._work, error) from error
 
     def submit(self, job: Job) -> Future[Outcome]:
         try:
@@ -141,10 +158,26 @@ class _Pool:
     def __enter__(self) -> _Pool:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None:  # nobody waits for the object that it has in hand
+            for process in self._processes:
+                process.kill()
         with suppress(Exception):  # it is broken, or was never open: then there is nothing to close
             self._executor.submit(_close).result()
         self._executor.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Ignore Ctrl-C for a moment, where this thread may say so."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _cannot_start(work: Work, error: Exception) -> StageError:
@@ -155,10 +188,7 @@ def _cannot_start(work: Work, error: Exception) -> StageError:
 
 
 def _crashed(work: Work, job: Job) -> Outcome:
-    reason = (
-        f"its process died {CRASHES} times (a crash in a native library, or memory ran out); "
-        "with more memory, or the mesh made smaller, run again with --retry"
-    )
+    reason = f"its process died {CRASHES} times (a crash in a native library, or memory ran out); {MORE_MEMORY}"
     failure = Failure(stage=work.stage.name, reason=reason)
     pieces = Pieces(DataDirectory(work.data).work(work.stage.output.name))
     pieces.save(job.item.object_id, job.key, job.item.category, {}, seconds=0.0, failure=failure)
@@ -215,7 +245,11 @@ def _session(work: Work) -> Iterator[Callable[[Job], Outcome]]:
                 row = conform(work.stage.output, process(task))
             except InvalidInput as error:
                 failure = Failure(stage=work.stage.name, reason=str(error))
-            except Exception:  # a fault of ours: the other objects are processed all the same
+            except MemoryError:
+                failure = Failure(stage=work.stage.name, reason=f"memory ran out; {MORE_MEMORY}")
+            except Exception as error:  # a fault of ours: the other objects are processed all the same
+                if is_machine_fault(error):
+                    raise
                 return Outcome(job.item.object_id, time.perf_counter() - began, bug=traceback.format_exc())
             seconds = time.perf_counter() - began
             pieces.save(job.item.object_id, job.key, job.item.category, row, seconds=seconds, failure=failure)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.markup import escape
@@ -16,6 +17,8 @@ from pipeline.store.directory import DataDirectory, folder_digest
 from pipeline.store.garbage import everything_unnamed
 from pipeline.store.pieces import Pieces
 from schemas.catalogue import ARTIFACTS
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -53,16 +56,17 @@ class FolderAccount:
 
 @dataclass(frozen=True)
 class Account:
-    """A data directory; `garbage` is what no record names, in megabytes."""
+    """A data directory; `garbage` is what no record names, in megabytes; `damaged` says what could not be read, a line each."""
 
     artifacts: list[ArtifactAccount]
     folders: list[FolderAccount]
     garbage: float
+    damaged: list[str]
 
     def to_json(self) -> str:
-        """The account as JSON, by artifact and folder."""
+        """The account as JSON, by artifact and folder; what is damaged, where anything is, under `damaged`."""
         named = {one.artifact: asdict(one) for one in self.artifacts} | {one.folder: asdict(one) for one in self.folders}
-        return json.dumps(named, indent=2)
+        return json.dumps(named | ({"damaged": self.damaged} if self.damaged else {}), indent=2)
 
 
 def read_account(data: Path) -> Account:
@@ -71,16 +75,29 @@ def read_account(data: Path) -> Account:
     Raises
     ------
     StoreError
-        There is no data directory, or a record in it is damaged.
+        There is no data directory.
     """
     if not data.is_dir():
         raise StoreError(f"{data.resolve()} is no data directory; `vt-pipeline run` makes one, --data names it")
     directory = DataDirectory(data)
-    garbage = sum(map(_megabytes, everything_unnamed(directory)))
-    artifacts = [_artifact(directory, name) for name in ARTIFACTS]
+    damaged: dict[str, None] = {}  # in order, each once
+    artifacts = [_unless_damaged(_artifact, directory, name, damaged) for name in ARTIFACTS]
+    folders = [_unless_damaged(_folder, directory, name, damaged) for name in directory.folders()]
     return Account(
-        [one for one in artifacts if one.shards or one.unfinished], [_folder(directory, name) for name in directory.folders()], garbage
+        artifacts=[one for one in artifacts if one and (one.shards or one.unfinished)],
+        folders=[one for one in folders if one],
+        garbage=sum(map(_megabytes, everything_unnamed(directory))),
+        damaged=list(damaged),
     )
+
+
+def _unless_damaged(read: Callable[[DataDirectory, str], T], directory: DataDirectory, name: str, damaged: dict[str, None]) -> T | None:
+    """Read an account; where that cannot be done, say why in `damaged` instead."""
+    try:
+        return read(directory, name)
+    except StoreError as error:
+        damaged[str(error)] = None
+        return None
 
 
 def _artifact(directory: DataDirectory, name: str) -> ArtifactAccount:
@@ -127,6 +144,8 @@ def show(account: Account, console: Console) -> None:
         for folder in account.folders:
             if folder.stale:
                 console.print(f"[yellow]stale[/] {escape(folder.stale)}")
+    for line in account.damaged:
+        console.print(f"[red]damaged[/] {escape(line)}")
     if account.garbage > 1:
         console.print(f"{account.garbage:.0f} MB were replaced and are named by no record: `vt-pipeline collect-garbage` removes them")
     shown: set[tuple[str, str]] = set()

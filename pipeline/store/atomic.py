@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from collections.abc import Iterator
@@ -11,6 +12,18 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from pipeline.errors import StoreError
+
+MACHINE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE}
+"""What the system says when a disk is full, a quota used up, a disk read-only or broken, or when too many files are open."""
+
+
+TEMPORARY = ".tmp"
+"""How the names of files end that are being written."""
+
+
+def is_machine_fault(error: Exception) -> bool:
+    """Whether an error is neither the object's nor ours, but that of the machine it was met on."""
+    return isinstance(error, OSError) and error.errno in MACHINE_FAULTS
 
 
 def write_at_once(path: Path, content: bytes) -> None:
@@ -42,13 +55,12 @@ def flush_folder(folder: Path) -> None:
 
 @contextmanager
 def temporary(path: Path) -> Iterator[Path]:
-    """Give the name of a file beside `path` to write and rename; on an error, on a full disk least of all, nothing is left of it."""
-    beside = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+    """Give the name of a file beside `path` to write and rename or link; whatever happens, nothing is left of it."""
+    beside = path.with_name(f"{path.name}.{os.getpid()}{TEMPORARY}")
     try:
         yield beside
-    except BaseException:
+    finally:
         beside.unlink(missing_ok=True)
-        raise
 
 
 def move_folder(source: Path, target: Path) -> None:

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
+from pipeline.store.atomic import temporary
 from pipeline.store.collection import Collection
 from pipeline.store.record import FolderRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
@@ -81,11 +82,9 @@ class DataDirectory:
     def claim_shards(self, count: int) -> None:
         """Write down the number of shards, unless another run was first; a `StoreError` where that chose another number."""
         self.root.mkdir(parents=True, exist_ok=True)
-        beside = self.root / f".{DESCRIPTION}.{os.getpid()}"
-        beside.write_text(Description(shards=count).model_dump_json())
-        with suppress(FileExistsError):
+        with temporary(self.root / DESCRIPTION) as beside, suppress(FileExistsError):
+            beside.write_text(Description(shards=count).model_dump_json())
             os.link(beside, self.root / DESCRIPTION)
-        beside.unlink()
         self.settled_shards(count)
 
     def shard_record(self, artifact: str, number: int, shards: int) -> Path:

@@ -8,7 +8,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.store.directory import DataDirectory, is_version
+from pipeline.store.atomic import TEMPORARY
+from pipeline.store.directory import DESCRIPTION, DataDirectory, is_version
 from schemas.catalogue import ARTIFACTS
 
 GRACE_SECONDS = 3600.0
@@ -16,8 +17,9 @@ GRACE_SECONDS = 3600.0
 
 
 def unnamed(folder: Path) -> Iterator[Path]:
-    """Find the groups and folders directly in a folder that none of its records names."""
-    named = {named_location(path) for path in folder.glob("*.json")}
+    """Find the groups and folders directly in a folder that none of its records names, and files that were never finished."""
+    yield from folder.glob(f"*{TEMPORARY}")
+    named = {named_location(path) for path in folder.glob("*.json") if path.name != DESCRIPTION}
     if None in named:  # a damaged record: what it named cannot be told
         return
     yield from (path for path in sorted(folder.glob("*-*")) if path.is_dir() and is_version(path.name) and path.name not in named)
@@ -27,7 +29,10 @@ def collect(folder: Path, older_than: float = GRACE_SECONDS) -> list[Path]:
     """Remove what no record of a folder names and was replaced, or written, longer ago, s; returns what was removed."""
     doomed = [path for path in unnamed(folder) if time.time() - path.stat().st_mtime > older_than]
     for path in doomed:
-        shutil.rmtree(path, ignore_errors=True)
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
     return doomed
 
 
@@ -43,7 +48,7 @@ def everything_unnamed(directory: DataDirectory) -> list[Path]:
 
 def _folders(directory: DataDirectory) -> list[Path]:
     """The folders that hold records."""
-    names = {directory.root / name for name in ARTIFACTS}
+    names = {directory.root, *(directory.root / name for name in ARTIFACTS)}
     return sorted(names | {directory.folder_record(name).parent for name in directory.folders()})
 
 

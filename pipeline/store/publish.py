@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,10 @@ def publish_shard(
     """Write the group of a shard, and publish its record with the group's name in it; returns the group's path."""
     name = shard_name(number, shards)
     location = versioned(name, [record.key, [row.digest for row in record.rows]]) + ".zarr"
-    beside, path = directory.work(artifact.name) / location, directory.root / artifact.name / location
+    work, path = directory.work(artifact.name), directory.root / artifact.name / location
+    for unfinished in work.glob(f"{name}-*.zarr"):  # of a run that was killed
+        shutil.rmtree(unfinished, ignore_errors=True)
+    beside = work / location
     write_group(beside, artifact, rows, constants, attributes)
     written = {"location": location, "metadata": metadata_digests(beside, artifact)}
     _publish(beside, path, directory.shard_record(artifact.name, number, shards), _completed(record, written))
