@@ -80,9 +80,9 @@ def _file_of(module: str) -> Path | None:
     return Path(spec.origin) if spec and spec.origin else None
 
 
-def asset_hashes(paths: Iterable[Path]) -> list[str]:
-    """Hash every data file that a stage reads, in the order in which it names them: where they lie decides nothing."""
-    return [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths]
+def assets_digest(paths: Iterable[Path]) -> str:
+    """Hash data files that a stage reads, in the order in which it names them: where they lie decides nothing."""
+    return digest.of_json([hashlib.sha256(path.read_bytes()).hexdigest() for path in paths])
 
 
 def source_key(source: dict[str, Any]) -> dict[str, Any]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -143,10 +144,8 @@ class Plan(ABC, Generic[S]):
     @cached_property
     def stage_key(self) -> str:
         """The hash of what all objects' rows depend on: code, settings, seed, data files and models."""
-        try:
-            assets = keys.asset_hashes(self.stage.assets(self.settings))
-        except InvalidInput as error:  # a hand, sensor or scene file that is missing, or not valid
-            raise StageError(f"{self.stage.name}: {error}") from error
+        with description_errors(self.stage):
+            assets = keys.assets_digest(self.stage.assets(self.settings))
         return digest.of_json(
             {
                 "stage": self.stage.name,
@@ -179,3 +178,12 @@ class Plan(ABC, Generic[S]):
             "versions": library_versions(),
             "processor": processor(),
         }
+
+
+@contextmanager
+def description_errors(stage: Stage) -> Iterator[None]:
+    """A hand, sensor or scene that cannot be used, or is not that of the inputs, is nobody's failure but ends the run."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise StageError(f"{stage.name}: {error}") from error

@@ -15,7 +15,7 @@ from rich.console import Console
 from pipeline.config.manifest import Object
 from pipeline.console import Meter
 from pipeline.engine import keys
-from pipeline.engine.plan import Forecast, Plan, Request, Result
+from pipeline.engine.plan import Forecast, Plan, Request, Result, description_errors
 from pipeline.engine.stage import ObjectStage
 from pipeline.engine.workers import Job, Outcome, Work, run_jobs
 from pipeline.errors import BugFound, InvalidInput, StoreError
@@ -52,6 +52,10 @@ class ShardPlan(Plan[ObjectStage]):
         self.directory.check_origins(
             [*(collection.artifact.name for collection in self.inputs), *self.models], {item.object_id for item in items}
         )
+        if items:  # the inputs' rows of a shard are in the shard of the same number
+            roots = {collection.artifact.name: collection.shard(items[0].object_id).attributes for collection in self.inputs}
+            with description_errors(self.stage):
+                self.stage.check_inputs(self.settings, roots)
         self.members = [self._from_inputs(item) if self.inputs else self._from_source(item) for item in items]
 
     @property

@@ -76,6 +76,9 @@ class ObjectStage(Stage):
 
     output: ClassVar[Artifact]
 
+    def check_inputs(self, settings: Any, attributes: Mapping[str, Mapping[str, Any]]) -> None:
+        """Refuse inputs, by what their roots say, that these settings do not fit: an `InvalidInput` says how to make them fit."""
+
     def constants(self, settings: Any) -> Row:
         """The output's arrays that have no object dimension; labels of dimensions that an input has need not be given."""
         return {}

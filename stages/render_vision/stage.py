@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.config.description_file import description_path
 from pipeline.config.hand_file import load_hand
 from pipeline.config.scene_file import load_scene
+from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.kinematics import forward_kinematics
@@ -46,6 +47,16 @@ class RenderVision(ObjectStage):
         """The files of the scene, the hand and the shaders."""
         return [description_path("scene", settings.scene), *load_hand(settings.hand).files, *shader_paths()]
 
+    def check_inputs(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
+        """The hand that is drawn must be the one that grasped."""
+        used = attributes["grasps"]["settings"]["hand"]
+        if used != settings.hand:
+            raise InvalidInput(
+                f"the grasps were made with hand {used}, render-vision.hand is {settings.hand}; set both with --set hand={used}"
+            )
+        if attributes["grasps"]["hand"]["digest"] != assets_digest(load_hand(settings.hand).files):
+            raise InvalidInput(f"the files of hand {used} have changed since the grasps were made; run simulate-grasps again")
+
     def constants(self, settings: VisionSettings) -> Row:
         """The camera's projection matrix."""
         return {"camera": projection_matrix(load_scene(settings.scene).camera.with_resolution(settings.resolution))}
@@ -67,19 +78,12 @@ class RenderVision(ObjectStage):
             meshes = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in hand.visual_meshes]
 
             def process(task: Task) -> Row:
-                _check_hand(task, settings)
                 grasps = task.inputs["grasps"]
                 frames = forward_kinematics(hand, grasps["hand_pose"], grasps["joint_angles"])  # (grasp, link, 4, 4)
                 with renderer.added(task.mesh(), Label.OBJECT) as handle:
                     return _render_grasps(renderer, (handle, np.eye(4)), meshes, frames if settings.occluded else frames[:0])
 
             yield process
-
-
-def _check_hand(task: Task, settings: VisionSettings) -> None:
-    used = task.attributes["grasps"]["settings"]["hand"]
-    if used != settings.hand:
-        raise InvalidInput(f"the grasps were made with hand {used}, render-vision.hand is {settings.hand}; set both with --set hand={used}")
 
 
 def _render_grasps(renderer: Renderer, posed_object: PosedMesh, hand: HandMeshes, frames: np.ndarray) -> Row:

@@ -11,6 +11,7 @@ import numpy as np
 
 from pipeline.config.description_file import description_path
 from pipeline.config.hand_file import load_hand
+from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
 from pipeline.store.rows import Row
@@ -50,10 +51,19 @@ class SimulateGrasps(ObjectStage):
         return {"grasp": np.arange(settings.grasps, dtype=np.int32), "sensor": sensors, "joint": np.array(hand.joint_names)}
 
     def attributes(self, settings: GraspSettings) -> dict[str, Any]:
-        """The hand's name, and what its joints and sensors are called."""
+        """The hand's name, what its joints and sensors are called, and digests of the files: later stages use no other hand or sensor."""
         hand = load_hand(settings.hand)
-        fingers = [finger.name for finger in hand.fingers]
-        return {"hand": {"name": hand.name, "joints": list(hand.joint_names), "sensors": fingers, "sensor": settings.sensor or hand.sensor}}
+        sensor = settings.sensor or hand.sensor
+        return {
+            "hand": {
+                "name": hand.name,
+                "joints": list(hand.joint_names),
+                "sensors": [finger.name for finger in hand.fingers],
+                "digest": assets_digest(hand.files),
+                "sensor": sensor,
+                "sensor_digest": assets_digest([description_path("sensor", sensor)]),
+            }
+        }
 
     def cost(self, settings: GraspSettings) -> Cost:
         """Mostly attempts, of about 0.08 s each; some dozen are enough where not all are asked for."""

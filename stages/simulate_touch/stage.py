@@ -11,6 +11,7 @@ import numpy as np
 
 from pipeline.config.description_file import description_path
 from pipeline.config.sensor_file import load_sensor
+from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.contact import local_points
@@ -44,6 +45,17 @@ class SimulateTouch(ObjectStage):
         """The sensor file."""
         return [description_path("sensor", settings.sensor)]
 
+    def check_inputs(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
+        """The sensor that is simulated must be the one that the hand carried."""
+        hand = attributes["grasps"]["hand"]
+        if hand["sensor"] != settings.sensor:
+            raise InvalidInput(
+                f"the hand carries sensor {hand['sensor']}, simulate-touch.sensor is {settings.sensor}; "
+                f"--set simulate-touch.sensor={hand['sensor']}"
+            )
+        if hand["sensor_digest"] != assets_digest([description_path("sensor", settings.sensor)]):
+            raise InvalidInput(f"the file of sensor {settings.sensor} has changed since the grasps were made; run simulate-grasps again")
+
     def constants(self, settings: TouchSettings) -> Row:
         """The tactile image of a sensor that nothing touches."""
         return {"untouched": untouched_image(load_sensor(settings.sensor))}
@@ -62,7 +74,6 @@ class SimulateTouch(ObjectStage):
         sensor = load_sensor(settings.sensor)
 
         def process(task: Task) -> Row:
-            _check_sensor(task, settings)
             faces = box_faces(task.mesh().triangles)
             poses = task.inputs["grasps"]["sensor_pose"]  # (grasp, sensor, 4, 4)
             rows = [_touch(faces, poses[index], sensor, settings) for index in np.ndindex(poses.shape[:2])]
@@ -70,14 +81,6 @@ class SimulateTouch(ObjectStage):
             return {name: array.reshape(*poses.shape[:2], *array.shape[1:]) for name, array in arrays.items()}
 
         yield process
-
-
-def _check_sensor(task: Task, settings: TouchSettings) -> None:
-    mounted = task.attributes["grasps"]["hand"]["sensor"]
-    if mounted != settings.sensor:
-        raise InvalidInput(
-            f"the hand carries sensor {mounted}, simulate-touch.sensor is {settings.sensor}; --set simulate-touch.sensor={mounted}"
-        )
 
 
 def _touch(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, settings: TouchSettings) -> Row:

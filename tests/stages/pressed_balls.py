@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.config.settings import Settings
-from pipeline.engine.stage import Cost, Task
+from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
@@ -41,7 +41,7 @@ def depths(rng: np.random.Generator, touching: bool = True) -> np.ndarray:
     return depth
 
 
-class Made:
+class Made(ObjectStage):
     """An object stage over given arrays: what the real stages of the same names would have stored."""
 
     settings_type = Settings
@@ -52,12 +52,6 @@ class Made:
 
     def inputs(self, settings: Settings) -> tuple[Artifact, ...]:
         return () if self.output.name == "grasps" else (GRASPS,)
-
-    def models(self, settings: Settings) -> tuple[str, ...]:
-        return ()
-
-    def assets(self, settings: Settings) -> list[Path]:
-        return []
 
     def constants(self, settings: Settings) -> Row:
         return {"untouched": untouched_image(SENSOR)} if self.output.name == "touch" else {}

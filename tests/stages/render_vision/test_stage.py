@@ -1,8 +1,11 @@
+import shutil
+
 import numpy as np
 import pytest
 
 from pipeline.config.hand_file import load_hand
 from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.vision.camera import project_points
@@ -16,7 +19,7 @@ STAGE = RenderVision()
 GRASPS = 3
 
 
-def task(name: str, radius: float, held: str = "allegro_right") -> Task:
+def task(name: str, radius: float) -> Task:
     """A ball with the hand at three distances on the camera's side of it."""
     hand = load_hand("allegro_right")
     poses = np.tile(np.eye(4), (GRASPS, 1, 1))
@@ -27,7 +30,6 @@ def task(name: str, radius: float, held: str = "allegro_right") -> Task:
         "ball",
         0,
         inputs={"surfaces": mesh_row(ball(radius)), "grasps": {"hand_pose": poses, "joint_angles": angles}},
-        attributes={"grasps": {"settings": {"hand": held}}},
     )
 
 
@@ -59,7 +61,19 @@ def test_images_show_object_and_hand() -> None:
 
 def test_another_hand_than_that_of_the_grasps_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"made with hand other, render-vision.hand is allegro_right; set both with --set hand=other"):
-        rows(VisionSettings(resolution=64), task("a", 0.15, held="other"))
+        STAGE.check_inputs(VisionSettings(), {"grasps": {"settings": {"hand": "other"}}})
+
+
+def test_a_hand_whose_mesh_changed_since_the_grasps_is_refused(tmp_path) -> None:
+    hand = load_hand("allegro_right")
+    shutil.copytree(hand.path.parent, tmp_path / "hands")
+    copied = str(tmp_path / "hands" / hand.path.name)
+    grasps = {"settings": {"hand": copied}, "hand": {"digest": assets_digest(load_hand(copied).files)}}
+    STAGE.check_inputs(VisionSettings(hand=copied), {"grasps": grasps})
+    mesh = next(file for file in load_hand(copied).files if file.suffix.lower() in {".stl", ".obj"})
+    mesh.write_bytes(mesh.read_bytes() + b"\n")
+    with pytest.raises(InvalidInput, match=r"the files of hand .* have changed since the grasps were made; run simulate-grasps again"):
+        STAGE.check_inputs(VisionSettings(hand=copied), {"grasps": grasps})
 
 
 def test_an_image_does_not_depend_on_earlier_objects() -> None:

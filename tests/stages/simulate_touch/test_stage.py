@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Mesh
@@ -22,11 +23,10 @@ SIZES = {"row": 100, "col": 100, "rgb": 3, "point": 10_000, "xyz": 3, "grasp": 2
 CENTRE = np.array([0.0, 0.0, 0.6])
 
 
-def task(poses: np.ndarray, sensor: str = "gel_16mm") -> Task:
+def task(poses: np.ndarray) -> Task:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
     mesh = Mesh.bare(np.asarray(ball.vertices) + CENTRE, np.asarray(ball.faces))
-    attributes = {"grasps": {"hand": {"sensor": sensor}}}
-    return Task("ball", "balls", 0, inputs={"surfaces": mesh_row(mesh), "grasps": {"sensor_pose": poses}}, attributes=attributes)
+    return Task("ball", "balls", 0, inputs={"surfaces": mesh_row(mesh), "grasps": {"sensor_pose": poses}})
 
 
 def six_poses() -> np.ndarray:
@@ -87,8 +87,12 @@ def test_pose_that_is_not_finite_is_invalid_input() -> None:
 
 
 def test_another_sensor_than_that_of_the_hand_is_refused() -> None:
-    with (
-        pytest.raises(InvalidInput, match=r"the hand carries sensor other, .* is gel_16mm; --set simulate-touch.sensor=other"),
-        STAGE.session(TouchSettings(), {}) as process,
-    ):
-        process(task(six_poses(), sensor="other"))
+    with pytest.raises(InvalidInput, match=r"the hand carries sensor other, .* is gel_16mm; --set simulate-touch.sensor=other"):
+        STAGE.check_inputs(TouchSettings(), {"grasps": {"hand": {"sensor": "other"}}})
+
+
+def test_a_sensor_file_that_changed_since_the_grasps_is_refused() -> None:
+    digest = assets_digest(STAGE.assets(TouchSettings()))
+    STAGE.check_inputs(TouchSettings(), {"grasps": {"hand": {"sensor": "gel_16mm", "sensor_digest": digest}}})
+    with pytest.raises(InvalidInput, match="the file of sensor gel_16mm has changed since the grasps were made; run simulate-grasps again"):
+        STAGE.check_inputs(TouchSettings(), {"grasps": {"hand": {"sensor": "gel_16mm", "sensor_digest": "0" * 64}}})
