@@ -16,7 +16,7 @@ from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.directory import hashes_of
 from pipeline.store.publish import publish_folder
-from pipeline.store.record import FolderRecord
+from pipeline.store.record import FolderRecord, read_record, sealed
 
 
 class FolderPlan(Plan[DatasetStage]):
@@ -101,7 +101,7 @@ class FolderPlan(Plan[DatasetStage]):
             seconds=round(time.perf_counter() - began, 2),
             files=hashes_of(work),
         )
-        filled.write_text(record.model_dump_json())
+        filled.write_bytes(sealed(record))
         return record
 
     def _verify_inputs(self, console: Console) -> None:
@@ -115,7 +115,7 @@ class FolderPlan(Plan[DatasetStage]):
     def _finished(self, work: Path, filled: Path) -> FolderRecord | None:
         """The record of a run that was killed after it had filled the folder."""
         try:
-            record = FolderRecord.model_validate_json(filled.read_bytes())
-        except (OSError, ValueError):
+            record = read_record(filled, FolderRecord)
+        except StoreError:
             return None
         return record if (record.key, record.files) == (self.key, hashes_of(work)) else None

@@ -15,7 +15,7 @@ from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.atomic import temporary
 from pipeline.store.collection import Collection
-from pipeline.store.record import FolderRecord, ShardRecord, read_record
+from pipeline.store.record import FolderRecord, ShardRecord, first_line, read_record
 from pipeline.store.shard import Shard
 from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
@@ -55,13 +55,19 @@ class DataDirectory:
     def shards(self) -> int | None:
         """Into how many shards the objects are split; None before the first run."""
         path = self.root / DESCRIPTION
+        there = {path.stem.rpartition("-")[2] for path in self.root.glob("*/????-of-????.json")}
+        remedy = f'write {{"shards": N}} into it, N as the records are named: {", ".join(sorted(there)) or "none is left"}'
         try:
-            return Description.model_validate_json(path.read_bytes()).shards
+            shards = Description.model_validate_json(path.read_bytes()).shards
         except FileNotFoundError:
-            return None
+            if len(there) > 1:
+                raise StoreError(f"{path} is missing; {remedy}") from None
+            return int(there.pop()) if there else None
         except (OSError, ValidationError) as error:
-            first = str(error).splitlines()[0]
-            raise StoreError(f'{path} is damaged ({first}); write {{"shards": N}} into it, N as the records are named') from error
+            raise StoreError(f"{path} is damaged ({first_line(error)}); {remedy}") from error
+        if there and f"{shards:04d}" not in there:
+            raise StoreError(f"{path} says {shards} shards, and no record is of that number; {remedy}")
+        return shards
 
     def settled_shards(self, count: int | None) -> int:
         """Settle on a number of shards: the dataset's own, before the first run the one asked for, or 1.

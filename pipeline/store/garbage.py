@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from pipeline.errors import StoreError
 from pipeline.store.atomic import TEMPORARY
 from pipeline.store.directory import DESCRIPTION, DataDirectory, is_version
+from pipeline.store.record import read_content
 from schemas.catalogue import ARTIFACTS
 
 GRACE_SECONDS = 3600.0
@@ -55,6 +56,6 @@ def _folders(directory: DataDirectory) -> list[Path]:
 def named_location(path: Path) -> str | None:
     """What the record at `path` names; None where there is no record that can be read."""
     try:
-        return str(json.loads(path.read_bytes())["location"])
-    except (OSError, ValueError, KeyError, TypeError):
+        return str(read_content(path)["location"])
+    except (StoreError, KeyError):
         return None

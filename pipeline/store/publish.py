@@ -11,7 +11,7 @@ from typing import Any
 from pipeline.store.atomic import flush_folder, move_folder, write_at_once
 from pipeline.store.directory import DataDirectory, shard_name, versioned
 from pipeline.store.garbage import collect, named_location
-from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord
+from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord, sealed
 from pipeline.store.rows import Row
 from pipeline.store.write import RowToPack, metadata_digests, write_group
 from schemas.base import Artifact
@@ -59,5 +59,5 @@ def _publish(beside: Path, path: Path, record_path: Path, record: Provenance) ->
     replaced = path.with_name(named_location(record_path) or path.name)
     if replaced.exists():
         os.utime(replaced)  # its readers are given time from now on, however old it is
-    write_at_once(record_path, record.model_dump_json(indent=1).encode())
+    write_at_once(record_path, sealed(record))
     collect(path.parent)

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pipeline.errors import StoreError
+from pipeline.store import digest
 
 FORMAT: Final = 2
 """Of records; one more where an older version could misread them."""
@@ -107,6 +108,12 @@ class FolderRecord(Provenance):
 R = TypeVar("R", bound=Provenance)
 
 
+def sealed(record: Provenance) -> bytes:
+    """The content of a record's file, with its checksum: one flipped bit could name another split, or another group."""
+    content = json.loads(record.model_dump_json())
+    return json.dumps({"checksum": digest.of_json(content), **content}, indent=1).encode()
+
+
 def read_record(path: Path, kind: type[R]) -> R:
     """Read a record.
 
@@ -115,27 +122,37 @@ def read_record(path: Path, kind: type[R]) -> R:
     StoreError
         There is none, it is damaged, or another version of this project wrote it.
     """
+    content = read_content(path)
     try:
-        content = path.read_bytes()
-        return kind.model_validate_json(content)
+        return kind.model_validate(content)
+    except ValidationError as error:
+        raise _damaged(path, error) from error
+
+
+def read_content(path: Path) -> dict[str, Any]:
+    """Read the fields of a record of any kind; errors are those of `read_record`."""
+    try:
+        content = json.loads(path.read_bytes())
+        found, checksum = content.get("format"), content.pop("checksum", None)
     except FileNotFoundError:
         raise StoreError(f"{path.with_suffix('')} has not been made; run the stage that makes it") from None
-    except (OSError, ValidationError) as error:
-        if isinstance(error, ValidationError) and (other := _other_format(content)):
-            raise StoreError(
-                f"{path}: the record is of format {other}, this version of vt-pipeline reads format {FORMAT}; "
-                "use the version that wrote it, or delete the record and run its stage again"
-            ) from None
-        raise StoreError(f"{path}: the record is damaged ({first_line(error)}); delete it and run its stage again") from error
-
-
-def _other_format(content: bytes) -> int | None:
-    """The format that a record names; None where it names none, or the current one."""
+    except (OSError, ValueError, AttributeError, RecursionError) as error:
+        raise _damaged(path, error) from error
+    if isinstance(found, int) and found != FORMAT:
+        raise StoreError(
+            f"{path}: the record is of format {found}, this version of vt-pipeline reads format {FORMAT}; "
+            "use the version that wrote it, or delete the record and run its stage again"
+        )
     try:
-        found = json.loads(content)["format"]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return None
-    return found if isinstance(found, int) and found != FORMAT else None
+        if checksum == digest.of_json(content):
+            return dict(content)
+    except (ValueError, RecursionError) as error:  # NaN, or brackets without end
+        raise _damaged(path, error) from error
+    raise _damaged(path, ValueError("its checksum is not that of its content"))
+
+
+def _damaged(path: Path, error: Exception) -> StoreError:
+    return StoreError(f"{path}: the record is damaged ({first_line(error)}); delete it and run its stage again")
 
 
 def first_line(error: Exception) -> str:

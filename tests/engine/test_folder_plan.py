@@ -2,63 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from pipeline.engine.run import run as run_plan
-from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
+from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.reports.status import read_account
 from pipeline.store.directory import DataDirectory
-from pipeline.store.record import FolderRecord
+from pipeline.store.record import FolderRecord, sealed
 from pipeline.store.validate import problems_below
-from schemas.base import Artifact
-from tests.engine.tiny_stages import CONSOLE, NOISE, NoiseSettings, objects, plan_of, published, request, run
+from tests.engine.tiny_stages import CONSOLE, Average, objects, plan_of, request, run
 
 RECORD = Path("models/average.json")
-
-
-class Average(DatasetStage):
-    """The mean over all training objects, into a file; `dies` leaves its folder half done."""
-
-    name = "average"
-    summary = "average them all"
-    settings_type = NoiseSettings
-
-    def __init__(self, dies: bool = False, reads: tuple[str, ...] = ()) -> None:
-        self.dies, self.reads = dies, reads
-        self.made = 0
-
-    def inputs(self, settings: NoiseSettings) -> tuple[Artifact, ...]:
-        return (NOISE,)
-
-    def models(self, settings: NoiseSettings) -> tuple[str, ...]:
-        return self.reads
-
-    def splits(self, settings: NoiseSettings) -> tuple[str, ...]:
-        return ("train",)
-
-    def folder(self, settings: NoiseSettings) -> str:
-        return "models/second" if self.reads else "models/average"
-
-    def cost(self, settings: NoiseSettings, objects: int) -> Cost:
-        return Cost(0.01, 1)
-
-    def make(self, job: DatasetJob) -> dict[str, Any]:
-        self.made += 1
-        begun = job.folder / "begun"
-        if self.dies:
-            begun.write_text("half")
-            raise StageError("no more")
-        found = published(job.data)
-        means = [float(found.view(name)["values"].mean()) for name in found if found.row(name).split == "train"]
-        facts = {"resumed": begun.exists()}
-        begun.unlink(missing_ok=True)
-        (job.folder / "mean.json").write_text(json.dumps(means))
-        return facts
 
 
 def make(data: Path, stage: Average | None = None, **changes: Any) -> bool:
@@ -115,7 +73,7 @@ def test_what_was_finished_but_not_published_is_not_made_again(tmp_path):
     folder, work = DataDirectory(tmp_path).folder_path("models/average"), DataDirectory(tmp_path).work("models/average") / plan.key[:16]
 
     def unpublish() -> None:
-        work.with_suffix(".json").write_text(record(tmp_path).model_dump_json())
+        work.with_suffix(".json").write_bytes(sealed(record(tmp_path)))
         (tmp_path / RECORD).unlink()
         folder.rename(work)
 

@@ -3,7 +3,6 @@
 import os
 import shutil
 import threading
-import time
 from pathlib import Path
 from unittest.mock import patch
 
@@ -14,13 +13,11 @@ from pipeline.config.description_file import description_path
 from pipeline.config.manifest import Object
 from pipeline.engine import shard_plan
 from pipeline.engine.run import forecast
-from pipeline.engine.workers import Work, _Pool
 from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
 from pipeline.rng import numpy_rng
 from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
-from pipeline.store.reshard import reshard
 from pipeline.store.validate import problems_below
 from tests.engine.tiny_stages import MEAN, Compare, Halve, MakeNoise, TakeMean, digest, objects, plan_of, published, request, run
 
@@ -74,39 +71,6 @@ def test_a_run_that_ends_in_the_middle_continues_where_it_stopped(tmp_path, monk
     assert digest(tmp_path / "cut") == digest(tmp_path / "whole")
 
 
-@pytest.mark.parametrize("damage", [lambda content: b"", lambda content: content[:100], lambda content: content[:-400] + bytes(400)])
-@pytest.mark.parametrize("more", [{}, {"strict": True}, {"retry": True}], ids=str)
-def test_a_damaged_piece_is_made_again(tmp_path, damage, more):
-    assert run(request(tmp_path, only="c")) == 1
-    plan = plan_of(request(tmp_path))
-    assert plan.published is None, "the others are missing"
-    piece = plan.pieces.path("c", plan.members[2].job.key)
-    piece.write_bytes(damage(piece.read_bytes()))
-    assert run(request(tmp_path, **more)) == 5
-
-
-def test_a_piece_of_another_object_is_not_packed(tmp_path):
-    assert run(request(tmp_path, only="c")) == 1
-    plan = plan_of(request(tmp_path))
-    stolen = plan.pieces.path("d", plan.members[3].job.key)
-    stolen.parent.mkdir()
-    shutil.copy(plan.pieces.path("c", plan.members[2].job.key), stolen)
-    assert run(request(tmp_path)) == 4
-
-
-def test_a_piece_with_a_flipped_bit_is_found_when_it_is_packed_and_made_again(tmp_path):
-    run(request(tmp_path, only="c"))
-    plan = plan_of(request(tmp_path))
-    piece = plan.pieces.path("c", plan.members[2].job.key)
-    with np.load(piece) as file:
-        arrays = {name: file[name] for name in file.files}
-    arrays["row/values"].flat[7] += 1
-    np.savez(piece, **arrays)
-    with pytest.raises(StoreError, match="was damaged and is removed; run again"):
-        run(request(tmp_path))
-    assert run(request(tmp_path)) == 1
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -158,21 +122,6 @@ def test_a_data_directory_of_other_objects_is_not_written_over(tmp_path):
     assert run(request(tmp_path, items=[*objects(1), x])) == 1, "a manifest that changes keeps the rows that it still names"
 
 
-@pytest.mark.parametrize("damage", [Path.unlink, lambda chunk: chunk.write_bytes(b"")], ids=["missing", "empty"])
-def test_a_chunk_that_is_missing_or_empty_is_not_read_as_zeros(tmp_path, damage):
-    run(request(tmp_path))
-    for chunk in (path for path in (published(tmp_path).first.path / "values" / "c").rglob("*") if path.is_file()):
-        damage(chunk)
-    lost = r"of values 1 of 1 files are missing or empty; `vt-pipeline run make-noise --check`"
-    with pytest.raises(StoreError, match=lost):
-        run(request(tmp_path, stage=TakeMean()))
-    with pytest.raises(StoreError, match=lost):  # whoever reads it, as trainings do
-        published(tmp_path).view("b")["values"]
-    (problems,) = (lines for lines in problems_below(tmp_path).values() if lines)
-    assert "files are missing or empty" in problems[0]
-    assert run(request(tmp_path)) == 5, "up to date means complete"
-
-
 def test_rows_of_failed_objects_are_zeros_and_valid(tmp_path):
     run(request(tmp_path, items=objects(3, a="bad", b="bad", c="bad")))
     shard = published(tmp_path).first
@@ -187,26 +136,6 @@ def test_an_object_that_was_mended_is_packed_at_once_and_the_others_stay(tmp_pat
     mended.touch()
     assert run(request(tmp_path, items=items, retry=True, only="b")) == 1
     assert [published(tmp_path).failure(name) is None for name in "abcd"] == [True, True, False, True]
-
-
-def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
-    plan = plan_of(request(tmp_path))
-    work = Work(plan.stage, plan.settings, 0, tmp_path, {})
-    with _Pool(work) as pool:
-        pool.wait_until_open()
-        (process,) = pool._executor._processes.values()
-        process.kill()
-        process.join()
-        while not pool._executor._broken:
-            time.sleep(0.01)
-        outcome = pool.submit(plan.members[0].job).result()
-        assert (outcome.failure, outcome.bug) == (None, None)
-
-
-def test_a_stage_that_cannot_start_fails_no_object(tmp_path):
-    with pytest.raises(StageError, match="make-noise cannot start: OSError: no device; `vt-pipeline doctor`"):
-        run(request(tmp_path, stage=MakeNoise(broken=True)))
-    assert run(request(tmp_path)) == 5
 
 
 def test_a_description_file_that_is_missing_ends_a_dry_run_too(tmp_path):
@@ -232,39 +161,6 @@ def test_strict_refuses_what_failed_before(tmp_path):
     run(request(tmp_path, items=objects(3, b="bad"), only="b"))
     with pytest.raises(InvalidInput, match="b: it is bad"):
         run(request(tmp_path, items=objects(3, b="bad"), strict=True))
-
-
-def test_another_number_of_shards_is_refused_and_reshard_changes_it(tmp_path):
-    for stage in (MakeNoise(), TakeMean()):
-        run(request(tmp_path, stage=stage, shards=4))
-    whole = digest(tmp_path), digest(tmp_path, MEAN)
-    with pytest.raises(StoreError, match=r"is split into 4 shards, 2 were asked for; .* reshard .* 2"):
-        run(request(tmp_path, shards=2))
-    for shards in (3, 1, 2):
-        assert all(path.exists() for path in list(reshard(DataDirectory(tmp_path), shards)))
-        assert (digest(tmp_path), digest(tmp_path, MEAN)) == whole
-        assert not any(problems_below(tmp_path).values())
-        assert [run(request(tmp_path, stage=stage, shards=shards)) for stage in (MakeNoise(), TakeMean())] == [0, 0]
-        assert [run(request(tmp_path, stage=stage)) for stage in (MakeNoise(), TakeMean())] == [0, 0], "None takes the dataset's number"
-
-
-def test_a_reshard_that_is_killed_changes_nothing_that_readers_see(tmp_path):
-    run(request(tmp_path, shards=2))
-    whole = digest(tmp_path)
-    halfway = reshard(DataDirectory(tmp_path), 4)
-    next(halfway)
-    halfway.close()
-    assert DataDirectory(tmp_path).shards() == 2
-    assert digest(tmp_path) == whole
-    run(request(tmp_path, items=objects(3)))
-    list(reshard(DataDirectory(tmp_path), 4))
-    assert list(published(tmp_path)) == ["a", "b", "c"], "records of the one that was killed are gone"
-
-
-def test_shards_are_not_split_while_a_run_is_at_work(tmp_path):
-    run(request(tmp_path, shards=2))
-    with one_writer(DataDirectory(tmp_path).shard_lock("noise", 0, 2), tmp_path), pytest.raises(StoreError, match="by another run"):
-        list(reshard(DataDirectory(tmp_path), 4))
 
 
 def test_an_object_more_is_made_alone(tmp_path):

@@ -1,7 +1,8 @@
-"""Two small stages over a small artifact each, real but for their physics: what the runner's tests run."""
+"""Small stages, real but for their physics: what the tests of the engine run."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
@@ -20,8 +21,8 @@ from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans
 from pipeline.engine.run import run as run_plan
 from pipeline.engine.shard_plan import ShardPlan
-from pipeline.engine.stage import Cost, ObjectStage, Task
-from pipeline.errors import InvalidInput
+from pipeline.engine.stage import Cost, DatasetJob, DatasetStage, ObjectStage, Task
+from pipeline.errors import InvalidInput, StageError
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory, hashes_of
 from pipeline.store.publish import publish_folder
@@ -91,6 +92,8 @@ class MakeNoise(_TinyStage):
                     raise InvalidInput("it is bad; make it good")
                 case "bug":
                     raise ZeroDivisionError("a fault of ours")
+                case "memory":
+                    raise MemoryError
                 case "crash":
                     os.kill(os.getpid(), signal.SIGSEGV)
                 case "nan":
@@ -140,6 +143,46 @@ class Halve(_TinyStage):
     @contextmanager
     def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         yield lambda task: {"mean": task.inputs["mean"]["mean"] / 2}
+
+
+class Average(DatasetStage):
+    """The mean over all training objects, into a file; `dies` leaves its folder half done."""
+
+    name = "average"
+    summary = "average them all"
+    settings_type = NoiseSettings
+
+    def __init__(self, dies: bool = False, reads: tuple[str, ...] = ()) -> None:
+        self.dies, self.reads = dies, reads
+        self.made = 0
+
+    def inputs(self, settings: NoiseSettings) -> tuple[Artifact, ...]:
+        return (NOISE,)
+
+    def models(self, settings: NoiseSettings) -> tuple[str, ...]:
+        return self.reads
+
+    def splits(self, settings: NoiseSettings) -> tuple[str, ...]:
+        return ("train",)
+
+    def folder(self, settings: NoiseSettings) -> str:
+        return "models/second" if self.reads else "models/average"
+
+    def cost(self, settings: NoiseSettings, objects: int) -> Cost:
+        return Cost(0.01, 1)
+
+    def make(self, job: DatasetJob) -> dict[str, Any]:
+        self.made += 1
+        begun = job.folder / "begun"
+        if self.dies:
+            begun.write_text("half")
+            raise StageError("no more")
+        found = published(job.data)
+        means = [float(found.view(name)["values"].mean()) for name in found if found.row(name).split == "train"]
+        facts = {"resumed": begun.exists()}
+        begun.unlink(missing_ok=True)
+        (job.folder / "mean.json").write_text(json.dumps(means))
+        return facts
 
 
 def objects(count: int, kind: str = "letter", split: str = "train", **troubles: str) -> list[Object]:

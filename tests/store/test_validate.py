@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import zarr
 
+from pipeline.store.digest import of_json
 from pipeline.store.validate import problems_below
 from schemas.catalogue import ARTIFACTS
 from tests.engine.tiny_stages import NOISE, published, request, run
@@ -40,6 +41,12 @@ def problems(shard: Path) -> list[str]:
 def rewrite(shard: Path, array: str, **changes: object) -> None:
     path = shard / array / "zarr.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+def resealed(record: bytes, **changes: object) -> bytes:
+    """A record of other content with the checksum of that."""
+    content = {name: value for name, value in json.loads(record).items() if name != "checksum"} | changes
+    return json.dumps(content | {"checksum": of_json(content)}).encode()
 
 
 def only_problem(shard: Path) -> str:
@@ -118,15 +125,16 @@ def test_an_attribute_that_was_changed(shard):
     [
         (b"", "the record is damaged"),
         (b"{}", "the record is damaged"),
-        (lambda text: text.replace(b'"schema_version":1', b'"schema_version":0'), "schema noise is version 1 here, the shard has 0"),
-        (lambda text: text.replace(b'"location":"', b'"location":"../../'), "the record is damaged"),
+        (b"[" * 100_000, "the record is damaged"),
+        (lambda text: text.replace(b"letter", b"lettes"), "its checksum is not that of its content"),
+        (lambda text: resealed(text, schema_version=0), "schema noise is version 1 here, the shard has 0"),
+        (lambda text: resealed(text, location="../../outside"), "the record is damaged (1 validation error"),
     ],
-    ids=["empty", "other", "version", "path"],
+    ids=["empty", "other", "nested", "flipped", "version", "path"],
 )
 def test_a_damaged_record_is_a_line_and_the_rest_is_still_checked(shard, content, said):
     record = shard.parent / "0000-of-0001.json"
-    compact = json.dumps(json.loads(record.read_bytes()), separators=(",", ":")).encode()
-    record.write_bytes(content if isinstance(content, bytes) else content(compact))
+    record.write_bytes(content if isinstance(content, bytes) else content(record.read_bytes()))
     assert any(said in line for line in problems(shard))
 
 

@@ -1,0 +1,45 @@
+"""Objects are split into another number of shards: nothing is computed, nothing is lost on the way."""
+
+from __future__ import annotations
+
+import pytest
+
+from pipeline.errors import StoreError
+from pipeline.store.atomic import one_writer
+from pipeline.store.directory import DataDirectory
+from pipeline.store.reshard import reshard
+from pipeline.store.validate import problems_below
+from tests.engine.tiny_stages import MEAN, MakeNoise, TakeMean, digest, objects, published, request, run
+
+
+def test_another_number_of_shards_is_refused_and_reshard_changes_it(tmp_path):
+    for stage in (MakeNoise(), TakeMean()):
+        run(request(tmp_path, stage=stage, shards=4))
+    whole = digest(tmp_path), digest(tmp_path, MEAN)
+    with pytest.raises(StoreError, match=r"is split into 4 shards, 2 were asked for; .* reshard .* 2"):
+        run(request(tmp_path, shards=2))
+    for shards in (3, 1, 2):
+        assert all(path.exists() for path in list(reshard(DataDirectory(tmp_path), shards)))
+        assert (digest(tmp_path), digest(tmp_path, MEAN)) == whole
+        assert not any(problems_below(tmp_path).values())
+        assert [run(request(tmp_path, stage=stage, shards=shards)) for stage in (MakeNoise(), TakeMean())] == [0, 0]
+        assert [run(request(tmp_path, stage=stage)) for stage in (MakeNoise(), TakeMean())] == [0, 0], "None takes the dataset's number"
+
+
+def test_a_reshard_that_is_killed_changes_nothing_that_readers_see(tmp_path):
+    run(request(tmp_path, shards=2))
+    whole = digest(tmp_path)
+    halfway = reshard(DataDirectory(tmp_path), 4)
+    next(halfway)
+    halfway.close()
+    assert DataDirectory(tmp_path).shards() == 2
+    assert digest(tmp_path) == whole
+    run(request(tmp_path, items=objects(3)))
+    list(reshard(DataDirectory(tmp_path), 4))
+    assert list(published(tmp_path)) == ["a", "b", "c"], "records of the one that was killed are gone"
+
+
+def test_shards_are_not_split_while_a_run_is_at_work(tmp_path):
+    run(request(tmp_path, shards=2))
+    with one_writer(DataDirectory(tmp_path).shard_lock("noise", 0, 2), tmp_path), pytest.raises(StoreError, match="by another run"):
+        list(reshard(DataDirectory(tmp_path), 4))
