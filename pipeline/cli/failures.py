@@ -14,7 +14,6 @@ from rich.markup import escape
 from pipeline.console import errors
 from pipeline.errors import PipelineError
 
-
 CONTINUE = "what is finished is kept, run the same command to continue"
 
 
