@@ -60,6 +60,20 @@ def test_an_error_names_the_thing_and_the_way_out(arguments, message):
     assert message in output
 
 
+@pytest.mark.parametrize(
+    ("raised", "message"),
+    [(OSError("no room"), "error: no room"), (KeyboardInterrupt(), "run the same command to continue"), (KeyError("x"), "this is a bug")],
+)
+def test_every_command_ends_with_words_for_what_it_raises(monkeypatch, raised, message):
+    def fails():
+        raise raised
+
+    monkeypatch.setattr("pipeline.reports.doctor.examine", fails)
+    code, output = invoke("doctor")
+    assert code == 1
+    assert message in output
+
+
 def test_a_model_s_folder_is_no_data_directory(tmp_path):
     (tmp_path / "model.json").write_text("{}")
     code, output = invoke("status", str(tmp_path))

@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import asdict
 from itertools import repeat
 from pathlib import Path
 from typing import Any
@@ -28,9 +29,7 @@ from benchmarks.tradeoff.same import same_results
 from benchmarks.tradeoff.shortcuts import measure_all
 from benchmarks.tradeoff.study_plan import StudyPlan, Variant, study_plans
 from pipeline.console import Meter, console_on
-from pipeline.engine.keys import code_hash
-from pipeline.tuning.measurements import load_studies
-from stages.registry import load_stage
+from pipeline.tuning.measurements import Measurement, load_studies
 
 DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 TOUCH_ONLY = ("sample-surfaces", "simulate-grasps", "simulate-touch")
@@ -64,9 +63,8 @@ def _measure(figures: dict[str, Any], plans: Sequence[StudyPlan], sections: Sequ
         console.print(f"objects {name}: {', '.join(stages)}")
         runs.prepare(root, name, {stage: [TOUCH_NETWORK] if stage == "train-gcn" else [] for stage in stages}, preset)
     for plan in plans:
-        code = code_hash(load_stage(plan.stage))
-        study = {**runs.described(plan), "provenance": {**made, "code": code}, "measurements": _measurements(root, plan, console)}
-        studies = figures["studies"] | {plan.name: study}
+        study = runs.study(plan, made, _measurements(root, plan, console))
+        studies = figures["studies"] | {plan.name: asdict(study)}
         figures["studies"] = {one.name: studies[one.name] for one in study_plans() if one.name in studies}
         write_figures(figures)
     for name in sections:
@@ -86,7 +84,7 @@ def _section(name: str, root: Path, console: Console) -> list[dict[str, Any]]:
             return measure_all()
 
 
-def _measurements(root: Path, plan: StudyPlan, console: Console) -> list[dict[str, Any]]:
+def _measurements(root: Path, plan: StudyPlan, console: Console) -> list[Measurement]:
     """Make a study's variants and measure them."""
     variants, reference = plan.variants(), plan.reference_variant()
     with Meter(console, plan.name, len(variants) + bool(reference), "settings") as meter, ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -112,16 +110,16 @@ def _measurements(root: Path, plan: StudyPlan, console: Console) -> list[dict[st
     return [_measurement(plan, *of, repeated) for of in zip(variants, made, errors, strict=True)]
 
 
-def _measurement(plan: StudyPlan, variant: Variant, made: runs.Made, error: Errors, repeated: list[float]) -> dict[str, Any]:
-    return {
-        "label": variant.label,
-        "kind": variant.kind,
-        "settings": variant.settings(plan.stage).accuracy(),
-        "seconds": round(made.seconds, 4),
-        "kilobytes": round(made.kilobytes, 2),
-        "figures": {name: float(f"{value:.4g}") for name, value in error.figures.items()},
-        "bound": float(f"{error.bound(repeated):.4g}"),
-    }
+def _measurement(plan: StudyPlan, variant: Variant, made: runs.Made, error: Errors, repeated: list[float]) -> Measurement:
+    return Measurement(
+        label=variant.label,
+        kind=variant.kind,
+        settings=variant.settings(plan.stage).accuracy(),
+        seconds=round(made.seconds, 4),
+        kilobytes=round(made.kilobytes, 2),
+        figures={name: float(f"{value:.4g}") for name, value in error.figures.items()},
+        bound=float(f"{error.bound(repeated):.4g}"),
+    )
 
 
 if __name__ == "__main__":

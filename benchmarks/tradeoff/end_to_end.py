@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from benchmarks.tradeoff import runs
+from benchmarks.tradeoff.errors import table_3
 from benchmarks.tradeoff.study_plan import HERE
 from pipeline.console import Meter
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
@@ -50,7 +51,7 @@ def _row(data: Path) -> dict[str, Any]:
     made = {name: DataDirectory(data).collection(ARTIFACTS[name]) for name in ("surfaces", "grasps", "touch")}
     seconds = [np.mean([row.seconds for row in shard.record.rows]) for collection in made.values() for shard in collection.shards]
     touched = np.mean([made["grasps"].view(name)["touch_success"].mean() for name in made["grasps"]])
-    table = runs.load_json(DataDirectory(data).folder_path("evaluation") / "metrics.json")["tables"]["table_3"]
+    table = table_3(data)
     chamfer, low, high = (round(TABLE_3_FACTOR * float(np.mean(table[name][0])), 3) for name in ("chamfer", "low", "high"))
     return {
         "seconds": round(float(sum(seconds)), 2),

@@ -6,6 +6,7 @@ the error of each object alone, whose spread bounds the error on another dataset
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ from skimage.metrics import structural_similarity
 from skimage.transform import resize
 
 from benchmarks.stored_grasps import examine
-from benchmarks.tradeoff.runs import Made, load_json
+from benchmarks.tradeoff.runs import Made
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
@@ -214,7 +215,7 @@ def charts(made: Made, reference: Path) -> Errors:
 
 def gcn(made: Made, reference: Path) -> Errors:
     """Collect the network's Chamfer distances on test objects: over all numbers of grasps, and with one grasp."""
-    table = _table_3(made.data)
+    table = table_3(made.data)
     figures = {
         "Chamfer x 9000": TABLE_3_FACTOR * float(np.mean(table["chamfer"][0])),
         "with one grasp": TABLE_3_FACTOR * float(table["chamfer"][0][0]),
@@ -226,7 +227,7 @@ def gcn(made: Made, reference: Path) -> Errors:
 
 def evaluation(made: Made, reference: Path) -> Errors:
     """Compare the reported Chamfer distances with those of most points."""
-    ours, theirs = (np.array(_table_3(data)["chamfer"][0]) for data in (made.data, reference))
+    ours, theirs = (np.array(table_3(data)["chamfer"][0]) for data in (made.data, reference))
     truth = _per_object(reference)
     each = 100 * (_per_object(made.data) - truth) / truth.mean()
     return Errors({"reported Chamfer off, %": 100 * float(np.abs(ours / theirs - 1).mean())}, list(each))
@@ -234,12 +235,14 @@ def evaluation(made: Made, reference: Path) -> Errors:
 
 def _per_object(data: Path) -> NDArray[np.float64]:
     """(object,) Chamfer distance, mean over what was given."""
-    values = read_table(DataDirectory(data).folder_path("evaluation"), f"values/{_table_3(data)['configuration'][0]}")
+    values = read_table(DataDirectory(data).folder_path("evaluation"), f"values/{table_3(data)['configuration'][0]}")
     return np.asarray(values["chamfer"].mean(axis=(1, 2)))
 
 
-def _table_3(data: Path) -> dict[str, Any]:
-    table: dict[str, Any] = load_json(DataDirectory(data).folder_path("evaluation") / "metrics.json")["tables"]["table_3"]
+def table_3(data: Path) -> dict[str, Any]:
+    """Read the columns of Table 3 from an evaluation."""
+    metrics = json.loads((DataDirectory(data).folder_path("evaluation") / "metrics.json").read_text())
+    table: dict[str, Any] = metrics["tables"]["table_3"]
     return table
 
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from benchmarks.tradeoff.study_plan import HERE, StudyPlan, Variant
 from pipeline.config.manifest import load_manifest
+from pipeline.engine.keys import code_hash
 from pipeline.engine.stage import DatasetStage
 from pipeline.store.directory import DataDirectory
+from pipeline.tuning.measurements import Measurement, Provenance, Study
 from pipeline.tuning.sweep import file_name
 from schemas.catalogue import ARTIFACTS
 from stages.registry import load_stage
@@ -107,22 +109,19 @@ def _bytes(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
-def described(plan: StudyPlan) -> dict[str, Any]:
-    """Describe a study as `pipeline.tuning.measurements.Study` does, without its measurements."""
-    whole = isinstance(load_stage(plan.stage), DatasetStage)
-    items = load_manifest(str(plan.manifest)).objects(None)
-    split = "test" if plan.stage == "evaluate" else "train"
-    return {
-        "stage": plan.stage,
-        "objects": sum(item.split == split for item in items) if whole else len(items),
-        "whole_dataset": whole,
-        "costs": list(plan.costs),
-        "fixed": dict(plan.fixed),
-        "varied_at": dict(plan.varied_at),
-        "skipped": dict(plan.skipped),
-    }
-
-
-def load_json(path: Path) -> Any:
-    """Read a JSON file."""
-    return json.loads(path.read_text())
+def study(plan: StudyPlan, made: Mapping[str, str], measurements: Sequence[Measurement]) -> Study:
+    """Describe what was measured of a plan, with the code that was measured."""
+    stage, items = load_stage(plan.stage), load_manifest(str(plan.manifest)).objects(None)
+    whole, split = isinstance(stage, DatasetStage), "test" if plan.stage == "evaluate" else "train"
+    return Study(
+        name=plan.name,
+        stage=plan.stage,
+        objects=sum(item.split == split for item in items) if whole else len(items),
+        whole_dataset=whole,
+        costs=plan.costs,
+        provenance=Provenance(**made, code=code_hash(stage)),
+        measurements=tuple(measurements),
+        fixed=plan.fixed,
+        varied_at=plan.varied_at,
+        skipped=plan.skipped,
+    )

@@ -75,21 +75,15 @@ def explain_plan(plan: ShardPlan | FolderPlan) -> Explanation | None:
     Explanation or None
         None where no object of the shard was processed.
     """
-    request, stage = plan.request, plan.stage
+    request, stage, count = plan.request, plan.stage, _counts_of(plan.stage)
     if isinstance(plan, FolderPlan):
         folder = plan.directory.folder_path(plan.name)
-        counts = _counts_of(stage)(DatasetJob(request.data, folder, request.settings, request.seed, plan.models, console))
-        title = f"{stage.name} {folder}: counted on its objects"
-    else:
-        tasks = processed_tasks(plan)
-        if not tasks:
-            return None
-        chosen = [tasks[number] for number in np.unique(np.linspace(0, len(tasks) - 1, OBJECTS).astype(int))]
-        counts = _counts_of(stage)(request.settings, plan.models, chosen)
-        title = (
-            f"{stage.name} {plan.path}: counted on {len(chosen)} of {plan.total} objects ({', '.join(task.object_id for task in chosen)})"
-        )
-    return Explanation(title, total(counts))
+        counts = count(DatasetJob(request.data, folder, request.settings, request.seed, plan.models, console))
+        return Explanation(f"{stage.name} {folder}: counted on its objects", total(counts))
+    if not (tasks := processed_tasks(plan)):
+        return None
+    few = f"{len(tasks)} of {plan.total} objects ({', '.join(task.object_id for task in tasks)})"
+    return Explanation(f"{stage.name} {plan.path}: counted on {few}", total(count(request.settings, plan.models, tasks)))
 
 
 def total(counts: Iterable[Count]) -> list[Count]:
@@ -110,18 +104,20 @@ def arrays_read(names: Iterable[str], artifacts: Iterable[Artifact]) -> Count:
 
 
 def processed_tasks(plan: ShardPlan) -> list[Task]:
-    """The tasks of a shard's processed objects, with the stage's own row among their inputs."""
+    """Make the tasks of a few of a shard's processed objects, with the stage's own row among their inputs."""
+    asked = (member for member in plan.members if plan.request.only in (None, member.item.object_id))
+    rows = [(member.job, row) for member in asked if (row := plan.row(member)) is not None]
+    inputs = {one.artifact.name: one for one in plan.inputs}
     tasks = []
-    for member in plan.members:
-        own = plan.row(member) if plan.request.only in (None, member.item.object_id) else None
-        if own is not None:
-            task = make_task(member.job, plan.request.seed, {one.artifact.name: one for one in plan.inputs})
-            tasks.append(replace(task, inputs={**task.inputs, plan.artifact.name: own}))
+    for number in np.linspace(0, len(rows) - 1, min(OBJECTS, len(rows))).astype(int):
+        job, row = rows[number]
+        task = make_task(job, plan.request.seed, inputs)
+        tasks.append(replace(task, inputs={**task.inputs, plan.artifact.name: row}))
     return tasks
 
 
 def _counts_of(stage: Stage) -> Any:
-    """The stage's function in `pipeline.tuning.explanations`.
+    """Find the stage's function in `pipeline.tuning.explanations`.
 
     Of an object stage: (settings, models by name: Mapping[str, Path], tasks) -> Iterable[Count]; of a dataset stage:
     (job) -> Iterable[Count]. One that counts nothing for a stage without a module there.

@@ -50,7 +50,7 @@ def _compared_with_standard(study: Study, found: Measurement) -> str:
 
 
 def _single(studies: Iterable[Study], name: str, value: Any) -> str:
-    """The error where one setting alone has this value; else those at the nearest measured values below and above."""
+    """Quote the error where one setting alone has this value; else those at the nearest measured values below and above."""
     errors = {
         one.settings[name]: one.error
         for study in studies
