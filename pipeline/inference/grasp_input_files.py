@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +57,11 @@ def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_] | Non
         The file cannot be read, has no poses, or a pose is no rigid motion.
     """
     try:
-        poses, touched = _npz(path) if path.suffix == ".npz" else _json(path)
-        poses = np.asarray(poses, np.float64)
+        with path.open("rb") as file:
+            content: Any = np.load(file, allow_pickle=False) if path.suffix == ".npz" else json.load(file)
+            if isinstance(content, list):
+                content = {"poses": content}
+            poses, touched = np.asarray(content["poses"], np.float64), content.get("touched")
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise StageError(f"{path} holds no sensor poses ({error}); see `vt-pipeline predict --help`") from error
     if poses.ndim != 3 or poses.shape[1:] != (4, 4):
@@ -73,13 +77,3 @@ def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_] | Non
     if flags.dtype != bool or flags.shape != poses.shape[:1]:
         raise StageError(f"{path}: touched is {flags.dtype} {flags.shape}; it must be true or false for each of the {len(poses)} poses")
     return poses, flags
-
-
-def _npz(path: Path) -> tuple[object, object]:
-    with np.load(path, allow_pickle=False) as file:
-        return file["poses"], file["touched"] if "touched" in file.files else None
-
-
-def _json(path: Path) -> tuple[object, object]:
-    content = json.loads(path.read_text(encoding="utf-8"))
-    return (content, None) if isinstance(content, list) else (content["poses"], content.get("touched"))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pipeline.errors import StageError
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES
 from pipeline.models.reconstruction import Reconstruction
+from pipeline.store.atomic import write_at_once
 
 SUFFIXES = (".obj", ".ply", ".glb")
 
@@ -94,14 +95,7 @@ def _write(path: Path, parts: Parts) -> None:
     check_suffix(path)
     suffix = path.suffix.lower()
     scene: Any = trimesh.Scene()
-    if suffix == ".ply":
-        whole: Any = trimesh.util.concatenate([mesh for _, mesh in parts])
-        content = whole.export(file_type="ply")
-    else:
-        for name, mesh in parts:
-            scene.add_geometry(mesh, node_name=name, geom_name=name, transform=Y_UP if suffix == ".glb" else None)
-        content = scene.export(file_type=suffix[1:])
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f"{path.name}.tmp")
-    beside.write_bytes(content.encode() if isinstance(content, str) else content)
-    beside.replace(path)
+    for name, mesh in parts:
+        scene.add_geometry(mesh, node_name=name, geom_name=name, transform=Y_UP if suffix == ".glb" else None)
+    content = scene.export(file_type=suffix[1:])
+    write_at_once(path, content.encode() if isinstance(content, str) else content)

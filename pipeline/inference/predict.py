@@ -15,18 +15,20 @@ from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError
 from pipeline.inference.grasp_input_files import read_image, read_poses, read_readings
 from pipeline.inference.mesh_files import check_suffix, write_charts, write_joined
-from pipeline.inference.stored_grasps import check_object, has_charts, stored_charts, stored_image, stored_touches
+from pipeline.inference.stored_grasps import open_grasps
 from pipeline.kernels.charts.chart_fitting import fit_charts
-from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.touch.sensor import sensor_to_world
-from pipeline.models.observation import Observation
+from pipeline.kernels.touch.sensor import Sensor, sensor_to_world
+from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
-from pipeline.models.touch_model import TouchModel, load_touch_model
+from pipeline.models.touch_model import load_touch_model
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.training.device import device_of
+from schemas.charts import CHARTS
 from stages.fit_charts.settings import ChartSettings
 
+TOUCHES = ("reading", "sensor_pose", "touch_success")
+"""What charts are fitted to where none are stored."""
 Surface = Literal["apart", "joined", "both"]
 
 
@@ -129,17 +131,16 @@ class _Observer:
     def of_object(self, data: Path, object_id: str, grasps: Sequence[int]) -> Observation:
         if not grasps:
             raise StageError(f"{object_id}: name a grasp at least")
-        image = None if self.model.image is None else stored_image(data, object_id, grasps[0], self.model.image)
-        if not self.model.touch:
-            check_object(data, object_id, grasps)
-            return Observation.without_touch(image)
-        if has_charts(data):
-            return Observation.with_charts(image, *stored_charts(data, object_id, grasps))
-        readings, poses, touched, sensor = stored_touches(data, object_id, grasps)
-        unet = self._unet()
-        if unet.sensor != sensor:
-            raise StageError(f"the U-Net in {self.models / 'unet'} knows sensor {unet.sensor.name}, the tactile images are {sensor.name}'s")
-        return Observation(image, *self._charts(unet, unet.clouds(readings), poses, touched, object_id))
+        config = self.model.config
+        if not config.touch or DataDirectory(data).collection(CHARTS).shards:
+            rows = open_grasps(data, observed_arrays(config), object_id, grasps)
+            return stored_observation(rows, object_id, grasps, config)
+        images = () if config.image is None else (config.image,)
+        rows = open_grasps(data, [*images, *TOUCHES], object_id, grasps)
+        image = rows.read(config.image, object_id, grasps[0]) if config.image else None
+        readings, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
+        sensor = Sensor.model_validate(rows.attributes("touch")["sensor"])
+        return self._felt(image, readings=readings, poses=poses, touched=touched, name=object_id, sensor=sensor)
 
     def of_files(self, image: Path | None, readings: Sequence[Path], poses: Path | None) -> Observation:
         model = self.model
@@ -149,34 +150,36 @@ class _Observer:
         if not model.touch and (readings or poses is not None):
             raise StageError(f"model {model.configuration} takes no touch: leave readings and poses out, or name one that does")
         seen = read_image(image) if model.image is not None and image is not None else None
-        if not model.touch or poses is None:
+        if poses is None:
             return Observation.without_touch(seen)
         felt, (placed, touched) = read_readings(readings), read_poses(poses)
         if len(felt) != len(placed):
             raise StageError(f"{len(felt)} tactile images and {len(placed)} poses in {poses}: there must be one pose per image, in order")
-        unet = self._unet()
-        clouds = unet.clouds(felt)
-        if touched is None:
-            touched = np.array([len(cloud) > 0 for cloud in clouds])
-        return Observation(seen, *self._charts(unet, clouds, placed, touched, "files"))
+        return self._felt(seen, readings=felt, poses=placed, touched=touched, name="files")
 
-    def _unet(self) -> TouchModel:
-        return load_touch_model(DataDirectory(self.models).folder_path("unet"), self.device)
-
-    def _charts(
-        self, unet: TouchModel, clouds: list[NDArray[np.float64]], poses: NDArray[np.float64], touched: NDArray[np.bool_], name: str
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Charts (T, side², 3), world, m, fitted as those that the model was trained on; and which are of a touch (T,)."""
-        width, side = unet.sensor.width, self.model.side
-        given = [cloud if flag else np.zeros((0, 3)) for cloud, flag in zip(clouds, touched, strict=True)]
+    def _felt(
+        self,
+        image: NDArray[np.uint8] | None,
+        *,
+        readings: NDArray[np.uint8],
+        poses: NDArray[np.float64],
+        touched: NDArray[np.bool_] | None,
+        name: str,
+        sensor: Sensor | None = None,
+    ) -> Observation:
+        """Fit charts to what tactile images show, as those that the model was trained on; without flags, what shows points was touched."""
+        folder = DataDirectory(self.models).folder_path("unet")
+        unet = load_touch_model(folder, self.device)
+        if sensor is not None and sensor != unet.sensor:
+            raise StageError(f"the U-Net in {folder} knows sensor {unet.sensor.name}, the tactile images are {sensor.name}'s")
+        width, clouds = unet.sensor.width, unet.clouds(readings)
+        flags = np.array([len(cloud) > 0 for cloud in clouds], bool) if touched is None else touched
+        given = [cloud if flag else cloud[:0] for cloud, flag in zip(clouds, flags, strict=True)]
         generators = [torch_generator(self.seed, "predict", name, number) for number in range(len(given))]
         options = ChartSettings.model_validate(self.model.chart_settings or {}).fit_options(width)
         fits = fit_charts(given, width, generators, options=options)
-        surface = touched & is_surface(fits.stop_rule)
-        flat = chart_square(side)[0].numpy() * width
-        local = np.where(surface[:, None, None], fits.vertices, flat)  # (T, side², 3) sensor frame
-        world = [sensor_to_world(pose, *vertices.T) for pose, vertices in zip(poses, local, strict=True)]
-        return np.array(world, np.float32).reshape(-1, side**2, 3), surface
+        vertices = [sensor_to_world(pose, *chart.T) for pose, chart in zip(poses, fits.vertices, strict=True)]  # (T, side², 3)
+        return Observation(image, np.array(vertices, np.float32), flags & is_surface(fits.stop_rule))
 
 
 def _write(out: Path, made: Reconstruction, surface: Surface) -> list[Path]:

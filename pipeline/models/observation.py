@@ -9,10 +9,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.image_tensors import network_input
+from pipeline.kernels.networks.network_configurations import NetworkConfig
 
 
 @dataclass(frozen=True)
@@ -44,54 +46,57 @@ class Observation:
         return Observation(image, vertices.reshape(-1, *vertices.shape[2:]), is_surface(stop_rule).reshape(-1))
 
 
+def observed_arrays(config: NetworkConfig) -> tuple[str, ...]:
+    """Name the arrays of a dataset that a network is given."""
+    return (*([config.image] if config.image else []), *(("vertices", "stop_rule") if config.touch else ()))
+
+
+def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], config: NetworkConfig) -> Observation:
+    """Read what a network is given of a stored object: the image of the first of these grasps, and the charts of all."""
+    image = None if config.image is None else rows.read(config.image, object_id, grasps[0])
+    if not config.touch:
+        return Observation.without_touch(image)
+    return Observation.with_charts(image, *(rows.read(name, object_id)[list(grasps)] for name in ("vertices", "stop_rule")))
+
+
 @dataclass(frozen=True)
 class NetworkBatch:
-    """Observations as a network takes them, on its device.
+    """Observations as `DeformationNetwork.forward` takes them, on its device.
 
     Attributes
     ----------
-    images
-        (B, 3, H, W) in [0, 1], None for networks without image.
-    touch_vertices, touched
-        (T, S, 3) charts of all items, world, m, and which of them are of a successful touch (T,); None for networks without touch.
-    counts
-        Touch charts of each item.
+    images, camera, touch_vertices, touched, counts
+        Its arguments.
     """
 
     images: Tensor | None
-    touch_vertices: Tensor | None
-    touched: Tensor | None
+    camera: Tensor | None
+    touch_vertices: Tensor
+    touched: Tensor
     counts: list[int]
 
 
-def stack_observations(observations: Sequence[Observation], network: DeformationNetwork) -> NetworkBatch:
-    """Stack observations as tensors of the network's device and type.
+def stack_observations(observations: Sequence[Observation], network: DeformationNetwork, camera: Tensor | None) -> NetworkBatch:
+    """Stack observations as tensors of the network's device and type; `camera` is the projection matrix (3, 4) of their images.
 
     Raises
     ------
     InvalidInput
         An image that the network takes is missing, or the images differ in size.
     ValueError
-        There is no observation, or charts have another number of vertices than the network's.
+        There is no observation, or charts differ in their number of vertices.
     """
     if not observations:
         raise ValueError("there is no observation to reconstruct from; one at least")
-    config = network.config
-    like = next(network.parameters())
-    images = touch_vertices = touched = None
+    config, like, images = network.config, next(network.parameters()), None
     if config.image is not None:
         pictures = [seen.image for seen in observations if seen.image is not None]
         if len(pictures) != len(observations) or len({picture.shape for picture in pictures}) != 1:
             raise InvalidInput("the network takes an image of each object, all of one size; some are missing or differ")
         images = network_input(torch.from_numpy(np.stack(pictures)).to(like.device), like.dtype)
-    counts = [len(felt.touched) if config.touch else 0 for felt in observations]
-    if config.touch:
-        size = config.side**2
-        for felt in observations:
-            if felt.touch_vertices.shape != (len(felt.touched), size, 3):
-                raise ValueError(
-                    f"touch charts have shape {felt.touch_vertices.shape}; {len(felt.touched)} charts of {size} vertices are needed"
-                )
-        touch_vertices = torch.from_numpy(np.concatenate([felt.touch_vertices for felt in observations])).to(like)
-        touched = torch.from_numpy(np.concatenate([felt.touched for felt in observations])).to(like.device)
-    return NetworkBatch(images, touch_vertices, touched, counts)
+    if not config.touch:
+        none = like.new_zeros(0, config.side**2, 3)
+        return NetworkBatch(images, camera, none, none.new_zeros(0, dtype=torch.bool), [0] * len(observations))
+    touch_vertices = torch.from_numpy(np.concatenate([felt.touch_vertices for felt in observations])).to(like)
+    touched = torch.from_numpy(np.concatenate([felt.touched for felt in observations])).to(like.device)
+    return NetworkBatch(images, camera, touch_vertices, touched, [len(felt.touched) for felt in observations])

@@ -45,35 +45,21 @@ class Reconstruction:
     side: int
 
 
-def deform(network: torch.nn.Module, batch: NetworkBatch, camera: Tensor | None) -> Tensor:
-    """Deform the vision charts of a batch: (B, V, 3), world, m. `camera` is the projection matrix (3, 4) of its images."""
-    deformed: Tensor = network(
-        images=batch.images, camera=camera, touch_vertices=batch.touch_vertices, touched=batch.touched, counts=batch.counts
-    )
-    return deformed
+def assemble_surfaces(network: DeformationNetwork, deformed: Tensor, batch: NetworkBatch) -> Iterator[tuple[Tensor, Tensor]]:
+    """Join each item's vision charts, `deformed` (B, V, 3), and the charts of its successful touches.
 
-
-class SurfaceAssembler:
-    """Joins deformed vision charts and the charts of successful touches as meshes."""
-
-    def __init__(self, network: DeformationNetwork) -> None:
-        self._side = network.config.side
-        device = next(network.parameters()).device
-        self._vision_faces = torch.tensor(network.charts.faces, device=device)
-        self._touch_faces = chart_square(self._side)[1].to(device)
-
-    def surfaces(self, deformed: Tensor, batch: NetworkBatch) -> Iterator[tuple[Tensor, Tensor]]:
-        """Yield each item's vertices (V, 3), world, m, and faces (F, 3); `deformed` is (B, V, 3) from `deform`."""
-        begin = 0
-        for vision, count in zip(deformed, batch.counts, strict=True):
-            if batch.touch_vertices is None or batch.touched is None:
-                yield vision, self._vision_faces
-                continue
-            charts = batch.touch_vertices[begin : begin + count][batch.touched[begin : begin + count]]  # (K, S, 3)
-            begin += count
-            first = len(vision) + torch.arange(len(charts), device=vision.device) * self._side**2
-            faces = (self._touch_faces[None] + first[:, None, None]).reshape(-1, 3)
-            yield torch.cat([vision, charts.reshape(-1, 3)]), torch.cat([self._vision_faces, faces])
+    Yields
+    ------
+    Each item's vertices (V, 3), world, m, and faces (F, 3).
+    """
+    vision_faces = torch.tensor(network.charts.faces, device=deformed.device)
+    touch_faces = chart_square(network.config.side)[1].to(deformed.device)
+    charts_of, touched_of = torch.split(batch.touch_vertices, batch.counts), torch.split(batch.touched, batch.counts)
+    for vision, charts, touched in zip(deformed, charts_of, touched_of, strict=True):
+        surface = charts[touched]  # (K, S, 3)
+        first = len(vision) + torch.arange(len(surface), device=vision.device) * surface.shape[1]
+        faces = (touch_faces + first[:, None, None]).reshape(-1, 3)
+        yield torch.cat([vision, surface.reshape(-1, 3)]), torch.cat([vision_faces, faces])
 
 
 class Reconstructor:
@@ -83,28 +69,26 @@ class Reconstructor:
     ----------
     configuration
         Its name.
+    config
+        Its inputs and sizes.
     image
         Which image it is given: None, "occluded" or "unoccluded".
     touch
         Whether it is given touch charts.
-    side
-        Vertices along a side of a touch chart.
     chart_settings
         The settings of `fit-charts` that its touch charts were fitted with; None without touch.
     """
 
     def __init__(self, folder: Path, device: torch.device | str = "cpu") -> None:
         weights, description = load_model(folder)
-        config = NetworkConfig.model_validate(description["network"])
         self.configuration: str = description["configuration"]
-        self.image, self.touch, self.side = config.image, config.touch, config.side
+        self.config = NetworkConfig.model_validate(description["network"])
+        self.image, self.touch = self.config.image, self.config.touch
         self.chart_settings: dict[str, Any] | None = description["charts"]
-        self.network = DeformationNetwork(config).to(device)
+        self.network = DeformationNetwork(self.config).to(device).eval()
         self.network.load_state_dict(weights)
-        self.network.eval()
         self._camera = None if description["camera"] is None else torch.tensor(description["camera"], dtype=torch.float64, device=device)
         self._resolution = description["resolution"]
-        self._assembler = SurfaceAssembler(self.network)
 
     @torch.no_grad()
     def reconstruct(self, observations: Sequence[Observation]) -> list[Reconstruction]:
@@ -117,14 +101,19 @@ class Reconstructor:
         ValueError
             There is no observation, or its arrays have other shapes or types than the network takes.
         """
-        batch = stack_observations(observations, self.network)
+        batch = stack_observations(observations, self.network, self._camera)
         if batch.images is not None and list(batch.images.shape[2:]) != self._resolution:
             raise InvalidInput(
                 f"{self.configuration} was trained on images of {self._resolution} pixels, these have {list(batch.images.shape[2:])}"
             )
-        deformed = deform(self.network, batch, self._camera)
-        charts, found = self.network.charts, []
-        for vertices, faces in self._assembler.surfaces(deformed, batch):
-            arrays = vertices.double().cpu().numpy(), faces.cpu().numpy()
-            found.append(Reconstruction(*arrays, vision=len(charts.vertices), position=charts.position, side=self.side))
-        return found
+        charts, deformed = self.network.charts, self.network(**vars(batch))
+        return [
+            Reconstruction(
+                vertices=vertices.double().cpu().numpy(),
+                faces=faces.cpu().numpy(),
+                vision=len(charts.vertices),
+                position=charts.position,
+                side=self.config.side,
+            )
+            for vertices, faces in assemble_surfaces(self.network, deformed, batch)
+        ]

@@ -43,6 +43,13 @@ def load_touch_model(folder: Path, device: torch.device | str) -> TouchModel:
     return TouchModel(network.to(device).eval(), sensor, untouched, threshold)
 
 
+def masked_points(depth: NDArray[np.floating], mask: NDArray[np.bool_], sensor: Sensor) -> NDArray[np.float64]:
+    """Compute the points of the pixels of a depth map (rows, cols), m, where the mask holds: (n, 3) sensor frame, m, row by row."""
+    x, y = pixel_centres(sensor)
+    row, col = np.nonzero(mask)
+    return np.stack([x[col], y[row], depth[row, col].astype(np.float64)], axis=1)
+
+
 @dataclass(frozen=True)
 class TouchModel:
     """A trained U-Net in evaluation mode.
@@ -83,32 +90,19 @@ class TouchModel:
         """
         self._check(images)
         parameter = next(self.network.parameters())
-        depth = np.empty(images.shape[:3], np.float32)
         with torch.inference_mode():
-            for start in range(0, len(images), IMAGES_AT_ONCE):
-                batch = torch.tensor(images[start : start + IMAGES_AT_ONCE], device=parameter.device)
-                share = self.network(network_input(batch, parameter.dtype))
-                depth[start : start + IMAGES_AT_ONCE] = (share * self.sensor.w).cpu().numpy()
-        return depth
+            batches = torch.split(torch.tensor(images, device=parameter.device), IMAGES_AT_ONCE)
+            share = torch.cat([self.network(network_input(batch, parameter.dtype)) for batch in batches])
+            return (share * self.sensor.w).float().cpu().numpy()
 
     def mask(self, images: np.ndarray) -> NDArray[np.bool_]:
         """Find the pixels that touched, (N, H, W) bool; parameters and errors as `depth`."""
         self._check(images)
-        mask = np.empty(images.shape[:3], np.bool_)
-        untouched = torch.tensor(self.untouched)
-        for start in range(0, len(images), IMAGES_AT_ONCE):
-            batch = torch.tensor(images[start : start + IMAGES_AT_ONCE])
-            mask[start : start + IMAGES_AT_ONCE] = contact_mask(batch, untouched, self.mask_threshold).numpy()
-        return mask
+        return contact_mask(torch.tensor(images), torch.tensor(self.untouched), self.mask_threshold).numpy()
 
     def clouds(self, images: np.ndarray) -> list[NDArray[np.float64]]:
         """Predict the local point cloud of each image: (n, 3) sensor frame, m, row by row; n may be 0. Parameters and errors as `depth`."""
-        x, y = pixel_centres(self.sensor)
-        clouds = []
-        for depth, mask in zip(self.depth(images), self.mask(images), strict=True):
-            row, col = np.nonzero(mask)
-            clouds.append(np.stack([x[col], y[row], depth[row, col].astype(np.float64)], axis=1))
-        return clouds
+        return [masked_points(*maps, self.sensor) for maps in zip(self.depth(images), self.mask(images), strict=True)]
 
     def _check(self, images: np.ndarray) -> None:
         if images.ndim != 4 or images.shape[1:] != self.untouched.shape or images.dtype != np.uint8:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.models.observation import Observation
+from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from stages.evaluate.cases import Case
 from stages.evaluate.settings import EvaluationSettings
@@ -60,11 +60,7 @@ class Truth:
 
     def view(self, model: Reconstructor, row: int, case: Case) -> Observation:
         """What a model is shown of an object."""
-        object_id = self.rows.object_ids[row]
-        image = None if model.image is None else self.rows.read(model.image, object_id, case.first)
-        if not model.touch:
-            return Observation.without_touch(image)
-        return Observation.with_charts(image, *(self.rows.read(name, object_id)[list(case.grasps)] for name in ("vertices", "stop_rule")))
+        return stored_observation(self.rows, self.rows.object_ids[row], case.grasps or (case.first,), model.config)
 
 
 def load_truth(data: Path, models: Sequence[Reconstructor], settings: EvaluationSettings) -> Truth:

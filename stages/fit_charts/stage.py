@@ -15,8 +15,8 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.fit_options import StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, sensor_to_world
-from pipeline.models.touch_model import TouchModel, load_touch_model
+from pipeline.kernels.touch.sensor import Sensor, check_pose, sensor_to_world
+from pipeline.models.touch_model import TouchModel, load_touch_model, masked_points
 from pipeline.rng import torch_generator
 from pipeline.store.rows import Row
 from schemas.base import Artifact
@@ -85,12 +85,8 @@ def _process(task: Task, settings: ChartSettings, model: TouchModel | None) -> R
 
 def _true_clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor) -> list[NDArray[np.float64]]:
     """The points with D < w of each touch, sensor frame, m."""
-    x, y = pixel_centres(sensor)
-    clouds = []
-    for depth in task.inputs["touch"]["depth"][touched].astype(np.float64):
-        row, col = np.nonzero(depth < sensor.w)
-        clouds.append(np.stack([x[col], y[row], depth[row, col]], axis=1))
-    return clouds
+    depths = task.inputs["touch"]["depth"][touched].astype(np.float64)
+    return [masked_points(depth, depth < sensor.w, sensor) for depth in depths]
 
 
 def _predicted_clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor, model: TouchModel) -> list[NDArray[np.float64]]:

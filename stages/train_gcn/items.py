@@ -11,7 +11,7 @@ import torch
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.metrics.chamfer import Target
 from pipeline.kernels.networks.network_configurations import NetworkConfig
-from pipeline.models.observation import Observation
+from pipeline.models.observation import Observation, observed_arrays, stored_observation
 
 TARGETS = 128
 """Objects whose points are kept ready for the search of nearest ones, half a megabyte each."""
@@ -56,13 +56,8 @@ class Items:
         return self.rows.object_ids[item // self.each]
 
     def view(self, item: int, grasps: np.ndarray) -> Observation:
-        """What the network is given: the charts of these grasps, and the image of the first."""
-        object_id, image = self._object(item), None
-        if self.config.image is not None:
-            image = self.rows.read(self.config.image, object_id, int(grasps[0]) % self.grasps)
-        if not self.config.touch:
-            return Observation.without_touch(image)
-        return Observation.with_charts(image, *(self.rows.read(name, object_id)[grasps] for name in ("vertices", "stop_rule")))
+        """Read what the network is given: the charts of these grasps, and the image of the first."""
+        return stored_observation(self.rows, self._object(item), grasps.tolist(), self.config)
 
     def grasps_of(self, item: int, count: int, others: np.ndarray) -> np.ndarray:
         """The item's own grasp, then `count` - 1 of the others in the order of `others`, a permutation of all."""
@@ -83,5 +78,4 @@ class Items:
 
 def arrays_of(config: NetworkConfig) -> tuple[str, ...]:
     """The arrays that a network of this configuration is trained on."""
-    images = () if config.image is None else (config.image, "camera")
-    return ("points", *images, *(("vertices", "stop_rule") if config.touch else ()))
+    return ("points", *observed_arrays(config), *(["camera"] if config.image else []))

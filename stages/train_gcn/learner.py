@@ -14,7 +14,7 @@ from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.models.observation import Observation, stack_observations
-from pipeline.models.reconstruction import SurfaceAssembler, deform
+from pipeline.models.reconstruction import assemble_surfaces
 from pipeline.rng import torch_generator
 from pipeline.training.learner import Learner
 from stages.train_gcn.items import Items
@@ -70,13 +70,13 @@ class GcnLearner(Learner):
 
     def _chamfer(self, observations: Sequence[Observation], targets: Sequence[Target], generator: torch.Generator) -> Tensor:
         """(B,) Chamfer distance of each item, m² x `TABLE_3_FACTOR`, of `loss_points` points each way to all of the object's."""
-        batch = stack_observations(observations, self._network)
         camera = None if self._train.camera is None else torch.tensor(self._train.camera)
-        deformed = deform(self.module, batch, camera)
+        batch = stack_observations(observations, self._network, camera)
+        deformed: Tensor = self.module(**vars(batch))
         if not bool(torch.isfinite(deformed).all()):
             return deformed.sum(dim=(1, 2))  # no number either: the training loop stops, and names the items
         found = []
-        for (vertices, faces), target in zip(SurfaceAssembler(self._network).surfaces(deformed, batch), targets, strict=True):
+        for (vertices, faces), target in zip(assemble_surfaces(self._network, deformed, batch), targets, strict=True):
             predicted = sample_surface(vertices, faces, self._settings.loss_points, generator)
             chosen = torch.randperm(len(target.points), generator=generator)[: self._settings.loss_points]
             true = target.points[chosen].to(predicted)

@@ -16,7 +16,7 @@ from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floo
 from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
-from pipeline.models.observation import Observation
+from pipeline.models.observation import Observation, stack_observations
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.rng import torch_generator
 from pipeline.training.loop import read_metrics
@@ -53,7 +53,7 @@ def overfit(data: Path, steps: int, points: int) -> tuple[float, float]:
         optimizer.step()
         schedule.step()
     with torch.no_grad():
-        deformed = network(images=None, camera=None, touch_vertices=None, touched=None, counts=[0])[0]
+        deformed = network(**vars(stack_observations([items.view(0, np.array([0]))], network, camera=None)))[0]
         faces = torch.tensor(network.charts.faces)
         truth = items.target(0).points
         kept = truth[torch.randperm(len(truth), generator=torch_generator(0, "kept"))[:points]]

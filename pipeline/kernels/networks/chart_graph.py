@@ -5,21 +5,16 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy import sparse
 from torch import Tensor
 
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.charts.vision_charts import VisionCharts
-from pipeline.kernels.metrics.float_types import FULL_PRECISION
-
-CACHED_ITEMS = 64
-"""Items whose adjacency is kept, by number of touch charts: about 0.5 MB each."""
+from pipeline.kernels.metrics.float_types import check_full_precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +41,8 @@ class ChartGraph:
 
     adjacency: Tensor
     degree: Tensor
-    counts: tuple[int, ...]
-    sizes: tuple[int, ...]
+    counts: list[int]
+    sizes: list[int]
     vision_size: int
 
     def average(self, features: Tensor) -> Tensor:
@@ -56,9 +51,14 @@ class ChartGraph:
             summed: Tensor = _SymmetricProduct.apply(self.adjacency, features.to(self.adjacency.dtype))  # type: ignore[no-untyped-call]
             return (summed / self.degree).to(features.dtype)
 
+    def join(self, vision: Tensor, touch: Tensor) -> Tensor:
+        """Arrange features of vision vertices (B, V, F) and of touch charts (T, side², F) as those of all vertices: (N, F)."""
+        items = zip(vision, torch.split(touch, self.counts), strict=True)
+        return torch.cat([part.reshape(-1, vision.shape[-1]) for item in items for part in item])
+
     def vision_vertices(self, features: Tensor) -> Tensor:
         """Select the vision vertices' rows of `features` (N, F): (B, V, F)."""
-        return torch.stack([item[: self.vision_size] for item in torch.split(features, list(self.sizes))])
+        return torch.stack([item[: self.vision_size] for item in torch.split(features, self.sizes)])
 
 
 class _SymmetricProduct(torch.autograd.Function):
@@ -104,41 +104,28 @@ def chart_graph(charts: VisionCharts, side: int, counts: Sequence[int], like: Te
     """
     if not counts or min(counts) < 0:
         raise ValueError(f"counts is {list(counts)}; a batch needs one item at least, each with 0 or more touch charts")
-    if like.dtype not in FULL_PRECISION:
-        raise ValueError(f"averages over neighbours in {like.dtype}: take float32 or float64, and autocast for half precision")
+    check_full_precision("an adjacency", like)
     items = [_item_adjacency(charts, side, count) for count in counts]
     matrix = sparse.block_diag(items, format="csr")
+    parts = matrix.indptr, matrix.indices, matrix.data
     with warnings.catch_warnings():  # torch warns that its interface may change
         warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
-        adjacency = torch.sparse_csr_tensor(
-            torch.from_numpy(matrix.indptr),
-            torch.from_numpy(matrix.indices),
-            torch.from_numpy(matrix.data).to(like.dtype),
-            matrix.shape,
-            device=like.device,
-            check_invariants=False,
-        )
+        adjacency = torch.sparse_csr_tensor(*parts, matrix.shape, dtype=like.dtype, device=like.device, check_invariants=False)
     degree = torch.from_numpy(np.diff(matrix.indptr)).to(like)[:, None]
-    return ChartGraph(adjacency, degree, tuple(counts), tuple(item.shape[0] for item in items), len(charts.vertices))
+    return ChartGraph(adjacency, degree, list(counts), [item.shape[0] for item in items], len(charts.vertices))
 
 
-@lru_cache(maxsize=CACHED_ITEMS)
 def _item_adjacency(charts: VisionCharts, side: int, count: int) -> sparse.csr_array:
     """(n, n) with 1 where two vertices of one item are neighbours."""
     square, square_faces = chart_square(side)
     first_vertices = len(charts.vertices) + len(square) * np.arange(count)  # (count,) of each touch chart
-    touch_faces = (np.asarray(square_faces) + first_vertices[:, None, None]).reshape(-1, 3)
-    touch_centres = first_vertices + len(square) // 2
-    centres = np.stack(np.meshgrid(touch_centres, charts.centres, indexing="ij"), axis=-1).reshape(-1, 2)
+    touch_faces = (square_faces.numpy() + first_vertices[:, None, None]).reshape(-1, 3)
+    faces = np.concatenate([charts.faces, touch_faces])
+    sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    centres = np.stack(np.meshgrid(first_vertices + len(square) // 2, charts.centres), axis=-1).reshape(-1, 2)
     size = len(charts.vertices) + count * len(square)
-    itself = np.repeat(np.arange(size)[:, None], 2, axis=1)
-    pairs = np.concatenate([_edges(charts.faces), _edges(touch_faces), charts.seams, centres])
-    rows, columns = np.concatenate([pairs, pairs[:, ::-1], itself]).T
-    neighbours = sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
-    neighbours.data[:] = 1  # edges of two faces were added up
+    pairs = np.concatenate([sides, charts.seams, centres])
+    rows, columns = np.concatenate([pairs, pairs[:, ::-1]]).T
+    neighbours = sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(size, size)) + sparse.eye_array(size)
+    neighbours.data[:] = 1  # sides of two faces were added up
     return neighbours
-
-
-def _edges(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(3 F, 2) the sides of faces (F, 3)."""
-    return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import torch
 from torch import Tensor, nn
@@ -57,13 +58,7 @@ class DeformationNetwork(nn.Module):
         initialise(self, generator)
 
     def forward(
-        self,
-        *,
-        images: Tensor | None,
-        camera: Tensor | None,
-        touch_vertices: Tensor | None,
-        touched: Tensor | None,
-        counts: Sequence[int],
+        self, *, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]
     ) -> Tensor:
         """Deform the vision charts of a batch of B items.
 
@@ -74,8 +69,8 @@ class DeformationNetwork(nn.Module):
         camera
             (3, 4) projection matrix of world points to pixels of these images, or one per item, (B, 3, 4); None without image.
         touch_vertices
-            (T, S, 3) the touch charts of all items, one after the other: S = side² vertices each, world, m. None for a network without
-            touch; T may be 0.
+            (T, S, 3) the touch charts of all items, one after the other: S = side² vertices each, world, m; T is 0 for a network without
+            touch.
         touched
             (T,) bool, which of them are of a successful touch.
         counts
@@ -95,46 +90,35 @@ class DeformationNetwork(nn.Module):
         """
         self._check(images, camera, touch_vertices, touched, counts)
         start = torch.tensor(self.charts.vertices).to(self.gcn.last.weight)  # (V, 3) in radii from the centre
-        graph = chart_graph(self.charts, self.config.side, counts, like=start)
-        maps = [] if images is None or self.encoder is None else self.encoder(images.to(start.dtype))
-        cameras = None if camera is None else camera.to(start).expand(len(counts), 3, 4)
-        touch = self._touch_positions(touch_vertices, touched, counts, like=start)
         vision = start.expand(len(counts), -1, -1)  # (B, V, 3)
+        touch = (touch_vertices.to(start) - start.new_tensor(self.config.centre)) / self.config.radius  # (T, S, 3)
+        graph = chart_graph(self.charts, self.config.side, counts, like=start)
+        mask = torch.where(touched, TOUCHED, NOT_TOUCHED).to(start)[:, None, None].expand(*touch.shape[:2], 1)  # (T, S, 1)
+        step: Callable[[Tensor], Tensor] = partial(
+            self._displacements,
+            touch=touch,
+            mask=graph.join(torch.full_like(vision[..., :1], VISION), mask),
+            maps=[] if images is None or self.encoder is None else self.encoder(images.to(start.dtype)),
+            cameras=None if camera is None else camera.to(start).expand(len(counts), 3, 4),
+            graph=graph,
+        )
+        if self.config.checkpointing and torch.is_grad_enabled():
+            step = partial(checkpoint, step, use_reentrant=False, preserve_rng_state=False)
         for _ in range(self.config.passes):
-            if self.config.checkpointing and torch.is_grad_enabled():
-                step: Tensor = checkpoint(
-                    self._displacements, vision, touch, maps, cameras, graph, use_reentrant=False, preserve_rng_state=False
-                )
-            else:
-                step = self._displacements(vision, touch, maps, cameras, graph)
-            vision = vision + step
+            vision = vision + step(vision)
         return self._world(vision)
 
-    def _touch_positions(
-        self, vertices: Tensor | None, touched: Tensor | None, counts: Sequence[int], like: Tensor
-    ) -> list[tuple[Tensor, Tensor]]:
-        """Of each item, positions (count · S, 3) in radii from the centre and mask features (count · S, 1) of its touch vertices."""
-        if vertices is None or touched is None:
-            return [(like.new_zeros(0, 3), like.new_zeros(0, 1))] * len(counts)
-        positions = (vertices.to(like) - like.new_tensor(self.config.centre)) / self.config.radius  # (T, S, 3)
-        mask = torch.where(touched, TOUCHED, NOT_TOUCHED).to(like)[:, None, None].expand(*vertices.shape[:2], 1)  # (T, S, 1)
-        items = zip(torch.split(positions, list(counts)), torch.split(mask, list(counts)), strict=True)
-        return [(charts.reshape(-1, 3), masks.reshape(-1, 1)) for charts, masks in items]
-
     def _displacements(
-        self, vision: Tensor, touch: list[tuple[Tensor, Tensor]], maps: list[Tensor], cameras: Tensor | None, graph: ChartGraph
+        self, vision: Tensor, *, touch: Tensor, mask: Tensor, maps: list[Tensor], cameras: Tensor | None, graph: ChartGraph
     ) -> Tensor:
         """(B, V, 3) what one pass adds to the positions of the vision vertices (B, V, 3), radii."""
-        features = []
-        for item, (charts, mask) in enumerate(touch):
-            positions = torch.cat([vision[item], charts])  # (n, 3)
-            parts = [positions]
-            if self.config.touch:
-                parts.append(torch.cat([mask.new_full((len(vision[item]), 1), VISION), mask]))
-            if cameras is not None:
-                parts.append(self._image_features(positions, [map_[item : item + 1] for map_ in maps], cameras[item]))
-            features.append(torch.cat(parts, dim=1))
-        return graph.vision_vertices(self.gcn(torch.cat(features), graph))
+        positions = graph.join(vision, touch)  # (N, 3)
+        parts = [positions, mask] if self.config.touch else [positions]
+        if cameras is not None:
+            items = enumerate(torch.split(positions, graph.sizes))
+            seen = [self._image_features(item, [map_[i : i + 1] for map_ in maps], cameras[i]) for i, item in items]
+            parts.append(torch.cat(seen))
+        return graph.vision_vertices(self.gcn(torch.cat(parts, dim=1), graph))
 
     def _image_features(self, positions: Tensor, maps: list[Tensor], camera: Tensor) -> Tensor:
         """(n, F) image features of one item's vertices."""
@@ -146,34 +130,22 @@ class DeformationNetwork(nn.Module):
         """World, m, from radii from the centre."""
         return positions * self.config.radius + positions.new_tensor(self.config.centre)
 
-    def _check(
-        self, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor | None, touched: Tensor | None, counts: Sequence[int]
-    ) -> None:
+    def _check(self, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> None:
         check_full_precision("a network with parameters", self.gcn.last.weight)
-        if not counts:
-            raise ValueError("counts is empty; a batch needs one item at least")
-        wanted = self.config.image is not None
+        items, total, wanted = len(counts), sum(counts), self.config.image is not None
         if (images is not None) != wanted or (camera is not None) != wanted:
-            raise ValueError(
-                f"a network with image {self.config.image!r} takes {'an image and its camera' if wanted else 'neither image nor camera'}"
-            )
-        if images is not None and (images.ndim != 4 or images.shape[:2] != (len(counts), COLOURS)):
-            raise ValueError(
-                f"images are {tuple(images.shape)}, but counts has {len(counts)} items: images must be ({len(counts)}, {COLOURS}, H, W)"
-            )
-        if not self.config.touch and (touch_vertices is not None or touched is not None or any(counts)):
+            takes = "an image and its camera" if wanted else "neither image nor camera"
+            raise ValueError(f"a network with image {self.config.image!r} takes {takes}")
+        if images is not None and (images.ndim != 4 or images.shape[:2] != (items, COLOURS)):
+            raise ValueError(f"images are {tuple(images.shape)}, but counts has {items} items: images must be ({items}, {COLOURS}, H, W)")
+        if any(counts) and not self.config.touch:
             raise ValueError(f"a network without touch takes no touch charts, but counts is {list(counts)}: leave them out, with counts 0")
-        if self.config.touch:
-            if touch_vertices is None or touched is None:
-                raise ValueError(
-                    "a network with touch takes touch_vertices and touched; with no charts they are of shape (0, S, 3) and (0,)"
-                )
-            total, size = sum(counts), self.config.side**2
-            if tuple(touch_vertices.shape) != (total, size, 3) or tuple(touched.shape) != (total,) or touched.dtype != torch.bool:
-                raise ValueError(
-                    f"touch_vertices are {tuple(touch_vertices.shape)} and touched {tuple(touched.shape)} {touched.dtype}, "
-                    f"but counts sum to {total}: they must be ({total}, {size}, 3) and ({total},) bool"
-                )
+        charts = (total, self.config.side**2, 3)
+        if touch_vertices.shape != charts or touched.shape != (total,) or touched.dtype != torch.bool:
+            raise ValueError(
+                f"touch_vertices are {tuple(touch_vertices.shape)} and touched {tuple(touched.shape)} {touched.dtype}, "
+                f"but counts sum to {total}: they must be {charts} and ({total},) bool"
+            )
         for name, values in (("images", images), ("camera", camera), ("touch_vertices", touch_vertices)):
             if values is not None and not bool(torch.isfinite(values).all()):
                 raise InvalidInput(f"{name} has values that are not finite: leave out the items they come from")
@@ -193,10 +165,10 @@ def initialise(network: DeformationNetwork, generator: torch.Generator | None) -
     -----
     He's normal weights keep the features' size through 25 layers of ReLU; the last layer's are scaled by `FIRST_STEP`.
     """
-    for module in network.modules():
-        if isinstance(module, nn.Conv2d | nn.Linear):
-            nn.init.kaiming_normal_(module.weight, nonlinearity="relu", generator=generator)
-            if module.bias is not None:
-                nn.init.zeros_(module.bias)
+    for name, parameter in network.named_parameters():
+        if parameter.ndim > 1:
+            nn.init.kaiming_normal_(parameter, nonlinearity="relu", generator=generator)
+        elif name.endswith("bias"):
+            nn.init.zeros_(parameter)
     with torch.no_grad():
         network.gcn.last.weight.mul_(FIRST_STEP)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from types import MappingProxyType
 from typing import Literal
 
 from torch import Tensor, nn
@@ -14,7 +13,6 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.image_tensors import COLOURS, check_intensities
 
 Norm = Literal["batch", "instance"]
-KERNELS = (3, 5)
 
 
 @dataclass(frozen=True)
@@ -60,16 +58,14 @@ def _blocks(channels: tuple[int, ...], lengths: tuple[int, ...]) -> tuple[tuple[
     return tuple((width, 1 if index else 2) for width, length in zip(channels, lengths, strict=True) for index in range(length))
 
 
-ENCODER_PLANS: Mapping[int, EncoderPlan] = MappingProxyType(
-    {
-        12: EncoderPlan(_blocks((16, 32, 64, 128), (3, 3, 3, 3)), taps=(3, 6, 9, 12)),  # Table 10, whose tap "(11)" is (12)
-        15: EncoderPlan(_blocks((16, 32, 64, 128), (4, 4, 4, 3)), taps=(8, 12, 15)),  # of the search grid of 3.4; no table
-        18: EncoderPlan(_blocks((16, 32, 64, 128), (5, 5, 5, 3)), taps=(10, 15, 18)),  # Tables 7-9
-        25: EncoderPlan(
-            _blocks((16, 32, 64, 128, 256), (5, 5, 5, 5, 5)), (7, 10, 13, 16, 19, 22, 25), resolution=137, shrinks=False
-        ),  # Table 11
-    }
-)
+ENCODER_PLANS: Mapping[int, EncoderPlan] = {
+    12: EncoderPlan(_blocks((16, 32, 64, 128), (3, 3, 3, 3)), taps=(3, 6, 9, 12)),  # Table 10, whose tap "(11)" is (12)
+    15: EncoderPlan(_blocks((16, 32, 64, 128), (4, 4, 4, 3)), taps=(8, 12, 15)),  # of the search grid of 3.4; no table
+    18: EncoderPlan(_blocks((16, 32, 64, 128), (5, 5, 5, 3)), taps=(10, 15, 18)),  # Tables 7-9
+    25: EncoderPlan(  # Table 11
+        _blocks((16, 32, 64, 128, 256), (5, 5, 5, 5, 5)), taps=(7, 10, 13, 16, 19, 22, 25), resolution=137, shrinks=False
+    ),
+}
 """Encoders by their number of layers."""
 
 
@@ -97,10 +93,6 @@ class ImageEncoder(nn.Module):
 
     def __init__(self, plan: EncoderPlan, kernel: int = 3, norm: Norm = "batch", width: float = 1.0):
         super().__init__()
-        if kernel not in KERNELS:
-            raise ValueError(f"kernel is {kernel}, but an image encoder has kernels of {KERNELS} pixels")
-        if not width > 0:
-            raise ValueError(f"width is {width}, but the factor on an encoder's channels must be above 0")
         padding = (kernel - 3) // 2 if plan.shrinks else (kernel - 1) // 2
         channels = [COLOURS, *(max(1, round(count * width)) for count, _ in plan.layers)]
         layers, grids = [], [MapGrid()]

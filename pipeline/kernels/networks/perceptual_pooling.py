@@ -90,17 +90,13 @@ def pool_features(maps: Sequence[Tensor], grids: Sequence[MapGrid], pixels: Tens
         raise InvalidInput("pixels hold NaN, which is nowhere in an image")
     if len(maps) != len(grids):
         raise ValueError(f"there are {len(maps)} maps, but {len(grids)} grids that say where their elements are centred")
-    for features in maps:
+    pooled = []
+    for features, grid in zip(maps, grids, strict=True):
         if features.ndim != 4 or pixels.ndim != 3 or len(features) != len(pixels) or pixels.shape[2] != 2:
             raise ValueError(f"a map is {tuple(features.shape)} and pixels {tuple(pixels.shape)}: they must be (B, C, H, W) and (B, N, 2)")
-    pooled = [_pool_one(features, grid, pixels) for features, grid in zip(maps, grids, strict=True)]
+        last = pixels.new_tensor([features.shape[3] - 1, features.shape[2] - 1])  # (2,) index of the last column and row
+        index = (pixels - grid.start) / grid.jump
+        normalised = 2 * index / last.clamp(min=1) - 1  # -1 and 1 are the outermost centres
+        sampled = functional.grid_sample(features.to(pixels.dtype), normalised[:, None], padding_mode="border", align_corners=True)
+        pooled.append(sampled[:, :, 0])  # (B, channels, N)
     return torch.cat(pooled, dim=1).mT
-
-
-def _pool_one(features: Tensor, grid: MapGrid, pixels: Tensor) -> Tensor:
-    """(B, channels, N) features of one map."""
-    last = pixels.new_tensor([features.shape[3] - 1, features.shape[2] - 1])  # (2,) index of the last column and row
-    index = (pixels - grid.start) / grid.jump
-    normalised = 2 * index / last.clamp(min=1) - 1  # -1 and 1 are the outermost centres
-    sampled = functional.grid_sample(features.to(pixels.dtype), normalised[:, None], padding_mode="border", align_corners=True)
-    return sampled[:, :, 0]

@@ -22,7 +22,7 @@ def test_mean_equals_dense_adjacency_of_a_loop_over_faces(splits: int, side: int
 def test_full_size_graph_has_the_supplements_degrees() -> None:
     sphere = vision_charts()
     graph = chart_graph(sphere, 9, [4, 20], FLOAT32)
-    assert graph.sizes == (1824 + 4 * 81, 1824 + 20 * 81)
+    assert graph.sizes == [1824 + 4 * 81, 1824 + 20 * 81]
     assert tuple(graph.adjacency.shape) == (sum(graph.sizes),) * 2
     ones = torch.ones(sum(graph.sizes), 1)
     torch.testing.assert_close(graph.average(ones), ones)
@@ -48,6 +48,15 @@ def test_vision_vertices_are_the_first_of_each_item() -> None:
     assert found[..., 0].tolist() == [[*range(456)], [*range(465, 921)], [*range(921, 1377)]]
 
 
+def test_joined_features_are_those_of_each_item_in_turn() -> None:
+    graph = chart_graph(vision_charts(0), 3, [1, 0, 2], FLOAT32)
+    vision, touch = torch.arange(3 * 456).reshape(3, 456, 1), -torch.arange(1, 3 * 9 + 1).reshape(3, 9, 1)
+    features = graph.join(vision, touch)
+    assert torch.equal(graph.vision_vertices(features), vision)
+    assert features[features < 0].tolist() == touch.flatten().tolist()
+    assert [int((item < 0).sum()) for item in torch.split(features, graph.sizes)] == [9, 0, 18]
+
+
 @pytest.mark.parametrize("counts", [[], [2, -1]])
 def test_empty_or_negative_counts_are_refused(counts: list[int]) -> None:
     with pytest.raises(ValueError, match="counts is"):
@@ -56,5 +65,5 @@ def test_empty_or_negative_counts_are_refused(counts: list[int]) -> None:
 
 @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
 def test_half_precision_is_refused(dtype: torch.dtype) -> None:
-    with pytest.raises(ValueError, match=rf"{dtype}.*float32 or float64, and autocast"):
+    with pytest.raises(ValueError, match=rf"{dtype}.*float32 and float64; .*autocast"):
         chart_graph(vision_charts(0), 3, [1], torch.zeros((), dtype=dtype))

@@ -28,14 +28,15 @@ def inputs(counts: list[int], config: NetworkConfig = SMALL, seed: int = 1) -> d
     generator = torch.Generator().manual_seed(seed)
     size = ENCODER_PLANS[config.encoder_layers].resolution
     images = torch.rand(len(counts), 3, size, size, dtype=torch.float64, generator=generator)
-    touch = torch.rand(sum(counts), config.side**2, 3, dtype=torch.float64, generator=generator) * 0.3 + torch.tensor([-0.15, -0.15, 0.45])
-    touched = torch.rand(sum(counts), generator=generator) < 0.5
+    charts = sum(counts) if config.touch else 0
+    touch = torch.rand(charts, config.side**2, 3, dtype=torch.float64, generator=generator) * 0.3 + torch.tensor([-0.15, -0.15, 0.45])
+    touched = torch.rand(charts, generator=generator) < 0.5
     seen = config.image is not None
     return {
         "images": images if seen else None,
         "camera": scene_camera() if seen else None,
-        "touch_vertices": touch if config.touch else None,
-        "touched": touched if config.touch else None,
+        "touch_vertices": touch,
+        "touched": touched,
         "counts": counts,
     }
 
@@ -193,7 +194,7 @@ def test_gradients_repeat_to_the_bit() -> None:
         ({"image": None}, {}, "takes neither image nor camera"),
         ({}, {"images": torch.zeros(2, 3, 256, 256)}, r"images are \(2, 3, 256, 256\), but counts has 3"),
         ({"touch": False}, {}, r"takes no touch charts, but counts is \[2, 0, 1\]"),
-        ({}, {"touch_vertices": None, "touched": None}, "takes touch_vertices and touched"),
+        ({}, {"touch_vertices": torch.zeros(0, 9, 3)}, r"touch_vertices are \(0, 9, 3\).*counts sum to 3"),
         ({}, {"counts": [2, 1, 1], "images": torch.zeros(3, 3, 256, 256)}, r"touch_vertices are \(3, 9, 3\).*counts sum to 4"),
         ({}, {"touch_vertices": torch.full((3, 9, 3), torch.nan)}, "touch_vertices has values that are not finite"),
         ({}, {"counts": []}, "counts is empty"),

@@ -53,7 +53,7 @@ def test_item_of_a_mixed_batch_is_as_if_alone(count: int) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_black_white_and_noisy_images_give_finite_vertices(kind: str, training: bool) -> None:
     network = small(touch=False, passes=2).float().train(training)
-    moved = network(images=network_images(kind, 256), camera=scene_camera(), touch_vertices=None, touched=None, counts=[0])
+    moved = network(**(inputs([0], network.config) | {"images": network_images(kind, 256)}))
     gradients = torch.autograd.grad(moved.square().mean(), list(network.parameters()))
     assert bool(torch.isfinite(moved).all())
     assert all(bool(torch.isfinite(gradient).all()) for gradient in gradients)

@@ -54,7 +54,19 @@ def test_through_json_and_back() -> None:
         assert NetworkConfig.model_validate_json(config.model_dump_json()) == config
 
 
-@pytest.mark.parametrize("wrong", [{"encoder_layers": 13}, {"gcn_layers": 1}, {"side": 2}, {"radius": 0}, {"mixed": 1.1}, {"layers": 3}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"encoder_layers": 13},
+        {"encoder_kernel": 4},
+        {"encoder_width": 0},
+        {"gcn_layers": 1},
+        {"side": 2},
+        {"radius": 0},
+        {"mixed": 1.1},
+        {"layers": 3},
+    ],
+)
 def test_settings_that_make_no_network(wrong: dict[str, float]) -> None:
     with pytest.raises(ValidationError, match=next(iter(wrong))):
         NetworkConfig.model_validate(wrong)
