@@ -168,10 +168,8 @@ class _Observer:
         sensor: Sensor | None = None,
     ) -> Observation:
         """Fit charts to what tactile images show, as those that the model was trained on; without flags, what shows points was touched."""
-        folder = DataDirectory(self.models).folder_path("unet")
-        unet = load_touch_model(folder, self.device)
-        if sensor is not None and sensor != unet.sensor:
-            raise StageError(f"the U-Net in {folder} knows sensor {unet.sensor.name}, the tactile images are {sensor.name}'s")
+        unet = load_touch_model(DataDirectory(self.models).folder_path("unet"), self.device)
+        unet.check_sensor(sensor or unet.sensor)
         width, clouds = unet.sensor.width, unet.clouds(readings)
         flags = np.array([len(cloud) > 0 for cloud in clouds], bool) if touched is None else touched
         given = [cloud if flag else cloud[:0] for cloud, flag in zip(clouds, flags, strict=True)]

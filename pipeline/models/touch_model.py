@@ -104,6 +104,13 @@ class TouchModel:
         """Predict the local point cloud of each image: (n, 3) sensor frame, m, row by row; n may be 0. Parameters and errors as `depth`."""
         return [masked_points(*maps, self.sensor) for maps in zip(self.depth(images), self.mask(images), strict=True)]
 
+    def check_sensor(self, sensor: Sensor) -> None:
+        """Raise `InvalidInput` where `sensor` is not the one of the tactile images that the U-Net was trained on."""
+        if sensor != self.sensor:
+            raise InvalidInput(
+                f"the U-Net knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s: run train-unet on these"
+            )
+
     def _check(self, images: np.ndarray) -> None:
         if images.ndim != 4 or images.shape[1:] != self.untouched.shape or images.dtype != np.uint8:
             raise InvalidInput(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from pipeline.store.atomic import temporary
@@ -23,14 +23,14 @@ class Progress:
     """How far a training is.
 
     `epoch` and `step` are the next to be done; `sums` adds up the losses of the epoch's finished steps; `history` has the
-    metrics of every finished epoch; `best` is the number of the best one, None before the first.
+    metrics of every finished epoch; `best` is the number of the best one.
     """
 
     epoch: int = 0
     step: int = 0
     sums: float = 0.0
     seconds: float = 0.0
-    best: int | None = None
+    best: int = 0
     history: list[dict[str, float]] = field(default_factory=list)
 
 
@@ -40,41 +40,40 @@ def save(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer, best
     tensors |= {f"best/{name}": value for name, value in best.items()}
     for index, moments in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer/{index}/{name}": torch.as_tensor(value) for name, value in moments.items()}
-    kept = {name: value.detach().cpu().clone(memory_format=torch.contiguous_format) for name, value in tensors.items()}
+    kept = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
     with temporary(folder / FILE) as beside:
         save_file(kept, beside, metadata={"progress": json.dumps(progress.__dict__)})
         beside.replace(folder / FILE)
 
 
 def load(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer) -> tuple[dict[str, Tensor], Progress]:
-    """Bring module and optimizer to where the checkpoint in `folder` left them; the best weights and the progress.
+    """Bring module and optimizer to where the checkpoint in `folder` left them; return the best weights and the progress.
 
     Both must have the type and device they are trained with: moments are brought to those of their parameters. Without a
     checkpoint, or with one that a crash of the machine cut short, everything stays as it is: a fresh start.
     """
     try:
+        tensors = load_file(folder / FILE)
         with safe_open(folder / FILE, framework="pt") as file:
             progress = Progress(**json.loads(file.metadata()["progress"]))
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
     except (FileNotFoundError, SafetensorError):
         return {}, Progress()
-    parts: dict[str, dict[str, Tensor]] = {"module": {}, "best": {}, "optimizer": {}}
-    for name, value in tensors.items():
-        part, _, rest = name.partition("/")
-        parts[part][rest] = value
-    module.load_state_dict(parts["module"])
-    moments: dict[int, dict[str, Any]] = {}
-    for name, value in parts["optimizer"].items():
-        index, _, moment = name.partition("/")
-        moments.setdefault(int(index), {})[moment] = value
+    module.load_state_dict(_below("module", tensors))
+    moments: dict[int, dict[str, Tensor]] = defaultdict(dict)
+    for name, value in _below("optimizer", tensors).items():
+        index, moment = name.split("/")
+        moments[int(index)][moment] = value
     optimizer.load_state_dict(optimizer.state_dict() | {"state": moments})
-    return parts["best"], progress
+    return _below("best", tensors), progress
 
 
 def load_best(folder: Path) -> dict[str, Tensor]:
-    """The best weights of the checkpoint in `folder`."""
-    with safe_open(folder / FILE, framework="pt") as file:
-        return {name.removeprefix("best/"): file.get_tensor(name) for name in file.keys() if name.startswith("best/")}  # noqa: SIM118
+    """Read the best weights of the checkpoint in `folder`."""
+    return _below("best", load_file(folder / FILE))
+
+
+def _below(part: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    return {name.removeprefix(f"{part}/"): value for name, value in tensors.items() if name.startswith(f"{part}/")}
 
 
 def discard(folder: Path) -> None:

@@ -10,14 +10,12 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
 from torch.multiprocessing.spawn import ProcessRaisedException
 
 from pipeline.console import Meter, console_on
@@ -25,7 +23,6 @@ from pipeline.errors import InvalidInput, StageError
 from pipeline.rng import numpy_rng, torch_generator
 from pipeline.store.directory import LOGS
 from pipeline.training import checkpoint
-from pipeline.training.checkpoint import Progress
 from pipeline.training.device import device_of
 from pipeline.training.learner import Learner
 from pipeline.training.settings import TrainingSettings
@@ -69,16 +66,19 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
     if not len(learner):
         raise StageError(f"{name}: there are no items to train on; take more objects, or look at why theirs failed")
     try:
-        accelerator = device_of(settings.accelerator).type
-        logger = TensorBoardLogger(folder, name=LOGS, version="")
-        strategy = "ddp_spawn" if settings.devices > 1 else "auto"
-        fabric = Fabric(accelerator=accelerator, strategy=strategy, devices=settings.devices, precision=settings.precision, loggers=logger)
+        fabric = Fabric(
+            accelerator=device_of(settings.accelerator).type,
+            strategy="ddp_spawn" if settings.devices > 1 else "auto",
+            devices=settings.devices,
+            precision=settings.precision,
+            loggers=TensorBoardLogger(folder, name=LOGS, version=""),
+        )
     except (RuntimeError, ValueError, ImportError) as error:
         raise StageError(f"accelerator {settings.accelerator}, {settings.devices} devices, {settings.precision}: {error}") from error
-    begin: Any = _train  # Fabric's signature leaves out the arguments that it passes on
+    begin: Any = _begin  # Fabric's signature leaves out the arguments that it passes on
     threads = torch.get_num_threads()
     try:
-        facts: dict[str, Any] = fabric.launch(begin, learner, settings, folder, seed, name)
+        facts: dict[str, Any] = fabric.launch(begin, learner, settings, folder=folder, seed=seed, name=name)
     except ProcessRaisedException as error:  # what one of several processes raised, as text
         raise StageError(str(error).strip().splitlines()[-1]) from error
     finally:
@@ -87,156 +87,128 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
     return facts
 
 
-@dataclass
+def _begin(fabric: Fabric, learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> dict[str, Any]:
+    torch.set_num_threads(settings.threads)
+    return _Training(fabric, learner, settings, folder=folder, seed=seed, name=name).run()
+
+
 class _Training:
-    """What the parts of a training share. `module` is the network that `learner.module` wraps."""
+    """A training in this process, which may be one of several. `module` is the network that `learner.module` wraps."""
 
-    fabric: Fabric
-    learner: Learner
-    module: nn.Module
-    adam: torch.optim.Optimizer
-    optimizer: Any
-    settings: TrainingSettings
-    folder: Path
-    seed: int
-    name: str
-    progress: Progress
-    best: dict[str, Tensor]
-    began: float
+    def __init__(self, fabric: Fabric, learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> None:
+        self.fabric, self.learner, self.settings, self.folder, self.seed, self.name = fabric, learner, settings, folder, seed, name
+        # spawned processes share the memory of a network's weights: each would step in the others'
+        self.module = copy.deepcopy(learner.module) if fabric.world_size > 1 else learner.module
+        self.adam = torch.optim.Adam(self.module.parameters(), lr=settings.learning_rate)
+        wrapped: Any = fabric.setup(self.module, self.adam)
+        learner.module, self.optimizer = wrapped
+        self.best, self.progress = checkpoint.load(folder, self.module, self.adam)  # now that they have their type and device
+        self.began = time.perf_counter() - self.progress.seconds
+        self.steps = math.ceil(len(learner) / settings.batch_size)  # of an epoch
 
-    @property
-    def steps(self) -> int:
-        """Steps of an epoch."""
-        return math.ceil(len(self.learner) / self.settings.batch_size)
+    def run(self) -> dict[str, Any]:
+        """Train to the end of the epochs or of the patience; return the facts."""
+        fabric, settings, progress = self.fabric, self.settings, self.progress
+        done = progress.epoch * self.steps + progress.step
+        meter = Meter(console_on(sys.stdout), self.name, settings.epochs * self.steps, "steps", done)
+        with meter if fabric.is_global_zero else nullcontext():
+            while progress.epoch < min(settings.epochs, progress.best + 1 + (settings.patience or math.inf)):
+                self.learn(meter)
+                self.validate()
+                self.save()
+        self.learner.module = self.module
+        if fabric.is_global_zero:
+            (self.folder / METRICS).write_text(json.dumps(progress.history, indent=2, allow_nan=False))
+        if fabric.world_size > 1:  # else its threads are ended by the process's end, and at times abort it
+            torch.distributed.destroy_process_group()
+        gpu = fabric.device.type == "cuda"
+        return {
+            "parameters": sum(parameter.numel() for parameter in self.module.parameters()),
+            "items": len(self.learner),
+            "epochs": progress.epoch,
+            "best_epoch": progress.best,
+            "best": progress.history[progress.best],
+            "training_seconds": round(progress.seconds, 1),
+            "hardware": {
+                "device": torch.cuda.get_device_name(fabric.device) if gpu else f"{platform.machine()} CPU",
+                "processes": fabric.world_size,
+                "threads": torch.get_num_threads(),
+                "precision": settings.precision,
+            },
+        }
 
-    def out_of_patience(self) -> bool:
-        patience, best = self.settings.patience, self.progress.best
-        return patience is not None and best is not None and self.progress.epoch - 1 - best >= patience
+    def learn(self, meter: Meter) -> None:
+        """Take the steps that are left of an epoch."""
+        progress, size = self.progress, self.settings.batch_size
+        order = numpy_rng(self.seed, self.name, "order", progress.epoch).permutation(len(self.learner))
+        self.learner.module.train()
+        saved = time.perf_counter()
+        while progress.step < self.steps:
+            progress.sums += self.step(order[progress.step * size :][:size])
+            progress.step += 1
+            if self.fabric.is_global_zero:
+                meter.advance(f"epoch {progress.epoch + 1}, loss {progress.sums / progress.step:.4g}")
+            if time.perf_counter() - saved > self.settings.checkpoint_seconds:
+                self.save()
+                saved = time.perf_counter()
+
+    def step(self, batch: NDArray[np.int64]) -> float:
+        """Take one step of Adam on this process's part of a batch; return the loss of the whole batch."""
+        fabric, progress = self.fabric, self.progress
+        own = batch[fabric.global_rank :: fabric.world_size]
+        items = (own if len(own) else batch[:1]).tolist()
+        generator = torch_generator(self.seed, self.name, progress.epoch, progress.step, fabric.global_rank)
+        self.optimizer.zero_grad()
+        try:
+            loss = self.learner.loss(items, generator)
+        except InvalidInput as error:
+            raise self.failure(str(error), items) from error
+        before = abs(progress.history[0]["train_loss"]) if progress.history else 0.0
+        self.check_size(
+            items, "loss", float(loss.detach()), limit=self.settings.explosion * before or math.inf
+        )  # nothing is a multiple of 0
+        fabric.backward(loss)
+        gradients = [parameter.grad for parameter in self.module.parameters() if parameter.grad is not None]
+        self.check_size(items, "gradient's norm", float(torch.nn.utils.get_total_norm(gradients)), limit=math.inf)
+        self.optimizer.step()
+        mean: Any = fabric.all_reduce(loss.detach())
+        return float(mean)
+
+    def check_size(self, items: Sequence[int], what: str, value: float, *, limit: float) -> None:
+        """Stop at a value that no later step mends."""
+        if not math.isfinite(value) or abs(value) > limit:
+            raise self.failure(f"the {what} is {value:g} (limit {limit:g})", items)
+
+    def failure(self, reason: str, items: Sequence[int]) -> StageError:
+        """Make the error that says in which step and with which items."""
+        step = f"in epoch {self.progress.epoch + 1}, step {self.progress.step + 1}"
+        advice = f"lower learning_rate ({self.settings.learning_rate:g}), or look at the items of its batch"
+        return StageError(f"{self.name}: {reason}, {step}; {advice}: {', '.join(map(self.learner.describe, items))}")
+
+    def validate(self) -> None:
+        """Validate, keep the weights if they are the best so far, and go to the next epoch."""
+        progress = self.progress
+        self.learner.module.eval()
+        try:
+            with torch.no_grad():
+                metrics = self.learner.validate()
+        except InvalidInput as error:
+            raise StageError(f"{self.name}: the validation of epoch {progress.epoch + 1} failed: {error}") from error
+        row = {"train_loss": progress.sums / self.steps, **metrics}
+        if not math.isfinite(row["loss"]):
+            raise StageError(f"{self.name}: the validation loss of epoch {progress.epoch + 1} is {row['loss']}; lower learning_rate")
+        self.fabric.log_dict(row, step=progress.epoch)
+        if not progress.history or row["loss"] < progress.history[progress.best]["loss"]:
+            progress.best = progress.epoch
+            self.best = {name: value.detach().cpu().clone() for name, value in self.module.state_dict().items()}
+        progress.history.append(row)
+        progress.epoch, progress.step, progress.sums = progress.epoch + 1, 0, 0.0
 
     def save(self) -> None:
+        """Write the checkpoint."""
         self.progress.seconds = time.perf_counter() - self.began
         if self.fabric.is_global_zero:
             checkpoint.save(self.folder, self.module, self.adam, self.best, self.progress)
-
-    def failure(self, reason: str, items: Sequence[int]) -> StageError:
-        """An error that says in which step, and with which items."""
-        batch = ", ".join(self.learner.describe(item) for item in items)
-        return StageError(f"{self.name}: {reason} in epoch {self.progress.epoch + 1}, step {self.progress.step + 1}; its batch: {batch}")
-
-
-def _train(fabric: Fabric, learner: Learner, settings: TrainingSettings, folder: Path, seed: int, name: str) -> dict[str, Any]:
-    """Train in this process, which may be one of several."""
-    torch.set_num_threads(settings.threads)
-    module = learner.module
-    if fabric.world_size > 1:  # spawned processes share the memory of its weights: each would step in the others'
-        module = copy.deepcopy(module)
-    adam = torch.optim.Adam(module.parameters(), lr=settings.learning_rate)
-    learner.module, optimizer = fabric.setup(module, adam)
-    best, progress = checkpoint.load(folder, module, adam)  # now that they have the device and type they are trained with
-    began = time.perf_counter() - progress.seconds
-    training = _Training(fabric, learner, module, adam, optimizer, settings, folder, seed, name, progress, best, began)
-    steps = training.steps
-    meter = Meter(console_on(sys.stdout), name, settings.epochs * steps, "steps", progress.epoch * steps + progress.step)
-    with meter if fabric.is_global_zero else nullcontext():
-        while progress.epoch < settings.epochs and not training.out_of_patience():
-            _learn(training, meter)
-            _validate(training)
-            training.save()
-    learner.module = module
-    if fabric.is_global_zero:
-        (folder / METRICS).write_text(json.dumps(progress.history, indent=2, allow_nan=False))
-    if fabric.world_size > 1:  # else its threads are ended by the process's end, and at times abort it
-        torch.distributed.destroy_process_group()
-    assert progress.best is not None
-    return {
-        "parameters": sum(parameter.numel() for parameter in module.parameters()),
-        "items": len(learner),
-        "epochs": progress.epoch,
-        "best_epoch": progress.best,
-        "best": progress.history[progress.best],
-        "training_seconds": round(progress.seconds, 1),
-        "hardware": _hardware(fabric, settings.precision),
-    }
-
-
-def _learn(training: _Training, meter: Meter) -> None:
-    """Take the steps that are left of an epoch."""
-    progress, settings = training.progress, training.settings
-    order = numpy_rng(training.seed, training.name, "order", progress.epoch).permutation(len(training.learner))
-    training.learner.module.train()
-    saved = time.perf_counter()
-    while progress.step < training.steps:
-        first = progress.step * settings.batch_size
-        progress.sums += _step(training, order[first : first + settings.batch_size])
-        progress.step += 1
-        if training.fabric.is_global_zero:
-            meter.advance(f"epoch {progress.epoch + 1}, loss {progress.sums / progress.step:.4g}")
-        if time.perf_counter() - saved > settings.checkpoint_seconds:
-            training.save()
-            saved = time.perf_counter()
-
-
-def _step(training: _Training, batch: NDArray[np.int64]) -> float:
-    """Take one step of Adam on this process's part of a batch; the loss of the whole batch."""
-    fabric, progress = training.fabric, training.progress
-    own = batch[fabric.global_rank :: fabric.world_size]
-    items = [int(item) for item in (own if len(own) else batch[:1])]
-    generator = torch_generator(training.seed, training.name, progress.epoch, progress.step, fabric.global_rank)
-    training.optimizer.zero_grad()
-    try:
-        loss = training.learner.loss(items, generator)
-    except InvalidInput as error:
-        raise training.failure(f"{error};", items) from error
-    value = float(loss.detach())
-    before = abs(progress.history[0]["train_loss"]) if progress.history else 0.0
-    _check_size(training, items, "loss", value, limit=training.settings.explosion * before or math.inf)  # nothing is a multiple of 0
-    fabric.backward(loss)
-    gradients = [parameter.grad for parameter in training.module.parameters() if parameter.grad is not None]
-    _check_size(training, items, "gradient's norm", float(torch.nn.utils.get_total_norm(gradients)), limit=math.inf)
-    training.optimizer.step()
-    if fabric.world_size == 1:
-        return value
-    mean: Any = fabric.all_reduce(torch.tensor(value, device=fabric.device))
-    return float(mean)
-
-
-def _check_size(training: _Training, items: Sequence[int], what: str, value: float, *, limit: float) -> None:
-    """Stop at a value that no later step mends."""
-    if not math.isfinite(value) or abs(value) > limit:
-        rate = training.settings.learning_rate
-        advice = f"lower learning_rate ({rate:g}), or look at the items of its batch"
-        raise training.failure(f"the {what} is {value:g} (limit {limit:g}; {advice})", items)
-
-
-def _validate(training: _Training) -> None:
-    """Validate, keep the weights if they are the best so far, and go to the next epoch."""
-    progress, name = training.progress, training.name
-    training.learner.module.eval()
-    try:
-        with torch.no_grad():
-            metrics = training.learner.validate()
-    except InvalidInput as error:
-        raise StageError(f"{name}: the validation of epoch {progress.epoch + 1} failed: {error}") from error
-    row = {"train_loss": progress.sums / training.steps, **metrics}
-    if not math.isfinite(row["loss"]):
-        raise StageError(f"{name}: the validation loss of epoch {progress.epoch + 1} is {row['loss']}; lower learning_rate")
-    training.fabric.log_dict(row, step=progress.epoch)
-    if progress.best is None or row["loss"] < progress.history[progress.best]["loss"]:
-        progress.best = progress.epoch
-        training.best = {name: value.detach().cpu().clone() for name, value in training.module.state_dict().items()}
-    progress.history.append(row)
-    progress.epoch, progress.step, progress.sums = progress.epoch + 1, 0, 0.0
-
-
-def _hardware(fabric: Fabric, precision: str) -> dict[str, Any]:
-    """What trained: seconds mean nothing without it."""
-    gpu = fabric.device.type == "cuda"
-    return {
-        "device": torch.cuda.get_device_name(fabric.device) if gpu else f"{platform.machine()} CPU",
-        "processes": fabric.world_size,
-        "threads": torch.get_num_threads(),
-        "precision": precision,
-    }
 
 
 def read_metrics(folder: Path) -> list[dict[str, float]]:

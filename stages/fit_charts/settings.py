@@ -53,10 +53,9 @@ class ChartSettings(Settings):
 
     def fit_options(self, width: float) -> FitOptions:
         """Convert to the kernel's options, in widths of a sensor of `width` m."""
-        limits: dict[str, Any] = {"halt": self.halt, "residual_limit": self.residual_limit}
+        halt, residual = self.halt, self.residual_limit
         if self.tight:
-            limits = {"halt": min(self.halt, TIGHT_HALT), "residual_limit": min(self.residual_limit or TIGHT_RESIDUAL, TIGHT_RESIDUAL)}
-        if limits["residual_limit"] is not None:
-            limits["residual_limit"] /= width
+            halt, residual = min(halt, TIGHT_HALT), min(residual or TIGHT_RESIDUAL, TIGHT_RESIDUAL)
         same = {"max_iterations", "samples", "step_samples", "cloud_points", "check_every", "learning_rate", "side"}
-        return FitOptions(**limits, **self.model_dump(include=same))
+        limit = None if residual is None else residual / width
+        return FitOptions(halt=halt, residual_limit=limit, **self.model_dump(include=same))

@@ -11,7 +11,6 @@ import torch
 from numpy.typing import NDArray
 
 from pipeline.engine.stage import Cost, ObjectStage, Task
-from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.fit_options import StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
@@ -70,9 +69,9 @@ class FitCharts(ObjectStage):
 def _process(task: Task, settings: ChartSettings, model: TouchModel | None) -> Row:
     sensor = Sensor.model_validate(task.attributes["touch"]["sensor"])
     poses, touched = task.inputs["grasps"]["sensor_pose"], task.inputs["grasps"]["touch_success"]
-    clouds = _true_clouds(task, touched, sensor) if model is None else _predicted_clouds(task, touched, sensor, model)
-    options = settings.fit_options(sensor.width)
-    fits = fit_charts(clouds, sensor.width, _generators(task, touched), options=options, device=settings.device)
+    clouds = _clouds(task, touched, sensor, model)
+    generators = [torch_generator(task.seed, task.object_id, "fit-charts", *at) for at in np.argwhere(touched).tolist()]
+    fits = fit_charts(clouds, sensor.width, generators, options=settings.fit_options(sensor.width), device=settings.device)
     charts = np.tile(chart_square(settings.side)[0].numpy() * sensor.width, (*touched.shape, 1, 1))
     charts[touched] = fits.vertices
     vertices = [sensor_to_world(check_pose(poses[at]), *charts[at].T) for at in np.ndindex(touched.shape)]
@@ -83,19 +82,10 @@ def _process(task: Task, settings: ChartSettings, model: TouchModel | None) -> R
     return row
 
 
-def _true_clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor) -> list[NDArray[np.float64]]:
-    """The points with D < w of each touch, sensor frame, m."""
-    depths = task.inputs["touch"]["depth"][touched].astype(np.float64)
-    return [masked_points(depth, depth < sensor.w, sensor) for depth in depths]
-
-
-def _predicted_clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor, model: TouchModel) -> list[NDArray[np.float64]]:
-    """The points that the U-Net predicts of each touch, sensor frame, m."""
-    if model.sensor != sensor:
-        raise InvalidInput(f"the U-Net knows sensor {model.sensor.name}, the tactile images are {sensor.name}'s: run train-unet on these")
-    return model.clouds(task.inputs["touch"]["reading"][touched])
-
-
-def _generators(task: Task, touched: NDArray[np.bool_]) -> list[torch.Generator]:
-    """One per touch, keyed by object, grasp and sensor."""
-    return [torch_generator(task.seed, task.object_id, "fit-charts", *map(int, at)) for at in np.argwhere(touched)]
+def _clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor, model: TouchModel | None) -> list[NDArray[np.float64]]:
+    """The points that the U-Net predicts of each touch, without one those with D < w; sensor frame, m."""
+    touch = task.inputs["touch"]
+    if model is None:
+        return [masked_points(depth, depth < sensor.w, sensor) for depth in touch["depth"][touched].astype(np.float64)]
+    model.check_sensor(sensor)
+    return model.clouds(touch["reading"][touched])

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from math import isqrt
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.metrics.chamfer import Target
 from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
@@ -39,9 +41,14 @@ class Items:
         return len(self.rows) * self.each
 
     @property
-    def camera(self) -> np.ndarray | None:
+    def side(self) -> int:
+        """Vertices along a side of the touch charts; the supplement's where they are not felt."""
+        return isqrt(self.rows.size("vertices", "vertex")) if self.config.touch else SIDE
+
+    @property
+    def camera(self) -> torch.Tensor | None:
         """(3, 4) projection matrix of the images, None without them."""
-        return None if self.config.image is None else self.rows.read("camera", self.rows.object_ids[0])
+        return None if self.config.image is None else torch.tensor(self.rows.read("camera", self.rows.object_ids[0]))
 
     @property
     def resolution(self) -> list[int] | None:
@@ -55,14 +62,14 @@ class Items:
     def _object(self, item: int) -> str:
         return self.rows.object_ids[item // self.each]
 
-    def view(self, item: int, grasps: np.ndarray) -> Observation:
-        """Read what the network is given: the charts of these grasps, and the image of the first."""
-        return stored_observation(self.rows, self._object(item), grasps.tolist(), self.config)
+    def view(self, item: int, count: int, others: np.ndarray) -> Observation:
+        """Read what the network is given: the item's own grasp, then `count` - 1 of the others in the order of `others`, a permutation."""
+        return stored_observation(self.rows, self._object(item), self.grasps_of(item, count, others), self.config)
 
-    def grasps_of(self, item: int, count: int, others: np.ndarray) -> np.ndarray:
-        """The item's own grasp, then `count` - 1 of the others in the order of `others`, a permutation of all."""
+    def grasps_of(self, item: int, count: int, others: np.ndarray) -> list[int]:
+        """Choose the grasps of an item; see `view`."""
         first = item % self.each % len(others)
-        return np.array([first, *(grasp for grasp in others if grasp != first)][:count])
+        return [first, *(grasp for grasp in others.tolist() if grasp != first)][:count]
 
     @property
     def grasps(self) -> int:

@@ -27,6 +27,8 @@ class GcnLearner(Learner):
     def __init__(self, network: DeformationNetwork, train: Items, valid: Items, settings: GcnSettings, seed: int) -> None:
         super().__init__(network)
         self._train, self._valid, self._settings, self._seed = train, valid, settings, seed
+        self._camera = train.camera
+        self._fewest, self._most = (min(asked, train.grasps) for asked in (settings.min_grasps, settings.max_grasps))
 
     def __len__(self) -> int:
         return len(self._train)
@@ -42,39 +44,28 @@ class GcnLearner(Learner):
 
     def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
         """Compute the mean Chamfer distance of the items, each with as many grasps as are drawn for it."""
-        fewest, most = self._grasps(self._train)
         observations = []
         for item in items:
-            count = int(torch.randint(fewest, most + 1, (), generator=generator))
-            others = torch.randperm(self._train.grasps, generator=generator).numpy()
-            observations.append(self._train.view(item, self._train.grasps_of(item, count, others)))
+            count = int(torch.randint(self._fewest, self._most + 1, (), generator=generator))
+            observations.append(self._train.view(item, count, torch.randperm(self._train.grasps, generator=generator).numpy()))
         return self._chamfer(observations, [self._train.target(item) for item in items], generator).mean()
 
     def validate(self) -> dict[str, float]:
         """Compute the same with 1, 2, … grasps in turn, on points drawn the same in each epoch."""
         items, size = self._valid, self._settings.batch_size
-        fewest, most = self._grasps(items)
-        order = np.arange(items.grasps)
+        order, choices = np.arange(items.grasps), self._most - self._fewest + 1
         generator = torch_generator(self._seed, "train-gcn", "validate")
         found = []
         for start in range(0, len(items), size):
-            chosen = range(start, min(start + size, len(items)))
-            counts = [fewest + item % items.each % (most - fewest + 1) for item in chosen]
-            observations = [items.view(item, items.grasps_of(item, count, order)) for item, count in zip(chosen, counts, strict=True)]
+            chosen = range(len(items))[start : start + size]
+            observations = [items.view(item, self._fewest + item % items.each % choices, order) for item in chosen]
             found.append(self._chamfer(observations, [items.target(item) for item in chosen], generator))
         return {"loss": float(torch.cat(found).double().mean())}
 
-    def _grasps(self, items: Items) -> tuple[int, int]:
-        """Fewest and most grasps that an item is given, of those there are."""
-        return min(self._settings.min_grasps, items.grasps), min(self._settings.max_grasps, items.grasps)
-
     def _chamfer(self, observations: Sequence[Observation], targets: Sequence[Target], generator: torch.Generator) -> Tensor:
         """(B,) Chamfer distance of each item, m² x `TABLE_3_FACTOR`, of `loss_points` points each way to all of the object's."""
-        camera = None if self._train.camera is None else torch.tensor(self._train.camera)
-        batch = stack_observations(observations, self._network, camera)
+        batch = stack_observations(observations, self._network, self._camera)
         deformed: Tensor = self.module(**vars(batch))
-        if not bool(torch.isfinite(deformed).all()):
-            return deformed.sum(dim=(1, 2))  # no number either: the training loop stops, and names the items
         found = []
         for (vertices, faces), target in zip(assemble_surfaces(self._network, deformed, batch), targets, strict=True):
             predicted = sample_surface(vertices, faces, self._settings.loss_points, generator)

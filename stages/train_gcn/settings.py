@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import field_validator, model_validator
+from pydantic import model_validator
 
 from pipeline.config.settings import setting
-from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, NetworkConfig
 from pipeline.training.settings import TrainingSettings
 
@@ -18,7 +17,7 @@ class GcnSettings(TrainingSettings):
     configuration: str = setting("occluded-touch", f"which of the supplement's networks: {', '.join(CONFIGURATIONS)}", changes="definition")
     gcn_layers: int | None = setting(8, "for trainings of minutes on a CPU; null is the table's 15 to 25", ge=2)
     gcn_features: int | None = setting(96, "likewise; null is the table's 200 or 250", ge=3)
-    encoder_layers: int | None = setting(None, "the table's; 12, 15 or 18 of 3.4's grid", ge=1)
+    encoder_layers: Literal[12, 15, 18, 25] | None = setting(None, "the table's; 12, 15 or 18 of 3.4's grid")
     encoder_kernel: Literal[3, 5] = setting(
         5, "as released, padded by 1; the 3 of the tables gives the same sizes, and 2.5 times the error after as many epochs"
     )
@@ -38,16 +37,10 @@ class GcnSettings(TrainingSettings):
     loss_points: int = setting(3000, "points sampled on the prediction and drawn from the object's for the loss", ge=1)
     checkpoint_passes: bool = setting(False, "recompute each pass in the backward one: less memory, more time", changes="speed")
 
-    @field_validator("configuration")
-    @classmethod
-    def _known(cls, name: str) -> str:
-        if name not in CONFIGURATIONS:
-            raise ValueError(f"{name} is none of {', '.join(CONFIGURATIONS)}")
-        return name
-
     @model_validator(mode="after")
     def _possible(self) -> GcnSettings:
-        self.network(SIDE)
+        if self.configuration not in CONFIGURATIONS:
+            raise ValueError(f"there is no configuration {self.configuration}; there are {', '.join(CONFIGURATIONS)}")
         if self.min_grasps > self.max_grasps:
             raise ValueError(f"min_grasps is {self.min_grasps}, max_grasps {self.max_grasps}; the fewest cannot be more than the most")
         return self

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from math import isqrt
-from pathlib import Path
 from typing import Any
 
-from pipeline.dataset.object_rows import first_shard
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
@@ -59,10 +56,9 @@ class TrainGcn(DatasetStage):
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Train, and keep the best epoch's weights with what it takes to use them."""
         settings: GcnSettings = job.settings
-        config = settings.network(chart_side(job.data) if settings.named.touch else SIDE)
-        learning, judging = (
-            Items(job.data, split, config, each) for split, each in (("train", settings.items), ("valid", settings.validation_items))
-        )
+        splits = (("train", settings.items), ("valid", settings.validation_items))
+        learning, judging = (Items(job.data, split, settings.named, each) for split, each in splits)
+        config = settings.network(learning.side)
         name = f"{self.name} {settings.configuration}"
         made_for = ENCODER_PLANS[config.encoder_layers].resolution
         if config.image and learning.resolution != [made_for, made_for]:
@@ -83,8 +79,3 @@ class TrainGcn(DatasetStage):
         )
         checkpoint.discard(job.folder)
         return facts
-
-
-def chart_side(data: Path) -> int:
-    """Vertices along a side of the dataset's touch charts."""
-    return isqrt(int(first_shard(data, CHARTS).array("vertices").shape[3]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,13 +48,13 @@ class Touches:
         return len(self.where)
 
     def batch(self, items: Sequence[int], device: torch.device, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-        """Readings (B, H, W, 3) uint8 and depths (B, H, W) in m."""
-        reading, depth = (torch.from_numpy(np.stack([self._read(name, item) for item in items])) for name in ("reading", "depth"))
+        """Read tactile images (B, H, W, 3) uint8 and depths (B, H, W), m."""
+        sites = [(self.rows.object_ids[number], grasp, sensor) for number, grasp, sensor in self.where[list(items)].tolist()]
+        reading, depth = (
+            torch.from_numpy(np.stack([self.rows.read(array, object_id, grasp)[sensor] for object_id, grasp, sensor in sites]))
+            for array in ("reading", "depth")
+        )
         return reading.to(device), depth.to(device, dtype)
-
-    def _read(self, array: str, item: int) -> np.ndarray:
-        number, grasp, sensor = self.where[item]
-        return np.asarray(self.rows.read(array, self.rows.object_ids[number], int(grasp))[sensor])
 
 
 def load_touches(data: Path, split: str) -> Touches:
@@ -96,19 +95,14 @@ class UnetLearner(Learner):
 
     def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
         """Compute the chosen loss of some training touches, in sensor widths squared."""
-        predicted, depth, mask = self._predict(self.train, items)
-        if not bool(torch.isfinite(predicted).all()):
-            return predicted.sum()  # no number either: the training loop stops, and names the touches
-        return self._loss(predicted, depth, mask)
+        return self._loss(*self._predict(self.train, items))
 
     def validate(self) -> dict[str, float]:
         """Compute the chosen loss over the validation touches, and the RMS error of all their masked pixels, µm."""
         loss = squares = pixels = 0.0
         for start in range(0, len(self.valid), self.settings.batch_size):
-            items = range(start, min(start + self.settings.batch_size, len(self.valid)))
+            items = range(len(self.valid))[start : start + self.settings.batch_size]
             predicted, depth, mask = self._predict(self.valid, items)
-            if not bool(torch.isfinite(predicted).all()):
-                return {"loss": math.nan}  # the training loop stops
             loss += len(items) * float(self._loss(predicted, depth, mask))
             error = (predicted - visible_depth(depth, self.valid.sensor.w))[mask].double()
             squares += float(error.square().sum())
@@ -117,7 +111,7 @@ class UnetLearner(Learner):
         return {"loss": loss / len(self.valid), "depth_rms_um": rms * MICROMETRES}
 
     def _predict(self, touches: Touches, items: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
-        """Predicted and true depth (B, H, W) in m, and the mask (B, H, W)."""
+        """Predict depth: predicted and true (B, H, W), m, and the mask (B, H, W)."""
         parameter = next(self.module.parameters())
         readings, depth = touches.batch(items, parameter.device, parameter.dtype)
         untouched = torch.tensor(touches.untouched, device=parameter.device)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
-from pipeline.errors import StageError
 from pipeline.kernels.networks.unet import UNet
 from pipeline.models.touch_model import save_touch_model
 from pipeline.rng import seeded_weights
@@ -50,8 +49,6 @@ class TrainUnet(DatasetStage):
         """Train, and write the best epoch's weights with all that their users need: width, sensor, threshold, untouched reading."""
         settings: UnetSettings = job.settings
         touches, valid = (load_touches(job.data, split) for split in ("train", "valid"))
-        if (touches.untouched.shape, touches.sensor) != (valid.untouched.shape, valid.sensor):
-            raise StageError("train and valid were felt by different sensors; run simulate-touch again for all objects")
         with seeded_weights(job.seed, self.name):
             network = UNet(settings.width)
         facts = train(UnetLearner(network, touches, valid, settings), settings, folder=job.folder, seed=job.seed, name=self.name)

@@ -16,7 +16,7 @@ from pipeline.config.settings import Settings
 from pipeline.console import console_on
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import DatasetJob
-from pipeline.errors import StoreError
+from pipeline.errors import InvalidInput, StoreError
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.sensor import pixel_centres
@@ -109,12 +109,13 @@ def test_validation_does_not_depend_on_the_batch_size(touches: Touches) -> None:
     assert found[0] == pytest.approx(found[1], rel=1e-5)
 
 
-def test_a_network_that_has_diverged_gives_no_number(touches: Touches) -> None:
+def test_a_network_that_has_diverged_is_refused(touches: Touches) -> None:
     """The loop then stops and names the touches."""
     trained = learner(touches, loss="chamfer")
     with torch.no_grad():
         next(trained.module.parameters()).fill_(torch.nan)
-    assert torch.isnan(trained.loss([0, 1], torch.Generator()))
+    with pytest.raises(InvalidInput, match="the network has diverged"):
+        trained.loss([0, 1], torch.Generator())
 
 
 @pytest.fixture(scope="module")

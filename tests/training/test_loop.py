@@ -67,12 +67,12 @@ def test_patience_ends_a_training(tmp_path):
 
 
 def test_loss_that_is_nan_stops_and_names_its_batch(tmp_path):
-    with pytest.raises(StageError, match=r"loss is nan .*learning_rate.* in epoch 1, step \d; its batch: .*point-17\b"):
+    with pytest.raises(StageError, match=r"loss is nan .*, in epoch 1, step \d; lower learning_rate .* its batch: .*point-17\b"):
         fit(Regression(poison=17), tmp_path)
 
 
 def test_loss_beyond_the_explosion_limit_stops(tmp_path):
-    with pytest.raises(StageError, match=r"loss is 11 \(limit 10; .*in epoch 2, step 1; its batch: point-"):
+    with pytest.raises(StageError, match=r"loss is 11 \(limit 10\), in epoch 2, step 1; lower .* its batch: point-"):
         fit(Scripted(training=[1.0, 11.0]), tmp_path, explosion=10)
 
 

@@ -8,7 +8,6 @@ import torch
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetJob
-from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.networks.chart_graph import chart_graph
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
@@ -17,22 +16,21 @@ from pipeline.tuning.explain import Count, arrays_read
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
-from stages.train_gcn.items import arrays_of
+from stages.train_gcn.items import Items, arrays_of
 from stages.train_gcn.settings import GcnSettings
-from stages.train_gcn.stage import chart_side
 
 
 def explain(job: DatasetJob) -> Iterator[Count]:
     """Count what a training of one configuration looks at."""
     settings: GcnSettings = job.settings
-    config = settings.network(chart_side(job.data) if settings.named.touch else SIDE)
+    items = Items(job.data, "train", settings.named, settings.items)
+    config = settings.network(items.side)
     yield Count("configurations trained", 1, len(CONFIGURATIONS) - 1, "each is a training of its own, and none needs another")
     artifacts = (SURFACES, *([VISION] if config.image else []), *([CHARTS] if config.touch else []))
     yield arrays_read(arrays_of(config), artifacts)
     charts = 0
     if config.touch:
-        rows = ObjectRows(job.data, ["stop_rule"], "train")
-        charts = min(settings.max_grasps, rows.size("stop_rule", "grasp")) * rows.size("stop_rule", "sensor")
+        charts = min(settings.max_grasps, items.grasps) * items.rows.size("stop_rule", "sensor")
     graph = chart_graph(vision_charts(config.splits), config.side, [charts], like=torch.zeros(()))
     neighbours, size = graph.adjacency.values().numel(), sum(graph.sizes)
     yield Count("pairs of vertices averaged, an item", neighbours, size**2 - neighbours, "no neighbours", "sparse neighbours")

@@ -197,7 +197,7 @@ def test_gradients_repeat_to_the_bit() -> None:
         ({}, {"touch_vertices": torch.zeros(0, 9, 3)}, r"touch_vertices are \(0, 9, 3\).*counts sum to 3"),
         ({}, {"counts": [2, 1, 1], "images": torch.zeros(3, 3, 256, 256)}, r"touch_vertices are \(3, 9, 3\).*counts sum to 4"),
         ({}, {"touch_vertices": torch.full((3, 9, 3), torch.nan)}, "touch_vertices has values that are not finite"),
-        ({}, {"counts": []}, "counts is empty"),
+        ({}, {"counts": []}, "counts has 0 items"),
     ],
 )
 def test_inputs_that_do_not_fit_are_refused(config: dict[str, Any], changes: dict[str, Any], message: str) -> None:

@@ -17,7 +17,6 @@ from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, Net
 from tests.kernels.degenerate_clouds import CLOUDS, OFFSETS, cloud
 from tests.kernels.networks.pictures import KINDS, network_images
 from tests.kernels.networks.test_deformation_network import SMALL, in_float32, inputs, small
-from tests.kernels.networks.test_perceptual_pooling import scene_camera
 from tests.strategies import scales, seeds
 
 TOUCH = {"image": None, "gcn_layers": 3, "gcn_features": 8}
