@@ -94,7 +94,10 @@ def test_a_validation_that_is_no_number_stops_it(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("where", "message"),
-    [("loss", r"NaN.*, in epoch 1, step 1; lower learning_rate .* its batch: point-"), ("validation", "the validation of epoch 1 failed: .*NaN")],
+    [
+        ("loss", r"NaN.*, in epoch 1, step 1; lower learning_rate .* its batch: point-"),
+        ("validation", "the validation of epoch 1 failed: .*NaN"),
+    ],
 )
 def test_what_a_kernel_refuses_stops_it_with_the_items(tmp_path: Path, where: str, message: str) -> None:
     with pytest.raises(StageError, match=message):
