@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, ParseError, parse
@@ -11,6 +12,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from pipeline.config.mesh_file import load_mesh
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import length, rotation_from_euler, transform_points
@@ -97,14 +99,14 @@ def _in_tree_order(links: tuple[Link, ...], joints: list[Joint]) -> tuple[tuple[
         names = ", ".join(links[i].name for i in roots)
         raise InvalidInput(f"{len(links)} links with {len(joints)} joints are no tree with one root (roots: {names})")
     new = {old: i for i, old in enumerate(order)}
-    renumbered = tuple(Joint(j.name, j.kind, new[j.parent], new[j.child], j.origin, j.axis, j.lower, j.upper) for j in sequence)
+    renumbered = tuple(replace(joint, parent=new[joint.parent], child=new[joint.child]) for joint in sequence)
     return tuple(links[i] for i in order), renumbered
 
 
 def _shape(element: Element, folder: Path, materials: Mapping[str, Color]) -> Shape:
     origin, color = _origin(element), _color(element.find("material"), materials)
     for part in element.findall("geometry/*"):
-        path = None
+        path, scale = None, (1.0, 1.0, 1.0)
         body: Any
         if part.tag == "box":
             size = _sizes(part, size=3)
@@ -116,29 +118,18 @@ def _shape(element: Element, folder: Path, materials: Mapping[str, Color]) -> Sh
             size = _sizes(part, radius=1, length=1)
             body = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=32)
         elif part.tag == "mesh":
-            size = tuple(_numbers(part, "scale", (1.0, 1.0, 1.0)).tolist())
+            size = scale = tuple(_numbers(part, "scale", scale).tolist())
             path = folder / part.get("filename", "").removeprefix("file://")
-            body = _mesh_file(path)
-            body.vertices = body.vertices * np.array(size)
+            body = load_mesh(path)
         else:
             continue
-        vertices = np.ascontiguousarray(transform_points(origin, body.vertices), np.float64)
-        mesh = Mesh(vertices, np.ascontiguousarray(body.faces, np.int32), Look.plain(len(vertices), len(body.faces), color))
-        return Shape(part.tag, size, origin, mesh, path)
+        vertices, faces = transform_points(origin, body.vertices * scale), np.asarray(body.faces, np.int32)
+        return Shape(part.tag, size, origin, Mesh(vertices, faces, Look.plain(len(vertices), len(faces), color)), path)
     raise InvalidInput(f"a {element.tag} has no box, sphere, cylinder or mesh")
 
 
-def _mesh_file(path: Path) -> trimesh.Trimesh:
-    if not path.is_file():
-        raise InvalidInput(f"mesh file {path} does not exist; paths are relative to the URDF")
-    try:
-        return trimesh.load_mesh(path)
-    except Exception as error:  # whatever a parser of one of many formats stumbles over
-        raise InvalidInput(f"mesh file {path} cannot be read: {type(error).__name__}: {error}") from error
-
-
 def _sizes(element: Element, **counts: int) -> tuple[float, ...]:
-    """The positive numbers of some attributes, given how many each holds."""
+    """Read the positive numbers of some attributes, given how many each holds."""
     sizes: list[float] = []
     for key, count in counts.items():
         numbers = _numbers(element, key, (0.0,) * count)
@@ -156,7 +147,7 @@ def _name(element: Element) -> str:
 
 
 def _color(material: Element | None, known: Mapping[str, Color]) -> Color:
-    """The sRGB colour of a material, by its own element or by name."""
+    """Read the sRGB colour of a material, by its own element or by name."""
     if material is None:
         return GREY
     color = material.find("color")
@@ -167,9 +158,8 @@ def _color(material: Element | None, known: Mapping[str, Color]) -> Color:
 
 
 def _numbers(element: Element | None, key: str, default: tuple[float, ...]) -> NDArray[np.float64]:
-    """The finite numbers of an attribute, as many as its default has."""
-    text = element.get(key) if element is not None else None
-    if element is None or text is None:
+    """Read the finite numbers of an attribute, as many as its default has."""
+    if element is None or (text := element.get(key)) is None:
         return np.array(default, np.float64)
     try:
         numbers = np.array([float(part) for part in text.split()], np.float64)

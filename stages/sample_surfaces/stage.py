@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.config.mesh_file import load_mesh
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
@@ -18,7 +19,6 @@ from pipeline.rng import numpy_rng
 from pipeline.store.rows import Row
 from pipeline.toy_objects import KINDS, generate
 from schemas.surfaces import SURFACES
-from stages.sample_surfaces.mesh_reader import load_mesh
 from stages.sample_surfaces.settings import SurfaceSettings
 
 

@@ -77,7 +77,7 @@ def test_unknown_hand_is_refused_with_the_shipped_ones() -> None:
         (r'type="revolute"', 'type="planar"', "is of type 'planar'; supported are revolute"),
         (r'<parent link="[^"]*"', '<parent link="nowhere"', "has parent link 'nowhere'"),
         (r'<child link="[^"]*"', '<child link="base_link"', "are no tree with one root"),
-        (r'filename="[^"]*"', 'filename="nowhere.obj"', "nowhere.obj does not exist"),
+        (r'filename="[^"]*"', 'filename="nowhere.obj"', "nowhere.obj is not there"),
         (r'filename="[^"]*"', f'filename="{__file__}"', "cannot be read"),
         (r"</robot>", "", "not XML"),
         (r"<visual><origin", '<visual><origin rpy="0 0"', "'0 0'> must hold 3 finite numbers"),

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 from PIL import Image
 
+from pipeline.config.mesh_file import load_mesh
 from pipeline.errors import InvalidInput
-from stages.sample_surfaces.mesh_reader import load_mesh
 
 POINTS = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n"
 BOX = trimesh.creation.box((1, 2, 3))
