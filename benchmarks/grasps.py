@@ -17,7 +17,7 @@ from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.rng import numpy_rng
 from pipeline.toy_objects import CATEGORIES, generate
 from stages.simulate_grasps.grasp_search import Grasp, GraspSearch, keep_best
-from stages.simulate_grasps.physics import simulation
+from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
 
@@ -46,7 +46,7 @@ def main() -> None:
     print(f"hand prepared in {time.perf_counter() - start:.2f} s")
     tallies = {category: Tally() for category in CATEGORIES}
     seconds, preparing = [], []
-    with simulation(prepared_hand.hand) as physics:
+    with Simulation(prepared_hand.hand) as physics:
         for category, tally in tallies.items():
             for variant in range(options.objects):
                 mesh = normalise_mesh(generate(category, numpy_rng(options.seed, "benchmark", category, variant)), up="z", diagonal=0.5)

@@ -26,7 +26,7 @@ from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from stages.simulate_grasps.grasp_search import Grasp
-from stages.simulate_grasps.physics import simulation
+from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand
 from stages.simulate_grasps.settings import GraspSettings
 
@@ -53,7 +53,7 @@ def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
     prepared = prepare_hand(GraspSettings())
     hand, sensor = prepared.hand, prepared.sensor
     found: dict[str, list[Seen]] = {}
-    with simulation(hand) as physics:
+    with Simulation(hand) as physics:
         for object_id in grasps:
             if not grasps.view(object_id)["ok"]:
                 continue

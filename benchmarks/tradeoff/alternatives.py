@@ -30,7 +30,7 @@ from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from stages.simulate_grasps.grasp_search import GraspSearch
-from stages.simulate_grasps.physics import simulation
+from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
 
@@ -100,7 +100,7 @@ def _attempts(
     """Make the same attempts with other shapes in physics; touches and depth are measured on the true ones."""
     settings = GraspSettings()
     touched, depths, spent = [], [], 0.0
-    with simulation(hand) as physics:
+    with Simulation(hand) as physics:
         for number, one in enumerate(objects):
             prepared_object = prepare_object(one.mesh, one.points, one.normals, cell=settings.grid_cell)
             search = GraspSearch(prepared, prepared_object, physics, settings)

@@ -74,8 +74,7 @@ def load_hand(name: str | Path) -> Hand:
         names = [joint for finger in file.fingers for joint in finger.joints]
         moving = {joint.name: joint for joint in joints if joint.kind in MOVING}
         chosen = [_find("moving joint", joint, moving) for joint in names]
-        if len(set(names)) < len(names) or len(names) < len(moving):
-            wrong = sorted({joint for joint in names if names.count(joint) > 1} or set(moving) - set(names))
+        if wrong := sorted(joint for joint in moving if names.count(joint) != 1):
             raise InvalidInput(f"every moving joint must belong to one finger, but not so {', '.join(wrong)}")
         numbers = {link.name: i for i, link in enumerate(links)}
         if _find("palm link", file.palm.link, numbers) != 0:

@@ -93,16 +93,14 @@ class OpenGLContext:
 def _environment() -> Iterator[None]:
     """Set what PyOpenGL reads when it is imported and Mesa when it opens its first context; a platform that the user chose is kept."""
     values = {PLATFORM: os.environ.get(PLATFORM, "egl"), **SAME_ON_EVERY_PROCESSOR}
-    before = {name: os.environ.get(name) for name in values}
+    before = {name: os.environ[name] for name in values if name in os.environ}
     os.environ.update(values)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for name in values:
+            del os.environ[name]
+        os.environ.update(before)
 
 
 def _make_renderer(pyrender: Any, resolution: int) -> Any:
@@ -113,12 +111,7 @@ def _make_renderer(pyrender: Any, resolution: int) -> Any:
     """
     from pyrender.shader_program import ShaderProgramCache
 
-    class Renderer(pyrender.Renderer):  # type: ignore[misc]
-        def __init__(self) -> None:
-            super().__init__(resolution, resolution)
-            self._program_cache = ShaderProgramCache(shader_dir=str(shader_paths()[0].parent))
-
-        def _sorted_mesh_nodes(self, scene: Any) -> list[Any]:
-            return list(scene.nodes_in_order)
-
-    return Renderer()
+    renderer = pyrender.Renderer(resolution, resolution)
+    renderer._program_cache = ShaderProgramCache(shader_dir=str(shader_paths()[0].parent))
+    renderer._sorted_mesh_nodes = lambda scene: list(scene.nodes_in_order)
+    return renderer

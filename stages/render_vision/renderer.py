@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -38,21 +37,17 @@ class RenderedImage:
     segmentation: NDArray[np.uint8]
 
 
-@dataclass(frozen=True, eq=False)
-class MeshHandle:
-    """A mesh that was added to a renderer: its scene node."""
-
-    node: Any
-
+MeshHandle = Any
+"""A mesh that was added to a renderer: its node in pyrender's scene."""
 
 PosedMesh = tuple[MeshHandle, NDArray[np.float64]]
 """A mesh that was added to a renderer, and its pose, (4, 4) to the world frame."""
 
 
-class Renderer:
+class Renderer(AbstractContextManager["Renderer"]):
     """Renders meshes in a scene.
 
-    Use it as a context manager, or call `close`: OpenGL frees nothing by itself. Several renderers in one process do not disturb each
+    Use it as a context manager: OpenGL frees nothing by itself. Several renderers in one process do not disturb each
     other. The same calls give the same bytes in every process of one machine.
 
     Parameters
@@ -78,15 +73,7 @@ class Renderer:
         self._camera_node = self._scene.add(_gl_camera(self._gl, self._camera))
         self._lamp_node = self._scene.add(self._gl.PointLight(color=np.array(scene.lamp.color), intensity=scene.lamp.intensity))
 
-    def __enter__(self) -> Renderer:
-        """Return the renderer itself."""
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Close the renderer."""
-        self.close()
-
-    def close(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """Free the context and all that was added to it."""
         self._context.close()
 
@@ -94,12 +81,12 @@ class Renderer:
         """Add a mesh; an image shows it when `render` is given its handle."""
         node = self._scene.add(self._gl.Mesh([_gl_primitive(self._gl, primitive) for primitive in mesh_primitives(mesh)]))
         self._labels[node] = int(label)
-        return MeshHandle(node)
+        return node
 
     def remove(self, handle: MeshHandle) -> None:
         """Remove a mesh; its buffers and textures are freed when the next image is rendered."""
-        del self._labels[handle.node]
-        self._scene.remove_node(handle.node)
+        del self._labels[handle]
+        self._scene.remove_node(handle)
 
     @contextmanager
     def added(self, mesh: Mesh, label: Label) -> Iterator[MeshHandle]:
@@ -131,9 +118,9 @@ class Renderer:
         for node in self._labels:
             node.mesh.is_visible = False
         for handle, pose in meshes:
-            handle.node.mesh.is_visible = True
-            self._scene.set_pose(handle.node, pose)
-        self._scene.nodes_in_order = [handle.node for handle, _ in meshes]
+            handle.mesh.is_visible = True
+            self._scene.set_pose(handle, pose)
+        self._scene.nodes_in_order = [handle for handle, _ in meshes]
         flags = self._gl.RenderFlags
         rgb = self._context.render(self._scene, flags.NONE, camera.resolution)
         segmentation = self._context.render(self._scene, flags.SEG, camera.resolution, self._labels)[..., 0]
@@ -146,10 +133,8 @@ def _gl_camera(gl: Any, camera: Camera) -> Any:
 
 
 def _gl_primitive(gl: Any, primitive: Primitive) -> Any:
-    texture = None
-    if primitive.texture is not None:
-        # RGBA although opaque: OpenGL pads rows of RGB to four bytes, which shears images of odd width.
-        texture = gl.Texture(source=primitive.texture, source_channels="RGBA")
+    # RGBA although opaque: OpenGL pads rows of RGB to four bytes, which shears images of odd width.
+    texture = None if primitive.texture is None else gl.Texture(source=primitive.texture, source_channels="RGBA")
     material = gl.MetallicRoughnessMaterial(
         baseColorFactor=np.array([*primitive.color, 1.0]),
         baseColorTexture=texture,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,18 +50,12 @@ class GraspSearch:
 
     def attempt(self, rng: np.random.Generator) -> Grasp | None:
         """Make one grasp, which depends on the search and `rng` alone; None where the hand finds no room around the object."""
-        searches = 0
-        for _ in range(MAX_POSES):
-            pose = self._draw_hand_pose(rng)
-            if not self._has_room(pose):
-                continue
+        poses = (self._draw_hand_pose(rng) for _ in range(MAX_POSES))
+        for pose in islice(filter(self._has_room, poses), MAX_SEARCHES):
             rounds = self.settings.ik_refinements
             joint_angles = grasp_ik(self.prepared_hand.ik, self.prepared_object.field, pose, rounds=rounds, rng=rng)
             if joint_angles is not None:
                 return self._close(pose, joint_angles)
-            searches += 1
-            if searches == MAX_SEARCHES:
-                break
         return None
 
     def _draw_hand_pose(self, rng: np.random.Generator) -> NDArray[np.float64]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +28,20 @@ CHECK_EVERY = 10
 """Steps between two looks at the joints."""
 
 
-class Simulation:
-    """One PyBullet client with the hand and an object, both fixed in the world; only the fingers move."""
+class Simulation(AbstractContextManager["Simulation"]):
+    """One PyBullet client with the hand and an object, both fixed in the world; only the fingers move.
 
-    def __init__(self, hand: Hand, client: PhysicsClient) -> None:
+    It has no window. Use it as a context manager, which disconnects the client.
+    """
+
+    def __init__(self, hand: Hand) -> None:
         self.hand = hand
-        self.client = client
+        self.client = PhysicsClient()
         self._body = -1
         self._motors: list[int] = []
+
+    def __exit__(self, *_: object) -> None:
+        self.client.disconnect()
 
     def load(self, mesh: Mesh) -> None:
         """Replace everything by the hand and an object that collides as it is, concave, and never moves.
@@ -118,13 +123,3 @@ class Simulation:
                 if max(abs(state[1]) for state in states) < resting_speed:
                     return np.array([state[0] for state in states]), True
         return np.array([state[0] for state in self.client.getJointStates(self._body, self._motors)]), False
-
-
-@contextmanager
-def simulation(hand: Hand) -> Iterator[Simulation]:
-    """Open a simulation without a window for as long as the context lasts."""
-    client = PhysicsClient()
-    try:
-        yield Simulation(hand, client)
-    finally:
-        client.disconnect()

@@ -19,7 +19,7 @@ from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from stages.simulate_grasps.grasp_search import Grasp, GraspSearch, keep_best
-from stages.simulate_grasps.physics import Simulation, simulation
+from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
 
@@ -75,7 +75,7 @@ class SimulateGrasps(ObjectStage):
     def session(self, settings: GraspSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         """Prepare the hand and open a physics client, for all objects of a worker."""
         prepared_hand = prepare_hand(settings)
-        with simulation(prepared_hand.hand) as physics:
+        with Simulation(prepared_hand.hand) as physics:
             yield lambda task: _grasp(prepared_hand, physics, settings, task)
 
 

@@ -154,7 +154,6 @@ def test_two_renderers_do_not_disturb_each_other(renderer) -> None:
     before = seen(renderer, ball())
     with Renderer(SCENE, 64) as other:
         assert seen(other, ball()).rgb.shape == (64, 64, 3)
-    other.close()
     assert (seen(renderer, ball()).rgb == before.rgb).all()
 
 

@@ -8,7 +8,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.grasp_search import Grasp, GraspSearch
-from stages.simulate_grasps.physics import Simulation, simulation
+from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
 from tests.kernels.hand.meshes import bar, mug, points_on
@@ -37,7 +37,7 @@ def hand(prepared: PreparedHand) -> Hand:
 def grasped(prepared: PreparedHand) -> Grasped:
     """Two objects and the sound grasps of a few attempts at each."""
     result = []
-    with simulation(prepared.hand) as physics:
+    with Simulation(prepared.hand) as physics:
         for mesh in (mug(), bar()):
             physics.load(mesh)
             grasps = [attempt(prepared, physics, mesh, number) for number in range(5)]

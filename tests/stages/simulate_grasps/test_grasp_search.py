@@ -9,7 +9,7 @@ import trimesh
 
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
 from stages.simulate_grasps.grasp_search import Grasp, keep_best
-from stages.simulate_grasps.physics import simulation
+from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand
 from tests.kernels.hand.meshes import bar, mug
 from tests.stages.simulate_grasps.conftest import SETTINGS, Grasped, attempt
@@ -82,7 +82,7 @@ def test_sound_grasp_has_no_links_inside_each_other(prepared: PreparedHand, gras
 
 
 def test_sound_grasp_stays_where_it_settled(prepared: PreparedHand) -> None:
-    with simulation(prepared.hand) as physics:
+    with Simulation(prepared.hand) as physics:
         physics.load(mug())
         for number in range(3):
             grasp = attempt(prepared, physics, mug(), number)
@@ -94,7 +94,7 @@ def test_sound_grasp_stays_where_it_settled(prepared: PreparedHand) -> None:
 
 def _joints(number: int) -> bytes:
     prepared = prepare_hand(SETTINGS)
-    with simulation(prepared.hand) as physics:
+    with Simulation(prepared.hand) as physics:
         physics.load(bar())
         grasp = attempt(prepared, physics, bar(), number)
         assert grasp is not None
@@ -104,7 +104,7 @@ def _joints(number: int) -> bytes:
 def test_attempt_does_not_depend_on_process_or_order(prepared: PreparedHand) -> None:
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         elsewhere = pool.map(_joints, [2])[0]
-    with simulation(prepared.hand) as physics:
+    with Simulation(prepared.hand) as physics:
         for mesh, number in ((mug(), 1), (bar(), 3), (bar(), 2)):
             physics.load(mesh)
             grasp = attempt(prepared, physics, mesh, number)

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from pipeline.kernels.hand.model import Hand
-from stages.simulate_grasps.physics import GRAVITY, simulation
+from stages.simulate_grasps.physics import GRAVITY, Simulation
 from stages.simulate_grasps.quiet_pybullet import pybullet
 from tests.kernels.hand.meshes import centred, mug
 
@@ -15,7 +15,7 @@ STEP = 1 / 240
 
 
 def test_ball_falls_with_gravity(hand: Hand) -> None:
-    with simulation(hand) as physics:
+    with Simulation(hand) as physics:
         physics.load(centred(trimesh.creation.box((0.1, 0.1, 0.1))))
         client = physics.client
         shape = client.createCollisionShape(pybullet.GEOM_SPHERE, radius=0.01)
@@ -35,7 +35,7 @@ def test_mesh_with_more_vertices_than_pybullet_takes_is_loaded_whole(hand: Hand)
     sphere.unmerge_vertices()
     assert len(sphere.vertices) > 131_072 > len(sphere.faces)
     mesh = centred(sphere)
-    with simulation(hand) as physics:
+    with Simulation(hand) as physics:
         physics.load(mesh)
         hit = physics.client.rayTest([0, 0.001, 1], [0, 0.001, 0])[0]
     assert hit[3][2] == pytest.approx(mesh.vertices[:, 2].max(), abs=1e-4)
@@ -46,7 +46,7 @@ def test_object_collides_as_its_mesh_and_not_as_its_hull(hand: Hand, subdivision
     """Rays into two spheres and between them; at the finer level with 655,360 faces, more than PyBullet takes at once."""
     sphere = trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.05)
     mesh = centred(sphere.copy().apply_translation([-0.1, 0, 0]), sphere.copy().apply_translation([0.1, 0, 0]))
-    with simulation(hand) as physics:
+    with Simulation(hand) as physics:
         physics.load(mesh)
         starts = np.array([[-0.1, 0, 1], [0.0, 0, 1], [0.1, 0.002, 1]])
         hits = physics.client.rayTestBatch(starts.tolist(), (starts - [0, 0, 0.8]).tolist())
@@ -59,7 +59,7 @@ def test_fingers_reach_a_free_target_and_rest(hand: Hand) -> None:
     far[:3, 3] = [1, 1, 1]
     target = np.clip(np.full(16, 0.4), hand.lower, hand.upper)
     target[[0, 4, 8]] = 0
-    with simulation(hand) as physics:
+    with Simulation(hand) as physics:
         physics.load(mug())
         angles, rests = physics.settle(far, target - 0.1, target, max_steps=400, resting_speed=2e-3)
         assert rests
@@ -78,7 +78,7 @@ def test_fingers_stop_at_the_object(hand: Hand) -> None:
     start[12] = hand.lower[12]
     target = start.copy()
     target[[1, 5, 9]] = 1.2
-    with simulation(hand) as physics:
+    with Simulation(hand) as physics:
         physics.load(plate)
         angles, _ = physics.settle(pose, start, target, max_steps=400, resting_speed=2e-3)
         assert (angles[[1, 5, 9]] < 0.9).all()
@@ -87,6 +87,6 @@ def test_fingers_stop_at_the_object(hand: Hand) -> None:
 
 
 def test_client_prints_nothing(hand: Hand, capfd: pytest.CaptureFixture[str]) -> None:
-    with simulation(hand):
+    with Simulation(hand):
         pass
     assert capfd.readouterr() == ("", "")
