@@ -11,14 +11,10 @@ class PipelineError(Exception):
 
 
 class InvalidInput(PipelineError, ValueError):
-    """Something given cannot be used: a mesh, an image, a pose, a manifest, a description file.
+    """Something given cannot be used: a mesh, an image, a pose, a manifest, a description file, a setting, an option.
 
     While an object is processed, it is that object's failure.
     """
-
-
-class SettingsError(PipelineError):
-    """A preset or a `--set` names a setting that does not exist, or a value that it does not take."""
 
 
 class StageError(PipelineError):
@@ -27,10 +23,6 @@ class StageError(PipelineError):
 
 class StoreError(PipelineError):
     """A stored artifact is missing, incomplete, damaged or not what its schema says."""
-
-
-class AdviceError(PipelineError):
-    """No measured setting does what is asked; the message says what the nearest one does."""
 
 
 class BugFound(PipelineError):

@@ -16,7 +16,7 @@ from pipeline.config.complaints import complaints
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import DatasetStage, ObjectStage
-from pipeline.errors import SettingsError
+from pipeline.errors import InvalidInput
 
 
 class Entry(NamedTuple):
@@ -60,29 +60,29 @@ def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
 
     Raises
     ------
-    SettingsError
+    InvalidInput
         Unknown preset, stage or setting, or a value that is not allowed; the message lists what there is.
     """
     presets, settings = load_presets(), load_settings_type(stage)
     if preset not in presets:
-        raise SettingsError(f"there is no preset {preset}; there are {', '.join(presets)}")
+        raise InvalidInput(f"there is no preset {preset}; there are {', '.join(presets)}")
     values = dict(presets[preset].get(stage, {}))
     for assignment in assignments:
         name, separator, text = assignment.partition("=")
         owner, _, setting = name.rpartition(".")
         if not separator or not setting:
-            raise SettingsError(f"--set {assignment}: write STAGE.SETTING=VALUE")
+            raise InvalidInput(f"--set {assignment}: write STAGE.SETTING=VALUE")
         if owner and owner not in STAGES:
-            raise SettingsError(f"--set {assignment}: there is no stage {owner}; there are {', '.join(STAGES)}")
+            raise InvalidInput(f"--set {assignment}: there is no stage {owner}; there are {', '.join(STAGES)}")
         if owner == stage or (not owner and (setting in settings.model_fields or not _is_known(setting, STAGES))):
             values[setting] = _value(assignment, text)
         elif owner and not _is_known(setting, [owner]):
-            raise SettingsError(f"--set {assignment}: {owner} has no setting {setting}; `vt-pipeline stages` lists them")
+            raise InvalidInput(f"--set {assignment}: {owner} has no setting {setting}; `vt-pipeline stages` lists them")
     try:
         return settings.model_validate(values)
     except ValidationError as error:
         known = ", ".join(settings.model_fields)
-        raise SettingsError(f"settings of {stage}: {complaints(error)}. Its settings are {known}") from error
+        raise InvalidInput(f"settings of {stage}: {complaints(error)}. Its settings are {known}") from error
 
 
 def _is_known(setting: str, stages: Iterable[str]) -> bool:
@@ -93,4 +93,4 @@ def _value(assignment: str, text: str) -> Any:
     try:
         return yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise SettingsError(f"--set {assignment}: {text!r} is no value: {error}") from error
+        raise InvalidInput(f"--set {assignment}: {text!r} is no value: {error}") from error

@@ -19,7 +19,7 @@ from rich.table import Table
 from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
-from pipeline.errors import AdviceError
+from pipeline.errors import InvalidInput
 from pipeline.tuning.choice import PRESET, Choice, Limit, Workload, within_error, within_time
 from pipeline.tuning.measurements import load_studies
 from pipeline.tuning.trial import measure_speed, trial_objects
@@ -142,18 +142,18 @@ def advise(question: Question, log: Console) -> Advice:
 
     Raises
     ------
-    AdviceError
+    InvalidInput
         No measured settings reach the goal, or the objects are too few to try a training.
     """
     started = time.process_time()  # the imports, which every command pays for
     known, wanted = load_studies(), STAGES_OF[question.target]
     if missing := [stage for stage in wanted if stage not in known]:
-        raise AdviceError(f"{', '.join(missing)}: not measured; run make tradeoff")
+        raise InvalidInput(f"{', '.join(missing)}: not measured; run make tradeoff")
     studies = [known[stage] for stage in wanted]
     manifest = load_manifest(question.manifest)
     objects = manifest.objects(question.meshes)
     if question.target == "train" and len(objects) < 2:
-        raise AdviceError(f"{question.manifest} has {len(objects)} object; a training needs two, one of them for validation")
+        raise InvalidInput(f"{question.manifest} has {len(objects)} object; a training needs two, one of them for validation")
     workers = len(os.sched_getaffinity(0))
     some = trial_objects(objects, TRIAL_OBJECTS_PER_WORKER * workers)
     learned = sum(item.split == "train" for item in objects)

@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from pipeline.errors import AdviceError
+from pipeline.errors import InvalidInput
 from pipeline.tuning.measurements import Measurement, Study
 from pipeline.tuning.sweep import assignment
 from stages.registry import load_settings_type
@@ -109,12 +109,12 @@ def duration(text: str) -> float:
 
     Raises
     ------
-    AdviceError
+    InvalidInput
         The text is something else.
     """
     match = re.fullmatch(rf"{_NUMBER} *(s|min|h)", text.strip())
     if not match or not (value := float(match[1])):
-        raise AdviceError(f"{text!r} is no time; write 90s, 10min or 1.5h")
+        raise InvalidInput(f"{text!r} is no time; write 90s, 10min or 1.5h")
     return value * _UNITS[match[2]]
 
 
@@ -133,12 +133,12 @@ def error_limit(text: str) -> Limit:
 
     Raises
     ------
-    AdviceError
+    InvalidInput
         The text is something else.
     """
     match = re.fullmatch(rf"(?:([a-z-]+) *= *)?({_NUMBER}(?:[eE][-+]?[0-9]+)?) *([^0-9. ].*)?", text.strip())
     if not match or not (match[1] or match[4]):
-        raise AdviceError(f"{text!r} is no error; write a number and the unit it is measured in, as 5um, 2% or fit-charts=200um")
+        raise InvalidInput(f"{text!r} is no error; write a number and the unit it is measured in, as 5um, 2% or fit-charts=200um")
     return Limit(float(match[2]), (match[4] or "").replace("µm", "um"), match[1])
 
 
@@ -164,7 +164,7 @@ def within_time(studies: Sequence[Study], workload: Workload, seconds: float) ->
 
     Raises
     ------
-    AdviceError
+    InvalidInput
         Even the fastest settings take longer, as tried on this machine; the message says how long.
     """
     plans: list[tuple[float, float, tuple[Choice, ...]]] = [(0.0, 0.0, ())]  # seconds, logarithm of the product of bounds, choices
@@ -177,7 +177,7 @@ def within_time(studies: Sequence[Study], workload: Workload, seconds: float) ->
                 plans.append(plan)
     fitting = [plan for plan in plans if plan[0] <= seconds]
     if not fitting and workload.speeds:
-        raise AdviceError(f"the fastest measured settings take {plans[0][0]:.0f} s, {seconds:.0f} s were given; take fewer objects")
+        raise InvalidInput(f"the fastest measured settings take {plans[0][0]:.0f} s, {seconds:.0f} s were given; take fewer objects")
     return list((fitting or plans[:1])[-1][2])  # the slowest of them is the most accurate
 
 
@@ -200,14 +200,14 @@ def within_error(studies: Sequence[Study], workload: Workload, limit: Limit) -> 
 
     Raises
     ------
-    AdviceError
+    InvalidInput
         The limit applies to no stage or to several, or no setting is accurate enough; the message says what there is.
     """
     limited = _limited(studies, limit)
     fits = [one for one in limited.choices if one.bound <= limit.value]
     if not fits:
         best = min(one.bound for one in limited.choices)
-        raise AdviceError(f"{limited.name}: {limited.metric}, stays below {best:.3g} at best, 19 times in 20, not {limit.value:g}")
+        raise InvalidInput(f"{limited.name}: {limited.metric}, stays below {best:.3g} at best, 19 times in 20, not {limit.value:g}")
     chosen = []
     for study in studies:
         candidates = fits if study is limited else [one for one in study.measurements if one.is_preset(PRESET)]
@@ -222,10 +222,10 @@ def _limited(studies: Sequence[Study], limit: Limit) -> Study:
     if len(found) != 1:
         measured = ", ".join(f"{study.stage} in {_unit(study)}" for study in studies)
         if limit.stage is not None:
-            raise AdviceError(f"settings are not chosen for {limit.stage} here, but for {measured}")
-        raise AdviceError(f"{'several stages are' if found else 'no stage is'} measured so; say which, as STAGE=5um: {measured}")
+            raise InvalidInput(f"settings are not chosen for {limit.stage} here, but for {measured}")
+        raise InvalidInput(f"{'several stages are' if found else 'no stage is'} measured so; say which, as STAGE=5um: {measured}")
     if limit.unit != found[0].unit:
-        raise AdviceError(f"{found[0].stage} is measured in {_unit(found[0])}: {found[0].metric}")
+        raise InvalidInput(f"{found[0].stage} is measured in {_unit(found[0])}: {found[0].metric}")
     return found[0]
 
 

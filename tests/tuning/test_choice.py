@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from pipeline.errors import AdviceError
+from pipeline.errors import InvalidInput
 from pipeline.tuning.choice import Choice, Limit, MachineSpeed, Workload, duration, error_limit, within_error, within_time
 from tests.tuning.studies import measurement, study
 
@@ -38,7 +38,7 @@ def test_within_time_finds_the_least_product_of_errors_of_all_combinations(rng: 
             if sum(6 * one.seconds * (2 if n == 1 else 1) / 2 for n, one in enumerate(row)) + 5 <= budget
         ]
         if not combinations:
-            with pytest.raises(AdviceError, match="fastest measured settings"):
+            with pytest.raises(InvalidInput, match="fastest measured settings"):
                 within_time(studies, workload, budget)
             continue
         chosen = within_time(studies, workload, budget)
@@ -63,7 +63,7 @@ def test_more_time_never_gives_more_error():
 
 def test_too_little_time_is_refused_with_the_time_it_takes():
     tried = Workload({"feel": 10, "hold": 10}, 1, {"feel": MachineSpeed(), "hold": MachineSpeed()})
-    with pytest.raises(AdviceError, match=r"take 30 s, 5 s were given; take fewer objects"):
+    with pytest.raises(InvalidInput, match=r"take 30 s, 5 s were given; take fewer objects"):
         within_time([FEEL, HOLD], tried, 5)
 
 
@@ -79,9 +79,9 @@ def test_within_error_takes_the_fastest_setting_and_the_preset_for_other_units()
 
 
 def test_unreachable_error_and_unknown_unit_are_refused():
-    with pytest.raises(AdviceError, match=r"hold: missing, %, stays below 12 at best, 19 times in 20, not 1"):
+    with pytest.raises(InvalidInput, match=r"hold: missing, %, stays below 12 at best, 19 times in 20, not 1"):
         within_error([FEEL, HOLD], ONE, Limit(1, "%"))
-    with pytest.raises(AdviceError, match=r"no stage is measured so.*feel in um, hold in %"):
+    with pytest.raises(InvalidInput, match=r"no stage is measured so.*feel in um, hold in %"):
         within_error([FEEL, HOLD], ONE, Limit(1, "kg"))
 
 
@@ -107,7 +107,7 @@ def test_duration_is_parsed(text, seconds):
 
 @pytest.mark.parametrize("text", ["", "10", "min", "0s", "1..2s", "-3min", "10 days"])
 def test_other_text_is_no_duration(text):
-    with pytest.raises(AdviceError, match="write 90s, 10min"):
+    with pytest.raises(InvalidInput, match="write 90s, 10min"):
         duration(text)
 
 
@@ -128,13 +128,13 @@ def test_error_limit_is_parsed(text):
 
 @pytest.mark.parametrize("text", ["", "um", "5", "1..2um", "train-unet="])
 def test_other_text_is_no_error_limit(text):
-    with pytest.raises(AdviceError, match="as 5um, 2%"):
+    with pytest.raises(InvalidInput, match="as 5um, 2%"):
         error_limit(text)
 
 
 def test_limit_on_a_unit_of_several_stages_must_name_one():
     other = study("other", measurement("standard", 1, 300, kind="preset"), measurement("fine", 9, 30))
-    with pytest.raises(AdviceError, match=r"several stages are measured so; say which.*feel in um, other in um"):
+    with pytest.raises(InvalidInput, match=r"several stages are measured so; say which.*feel in um, other in um"):
         within_error([FEEL, other], ONE, Limit(20, "um"))
     assert labels(within_error([FEEL, other], ONE, Limit(50, "um", "other"))) == ["standard", "fine"]
 
@@ -142,5 +142,5 @@ def test_limit_on_a_unit_of_several_stages_must_name_one():
 def test_limit_without_unit_applies_to_a_stage_measured_without_one():
     count = study("other", measurement("few", 1, 30, metric="Chamfer"), measurement("standard", 2, 3, metric="Chamfer", kind="preset"))
     assert labels(within_error([count], ONE, Limit(50, "", "other"))) == ["few"]
-    with pytest.raises(AdviceError, match="other is measured in a number without unit"):
+    with pytest.raises(InvalidInput, match="other is measured in a number without unit"):
         within_error([count], ONE, Limit(50, "um", "other"))
