@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,13 +39,9 @@ def write_charts(path: Path, made: Reconstruction) -> None:
     Raises
     ------
     StageError
-        A suffix other than .obj, .ply and .glb, or a vertex that is NaN or infinite.
+        A vertex is NaN or infinite.
     """
-    parts: Parts = []
-    for name, start, stop in _charts(made):
-        color = TOUCH_COLOR if start >= made.vision else VISION_COLORS[len(parts) % len(VISION_COLORS)]
-        parts.append((name, _chart(made, start, stop, color)))
-    _write(path, parts)
+    _write(path, [*_vision_charts(made), *_touch_charts(made)])
 
 
 def write_joined(path: Path, made: Reconstruction) -> None:
@@ -52,9 +49,7 @@ def write_joined(path: Path, made: Reconstruction) -> None:
 
     Vertices that coincided before the deformation become one, in the middle of where they are now.
     """
-    vertices, faces = joined(made)
-    felt = [(name, _chart(made, start, stop, TOUCH_COLOR)) for name, start, stop in _charts(made) if start >= made.vision]
-    _write(path, [("vision", _mesh(vertices, faces, VISION_COLORS[0])), *felt])
+    _write(path, [("vision", _mesh(*joined(made), VISION_COLORS[0])), *_touch_charts(made)])
 
 
 def joined(made: Reconstruction) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -65,16 +60,22 @@ def joined(made: Reconstruction) -> tuple[NDArray[np.float64], NDArray[np.int64]
     return vertices, position[made.faces[(made.faces < made.vision).all(axis=1)]]
 
 
-def _charts(made: Reconstruction) -> list[tuple[str, int, int]]:
-    """Name, first vertex and end of every chart."""
-    touch = made.side**2
-    vision = [(f"vision_{n:03d}", start, start + CHART_VERTICES) for n, start in enumerate(range(0, made.vision, CHART_VERTICES))]
-    return vision + [(f"touch_{n:02d}", start, start + touch) for n, start in enumerate(range(made.vision, len(made.vertices), touch))]
+def _vision_charts(made: Reconstruction) -> Parts:
+    return _charts(made, "vision_{:03d}", range(0, made.vision, CHART_VERTICES), VISION_COLORS)
 
 
-def _chart(made: Reconstruction, start: int, stop: int, color: Color) -> trimesh.Trimesh:
-    faces = made.faces[((made.faces >= start) & (made.faces < stop)).all(axis=1)] - start
-    return _mesh(made.vertices[start:stop], faces, color)
+def _touch_charts(made: Reconstruction) -> Parts:
+    return _charts(made, "touch_{:02d}", range(made.vision, len(made.vertices), made.side**2), (TOUCH_COLOR,))
+
+
+def _charts(made: Reconstruction, name: str, starts: range, colors: Sequence[Color]) -> Parts:
+    """The charts whose first vertices are `starts`, each with its number in its name."""
+    parts = []
+    for number, start in enumerate(starts):
+        stop = start + starts.step
+        faces = made.faces[((made.faces >= start) & (made.faces < stop)).all(axis=1)] - start
+        parts.append((name.format(number), _mesh(made.vertices[start:stop], faces, colors[number % len(colors)])))
+    return parts
 
 
 def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color) -> trimesh.Trimesh:
@@ -92,7 +93,6 @@ def check_suffix(path: Path) -> None:
 
 def _write(path: Path, parts: Parts) -> None:
     """Write named meshes into one file; it is there whole or not at all."""
-    check_suffix(path)
     suffix = path.suffix.lower()
     scene: Any = trimesh.Scene()
     for name, mesh in parts:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -11,16 +12,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
-from pipeline.errors import StageError
+from pipeline.errors import StageError, StoreError
 from pipeline.inference.grasp_input_files import read_image, read_poses, read_readings
 from pipeline.inference.mesh_files import check_suffix, write_charts, write_joined
-from pipeline.inference.stored_grasps import open_grasps
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.touch.sensor import Sensor, sensor_to_world
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
-from pipeline.models.touch_model import load_touch_model
+from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.training.device import device_of
@@ -133,14 +134,14 @@ class _Observer:
             raise StageError(f"{object_id}: name a grasp at least")
         config = self.model.config
         if not config.touch or DataDirectory(data).collection(CHARTS).shards:
-            rows = open_grasps(data, observed_arrays(config), object_id, grasps)
+            rows = _open_grasps(data, observed_arrays(config), object_id, grasps)
             return stored_observation(rows, object_id, grasps, config)
         images = () if config.image is None else (config.image,)
-        rows = open_grasps(data, [*images, *TOUCHES], object_id, grasps)
+        rows = _open_grasps(data, [*images, *TOUCHES], object_id, grasps)
         image = rows.read(config.image, object_id, grasps[0]) if config.image else None
         readings, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
-        sensor = Sensor.model_validate(rows.attributes("touch")["sensor"])
-        return self._felt(image, readings=readings, poses=poses, touched=touched, name=object_id, sensor=sensor)
+        self.unet.check_sensor(Sensor.model_validate(rows.attributes("touch")["sensor"]))
+        return Observation(image, *self._charts(readings, poses, touched, object_id))
 
     def of_files(self, image: Path | None, readings: Sequence[Path], poses: Path | None) -> Observation:
         model = self.model
@@ -151,42 +152,54 @@ class _Observer:
             raise StageError(f"model {model.configuration} takes no touch: leave readings and poses out, or name one that does")
         seen = read_image(image) if model.image is not None and image is not None else None
         if poses is None:
-            return Observation.without_touch(seen)
+            return Observation(seen)
         felt, (placed, touched) = read_readings(readings), read_poses(poses)
         if len(felt) != len(placed):
             raise StageError(f"{len(felt)} tactile images and {len(placed)} poses in {poses}: there must be one pose per image, in order")
-        return self._felt(seen, readings=felt, poses=placed, touched=touched, name="files")
+        return Observation(seen, *self._charts(felt, placed, touched, "files"))
 
-    def _felt(
-        self,
-        image: NDArray[np.uint8] | None,
-        *,
-        readings: NDArray[np.uint8],
-        poses: NDArray[np.float64],
-        touched: NDArray[np.bool_] | None,
-        name: str,
-        sensor: Sensor | None = None,
-    ) -> Observation:
-        """Fit charts to what tactile images show, as those that the model was trained on; without flags, what shows points was touched."""
-        unet = load_touch_model(DataDirectory(self.models).folder_path("unet"), self.device)
-        unet.check_sensor(sensor or unet.sensor)
-        width, clouds = unet.sensor.width, unet.clouds(readings)
-        flags = np.array([len(cloud) > 0 for cloud in clouds], bool) if touched is None else touched
+    @cached_property
+    def unet(self) -> TouchModel:
+        """The U-Net beside the model."""
+        return load_touch_model(DataDirectory(self.models).folder_path("unet"), self.device)
+
+    def _charts(
+        self, readings: NDArray[np.uint8], poses: NDArray[np.float64], touched: NDArray[np.bool_] | None, name: str
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Fit charts (T, side², 3), world, m, as those that the model was trained on; (T,) which touched: unless told, all with points."""
+        width, clouds = self.unet.sensor.width, self.unet.clouds(readings)
+        flags = np.array([len(cloud) > 0 for cloud in clouds]) if touched is None else touched
         given = [cloud if flag else cloud[:0] for cloud, flag in zip(clouds, flags, strict=True)]
         generators = [torch_generator(self.seed, "predict", name, number) for number in range(len(given))]
         options = ChartSettings.model_validate(self.model.chart_settings or {}).fit_options(width)
         fits = fit_charts(given, width, generators, options=options)
-        vertices = [sensor_to_world(pose, *chart.T) for pose, chart in zip(poses, fits.vertices, strict=True)]  # (T, side², 3)
-        return Observation(image, np.array(vertices, np.float32), flags & is_surface(fits.stop_rule))
+        vertices = [sensor_to_world(pose, *chart.T) for pose, chart in zip(poses, fits.vertices, strict=True)]
+        return np.array(vertices, np.float32), flags & is_surface(fits.stop_rule)
+
+
+def _open_grasps(data: Path, arrays: Sequence[str], object_id: str, grasps: Sequence[int]) -> ObjectRows:
+    """Open these arrays of a data directory, in which there must be an object with these grasps.
+
+    Raises
+    ------
+    StoreError
+        There is no such object, it failed, or it has no such grasp.
+    """
+    rows = ObjectRows(data, [*arrays, "joint_angles"], split=None)  # which says how many grasps there are
+    if object_id in rows.left_out:
+        raise StoreError(f"{object_id} failed in {rows.left_out[object_id]}")
+    if object_id not in rows.object_ids:
+        few = ", ".join(rows.object_ids[:5])
+        raise StoreError(f"{data.resolve()} has no object {object_id}; it has {few}{', …' if len(rows) > 5 else ''}")
+    available = rows.size("joint_angles", "grasp")
+    if wrong := [grasp for grasp in grasps if not 0 <= grasp < available]:
+        raise StoreError(f"{object_id} has no grasp {wrong[0]}; there are grasps 0 to {available - 1}")
+    return rows
 
 
 def _write(out: Path, made: Reconstruction, surface: Surface) -> list[Path]:
-    files = []
-    if surface in ("apart", "both"):
-        write_charts(out, made)
-        files.append(out)
-    if surface in ("joined", "both"):
-        path = out.with_name(f"{out.stem}-joined{out.suffix}") if surface == "both" else out
-        write_joined(path, made)
-        files.append(path)
-    return files
+    beside = out.with_name(f"{out.stem}-joined{out.suffix}")
+    files = {"apart": {out: write_charts}, "joined": {out: write_joined}, "both": {out: write_charts, beside: write_joined}}[surface]
+    for path, write in files.items():
+        write(path, made)
+    return list(files)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -12,7 +12,6 @@ from torch import Tensor
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import InvalidInput
-from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.image_tensors import network_input
 from pipeline.kernels.networks.network_configurations import NetworkConfig
 
@@ -26,24 +25,14 @@ class Observation:
     image
         (rows, cols, 3) uint8, None for networks without image.
     touch_vertices
-        (T, S, 3) float32 touch charts of all sensors of all grasps given, world, m; T may be 0.
+        (T, S, 3) float32 touch charts of all sensors of all grasps given, world, m; by default there is none.
     touched
         (T,) bool: whether the chart is that of a successful touch.
     """
 
     image: np.ndarray | None
-    touch_vertices: np.ndarray
-    touched: np.ndarray
-
-    @staticmethod
-    def without_touch(image: np.ndarray | None) -> Observation:
-        """Make an observation without touch."""
-        return Observation(image, np.zeros((0, 0, 3), np.float32), np.zeros(0, bool))
-
-    @staticmethod
-    def with_charts(image: np.ndarray | None, vertices: np.ndarray, stop_rule: np.ndarray) -> Observation:
-        """Make an observation of the stored charts of some grasps: vertices (grasp, sensor, S, 3), m, and stop_rule (grasp, sensor)."""
-        return Observation(image, vertices.reshape(-1, *vertices.shape[2:]), is_surface(stop_rule).reshape(-1))
+    touch_vertices: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3), np.float32))
+    touched: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
 
 def observed_arrays(config: NetworkConfig) -> tuple[str, ...]:
@@ -55,8 +44,9 @@ def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], 
     """Read what a network is given of a stored object: the image of the first of these grasps, and the charts of all."""
     image = None if config.image is None else rows.read(config.image, object_id, grasps[0])
     if not config.touch:
-        return Observation.without_touch(image)
-    return Observation.with_charts(image, *(rows.read(name, object_id)[list(grasps)] for name in ("vertices", "stop_rule")))
+        return Observation(image)
+    vertices, stop_rule = (rows.read(name, object_id)[list(grasps)] for name in ("vertices", "stop_rule"))  # (grasp, sensor, …)
+    return Observation(image, vertices.reshape(-1, *vertices.shape[2:]), is_surface(stop_rule).reshape(-1))
 
 
 @dataclass(frozen=True)
@@ -76,8 +66,8 @@ class NetworkBatch:
     counts: list[int]
 
 
-def stack_observations(observations: Sequence[Observation], network: DeformationNetwork, camera: Tensor | None) -> NetworkBatch:
-    """Stack observations as tensors of the network's device and type; `camera` is the projection matrix (3, 4) of their images.
+def stack_observations(observations: Sequence[Observation], config: NetworkConfig, camera: Tensor | None, like: Tensor) -> NetworkBatch:
+    """Stack observations as tensors of the device and type of `like`; `camera` is the projection matrix (3, 4) of their images.
 
     Raises
     ------
@@ -88,7 +78,7 @@ def stack_observations(observations: Sequence[Observation], network: Deformation
     """
     if not observations:
         raise ValueError("there is no observation to reconstruct from; one at least")
-    config, like, images = network.config, next(network.parameters()), None
+    images = None
     if config.image is not None:
         pictures = [seen.image for seen in observations if seen.image is not None]
         if len(pictures) != len(observations) or len({picture.shape for picture in pictures}) != 1:

@@ -101,7 +101,7 @@ class Reconstructor:
         ValueError
             There is no observation, or its arrays have other shapes or types than the network takes.
         """
-        batch = stack_observations(observations, self.network, self._camera)
+        batch = stack_observations(observations, self.config, self._camera, like=next(self.network.parameters()))
         if batch.images is not None and list(batch.images.shape[2:]) != self._resolution:
             raise InvalidInput(
                 f"{self.configuration} was trained on images of {self._resolution} pixels, these have {list(batch.images.shape[2:])}"

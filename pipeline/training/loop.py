@@ -66,13 +66,9 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
     if not len(learner):
         raise StageError(f"{name}: there are no items to train on; take more objects, or look at why theirs failed")
     try:
-        fabric = Fabric(
-            accelerator=device_of(settings.accelerator).type,
-            strategy="ddp_spawn" if settings.devices > 1 else "auto",
-            devices=settings.devices,
-            precision=settings.precision,
-            loggers=TensorBoardLogger(folder, name=LOGS, version=""),
-        )
+        accelerator, strategy = device_of(settings.accelerator).type, "ddp_spawn" if settings.devices > 1 else "auto"
+        logger = TensorBoardLogger(folder, name=LOGS, version="")
+        fabric = Fabric(accelerator=accelerator, strategy=strategy, devices=settings.devices, precision=settings.precision, loggers=logger)
     except (RuntimeError, ValueError, ImportError) as error:
         raise StageError(f"accelerator {settings.accelerator}, {settings.devices} devices, {settings.precision}: {error}") from error
     begin: Any = _begin  # Fabric's signature leaves out the arguments that it passes on

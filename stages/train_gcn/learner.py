@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import cast
 
 import numpy as np
 import torch
@@ -27,16 +26,11 @@ class GcnLearner(Learner):
     def __init__(self, network: DeformationNetwork, train: Items, valid: Items, settings: GcnSettings, seed: int) -> None:
         super().__init__(network)
         self._train, self._valid, self._settings, self._seed = train, valid, settings, seed
-        self._camera = train.camera
+        self._network, self._camera = network, train.camera
         self._fewest, self._most = (min(asked, train.grasps) for asked in (settings.min_grasps, settings.max_grasps))
 
     def __len__(self) -> int:
         return len(self._train)
-
-    @property
-    def _network(self) -> DeformationNetwork:
-        """The network where it is trained: Fabric wraps it, and of several processes each has its own."""
-        return cast(DeformationNetwork, getattr(self.module, "module", self.module))
 
     def describe(self, item: int) -> str:
         """Name an item's object and first grasp."""
@@ -64,7 +58,7 @@ class GcnLearner(Learner):
 
     def _chamfer(self, observations: Sequence[Observation], targets: Sequence[Target], generator: torch.Generator) -> Tensor:
         """(B,) Chamfer distance of each item, m² x `TABLE_3_FACTOR`, of `loss_points` points each way to all of the object's."""
-        batch = stack_observations(observations, self._network, self._camera)
+        batch = stack_observations(observations, self._network.config, self._camera, like=next(self.module.parameters()))
         deformed: Tensor = self.module(**vars(batch))
         found = []
         for (vertices, faces), target in zip(assemble_surfaces(self._network, deformed, batch), targets, strict=True):

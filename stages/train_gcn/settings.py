@@ -52,8 +52,5 @@ class GcnSettings(TrainingSettings):
 
     def network(self, side: int) -> NetworkConfig:
         """The network these settings describe, for touch charts of side x side vertices."""
-        own = {"gcn_layers": self.gcn_layers, "gcn_features": self.gcn_features, "encoder_layers": self.encoder_layers}
-        changed = {name: value for name, value in own.items() if value is not None}
-        same = self.model_dump(include={"encoder_kernel", "encoder_width", "mixed", "passes"})
-        given = self.named.model_dump() | changed | same | {"side": side, "checkpointing": self.checkpoint_passes}
-        return NetworkConfig.model_validate(given)
+        own = self.model_dump(include=set(NetworkConfig.model_fields), exclude_none=True)
+        return self.named.model_copy(update=own | {"side": side, "checkpointing": self.checkpoint_passes})

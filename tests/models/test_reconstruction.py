@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 import torch
 
 from pipeline.kernels.charts.fit_options import StopRule
 from pipeline.kernels.charts.vision_charts import vision_charts
-from pipeline.models.observation import Observation
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from tests.stages import ball_dataset as spheres
 
@@ -38,7 +41,9 @@ def test_surface_has_the_charts_of_successful_touches_alone(models: dict[str, Re
 def test_charts_without_a_fit_count_as_failed_touches() -> None:
     """Whatever ended a fit is a surface; the square of a sensor that met nothing is none."""
     rules = np.array([list(StopRule)])  # one grasp of a hand with that many sensors
-    view = Observation.with_charts(None, np.zeros((*rules.shape, SIZE, 3), np.float32), rules)
+    arrays = {"vertices": np.zeros((*rules.shape, SIZE, 3), np.float32), "stop_rule": rules}
+    rows = Mock(read=lambda name, object_id: arrays[name])
+    view = stored_observation(rows, "a", [0], CONFIGURATIONS["touch"])
     assert dict(zip(StopRule, view.touched.tolist(), strict=True)) == {
         StopRule.no_touch: False,
         StopRule.threshold: True,
@@ -56,10 +61,10 @@ def test_observations_that_do_not_fit_are_refused(models: dict[str, Reconstructo
     for name, views, message in (
         ("touch", [], "there is no observation"),
         ("touch", [nowhere], "touch_vertices has values that are not finite"),
-        ("unoccluded", [Observation.without_touch(image)], r"unoccluded was trained on images of .* these have \[1, 1\]"),
+        ("unoccluded", [Observation(image)], r"unoccluded was trained on images of .* these have \[1, 1\]"),
         (
             "unoccluded",
-            [Observation.without_touch(np.zeros((size, size, 3), np.float32))],
+            [Observation(np.zeros((size, size, 3), np.float32))],
             r"images are .* torch.float32; stored images are",
         ),
     ):
@@ -70,7 +75,7 @@ def test_observations_that_do_not_fit_are_refused(models: dict[str, Reconstructo
 @pytest.mark.parametrize("value", [0, 255])
 def test_black_and_white_images_give_finite_surfaces(models: dict[str, Reconstructor], value: int) -> None:
     size = spheres.CAMERA.resolution
-    (made,) = models["unoccluded"].reconstruct([Observation.without_touch(np.full((size, size, 3), value, np.uint8))])
+    (made,) = models["unoccluded"].reconstruct([Observation(np.full((size, size, 3), value, np.uint8))])
     assert np.isfinite(made.vertices).all()
 
 

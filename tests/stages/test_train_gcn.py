@@ -53,7 +53,7 @@ def overfit(data: Path, steps: int, points: int) -> tuple[float, float]:
         optimizer.step()
         schedule.step()
     with torch.no_grad():
-        deformed = network(**vars(stack_observations([items.view(0, 1, np.array([0]))], network, camera=None)))[0]
+        deformed = network(**vars(stack_observations([items.view(0, 1, np.array([0]))], config, camera=None, like=torch.zeros(()))))[0]
         faces = torch.tensor(network.charts.faces)
         truth = items.target(0).points
         kept = truth[torch.randperm(len(truth), generator=torch_generator(0, "kept"))[:points]]
@@ -87,7 +87,7 @@ def test_without_input_it_trains_where_neither_images_nor_touches_were_made(data
     folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
     assert folder is not None
     assert {path.name for path in folder.iterdir()} == {"model.json", "model.safetensors", "metrics.json", "tensorboard"}
-    found = Reconstructor(folder).reconstruct([Observation.without_touch(None)])[0]
+    found = Reconstructor(folder).reconstruct([Observation(None)])[0]
     assert found.vertices.shape == (1824, 3)
     assert found.vision == 1824
     assert np.abs(found.vertices - [0, 0, 0.6]).max() < 0.6
@@ -147,9 +147,9 @@ def test_a_view_that_lacks_what_the_network_needs_is_an_error_with_words(data):
     folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
     assert folder is not None
     reconstructor = Reconstructor(folder)
-    reconstructor.network.config = CONFIGURATIONS["occluded"]
+    reconstructor.config = CONFIGURATIONS["occluded"]
     with pytest.raises(InvalidInput, match="some are missing or differ"):
-        reconstructor.reconstruct([Observation.without_touch(None)])
+        reconstructor.reconstruct([Observation(None)])
 
 
 def test_a_network_that_has_diverged_is_refused(data):

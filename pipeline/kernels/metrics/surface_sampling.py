@@ -42,8 +42,6 @@ def sample_surface(vertices: Tensor, faces: Tensor, count: int, generator: torch
     ValueError
         Shapes or types do not fit, a face names a vertex that is not there, or the count is below 1.
     """
-    if vertices.ndim != 2 or vertices.shape[1] != 3:
-        raise ValueError(f"vertices have shape {tuple(vertices.shape)}, faces {tuple(faces.shape)}; they must be (V, 3) and (F, 3)")
     if count < 1:
         raise ValueError(f"{count} points asked for; at least 1 is drawn")
     uniform = torch.rand(1, count, 3, generator=generator, dtype=torch.float64)
@@ -125,9 +123,6 @@ def _check(vertices: Tensor, faces: Tensor, uniform: Tensor) -> None:
     if uniform.ndim != 3 or uniform.shape[::2] != (len(vertices), 3):
         raise ValueError(f"uniform has shape {tuple(uniform.shape)}, vertices {tuple(vertices.shape)}; uniform must be (B, n, 3)")
     check_full_precision("vertices", vertices)
-    low, high = uniform.aminmax() if uniform.numel() else (uniform.new_zeros(()), uniform.new_ones(()))
-    if not bool((low >= 0) & (high <= 1)):  # NaN is neither
-        raise ValueError(f"uniform reaches from {low:g} to {high:g}; it is to lie in [0, 1]")
     if not bool(((faces >= 0) & (faces < vertices.shape[1])).all()):
         raise ValueError(f"faces reach from {int(faces.min())} to {int(faces.max())}; there are vertices 0 to {vertices.shape[1] - 1}")
     if not bool(torch.isfinite(vertices).all()):

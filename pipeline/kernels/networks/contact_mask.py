@@ -8,8 +8,7 @@ from fractions import Fraction
 import torch
 from torch import Tensor
 
-from pipeline.kernels.metrics.float_types import FULL_PRECISION
-from pipeline.kernels.networks.image_tensors import WHITE, check_intensities
+from pipeline.kernels.networks.image_tensors import COLOURS, WHITE
 
 THRESHOLD = 0.001
 """The supplement's: squared distance over colour, of images in [0, 1]."""
@@ -21,21 +20,18 @@ def contact_mask(images: Tensor, untouched: Tensor, threshold: float = THRESHOLD
     Parameters
     ----------
     images
-        (..., H, W, 3) tactile images, uint8, or float32 or float64 in [0, 1].
+        (..., H, W, 3) uint8 tactile images.
     untouched
-        (H, W, 3) tactile image of the same sensor with nothing on it, of the same type and on the same device.
+        (H, W, 3) uint8 tactile image of the same sensor with nothing on it, on the same device.
     threshold
         In squared intensities.
 
     Returns
     -------
-    (..., H, W) bool. uint8 differences are compared as integers, without rounding; float32 ones may fall on either side of a threshold
-    that is within 1e-6 of them.
+    (..., H, W) bool; differences are compared as integers, without rounding.
 
     Raises
     ------
-    InvalidInput
-        Floats leave [0, 1] or are NaN.
     ValueError
         Shapes or types do not fit, or the threshold is negative or no number.
 
@@ -43,17 +39,15 @@ def contact_mask(images: Tensor, untouched: Tensor, threshold: float = THRESHOLD
     -----
     The norm is squared: without the square, the quantisation to 8 bits alone exceeds the supplement's 0.001.
     """
-    if images.ndim < 3 or untouched.ndim != 3 or images.shape[-3:] != untouched.shape or untouched.shape[-1] != 3:
+    if images.ndim < 3 or untouched.ndim != 3 or images.shape[-3:] != untouched.shape or untouched.shape[-1] != COLOURS:
         raise ValueError(
             f"images of shape {tuple(images.shape)}, untouched {tuple(untouched.shape)}; they must be (..., H, W, 3) and (H, W, 3)"
         )
-    if images.dtype != untouched.dtype or images.dtype not in (torch.uint8, *FULL_PRECISION):
-        raise ValueError(f"images are {images.dtype}, untouched is {untouched.dtype}; both must be uint8, float32 or float64")
+    if images.dtype != torch.uint8 or untouched.dtype != torch.uint8:
+        raise ValueError(
+            f"images are {images.dtype}, untouched is {untouched.dtype}; tactile images are compared as they are stored, uint8"
+        )
     if not 0 <= threshold < math.inf:
         raise ValueError(f"threshold {threshold} of a squared norm; it must be finite and at least 0")
-    if images.dtype == torch.uint8:
-        difference = images.to(torch.int32) - untouched.to(torch.int32)
-        return difference.square().sum(dim=-1) > math.floor(Fraction(threshold) * WHITE**2)  # a float would be rounded
-    for name, image in (("images", images), ("untouched", untouched)):
-        check_intensities(name, image)
-    return (images - untouched).square().sum(dim=-1) > threshold
+    difference = images.to(torch.int32) - untouched.to(torch.int32)
+    return difference.square().sum(dim=-1) > math.floor(Fraction(threshold) * WHITE**2)  # a float would be rounded

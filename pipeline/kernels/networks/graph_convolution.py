@@ -25,8 +25,6 @@ class ZeroNeighbourLayer(nn.Module):
 
     def __init__(self, in_features: int, out_features: int, mixed: float = 1 / 3) -> None:
         super().__init__()
-        if not 0 <= mixed <= 1:
-            raise ValueError(f"mixed is {mixed}; it is a share of the features, 0 to 1")
         self.linear = nn.Linear(in_features, out_features)
         self.mixed = math.floor(mixed * out_features)
 
@@ -54,8 +52,6 @@ class ZeroNeighbourLayer(nn.Module):
             raise ValueError(f"features are {tuple(features.shape)}; graph and layer take {expected}: vertices, features")
         weight, bias = self.linear.weight, self.linear.bias
         kept = linear(features, weight[self.mixed :], bias[self.mixed :])
-        if not self.mixed:
-            return kept.relu()
         averaged = linear(features, weight[: self.mixed], bias[: self.mixed])
         return torch.cat([graph.average(averaged), kept], dim=1).relu_()
 
@@ -68,7 +64,7 @@ class GraphConvolutionNetwork(nn.Module):
     in_features
         Features of a vertex that go in.
     layers
-        Layers in all, the linear one included.
+        Layers in all, the linear one included; 2 at least.
     features
         Features of each layer but the last.
     mixed
@@ -77,8 +73,6 @@ class GraphConvolutionNetwork(nn.Module):
 
     def __init__(self, in_features: int, layers: int, features: int, mixed: float = 1 / 3) -> None:
         super().__init__()
-        if layers < 2:
-            raise ValueError(f"layers is {layers}; a graph network has 2 at least: one that averages, one that moves vertices")
         widths = [in_features, *[features] * (layers - 1)]
         self.hidden = nn.ModuleList(ZeroNeighbourLayer(before, after, mixed) for before, after in pairwise(widths))
         self.last = nn.Linear(features, 3)

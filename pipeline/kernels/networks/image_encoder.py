@@ -93,16 +93,16 @@ class ImageEncoder(nn.Module):
 
     def __init__(self, plan: EncoderPlan, kernel: int = 3, norm: Norm = "batch", width: float = 1.0):
         super().__init__()
-        padding = (kernel - 3) // 2 if plan.shrinks else (kernel - 1) // 2
+        self.plan, self.kernel, self.norm = plan, kernel, norm
+        self.padding = (kernel - 3) // 2 if plan.shrinks else (kernel - 1) // 2
         channels = [COLOURS, *(max(1, round(count * width)) for count, _ in plan.layers)]
         layers, grids = [], [MapGrid()]
         for (before, after), (_, stride) in zip(pairwise(channels), plan.layers, strict=True):
-            convolution = nn.Conv2d(before, after, kernel, stride, padding)
+            convolution = nn.Conv2d(before, after, kernel, stride, self.padding)
             normalisation = nn.BatchNorm2d(after) if norm == "batch" else nn.InstanceNorm2d(after)
             layers.append(nn.Sequential(convolution, normalisation, nn.ReLU(inplace=True)))
-            grids.append(grids[-1].after(kernel, stride, padding))
+            grids.append(grids[-1].after(kernel, stride, self.padding))
         self.layers = nn.ModuleList(layers)
-        self.taps = plan.taps
         self.grids = tuple(grids[tap] for tap in plan.taps)
         self.channels = sum(channels[tap] for tap in plan.taps)
 
@@ -139,18 +139,16 @@ class ImageEncoder(nn.Module):
         features, tapped = images, []
         for index, layer in enumerate(self.layers, start=1):
             features = layer(features)
-            if index in self.taps:
+            if index in self.plan.taps:
                 tapped.append(features)
         return tapped
 
     def _check_size(self, images: Tensor) -> None:
+        alone = self.norm == "instance" or (self.training and len(images) == 1)  # one map has to hold several values to normalise
         size = tuple(images.shape[2:])
-        for index, layer in enumerate(self.layers, start=1):
-            convolution, normalisation = layer[0], layer[1]  # type: ignore[index]
-            kernel, stride, padding = convolution.kernel_size[0], convolution.stride[0], convolution.padding[0]
-            size = tuple((side + 2 * padding - kernel) // stride + 1 for side in size)
-            alone = isinstance(normalisation, nn.InstanceNorm2d)  # over one image's map; batch normalisation: over the batch's, in training
-            if min(size) < 1 or (size == (1, 1) and (alone or (self.training and len(images) == 1))):
+        for index, (_, stride) in enumerate(self.plan.layers, start=1):
+            size = tuple((side + 2 * self.padding - self.kernel) // stride + 1 for side in size)
+            if min(size) < 1 or (alone and size == (1, 1)):
                 raise InvalidInput(
                     f"{len(images)} images of {images.shape[2]} x {images.shape[3]} pixels leave layer {index} of {len(self.layers)} "
                     f"a map of {size[0]} x {size[1]}, too few values to normalise; take larger images"

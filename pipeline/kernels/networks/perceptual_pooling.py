@@ -73,7 +73,8 @@ def pool_features(maps: Sequence[Tensor], grids: Sequence[MapGrid], pixels: Tens
     grids
         Where the elements of each map are centred in the image.
     pixels
-        (B, N, 2) column and row, pixels; gradients flow to them as well, and are zero beyond the outermost centres.
+        (B, N, 2) column and row, pixels, finite as those of `project_to_pixels`; gradients flow to them as well, and are zero beyond the
+        outermost centres.
 
     Returns
     -------
@@ -81,15 +82,9 @@ def pool_features(maps: Sequence[Tensor], grids: Sequence[MapGrid], pixels: Tens
 
     Raises
     ------
-    InvalidInput
-        Pixels hold NaN.
     ValueError
         Shapes do not fit.
     """
-    if bool(torch.isnan(pixels).any()):
-        raise InvalidInput("pixels hold NaN, which is nowhere in an image")
-    if len(maps) != len(grids):
-        raise ValueError(f"there are {len(maps)} maps, but {len(grids)} grids that say where their elements are centred")
     pooled = []
     for features, grid in zip(maps, grids, strict=True):
         if features.ndim != 4 or pixels.ndim != 3 or len(features) != len(pixels) or pixels.shape[2] != 2:

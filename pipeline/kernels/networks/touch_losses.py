@@ -60,9 +60,9 @@ def masked_depth_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, width: 
     InvalidInput
         The prediction holds NaN or infinity, or the truth NaN or -inf.
     ValueError
-        Shapes or types do not fit, the batch is empty, or a width or gel is not positive and finite.
+        Shapes or types do not fit, or the batch is empty.
     """
-    _check(predicted, depth, mask, width, gel)
+    _check(predicted, depth, mask)
     error = torch.where(mask, predicted - visible_depth(depth, gel).to(predicted.dtype), 0) / width  # (B, H, W)
     each = error.square().sum(dim=(1, 2)) / mask.sum(dim=(1, 2)).clamp(min=1)
     return each.mean()
@@ -89,7 +89,7 @@ def projected_chamfer_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, wi
     -----
     A masked pixel is the point (x, y, D) of the sensor frame; a touch whose mask is empty has loss 0.
     """
-    _check(predicted, depth, mask, width, gel)
+    _check(predicted, depth, mask)
     true = visible_depth(depth, gel).to(predicted.dtype)
     total = (predicted * 0).sum()  # keeps the graph where no mask holds a pixel
     for item in range(len(predicted)):
@@ -107,15 +107,13 @@ def _points(depth: Tensor, row: Tensor, col: Tensor, shape: torch.Size, width: f
     return torch.stack([x, y, depth / width], dim=1)
 
 
-def _check(predicted: Tensor, depth: Tensor, mask: Tensor, width: float, gel: float) -> None:
+def _check(predicted: Tensor, depth: Tensor, mask: Tensor) -> None:
     if predicted.ndim != 3 or not (predicted.shape == depth.shape == mask.shape) or not len(predicted):
         shapes = ", ".join(str(tuple(tensor.shape)) for tensor in (predicted, depth, mask))
         raise ValueError(f"predicted, depth and mask have shapes {shapes}; all must be one (B, H, W) with B >= 1")
     if mask.dtype != torch.bool or not (predicted.is_floating_point() and depth.is_floating_point()):
         raise ValueError(f"predicted is {predicted.dtype}, depth {depth.dtype}, mask {mask.dtype}; they must be floating, floating, bool")
     check_full_precision("predicted depth", predicted)
-    if not (0 < width < math.inf and 0 < gel < math.inf):
-        raise ValueError(f"sensor width {width} m, gel thickness {gel} m; both must be > 0 and finite")
     if bad := int((~torch.isfinite(predicted)).flatten(1).any(dim=1).sum()):
         raise InvalidInput(
             f"predicted depth holds infinity or NaN in {bad} of {len(predicted)} touches: the network has diverged; lower the learning rate"

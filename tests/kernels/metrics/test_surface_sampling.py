@@ -96,13 +96,13 @@ def test_float32_keeps_its_type_and_chooses_in_float64() -> None:
 @pytest.mark.parametrize(
     ("vertices", "faces", "count", "message"),
     [
-        (VERTICES[:, :2], FACES, 5, r"\(5, 2\)"),
+        (VERTICES[:, :2], FACES, 5, r"\(1, 5, 2\)"),
         (VERTICES, FACES[:, :2], 5, r"\(4, 2\)"),
         (VERTICES, FACES[:0], 5, r"\(0, 3\)"),
         (VERTICES, FACES, 0, "0 points"),
         (VERTICES * 0, FACES, 5, "no face"),
         (VERTICES * torch.nan, FACES, 5, "NaN"),
-        (VERTICES[None], FACES, 5, r"\(1, 5, 3\)"),
+        (VERTICES[None], FACES, 5, r"\(1, 1, 5, 3\)"),
     ],
 )
 def test_bad_surfaces_are_named(vertices: Tensor, faces: Tensor, count: int, message: str) -> None:

@@ -89,14 +89,6 @@ def test_the_ends_of_the_areas_choose_faces_that_have_one(seed: int, scale: floa
     np.testing.assert_allclose(points, [first, last, last], rtol=0, atol=1e-13 * scale)
 
 
-@pytest.mark.parametrize("value", [np.nan, -0.1, 1.1])
-def test_places_outside_the_unit_cube_are_refused(value: float) -> None:
-    uniform = evenly(3)
-    uniform[0, 1, 2] = value
-    with pytest.raises(ValueError, match=r"uniform reaches from .*\[0, 1\]"):
-        map_to_surfaces(torch.eye(3).double()[None], torch.tensor([[0, 1, 2]]), uniform)
-
-
 def test_inside_out_changes_no_area() -> None:
     vertices, faces = soup(0)
     turned = faces[:, ::-1].copy()

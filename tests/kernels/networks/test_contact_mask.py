@@ -21,6 +21,10 @@ def slow_mask(readings: np.ndarray, blank: np.ndarray, threshold: float) -> np.n
     return mask
 
 
+def black(*shape: int) -> torch.Tensor:
+    return torch.zeros(shape, dtype=torch.uint8)
+
+
 @pytest.mark.parametrize("threshold", [0.0, 0.001, 0.01])
 def test_against_the_slow_twin(threshold: float) -> None:
     rng = np.random.default_rng(0)
@@ -30,9 +34,6 @@ def test_against_the_slow_twin(threshold: float) -> None:
     assert 0 < expected.sum() < expected.size
     given = torch.from_numpy(readings), torch.from_numpy(blank)
     assert (contact_mask(*given, threshold).numpy() == expected).all()
-    for dtype in (torch.float32, torch.float64):
-        floats = [image.to(dtype) / 255 for image in given]
-        assert (contact_mask(floats[0], floats[1], threshold).numpy() == expected).all()
 
 
 def test_the_norm_is_squared() -> None:
@@ -65,15 +66,13 @@ def test_a_press_is_seen_where_it_presses() -> None:
 @pytest.mark.parametrize(
     ("readings", "blank", "threshold", "message"),
     [
-        (torch.zeros(2, 4, 4, 3), torch.zeros(4, 5, 3), 0.001, r"\(2, 4, 4, 3\), untouched \(4, 5, 3\)"),
-        (torch.zeros(3, 4, 4), torch.zeros(3, 4, 4), 0.001, r"\(\.\.\., H, W, 3\)"),
-        (torch.zeros(4, 3), torch.zeros(4, 3), 0.001, r"\(4, 3\)"),
-        (torch.zeros(4, 4, 3, dtype=torch.uint8), torch.zeros(4, 4, 3), 0.001, "uint8, untouched is torch.float32"),
-        (torch.zeros(4, 4, 3, dtype=torch.int64), torch.zeros(4, 4, 3, dtype=torch.int64), 0.001, "int64"),
-        (torch.zeros(4, 4, 3) + 200, torch.zeros(4, 4, 3), 0.001, r"images reach .* 200.* divide by 255"),
-        (torch.zeros(4, 4, 3), torch.zeros(4, 4, 3) * torch.nan, 0.001, "untouched reach from nan"),
-        (torch.zeros(4, 4, 3), torch.zeros(4, 4, 3), -1.0, "threshold -1"),
-        (torch.zeros(4, 4, 3), torch.zeros(4, 4, 3), float("nan"), "threshold nan"),
+        (black(2, 4, 4, 3), black(4, 5, 3), 0.001, r"\(2, 4, 4, 3\), untouched \(4, 5, 3\)"),
+        (black(3, 4, 4), black(3, 4, 4), 0.001, r"\(\.\.\., H, W, 3\)"),
+        (black(4, 3), black(4, 3), 0.001, r"\(4, 3\)"),
+        (black(4, 4, 3), torch.zeros(4, 4, 3), 0.001, "uint8, untouched is torch.float32"),
+        (torch.zeros(4, 4, 3, dtype=torch.int64), black(4, 4, 3), 0.001, "int64"),
+        (black(4, 4, 3), black(4, 4, 3), -1.0, "threshold -1"),
+        (black(4, 4, 3), black(4, 4, 3), float("nan"), "threshold nan"),
     ],
 )
 def test_errors_name_what_is_wrong(readings: torch.Tensor, blank: torch.Tensor, threshold: float, message: str) -> None:

@@ -44,26 +44,15 @@ def test_a_threshold_beside_a_squared_norm_parts_it_from_the_next(square: int) -
         assert bool(contact_mask(readings, blank, float(threshold)).all()) == (exactly > Fraction(float(threshold)))
 
 
-@given(seed=seeds, threshold=st.floats(1e-4, 3))
-def test_floats_decide_as_bytes_do_but_within_a_millionth(seed: int, threshold: float) -> None:
-    rng = np.random.default_rng(seed)
-    blank, readings = (torch.from_numpy(image) for image in rng.integers(0, 256, (2, 6, 6, 3), dtype=np.uint8))
-    squared = (readings.double() - blank.double()).square().sum(dim=-1) / WHITE**2
-    clear = (squared - threshold).abs() > 1e-6
-    for dtype in (torch.float32, torch.float64):
-        mask = contact_mask(readings.to(dtype) / WHITE, blank.to(dtype) / WHITE, threshold)
-        assert bool((mask == contact_mask(readings, blank, threshold))[clear].all())
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_reading_never_touches_itself(kind: str) -> None:
     reading = stored(kind, 9)
     assert not contact_mask(reading, reading, 0.0).any()
 
 
-@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
-def test_masks_of_half_precision_are_refused(dtype: torch.dtype) -> None:
-    with pytest.raises(ValueError, match=f"images are {dtype}.*float32 or float64"):
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float32])
+def test_masks_of_floats_are_refused(dtype: torch.dtype) -> None:
+    with pytest.raises(ValueError, match=f"images are {dtype}.*as they are stored, uint8"):
         contact_mask(torch.zeros(2, 2, 3, dtype=dtype), torch.zeros(2, 2, 3, dtype=dtype))
 
 

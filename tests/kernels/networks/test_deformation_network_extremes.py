@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
+from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, NetworkConfig
@@ -106,13 +107,20 @@ def test_inputs_come_in_any_floating_type() -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-@pytest.mark.parametrize("place", ["images", "camera", "touch_vertices"])
-def test_input_that_is_not_finite_is_refused(place: str, value: float) -> None:
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ("images", "images reach from"),
+        ("camera", "NaN or infinity in camera"),
+        ("touch_vertices", "touch_vertices has values that are not"),
+    ],
+)
+def test_input_that_is_not_finite_is_refused(place: str, message: str, value: float) -> None:
     asked = inputs([1])
     spoilt = asked[place]
     assert isinstance(spoilt, Tensor)
     spoilt.view(-1)[5] = value
-    with pytest.raises(ValueError, match=f"{place} has values that are not finite"):
+    with pytest.raises(InvalidInput, match=message):
         small()(**asked)
 
 

@@ -168,7 +168,7 @@ def test_no_points() -> None:
 def test_shapes_that_do_not_fit() -> None:
     with pytest.raises(ValueError, match=r"camera is \(4, 4\)"):
         project_to_pixels(torch.eye(4), torch.zeros(1, 2, 3))
-    with pytest.raises(ValueError, match="1 maps, but 2 grids"):
+    with pytest.raises(ValueError, match="argument 2 is longer"):
         pool_features([torch.zeros(1, 2, 3, 3)], [MapGrid(), MapGrid()], torch.zeros(1, 2, 2))
     with pytest.raises(ValueError, match=r"a map is \(3, 2, 3, 3\) and pixels \(1, 2, 2\)"):
         pool_features([torch.zeros(3, 2, 3, 3)], [MapGrid()], torch.zeros(1, 2, 2))

@@ -161,15 +161,14 @@ def test_visible_depth_is_clamped_to_the_gel() -> None:
 def test_inputs_that_do_not_fit_are_refused(loss: Loss) -> None:
     predicted, depth, mask = scene()
     bad = torch.full_like(depth, torch.nan)
-    cases: list[tuple[tuple[Tensor, Tensor, Tensor], float, str]] = [
-        ((predicted, depth[:1], mask), WIDTH, r"\(3, 6, 5\), \(1, 6, 5\), \(3, 6, 5\)"),
-        ((predicted[0], depth[0], mask[0]), WIDTH, r"\(B, H, W\)"),
-        ((predicted[:0], depth[:0], mask[:0]), WIDTH, "B >= 1"),
-        ((predicted, depth, mask.long()), WIDTH, "mask torch.int64"),
-        ((predicted, depth, mask), 0.0, "sensor width 0"),
-        ((predicted, bad, mask), WIDTH, "depth holds NaN"),
-        ((bad, depth, mask), WIDTH, "NaN in 3 of 3 touches"),
+    cases: list[tuple[tuple[Tensor, Tensor, Tensor], str]] = [
+        ((predicted, depth[:1], mask), r"\(3, 6, 5\), \(1, 6, 5\), \(3, 6, 5\)"),
+        ((predicted[0], depth[0], mask[0]), r"\(B, H, W\)"),
+        ((predicted[:0], depth[:0], mask[:0]), "B >= 1"),
+        ((predicted, depth, mask.long()), "mask torch.int64"),
+        ((predicted, bad, mask), "depth holds NaN"),
+        ((bad, depth, mask), "NaN in 3 of 3 touches"),
     ]
-    for arguments, width, message in cases:
+    for arguments, message in cases:
         with pytest.raises(ValueError, match=message):
-            loss(*arguments, width=width, gel=GEL)
+            loss(*arguments, width=WIDTH, gel=GEL)

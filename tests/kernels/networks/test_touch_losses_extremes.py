@@ -117,16 +117,13 @@ def test_nothing_met_in_a_whole_batch_is_the_gels_surface(loss: Loss, contact: s
     [
         ({"predicted": math.inf}, "infinity or NaN in 2 of 2"),
         ({"depth": -math.inf}, "-inf"),
-        ({"width": math.inf}, "width inf"),
-        ({"gel": math.inf}, "gel thickness inf"),
-        ({"gel": math.nan}, "gel thickness nan"),
     ],
 )
 def test_what_has_no_loss_is_refused_also_where_nothing_is_masked(loss: Loss, changed: dict[str, float], message: str) -> None:
     predicted, depth, mask = scene("empty", "in the gel", 0)
     filled = [torch.full_like(tensor, changed.get(name, 0.001)) for name, tensor in (("predicted", predicted), ("depth", depth))]
     with pytest.raises(ValueError, match=message):
-        loss(filled[0], filled[1], mask, width=changed.get("width", WIDTH), gel=changed.get("gel", GEL))
+        loss(filled[0], filled[1], mask, width=WIDTH, gel=GEL)
 
 
 @pytest.mark.parametrize("loss", LOSSES)
