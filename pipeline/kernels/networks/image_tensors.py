@@ -51,8 +51,6 @@ def check_intensities(name: str, images: Tensor) -> None:
     InvalidInput
         A value is NaN, below 0 or above 1.
     """
-    if not images.numel():
-        return
-    low, high = images.detach().aminmax()
-    if not bool((low >= 0) & (high <= 1)):  # NaN is neither
+    if not bool(((images >= 0) & (images <= 1)).all()):  # NaN is neither
+        low, high = images.detach().aminmax()
         raise InvalidInput(f"{name} reach from {low:g} to {high:g}; floating images must lie in [0, 1]: divide by {WHITE}")
