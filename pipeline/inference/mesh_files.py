@@ -53,7 +53,7 @@ def write_joined(path: Path, made: Reconstruction) -> None:
 
 
 def joined(made: Reconstruction) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The vision charts as one closed surface: vertices (P, 3), one a distinct position, m, and faces (F, 3)."""
+    """Join the vision charts to one closed surface: vertices (P, 3), one per distinct position, m, and faces (F, 3)."""
     position = made.position
     count = np.bincount(position)
     vertices = np.stack([np.bincount(position, weights=axis) for axis in made.vertices[: made.vision].T], axis=1) / count[:, None]
@@ -69,7 +69,7 @@ def _touch_charts(made: Reconstruction) -> Parts:
 
 
 def _charts(made: Reconstruction, name: str, starts: range, colors: Sequence[Color]) -> Parts:
-    """The charts whose first vertices are `starts`, each with its number in its name."""
+    """Make the charts whose first vertices are `starts`, each with its number in its name."""
     parts = []
     for number, start in enumerate(starts):
         stop = start + starts.step
@@ -86,7 +86,7 @@ def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color) -> trimesh.Trim
 
 
 def check_suffix(path: Path) -> None:
-    """A `StageError` where no mesh can be written under that name."""
+    """Raise a `StageError` where no mesh can be written under that name."""
     if path.suffix.lower() not in SUFFIXES:
         raise StageError(f"{path}: meshes are written as {', '.join(SUFFIXES)}, by suffix; {path.suffix or 'no suffix'} is not one of them")
 

@@ -160,7 +160,7 @@ class _Observer:
 
     @cached_property
     def unet(self) -> TouchModel:
-        """The U-Net beside the model."""
+        """Load the U-Net beside the model."""
         return load_touch_model(DataDirectory(self.models).folder_path("unet"), self.device)
 
     def _charts(

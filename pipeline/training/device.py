@@ -8,7 +8,7 @@ from pipeline.errors import StageError
 
 
 def device_of(accelerator: str) -> torch.device:
-    """The device of that name; `auto` is a GPU where there is one. A `StageError` where it cannot be used."""
+    """Find the device of that name; `auto` is a GPU where there is one. A `StageError` where it cannot be used."""
     if accelerator == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:

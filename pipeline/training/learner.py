@@ -23,7 +23,7 @@ class Learner(ABC):
 
     @abstractmethod
     def __len__(self) -> int:
-        """Training items per epoch."""
+        """Count the training items per epoch."""
 
     @abstractmethod
     def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:

@@ -27,11 +27,11 @@ from stages.fit_charts.settings import ChartSettings
 UNET = "models/unet"
 """Where `train-unet` leaves its network, below the data directory."""
 TOUCHES = 18
-"""Touches an object: nine of the twenty sensors in ten."""
+"""Touches per object: nine of the twenty sensors in ten."""
 
 
 class FitCharts(ObjectStage):
-    """From what the sensors feel to charts of the surface."""
+    """Fits charts of the surface to what the sensors feel."""
 
     name = "fit-charts"
     summary = "A touch chart for every sensor of every grasp."
@@ -39,24 +39,24 @@ class FitCharts(ObjectStage):
     settings_type = ChartSettings
 
     def inputs(self, settings: ChartSettings) -> tuple[Artifact, ...]:
-        """Readings and depths, and where the sensors stand and which of them touch."""
+        """Name what is read: tactile images and depths, the poses of the sensors, and which of them touch."""
         return (TOUCH, GRASPS)
 
     def models(self, settings: ChartSettings) -> tuple[str, ...]:
-        """The U-Net, where its points are asked for."""
+        """Name the U-Net's folder, where its points are asked for."""
         return (UNET,) if settings.cloud == "predicted" else ()
 
     def constants(self, settings: ChartSettings) -> Row:
-        """The triangles, the same in every chart."""
+        """Make the triangles, the same in each chart."""
         return {"chart_faces": chart_square(settings.side)[1].numpy().astype(np.int32)}
 
     def cost(self, settings: ChartSettings) -> Cost:
-        """The touches of an object, as measured on one core."""
+        """Estimate the touches of an object, as measured on one core."""
         return Cost(seconds=TOUCHES * (0.45 if settings.tight else 0.3), kilobytes=20)
 
     @contextmanager
     def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
-        """One thread a worker, so that results do not depend on how many workers share the machine; the U-Net, if need be."""
+        """Load the U-Net, if need be; compute on one thread per worker: results do not depend on how many share the machine."""
         threads = torch.get_num_threads()
         torch.set_num_threads(1)
         try:

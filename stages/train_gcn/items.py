@@ -16,7 +16,7 @@ from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 
 TARGETS = 128
-"""Objects whose points are kept ready for the search of nearest ones, half a megabyte each."""
+"""Objects whose points are kept with their search tree, half a megabyte each."""
 
 
 class Items:
@@ -29,7 +29,7 @@ class Items:
     config
         Says which image is seen, and whether touch is felt.
     each
-        Items an object, each beginning with another grasp.
+        Items per object, each beginning with another grasp.
     """
 
     def __init__(self, data: Path, split: str, config: NetworkConfig, each: int) -> None:
@@ -42,21 +42,21 @@ class Items:
 
     @property
     def side(self) -> int:
-        """Vertices along a side of the touch charts; the supplement's where they are not felt."""
+        """Read the vertices along a side of the touch charts; the supplement's where they are not felt."""
         return isqrt(self.rows.size("vertices", "vertex")) if self.config.touch else SIDE
 
     @property
     def camera(self) -> torch.Tensor | None:
-        """(3, 4) projection matrix of the images, None without them."""
+        """Read the (3, 4) projection matrix of the images; None without them."""
         return None if self.config.image is None else torch.tensor(self.rows.read("camera", self.rows.object_ids[0]))
 
     @property
     def resolution(self) -> list[int] | None:
-        """Rows and columns of the images."""
+        """Read the rows and columns of the images; None without them."""
         return None if self.config.image is None else [self.rows.size(self.config.image, dim) for dim in ("row", "col")]
 
     def target(self, item: int) -> Target:
-        """The object's points, (N, 3) float32, m, world."""
+        """Read the object's points, (N, 3) float32, m, world."""
         return self._target(self._object(item))
 
     def _object(self, item: int) -> str:
@@ -73,16 +73,16 @@ class Items:
 
     @property
     def grasps(self) -> int:
-        """How many grasps an object has, as far as the network can tell."""
+        """Count the grasps of an object, as far as the network can tell."""
         if self.config.touch:
             return self.rows.size("vertices", "grasp")
         return self.rows.size("occluded", "grasp") if self.config.image == "occluded" else 1
 
     def name(self, item: int) -> str:
-        """The item in words."""
+        """Name an item for a message."""
         return f"{self._object(item)} (first grasp {item % self.each % self.grasps})"
 
 
 def arrays_of(config: NetworkConfig) -> tuple[str, ...]:
-    """The arrays that a network of this configuration is trained on."""
+    """Name the arrays that a network of this configuration is trained on."""
     return ("points", *observed_arrays(config), *(["camera"] if config.image else []))

@@ -57,7 +57,7 @@ class GcnLearner(Learner):
         return {"loss": float(torch.cat(found).double().mean())}
 
     def _chamfer(self, observations: Sequence[Observation], targets: Sequence[Target], generator: torch.Generator) -> Tensor:
-        """(B,) Chamfer distance of each item, m² x `TABLE_3_FACTOR`, of `loss_points` points each way to all of the object's."""
+        """Compute (B,) the Chamfer distance of each item, m² x `TABLE_3_FACTOR`, of `loss_points` points each way to all the object's."""
         batch = stack_observations(observations, self._network.config, self._camera, like=next(self.module.parameters()))
         deformed: Tensor = self.module(**vars(batch))
         found = []

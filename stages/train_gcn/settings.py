@@ -47,10 +47,10 @@ class GcnSettings(TrainingSettings):
 
     @property
     def named(self) -> NetworkConfig:
-        """The supplement's network of that name: what it sees and feels."""
+        """Look up the supplement's network of that name: what it sees and feels."""
         return CONFIGURATIONS[self.configuration]
 
     def network(self, side: int) -> NetworkConfig:
-        """The network these settings describe, for touch charts of side x side vertices."""
+        """Describe the network of these settings, for touch charts of side x side vertices."""
         own = self.model_dump(include=set(NetworkConfig.model_fields), exclude_none=True)
         return self.named.model_copy(update=own | {"side": side, "checkpointing": self.checkpoint_passes})

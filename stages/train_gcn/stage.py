@@ -22,33 +22,33 @@ from stages.train_gcn.settings import GcnSettings
 
 
 class TrainGcn(DatasetStage):
-    """From images and touch charts to the whole surface."""
+    """Trains a network that deforms vision charts to the whole surface."""
 
     name = "train-gcn"
     summary = "Train the graph network that deforms vision charts, in one of the supplement's configurations."
     settings_type = GcnSettings
 
     def inputs(self, settings: GcnSettings) -> tuple[Artifact, ...]:
-        """The objects' points, and what the configuration sees and feels."""
+        """Name what is read: the objects' points, and what the configuration sees and feels."""
         named = settings.named
         return (SURFACES, *([VISION] if named.image else []), *([CHARTS] if named.touch else []))
 
     def splits(self, settings: GcnSettings) -> tuple[str, ...]:
-        """To learn from, and to choose the best epoch by."""
+        """Name the splits: one to learn from, one to choose the best epoch by."""
         return ("train", "valid")
 
     def folder(self, settings: GcnSettings) -> str:
-        """A folder a configuration."""
+        """Name the folder of the configuration's model, below the data directory."""
         return f"models/gcn/{settings.configuration}"
 
     def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
-        """Supplement 3.4; without an image there is no encoder to vary."""
+        """Give the grid of supplement 3.4; without an image there is no encoder to vary."""
         encoders = {"encoder_layers": (12, 15, 18)} if settings.named.image else {}
         rates, layers, features = (1e-4, 3e-5, 1e-5), (15, 20, 25), (150, 200, 250)
         return {"learning_rate": rates, **encoders, "gcn_layers": layers, "gcn_features": features}
 
     def cost(self, settings: GcnSettings, objects: int) -> Cost:
-        """About a second an item at the tables' sizes on one core, less in proportion to the network's."""
+        """Estimate about a second per item at the tables' sizes on one core, less in proportion to the network's."""
         network = settings.network(SIDE)
         share = network.gcn_layers * network.gcn_features**2 / (20 * 250**2)
         return Cost(seconds=objects * settings.items * settings.epochs * (0.02 + 0.9 * share), kilobytes=8000 * share + 500)

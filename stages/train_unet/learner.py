@@ -1,4 +1,4 @@
-"""What `train-unet` trains on: the readings of sensors that touched, and the depths behind them."""
+"""What `train-unet` trains on: the tactile images of sensors that touched, and the depths behind them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pipeline.training.learner import Learner
 from stages.train_unet.settings import UnetSettings
 
 ARRAYS = ("reading", "depth", "untouched", "touch_success")
-"""What is read of every object."""
+"""What is read of each object."""
 MICROMETRES = 1e6
 
 
@@ -34,9 +34,9 @@ class Touches:
     rows
         Gives `reading` (sensor, H, W, 3) uint8 and `depth` (sensor, H, W) float32, m, of each grasp.
     where
-        (N, 3) int64: object, grasp and sensor of every touch. Sensors that touched nothing are no items.
+        (N, 3) int64: object, grasp and sensor of each touch. Sensors that touched nothing are no items.
     sensor, untouched
-        What felt them, and its (H, W, 3) uint8 reading of nothing.
+        What felt them, and its (H, W, 3) uint8 tactile image with nothing on it.
     """
 
     rows: ObjectRows

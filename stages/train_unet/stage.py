@@ -1,4 +1,4 @@
-"""Supplement 2.1 and 2.2: a U-Net learns to see depth in tactile readings."""
+"""Supplement 2.1 and 2.2: a U-Net learns to see depth in tactile images."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ from stages.train_unet.settings import UnetSettings
 
 
 class TrainUnet(DatasetStage):
-    """From what sensors felt to a network that tells depth."""
+    """Trains a network that predicts depth from tactile images."""
 
     name = "train-unet"
     summary = "A U-Net that predicts each sensor's depth map from its reading."
     settings_type = UnetSettings
 
     def inputs(self, settings: UnetSettings) -> tuple[Artifact, ...]:
-        """Readings and depths, and which sensors touched; no surface, no image."""
+        """Name what is read: tactile images, depths, and which sensors touched; no surface, no camera image."""
         return (TOUCH, GRASPS)
 
     def splits(self, settings: UnetSettings) -> tuple[str, ...]:
-        """What is learnt from, and what chooses the best epoch."""
+        """Name the splits: one to learn from, one to choose the best epoch by."""
         return ("train", "valid")
 
     def folder(self, settings: UnetSettings) -> str:
-        """Where the model goes, below the data directory."""
+        """Name the folder of the model, below the data directory."""
         return "models/unet"
 
     def grid(self, settings: UnetSettings) -> dict[str, tuple[Any, ...]]:
-        """Supplement 2.2."""
+        """Give the grid of supplement 2.2."""
         return {"learning_rate": (1e-3, 1e-4, 5e-5, 3e-5, 1e-5)}
 
     def cost(self, settings: UnetSettings, objects: int) -> Cost:
-        """Eighteen touches an object and epoch; a step's cost goes with the square of the width, on top of what every pixel costs."""
+        """Estimate eighteen touches per object and epoch; a step costs the square of the width, on top of what each pixel costs."""
         share = (settings.width / 64) ** 2
         return Cost(seconds=objects * 18 * settings.epochs * (0.006 + 0.31 * share), kilobytes=98_000 * share + 10)
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
-        """Train, and write the best epoch's weights with all that their users need: width, sensor, threshold, untouched reading."""
+        """Train, and write the best epoch's weights with what their users need: width, sensor, threshold, untouched tactile image."""
         settings: UnetSettings = job.settings
         touches, valid = (load_touches(job.data, split) for split in ("train", "valid"))
         with seeded_weights(job.seed, self.name):
