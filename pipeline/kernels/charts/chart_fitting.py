@@ -9,10 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pipeline.kernels.charts.chart_optimizer import ChartOptimizer, ChartState, CloudSampler
+from pipeline.kernels.charts.chart_optimizer import ChartOptimizer, ChartState
 from pipeline.kernels.charts.fit_options import FitOptions, StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.metrics.chamfer import Target
 
 CHARTS_AT_ONCE = 32
 """Charts fitted together: a CPU's overhead per step is then a tenth of the work, and memory some 30 MB."""
@@ -50,7 +49,6 @@ def fit_charts(
     *,
     options: FitOptions | None = None,
     device: torch.device | str = "cpu",
-    at_once: int = CHARTS_AT_ONCE,
 ) -> ChartFits:
     """Fit a chart to each cloud: Adam on its vertices, from the sensor's square, down the Chamfer distance of its samples.
 
@@ -67,8 +65,6 @@ def fit_charts(
         `FitOptions()` if None.
     device
         Where charts are fitted.
-    at_once
-        Charts fitted together. Changes speed and memory, nothing else.
 
     Returns
     -------
@@ -94,17 +90,13 @@ def fit_charts(
         iterations=np.zeros(len(clouds), np.int64),
         stop_rule=np.full(len(clouds), StopRule.too_few_points, np.int64),
     )
-    waiting = [i for i in reversed(range(len(clouds))) if len(clouds[i])]
-    optimizer = ChartOptimizer(square.to(device), faces.to(device), options)
-    while waiting or optimizer.charts:
-        while waiting and len(optimizer.charts) < at_once:
-            i = waiting.pop()
-            cloud = torch.as_tensor(np.asarray(clouds[i], np.float64), device=device) / width
-            sampler = CloudSampler(cloud, options.cloud_points, generators[i])
-            optimizer.add(ChartState(i, Target(cloud), sampler, generators[i]))
-        for finished in optimizer.step():
-            chart = finished.chart
-            fits.vertices[chart.index], fits.residual[chart.index] = finished.vertices * width, chart.residual * width
-            fits.loss[chart.index], fits.iterations[chart.index] = chart.loss, chart.steps
-            fits.stop_rule[chart.index] = finished.stop_rule
+    given = [i for i, cloud in enumerate(clouds) if len(cloud)]
+    for first in range(0, len(given), CHARTS_AT_ONCE):
+        together = given[first : first + CHARTS_AT_ONCE]
+        scaled = [torch.as_tensor(np.asarray(clouds[i], np.float64), device=device) / width for i in together]
+        charts = [ChartState(cloud, options.cloud_points, generators[i]) for i, cloud in zip(together, scaled, strict=True)]
+        ChartOptimizer(charts, square.to(device), faces.to(device), options).run()
+        for i, chart in zip(together, charts, strict=True):
+            fits.vertices[i], fits.residual[i] = chart.vertices * width, chart.residual * width
+            fits.loss[i], fits.iterations[i], fits.stop_rule[i] = chart.loss, chart.steps, chart.stop_rule
     return fits

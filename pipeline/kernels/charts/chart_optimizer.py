@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from itertools import cycle
 
 import numpy as np
 import torch
@@ -26,89 +26,75 @@ EPSILON = 1e-8
 """What Adam adds to the root of the mean square, as published."""
 
 
-class CloudSampler:
-    """Goes through a cloud again and again, `size` points at a time (None: all), in an order shuffled once."""
-
-    def __init__(self, points: Tensor, size: int | None, generator: torch.Generator) -> None:
-        self._size = len(points) if size is None else min(size, len(points))
-        order = torch.randperm(len(points), generator=generator) if self._size < len(points) else torch.arange(len(points))
-        self._points, self._start = points[order.to(points.device)], 0
-        self.first = Target(self._points[: self._size])
-
-    def next(self) -> Tensor:
-        """Return the next points (size, 3); from the start again where too few are left."""
-        if self._start + self._size > len(self._points):
-            self._start = 0
-        self._start += self._size
-        return self._points[self._start - self._size : self._start]
-
-
-@dataclass
 class ChartState:
-    """What belongs to one chart beside its vertices; lengths are sensor widths."""
-
-    index: int
-    cloud: Target
-    sampler: CloudSampler
-    generator: torch.Generator
-    steps: int = 0
-    loss: float = float("inf")
-    near: bool = False
-    residual: float = float("inf")
-    recent: list[float] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class FinishedChart:
-    """A chart that is done, its vertices (V, 3) in sensor widths, and why."""
-
-    chart: ChartState
-    vertices: NDArray[np.float64]
-    stop_rule: StopRule
-
-
-class ChartOptimizer:
-    """Fits charts of one topology side by side; lengths are sensor widths.
+    """One chart: its cloud, and how far its fit has come; lengths are sensor widths.
 
     Parameters
     ----------
+    cloud
+        (n, 3) float64, n at least 1.
+    cloud_points
+        The steps go through the cloud again and again, that many points at a time (None: all), in an order shuffled once.
+    generator
+        Shuffles the cloud and draws the chart's samples.
+    """
+
+    def __init__(self, cloud: Tensor, cloud_points: int | None, generator: torch.Generator) -> None:
+        size = min(cloud_points or len(cloud), len(cloud))
+        order = torch.randperm(len(cloud), generator=generator) if size < len(cloud) else torch.arange(len(cloud))
+        parts = torch.split(cloud[order.to(cloud.device)], size)[: len(cloud) // size]  # a last one of fewer points is left out
+        self.cloud, self.first_part, self.parts = Target(cloud), Target(parts[0]), cycle(parts)
+        self.generator = generator
+        self.steps = 0
+        self.loss = self.residual = float("inf")
+        self.recent: list[float] = []
+        self.near = False
+        self.vertices: NDArray[np.float64]  # (V, 3); this and the rule are set once the chart is done
+        self.stop_rule: StopRule
+
+
+class ChartOptimizer:
+    """Fits charts of one topology side by side, from the undeformed square on.
+
+    Parameters
+    ----------
+    charts
+        At least one; `run` sets their `vertices`, `residual` and `stop_rule`.
     square, faces
-        Vertices (V, 3) float64 and faces (F, 3) of the undeformed chart.
+        Vertices (V, 3) float64, sensor widths, and faces (F, 3) of the undeformed chart.
     options
         How charts are fitted.
     """
 
-    def __init__(self, square: Tensor, faces: Tensor, options: FitOptions) -> None:
-        self.charts: list[ChartState] = []
-        self._square, self._faces, self._options = square, faces, options
-        self._state = square.new_zeros(3, 0, *square.shape)  # vertices, mean gradient, mean squared gradient: (3, B, V, 3)
+    def __init__(self, charts: list[ChartState], square: Tensor, faces: Tensor, options: FitOptions) -> None:
+        self._charts, self._faces, self._options = charts, faces, options
+        self._state = square.new_zeros(3, len(charts), *square.shape)  # vertices, mean gradient, mean squared gradient: (3, B, V, 3)
+        self._state[0] = square
 
-    def add(self, chart: ChartState) -> None:
-        """Begin a chart as the undeformed square."""
-        fresh = torch.stack([self._square, torch.zeros_like(self._square), torch.zeros_like(self._square)])
-        self._state = torch.cat([self._state, fresh[:, None]], dim=1)
-        self.charts.append(chart)
+    def run(self) -> None:
+        """Take steps with each chart until all are done."""
+        while self._charts:
+            self._step()
 
-    def step(self) -> list[FinishedChart]:
-        """Take a step with each chart, except those that are done: these are removed and returned."""
+    def _step(self) -> None:
+        """Take a step with each chart, except those that are done: these are removed."""
         areas = [float(row.sum()) / 2 for row in doubled_areas(self._state[0], self._faces)]
         done = {i: StopRule.collapsed for i, area in enumerate(areas) if not area > 0}
-        checked = [self._is_check(chart, area) for chart, area in zip(self.charts, areas, strict=True)]
+        checked = [self._is_check(chart, area) for chart, area in zip(self._charts, areas, strict=True)]
         gradient = torch.zeros_like(self._state[0])
         for exact in (False, True):
-            group = [i for i in range(len(self.charts)) if checked[i] == exact and i not in done]
+            group = [i for i in range(len(self._charts)) if checked[i] == exact and i not in done]
             if group:
                 losses, gradient[group] = self._losses(group, exact)
-                for i, loss in zip(group, losses, strict=True):
-                    stop_rule = self._judge(i, loss, exact)
-                    if stop_rule is not None:
-                        done[i] = stop_rule
-        finished = [self._finish(i, stop_rule) for i, stop_rule in done.items()]
+                rules = [self._judge(i, loss, exact) for i, loss in zip(group, losses, strict=True)]
+                done |= {i: rule for i, rule in zip(group, rules, strict=True) if rule is not None}
+        for i, rule in done.items():
+            chart = self._charts[i]
+            chart.vertices, chart.residual, chart.stop_rule = self._state[0, i].cpu().numpy().copy(), self._residual(i), rule
         if done:
-            kept = [i for i in range(len(self.charts)) if i not in done]
-            self._state, gradient, self.charts = self._state[:, kept], gradient[kept], [self.charts[i] for i in kept]
+            kept = [i for i in range(len(self._charts)) if i not in done]
+            self._state, gradient, self._charts = self._state[:, kept], gradient[kept], [self._charts[i] for i in kept]
         self._descend(gradient)
-        return finished
 
     def _is_check(self, chart: ChartState, area: float) -> bool:
         """Whether the exact loss is due: at the cap, and each `check_every` steps once its estimate comes near the halt."""
@@ -122,11 +108,11 @@ class ChartOptimizer:
 
     def _losses(self, group: list[int], exact: bool) -> tuple[list[float], Tensor]:
         """The Chamfer distance of each chart of the group, exact or a step's, and its gradient (group, V, 3)."""
-        charts = [self.charts[i] for i in group]
+        charts = [self._charts[i] for i in group]
         count = self._options.samples if exact else self._options.step_samples
         uniform = torch.stack([torch.rand(count, 3, generator=chart.generator, dtype=torch.float64) for chart in charts])
-        clouds = [chart.cloud.points if exact else chart.sampler.next() for chart in charts]
-        targets = [chart.cloud if exact or chart.near else chart.sampler.first for chart in charts]
+        clouds = [chart.cloud.points if exact else next(chart.parts) for chart in charts]
+        targets = [chart.cloud if exact or chart.near else chart.first_part for chart in charts]
         vertices = self._state[0, group].requires_grad_()
         samples = map_to_surfaces(vertices, self._faces, uniform)  # (group, n, 3)
         drawn = samples.detach()
@@ -140,32 +126,27 @@ class ChartOptimizer:
         return losses.tolist(), gradient
 
     def _judge(self, i: int, loss: float, exact: bool) -> StopRule | None:
-        """Note a loss; where it is exact, whether the chart is done, and why."""
-        chart, options = self.charts[i], self._options
+        """Note a chart's loss; where it is exact, tell whether the chart is done, and why."""
+        chart, options = self._charts[i], self._options
         chart.recent = (chart.recent + [loss])[-options.check_every :]
         chart.near = chart.near or options.cloud_points is None or loss < NEAR * sampling_floor(1.0, options.cloud_points) / 2
         if not exact:
             return None
         chart.loss, chart.recent = loss, []
-        limit = options.residual_limit
-        if loss < options.halt and (limit is None or self._residual(i) <= limit):
+        if loss < options.halt and (options.residual_limit is None or self._residual(i) <= options.residual_limit):
             return StopRule.threshold
         return StopRule.cap if chart.steps >= options.max_iterations else None
 
     def _residual(self, i: int) -> float:
         """The RMS distance from the cloud to the chart's surface."""
-        points, vertices, faces = (tensor.cpu().numpy() for tensor in (self.charts[i].cloud.points, self._state[0, i], self._faces))
+        points, vertices, faces = (tensor.cpu().numpy() for tensor in (self._charts[i].cloud.points, self._state[0, i], self._faces))
         return rms_distance_to_surface(points, vertices, faces)
-
-    def _finish(self, i: int, stop_rule: StopRule) -> FinishedChart:
-        self.charts[i].residual = self._residual(i)
-        return FinishedChart(self.charts[i], self._state[0, i].cpu().numpy().copy(), stop_rule)
 
     def _descend(self, gradient: Tensor) -> None:
         """Adam's step (Kingma and Ba, 2015, algorithm 1), each chart with its own count of steps."""
-        for chart in self.charts:
+        for chart in self._charts:
             chart.steps += 1
-        taken = gradient.new_tensor([chart.steps for chart in self.charts])[:, None, None]
+        taken = gradient.new_tensor([chart.steps for chart in self._charts])[:, None, None]
         _, mean, square = self._state
         mean.mul_(BETAS[0]).add_(gradient, alpha=1 - BETAS[0])
         square.mul_(BETAS[1]).addcmul_(gradient, gradient, value=1 - BETAS[1])

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 
-import numpy as np
+from pydantic import ConfigDict, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass
 
 from pipeline.kernels.charts.touch_chart import SIDE
 
@@ -20,7 +20,7 @@ class StopRule(IntEnum):
     collapsed = 4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(allow_inf_nan=False))
 class FitOptions:
     """How charts are fitted. The defaults are fast; the supplement's are `SUPPLEMENT`.
 
@@ -32,7 +32,7 @@ class FitOptions:
     residual_limit
         Sensor widths; what the RMS distance from cloud to chart must not exceed either, or None.
     max_iterations
-        Steps after which a chart is taken as it is.
+        Steps after which a chart is taken as it is; 0 leaves the square.
     samples
         Points of the chart in the Chamfer distance that is compared with `halt`.
     step_samples, cloud_points
@@ -47,23 +47,15 @@ class FitOptions:
         Vertices along a side of the chart, odd.
     """
 
-    halt: float = 6e-4
-    residual_limit: float | None = None
-    max_iterations: int = 1000
-    samples: int = 4000
-    step_samples: int = 500
-    cloud_points: int | None = 500
-    check_every: int = 10
-    learning_rate: float = 1e-2
+    halt: PositiveFloat = 6e-4
+    residual_limit: PositiveFloat | None = None
+    max_iterations: NonNegativeInt = 1000
+    samples: PositiveInt = 4000
+    step_samples: PositiveInt = 500
+    cloud_points: PositiveInt | None = 500
+    check_every: PositiveInt = 10
+    learning_rate: PositiveFloat = 1e-2
     side: int = SIDE
-
-    def __post_init__(self) -> None:
-        for name in ("halt", "samples", "step_samples", "check_every", "learning_rate", "residual_limit", "cloud_points"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < np.inf:
-                raise ValueError(f"{name} is {value}: a fit needs a finite number above 0")
-        if self.max_iterations < 0:
-            raise ValueError(f"max_iterations is {self.max_iterations}: 0 at least, which leaves the square")
 
     @property
     def always_exact(self) -> bool:

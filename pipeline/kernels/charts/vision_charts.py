@@ -8,10 +8,9 @@ vertices are copies of one position, equal to the bit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import combinations, product
-from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +22,7 @@ CENTRE = CHART_VERTICES - 1
 MOST_SPLITS = 4
 """6144 charts: more would be finer than any image resolves."""
 
-Triangles = list[tuple[int, int, int]]
-Array = TypeVar("Array", bound=NDArray[Any])
+Triangle = tuple[int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +35,6 @@ class VisionCharts:
         (V, 3) float64 on the unit sphere. Chart c's are 19 c to 19 c + 18.
     faces
         (F, 3) int64, wound so that normals point outwards.
-    chart
-        (V,) int64, the chart of each vertex.
     centres
         (C,) int64, the vertex in the middle of each chart.
     position
@@ -49,10 +45,13 @@ class VisionCharts:
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
-    chart: NDArray[np.int64]
     centres: NDArray[np.int64]
     position: NDArray[np.int64]
     seams: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        for array in vars(self).values():
+            array.flags.writeable = False
 
 
 @lru_cache(maxsize=8)
@@ -76,93 +75,79 @@ def vision_charts(splits: int = 1) -> VisionCharts:
     """
     if not 0 <= splits <= MOST_SPLITS:
         raise ValueError(f"splits is {splits}, but a sphere of charts can be split 0 to {MOST_SPLITS} times")
-    corners, triangles = tetrakis_hexahedron()
+    sphere, triangles = _tetrakis_hexahedron()
     for _ in range(splits):
-        corners, triangles = _split(corners, triangles)
-    points = list(corners)
-    sides: dict[tuple[int, int], tuple[int, int, int]] = {}
-    position = np.array([_positions(triangle, points, sides) for triangle in triangles], np.int64)  # (C, 19)
-    charts = np.arange(len(triangles), dtype=np.int64)
-    faces = _chart_faces()[None] + CHART_VERTICES * charts[:, None, None]  # (C, 24, 3)
+        triangles = [smaller for triangle in triangles for smaller in _split(triangle, sphere)]
+    position = np.array([_chart_positions(triangle, sphere) for triangle in triangles], np.int64)  # (C, 19)
+    first = CHART_VERTICES * np.arange(len(triangles), dtype=np.int64)  # (C,)
     return VisionCharts(
-        vertices=_frozen(np.array(points)[position.ravel()]),
-        faces=_frozen(faces.reshape(-1, 3)),
-        chart=_frozen(np.repeat(charts, CHART_VERTICES)),
-        centres=_frozen(CENTRE + CHART_VERTICES * charts),
-        position=_frozen(position.ravel()),
-        seams=_frozen(_coinciding(position.ravel())),
+        vertices=np.array(sphere.points)[position.ravel()],
+        faces=(_chart_faces() + first[:, None, None]).reshape(-1, 3),
+        centres=first + CENTRE,
+        position=position.ravel(),
+        seams=_coinciding(position.ravel()),
     )
 
 
-def tetrakis_hexahedron() -> tuple[list[NDArray[np.float64]], Triangles]:
-    """Make a tetrakis hexahedron: a cube with a pyramid on each side.
+@dataclass(frozen=True, eq=False)
+class _SpherePoints:
+    """Numbered points on the unit sphere; each is made when it is first asked for."""
 
-    Returns
-    -------
-    vertices
-        14 points (3,) float64 on the unit sphere: the cube's corners, then the middles of its sides.
-    triangles
-        24 triples of vertex numbers, wound outwards.
-    """
-    cube = [np.array(corner) for corner in product((-1, 1), repeat=3)]
-    middles = [sign * np.eye(3, dtype=int)[axis] for axis in range(3) for sign in (-1, 1)]
-    keys = cube + middles
-    triangles: Triangles = []
-    for apex, middle in enumerate(middles, start=len(cube)):
-        for a, b in combinations(range(len(cube)), 2):
-            is_edge = np.abs(cube[a] - cube[b]).sum() == 2
-            if is_edge and cube[a] @ middle == 1 and cube[b] @ middle == 1:
-                outward = np.dot(middle, np.cross(cube[a], cube[b])) > 0  # integers: exact
-                triangles.append((apex, a, b) if outward else (apex, b, a))
-    return [_on_sphere(key.astype(np.float64)) for key in keys], triangles
+    points: list[NDArray[np.float64]] = field(default_factory=list)
+    middles: dict[frozenset[int], int] = field(default_factory=dict)
+
+    def add(self, point: NDArray[np.float64]) -> int:
+        """Add a point, moved onto the sphere, and return its number."""
+        self.points.append(_on_sphere(point))
+        return len(self.points) - 1
+
+    def middle(self, a: int, b: int) -> int:
+        """The point halfway between two: the same from either end."""
+        ends = frozenset((a, b))
+        if ends not in self.middles:
+            self.middles[ends] = self.add(self.points[a] + self.points[b])
+        return self.middles[ends]
+
+    def quarters(self, a: int, b: int) -> list[int]:
+        """The three points that divide the way from a to b into four."""
+        half = self.middle(a, b)
+        low, high = (self.middle(end, half) for end in sorted((a, b)))
+        return [low, half, high] if a < b else [high, half, low]
 
 
 def _on_sphere(point: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(point / np.linalg.norm(point), np.float64)
 
 
-def _split(corners: list[NDArray[np.float64]], triangles: Triangles) -> tuple[list[NDArray[np.float64]], Triangles]:
-    """Each triangle into four, at the middles of its sides; a side shared by two triangles has one middle."""
-    points = list(corners)
-    middles: dict[tuple[int, int], int] = {}
-
-    def middle(a: int, b: int) -> int:
-        key = (min(a, b), max(a, b))
-        if key not in middles:
-            middles[key] = len(points)
-            points.append(_on_sphere(points[a] + points[b]))
-        return middles[key]
-
-    smaller: Triangles = []
-    for a, b, c in triangles:
-        ab, bc, ca = middle(a, b), middle(b, c), middle(c, a)
-        smaller += [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return points, smaller
+def _tetrakis_hexahedron() -> tuple[_SpherePoints, list[Triangle]]:
+    """14 points, a cube's corners and the middles of its sides, and 24 triangles of them, wound outwards."""
+    cube, sphere, triangles = np.array(list(product((-1, 1), repeat=3))), _SpherePoints(), []
+    for corner in cube:
+        sphere.add(corner)
+    for middle in (sign * axis for axis in np.eye(3, dtype=int) for sign in (-1, 1)):
+        apex = sphere.add(middle)
+        for a, b in combinations(np.flatnonzero(cube @ middle == 1).tolist(), 2):
+            if np.abs(cube[a] - cube[b]).sum() == 2:  # an edge of the cube, no diagonal
+                outward = middle @ np.cross(cube[a], cube[b]) > 0  # integers: exact
+                triangles.append((apex, a, b) if outward else (apex, b, a))
+    return sphere, triangles
 
 
-def _positions(
-    triangle: tuple[int, int, int], points: list[NDArray[np.float64]], sides: dict[tuple[int, int], tuple[int, int, int]]
-) -> list[int]:
-    """(19,) position numbers of a chart; `points` and `sides` (the three positions along each side, by its ends) grow as needed."""
-
-    def add(point: NDArray[np.float64]) -> int:
-        points.append(_on_sphere(point))
-        return len(points) - 1
-
-    def along(a: int, b: int) -> tuple[int, int, int]:
-        low, high = min(a, b), max(a, b)
-        if (low, high) not in sides:
-            half = add(points[low] + points[high])
-            sides[low, high] = add(points[low] + points[half]), half, add(points[half] + points[high])
-        quarter, half, three_quarters = sides[low, high]
-        return (quarter, half, three_quarters) if a == low else (three_quarters, half, quarter)
-
+def _split(triangle: Triangle, sphere: _SpherePoints) -> list[Triangle]:
+    """The four triangles of one, divided at the middles of its sides."""
     a, b, c = triangle
-    boundary = [a, *along(a, b), b, *along(b, c), c, *along(c, a)]
-    centre = _on_sphere(points[a] + points[b] + points[c])
+    ab, bc, ca = sphere.middle(a, b), sphere.middle(b, c), sphere.middle(c, a)
+    return [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+
+
+def _chart_positions(triangle: Triangle, sphere: _SpherePoints) -> list[int]:
+    """(19,) the position numbers of a chart."""
+    a, b, c = triangle
+    boundary = [a, *sphere.quarters(a, b), b, *sphere.quarters(b, c), c, *sphere.quarters(c, a)]
+    centre = _on_sphere(sphere.points[a] + sphere.points[b] + sphere.points[c])
     # Halfway from the centre to every other boundary vertex, all 24 faces of a flat chart have the same area.
-    ring = [add(centre + points[outer]) for outer in boundary[::2]]
-    return [*boundary, *ring, add(centre)]
+    ring = [sphere.add(centre + sphere.points[outer]) for outer in boundary[::2]]
+    return [*boundary, *ring, sphere.add(centre)]
 
 
 def _chart_faces() -> NDArray[np.int64]:
@@ -170,13 +155,8 @@ def _chart_faces() -> NDArray[np.int64]:
     faces = []
     for k in range(RING):
         corner, between, following = 2 * k, 2 * k + 1, (2 * k + 2) % BOUNDARY
-        inner, inner_following = BOUNDARY + k, BOUNDARY + (k + 1) % RING
-        faces += [
-            (corner, between, inner),
-            (between, inner_following, inner),
-            (between, following, inner_following),
-            (inner, inner_following, CENTRE),
-        ]
+        inner, next_inner = BOUNDARY + k, BOUNDARY + (k + 1) % RING
+        faces += [(corner, between, inner), (between, next_inner, inner), (between, following, next_inner), (inner, next_inner, CENTRE)]
     return np.array(faces, np.int64)
 
 
@@ -185,8 +165,3 @@ def _coinciding(position: NDArray[np.int64]) -> NDArray[np.int64]:
     order = np.argsort(position, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(position[order])) + 1)
     return np.array(sorted(pair for group in groups for pair in combinations(group.tolist(), 2)), np.int64)
-
-
-def _frozen(array: Array) -> Array:
-    array.flags.writeable = False
-    return array

@@ -45,7 +45,7 @@ def _stacked(matrices: NDArray[np.float64], batch: tuple[int, ...]) -> NDArray[n
     return np.array(matrices, np.float64, order="C").reshape(-1, *shape)
 
 
-@compiled("void(float64[:, :, ::1], float64[:, :, ::1], float64[:, :, ::1])")
+@compiled
 def _multiply(left: NDArray[np.float64], right: NDArray[np.float64], product: NDArray[np.float64]) -> None:
     for n in range(product.shape[0]):
         i, j = min(n, left.shape[0] - 1), min(n, right.shape[0] - 1)  # a single matrix is every product's

@@ -119,7 +119,7 @@ def collision_boxes(hand: Hand) -> CollisionBoxes:
     return CollisionBoxes(np.array(frames).reshape(-1, 4, 4), np.array(halves).reshape(-1, 3), np.array(links, np.intp))
 
 
-@compiled([f"void({real}[:, :, :, ::1], {real}[:, ::1], int64[::1], {real}[:, :, ::1])" for real in ("float32", "float64")])
+@compiled
 def _carry(frames: NDArray[Any], centres: NDArray[Any], link: NDArray[np.intp], points: NDArray[Any]) -> None:
     """Fill `points` (3, N, B) with centres (B, 3) carried by the frames (N, L, 4, 4) of their links (B,)."""
     for axis in range(3):

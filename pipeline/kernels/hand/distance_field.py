@@ -104,13 +104,13 @@ class DistanceField:
         return distance
 
 
-@compiled()
+@compiled
 def _clamp(value: np.float32, top: np.float32) -> np.float32:
     """The value within 0 … `top`; 0 for NaN."""
     return min(value, top) if value > 0 else np.float32(0)
 
 
-@compiled("void(float32[:, ::1], float32[::1], float32, float32, float32[:, :, :, ::1], float32[::1])")
+@compiled
 def _look_up(
     points: NDArray[np.float32],
     origin: NDArray[np.float32],

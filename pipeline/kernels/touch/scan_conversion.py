@@ -16,7 +16,7 @@ Point = tuple[float, float, float]
 """x in columns, y in rows (pixel centres: integers), z in m."""
 
 
-@compiled()
+@compiled
 def _edge_at_row(low: Point, high: Point, row: float) -> tuple[float, float]:
     """Column and depth at which an edge crosses a row."""
     if row == high[1]:
@@ -25,7 +25,7 @@ def _edge_at_row(low: Point, high: Point, row: float) -> tuple[float, float]:
     return low[0] + share * (high[0] - low[0]), low[2] + share * (high[2] - low[2])
 
 
-@compiled()
+@compiled
 def _face_at_row(a: Point, b: Point, c: Point, row: float) -> tuple[float, float, float, float]:
     """Columns left <= right, each with its depth, between which a row of pixel centres crosses a face.
 
@@ -37,26 +37,7 @@ def _face_at_row(a: Point, b: Point, c: Point, row: float) -> tuple[float, float
     return (*short, *long) if short[0] < long[0] else (*long, *short)
 
 
-@compiled()
-def _in_pixels(faces: NDArray[np.float64], face: int, corner: int, width: float, rows: int, cols: int) -> Point:
-    x, y, z = faces[0, corner, face], faces[1, corner, face], faces[2, corner, face]
-    return (x / width + 0.5) * cols - 0.5, (y / width + 0.5) * rows - 0.5, z
-
-
-@compiled()
-def _corners_by_row(faces: NDArray[np.float64], face: int, width: float, rows: int, cols: int) -> tuple[Point, Point, Point]:
-    """A face's corners in the order of their rows."""
-    a, b, c = [_in_pixels(faces, face, corner, width, rows, cols) for corner in (0, 1, 2)]
-    if b[1] < a[1]:
-        a, b = b, a
-    if c[1] < b[1]:
-        b, c = c, b
-        if b[1] < a[1]:
-            a, b = b, a
-    return a, b, c
-
-
-@compiled("void(float64[:, :, ::1], float64, float64[:, ::1])")
+@compiled
 def scan_convert(faces: NDArray[np.float64], width: float, depth: NDArray[np.float64]) -> None:
     """Lower a depth map where faces are nearer.
 
@@ -71,7 +52,13 @@ def scan_convert(faces: NDArray[np.float64], width: float, depth: NDArray[np.flo
     """
     rows, cols = depth.shape
     for face in range(faces.shape[2]):
-        a, b, c = _corners_by_row(faces, face, width, rows, cols)
+        a, b, c = [((x / width + 0.5) * cols - 0.5, (y / width + 0.5) * rows - 0.5, z) for x, y, z in faces[:, :, face].T]
+        if b[1] < a[1]:  # in the order of their rows
+            a, b = b, a
+        if c[1] < b[1]:
+            b, c = c, b
+        if b[1] < a[1]:
+            a, b = b, a
         if a[1] == c[1]:
             continue
         for row in range(int(max(math.ceil(a[1]), 0.0)), int(min(math.floor(c[1]), rows - 1.0)) + 1):

@@ -71,8 +71,7 @@ def tactile_image(depth: np.ndarray, sensor: Sensor) -> NDArray[np.uint8]:
     than 1.
     """
     z = impression(depth, sensor) / sensor.width
-    slope_x = _slope(z.T, sensor.cols).T
-    slope_y = _slope(z, sensor.rows)
+    slope_y, slope_x = (change * count for change, count in zip(np.gradient(z), sensor.shape, strict=True))
     steepness = slope_x * slope_x + slope_y * slope_y + 1.0  # |n|²
     x = (np.arange(sensor.cols) + 0.5) / sensor.cols
     y = ((np.arange(sensor.rows) + 0.5) / sensor.rows)[:, None]
@@ -100,12 +99,3 @@ def untouched_image(sensor: Sensor) -> NDArray[np.uint8]:
     (rows, cols, 3) uint8, red, green, blue.
     """
     return tactile_image(np.full(sensor.shape, np.inf), sensor)
-
-
-def _slope(z: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Dz along the first axis, whose `count` samples span length 1."""
-    slope = np.empty_like(z)
-    slope[1:-1] = (z[2:] - z[:-2]) * (count / 2)
-    slope[0] = (z[1] - z[0]) * count
-    slope[-1] = (z[-1] - z[-2]) * count
-    return slope

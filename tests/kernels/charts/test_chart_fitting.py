@@ -168,11 +168,13 @@ def test_residual_is_the_distance_to_the_surface() -> None:
     assert rms_distance_to_surface(square.numpy()[:5], square.numpy(), faces.numpy()) == 0
 
 
-def test_a_chart_comes_out_the_same_whatever_is_beside_it() -> None:
+def test_a_chart_comes_out_the_same_whatever_is_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     kinds = [CLOUDS["flat"], CLOUDS["small cap"][:1], CLOUDS["corner"], np.empty((0, 3)), CLOUDS["small cap"]]
     rule = FitOptions(halt=5e-3, max_iterations=110)
     together = fit_charts(kinds, WIDTH, generators(5), options=rule)
-    in_turn = fit_charts(kinds, WIDTH, generators(5), options=rule, at_once=2)
+    with monkeypatch.context() as patch:
+        patch.setattr("pipeline.kernels.charts.chart_fitting.CHARTS_AT_ONCE", 2)
+        in_turn = fit_charts(kinds, WIDTH, generators(5), options=rule)
     for field in ("vertices", "residual", "loss", "iterations", "stop_rule"):
         assert getattr(together, field).tobytes() == getattr(in_turn, field).tobytes(), field
     assert len(set(together.iterations)) > 2

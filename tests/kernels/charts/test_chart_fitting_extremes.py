@@ -102,7 +102,7 @@ def test_no_distance_to_a_chart_that_is_nowhere() -> None:
     "changes", [{"halt": np.nan}, {"learning_rate": np.inf}, {"samples": 0}, {"cloud_points": 0}, {"residual_limit": 0.0}]
 )
 def test_a_rule_that_ends_nowhere_is_refused(changes: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=f"{next(iter(changes))} is .*above 0"):
+    with pytest.raises(ValueError, match=rf"(?s){next(iter(changes))}\n.*(greater than 0|finite)"):
         FitOptions(**changes)
 
 
@@ -110,7 +110,7 @@ def test_without_a_step_the_square_is_measured_and_kept() -> None:
     fits = fit_charts([np.array([[0.0, 0, WIDTH]])], WIDTH, generators(1), options=FitOptions(max_iterations=0))
     assert fits.stop_rule.tolist() == [StopRule.cap]
     assert fits.residual.tolist() == [WIDTH]
-    with pytest.raises(ValueError, match="max_iterations is -1"):
+    with pytest.raises(ValueError, match=r"(?s)max_iterations\n.*greater than or equal to 0"):
         FitOptions(max_iterations=-1)
 
 

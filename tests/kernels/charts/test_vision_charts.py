@@ -70,14 +70,14 @@ def test_coinciding_vertices_are_equal_to_the_bit_and_lie_on_boundaries(splits: 
     first, second = sphere.seams.T
     assert (sphere.vertices[first] == sphere.vertices[second]).all()
     assert (sphere.position[first] == sphere.position[second]).all()
-    assert (sphere.chart[first] != sphere.chart[second]).all()
+    assert (first // 19 != second // 19).all()
     assert np.array_equal(np.unique(sphere.seams % 19), np.arange(12))
 
 
 def test_a_chart_is_a_triangle_of_four_edges_a_side() -> None:
     sphere = vision_charts()
     faces = sphere.faces[:24]
-    assert (sphere.chart[faces] == 0).all()
+    assert np.array_equal(np.unique(faces), np.arange(19))
     directed = {(int(face[k]), int(face[(k + 1) % 3])) for face in faces for k in range(3)}
     rim = {a: b for a, b in directed if (b, a) not in directed}
     assert rim == {k: (k + 1) % 12 for k in range(12)}
