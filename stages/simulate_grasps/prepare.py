@@ -55,15 +55,7 @@ def prepare_hand(settings: GraspSettings) -> PreparedHand:
     sensor = load_sensor(settings.sensor or hand.sensor)
     spheres = collision_spheres(hand, spacing=SEARCH_SPACING, tolerance=SEARCH_TOLERANCE)
     moved = {link for finger in hand.fingers for link in finger.links}
-    ik = prepare_grasp_ik(
-        hand,
-        spheres,
-        gel_width=sensor.width,
-        gel_thickness=sensor.w,
-        samples=settings.ik_samples,
-        clearance=settings.clearance,
-        finger_gap=FINGER_GAP,
-    )
+    ik = prepare_grasp_ik(hand, spheres, sensor, samples=settings.ik_samples, clearance=settings.clearance, finger_gap=FINGER_GAP)
     return PreparedHand(
         hand=hand,
         sensor=sensor,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
-from pipeline.kernels.geometry.transforms import length, sin_cos
+from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 
 DIRECTIONS = 256
@@ -155,7 +155,7 @@ def sample_exterior(
         share = len(points) / drawn if len(points) else 1.0
         size = int(min(max((count - len(points)) / share * 1.05, 256), 4 * count))
         candidates, face = sample_triangles(triangles, size, rng)
-        unit = vectors[face] / np.linalg.norm(vectors[face], axis=1, keepdims=True)
+        unit = unit_vectors(vectors[face])
         front, back = escapes.count(candidates, unit)
         exterior = front + back >= MIN_ESCAPES
         outward = np.where(back > front, -1.0, 1.0)[:, None] * unit

@@ -133,6 +133,21 @@ def length(vectors: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
+def unit_vectors(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the directions of vectors.
+
+    Parameters
+    ----------
+    vectors
+        (..., N), any unit.
+
+    Returns
+    -------
+    (..., N) float64, of length 1; zero stays zero.
+    """
+    return np.asarray(vectors / np.maximum(length(vectors), np.finfo(np.float64).tiny)[..., None])
+
+
 def sin_cos(angles: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compute sines and cosines of angles.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import igl
 import numpy as np
@@ -11,6 +12,9 @@ from scipy import ndimage
 
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.mesh import face_cross_products, flatness
+from pipeline.kernels.geometry.transforms import unit_vectors
+
+Floats = NDArray[np.float32]
 
 BLOCK = 4
 """Cells along the side of a block; one exact distance tells whether a block is near the surface."""
@@ -37,12 +41,12 @@ class DistanceField:
     ----------
     vertices, faces
         (V, 3) float64 m, (F, 3) int64; slivers are edges that are run through twice.
-    origin, cell, shape
-        Centre of the first cell (3,), side of a cell, both m, and number of cells along each axis.
+    origin, cell
+        Centre of the first cell (3,), and side of a cell, m.
     records
-        (cells, 4) float32: signed distance of every cell's centre, m, and its gradient.
+        (X, Y, Z, 4) float32: signed distance of every cell's centre, m, and its gradient.
     inside
-        (cells,) int8: 1 where a cell's centre is inside, 0 outside, -1 where the surface may cross the cell.
+        (X, Y, Z) int8: 1 where a cell's centre is inside, 0 outside, -1 where the surface may cross the cell.
     """
 
     vertices: NDArray[np.float64]
@@ -50,11 +54,10 @@ class DistanceField:
     tree: igl.AABB
     origin: NDArray[np.float64]
     cell: float
-    shape: tuple[int, int, int]
-    records: NDArray[np.float32]
+    records: Floats
     inside: NDArray[np.int8]
 
-    def lookup(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
+    def lookup(self, points: Floats) -> Floats:
         """Look up approximate signed distances, to first order in the nearest cell.
 
         Parameters
@@ -69,11 +72,8 @@ class DistanceField:
         may be wrong, but no point inside gets more than 2 cells. Rounding of coordinates to float32 adds half a micrometre per metre
         from the origin.
         """
-        distance = np.empty(points.shape[1:], np.float32)
-        origin, cells = self.origin.astype(np.float32), self.records.reshape(*self.shape, 4)
-        scale, cell = np.float32(1 / self.cell), np.float32(self.cell)
-        _look_up(np.ascontiguousarray(points).reshape(3, -1), origin, scale, cell, cells, distance.reshape(-1))
-        return distance
+        flat, origin = np.ascontiguousarray(points).reshape(3, -1), self.origin.astype(np.float32)
+        return _look_up(flat, origin, np.float32(1 / self.cell), np.float32(self.cell), self.records).reshape(points.shape[1:])
 
     def exact(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute exact signed distances.
@@ -100,8 +100,27 @@ class DistanceField:
             raise ValueError("points must be finite, but some are NaN or infinite")
         squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
         distance: NDArray[np.float64] = np.sqrt(squared)
-        distance[_is_inside(self, closest, _unit(points - closest), distance)] *= -1
+        distance[self._is_inside(closest, unit_vectors(points - closest), distance)] *= -1
         return distance
+
+    def _is_inside(self, closest: NDArray[np.float64], direction: NDArray[np.float64], distance: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether points are inside, given by the closest point of the surface, unit direction and distance from there.
+
+        Walks away from the surface until the grid knows the side.
+        """
+        inside = np.zeros(len(closest), bool)  # what stays undecided lies in a narrow gap or a thin part: outside
+        undecided = np.arange(len(closest))
+        for _ in range(MAX_STEPS):
+            points = closest + direction * np.maximum(distance, PROBE * self.cell)[:, None]
+            index = np.clip(np.rint((points - self.origin) / self.cell).astype(np.int64), 0, np.array(self.inside.shape) - 1)
+            side = self.inside[tuple(index.T)]
+            inside[undecided] = side == 1
+            points, undecided = points[side < 0], undecided[side < 0]
+            if not len(undecided):
+                break
+            squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, points)
+            distance, direction = np.sqrt(squared), unit_vectors(points - closest)
+        return inside
 
 
 @compiled
@@ -111,15 +130,9 @@ def _clamp(value: np.float32, top: np.float32) -> np.float32:
 
 
 @compiled
-def _look_up(
-    points: NDArray[np.float32],
-    origin: NDArray[np.float32],
-    scale: np.float32,
-    cell: np.float32,
-    cells: NDArray[np.float32],
-    distance: NDArray[np.float32],
-) -> None:
-    """Fill `distance` (N,) of points (3, N) from the nearest cells' records, to first order; `scale` is cells per metre."""
+def _look_up(points: Floats, origin: Floats, scale: np.float32, cell: np.float32, cells: Floats) -> Floats:
+    """Distances (N,) of points (3, N) from the nearest cells' records, to first order; `scale` is cells per metre."""
+    distance = np.empty(points.shape[1], np.float32)
     for n in range(len(distance)):
         x = _clamp((points[0, n] - origin[0]) * scale, np.float32(cells.shape[0] - 1))
         y = _clamp((points[1, n] - origin[1]) * scale, np.float32(cells.shape[1] - 1))
@@ -128,6 +141,7 @@ def _look_up(
         dx, dy, dz = (x - np.float32(i)) * cell, (y - np.float32(j)) * cell, (z - np.float32(k)) * cell
         record = cells[i, j, k]
         distance[n] = record[0] + ((record[1] * dx + record[2] * dy) + record[3] * dz)
+    return distance
 
 
 def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, cell: float, band: float) -> DistanceField:
@@ -161,38 +175,29 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
     low, high = vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))
     cell, band, blocks = _layout(high - low, cell, band)
     low = low - band
-    shape = tuple(int(n) for n in blocks * BLOCK)
-
-    block_centres = low + (_lattice(blocks) + 0.5) * cell * BLOCK
+    block_centres = low + (np.argwhere(np.ones(blocks)) + 0.5) * cell * BLOCK
+    block_distance = np.sqrt(tree.squared_distance(vertices, faces, block_centres)[0]).reshape(blocks)
     reach = BLOCK * cell * np.sqrt(3) / 2  # from a block's centre to its corner
-    block_distance = np.sqrt(tree.squared_distance(vertices, faces, block_centres)[0])
-    near_block = block_distance <= band + reach
-    distance = np.maximum(block_distance - reach, band).reshape(blocks)
-    for axis in range(3):
-        distance = np.repeat(distance, BLOCK, axis=axis)
-    distance = distance.ravel()
-    gradient = np.zeros((distance.size, 3))
-    near = (_lattice(blocks)[near_block, None] * BLOCK + _lattice(np.full(3, BLOCK))).reshape(-1, 3)
-    flat = (near[:, 0] * shape[1] + near[:, 1]) * shape[2] + near[:, 2]
-    centres = low + (near + 0.5) * cell
+    distance = _per_cell(np.maximum(block_distance - reach, band))
+    near = _per_cell(block_distance <= band + reach)
+    centres = low + (np.argwhere(near) + 0.5) * cell
     squared, face, closest = tree.squared_distance(vertices, faces, centres)
-    distance[flat] = np.sqrt(squared)
+    distance[near] = np.sqrt(squared)
 
     # Between neighbouring centres with a surface between them, one is at most half a cell from it: no path leaks through.
     free = distance > cell / 2 * (1 + 1e-6)
-    parts, _ = ndimage.label(free.reshape(shape))
-    outside = parts.ravel() == parts[0, 0, 0]
-    inside = np.where(free, (~outside).astype(np.int8), np.int8(-1))
-    field = DistanceField(vertices, faces, tree, low + cell / 2, cell, shape, np.empty((0, 4), np.float32), inside)  # type: ignore[arg-type]
+    parts = ndimage.label(free)[0]
+    inside = np.where(free, (parts != parts[0, 0, 0]).astype(np.int8), np.int8(-1))
+    records = np.zeros((*distance.shape, 4), np.float32)
+    field = DistanceField(vertices, faces, tree, low + cell / 2, cell, records, inside)
 
-    on_surface = distance[flat, None] <= ON_SURFACE * cell  # has no direction away from it: either side will do
-    away = _unit(np.where(on_surface, face_cross_products(vertices[faces[face]]), centres - closest))
-    near_inside = _is_inside(field, closest, away, distance[flat])
+    on_surface = distance[near][:, None] <= ON_SURFACE * cell  # has no direction away from it: either side will do
+    away = unit_vectors(np.where(on_surface, face_cross_products(vertices[faces[face]]), centres - closest))
     sign = np.where(inside == 1, -1.0, 1.0)
-    sign[flat] = np.where(near_inside, -1.0, 1.0)
-    gradient[flat] = away * sign[flat, None]
-    records = np.concatenate([(distance * sign)[:, None], gradient], axis=1).astype(np.float32)
-    return DistanceField(vertices, faces, tree, field.origin, cell, field.shape, records, inside)
+    sign[near] = np.where(field._is_inside(closest, away, distance[near]), -1.0, 1.0)
+    records[..., 0] = distance * sign
+    records[near, 1:] = away * sign[near][:, None]
+    return field
 
 
 def _without_slivers(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -216,35 +221,8 @@ def _layout(extent: NDArray[np.float64], cell: float, band: float) -> tuple[floa
         cell *= 1.05  # a few dozen rounds for the largest objects
 
 
-def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 3) vectors with length 1; zero stays zero."""
-    unit: NDArray[np.float64] = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    return unit
-
-
-def _is_inside(
-    field: DistanceField, closest: NDArray[np.float64], direction: NDArray[np.float64], distance: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Whether points are inside, given by the closest point of the surface, unit direction and distance from there.
-
-    Walks away from the surface until the grid knows the side.
-    """
-    found = np.full(len(closest), -1, np.int8)
-    open_ = np.arange(len(closest))
-    for _ in range(MAX_STEPS):
-        points = closest + direction * np.maximum(distance, PROBE * field.cell)[:, None]
-        index = np.clip(np.rint((points - field.origin) / field.cell).astype(np.int64), 0, np.array(field.shape) - 1)
-        side = field.inside[(index[:, 0] * field.shape[1] + index[:, 1]) * field.shape[2] + index[:, 2]]
-        found[open_] = side
-        points, open_ = points[side < 0], open_[side < 0]
-        if not len(open_):
-            break
-        squared, _, closest = field.tree.squared_distance(field.vertices, field.faces, points)
-        distance, direction = np.sqrt(squared), _unit(points - closest)
-    inside: NDArray[np.bool_] = found == 1
-    return inside  # what stays undecided lies in a narrow gap or a thin part: outside
-
-
-def _lattice(counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(N, 3) indices of a grid with the given numbers of cells along its axes, the last axis fastest."""
-    return np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 3)
+def _per_cell(values: NDArray[Any]) -> NDArray[Any]:
+    """Repeat the values (X, Y, Z) of blocks for each of their cells."""
+    for axis in range(3):
+        values = np.repeat(values, BLOCK, axis=axis)
+    return values

@@ -12,6 +12,7 @@ from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres
 from pipeline.kernels.hand.distance_field import DistanceField
 from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.sensor import Sensor
 
 PROBE_DEPTH = 0.6
 """Height above the sensor plane, in gel thicknesses, to which a surface should press in: a firm touch, far from the rigid face."""
@@ -35,15 +36,15 @@ class FingerGeometry:
     probes: NDArray[np.float64]
 
 
-def finger_geometry(hand: Hand, spheres: CollisionSpheres, *, gel_width: float, gel_thickness: float) -> FingerGeometry:
+def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensor: Sensor) -> FingerGeometry:
     """Group collision spheres by finger and lay probes into the gels.
 
     Parameters
     ----------
     hand, spheres
         The hand and its spheres, from `collision_spheres`.
-    gel_width, gel_thickness
-        m.
+    sensor
+        Gives the gels' width and thickness.
 
     Returns
     -------
@@ -58,9 +59,9 @@ def finger_geometry(hand: Hand, spheres: CollisionSpheres, *, gel_width: float, 
     bodiless = [finger.name for finger, part in zip(hand.fingers, own, strict=True) if not len(part.radii)]
     if bodiless:
         raise InvalidInput(f"{hand.urdf}: no link of {', '.join(bodiless)} has a collision shape; give at least one link of a finger one")
-    steps = ((np.arange(PROBES) + 0.5) / PROBES - 0.5) * gel_width
+    steps = ((np.arange(PROBES) + 0.5) / PROBES - 0.5) * sensor.width
     x, y = (axis.ravel() for axis in np.meshgrid(steps, steps))
-    points = np.stack([x, y, np.full_like(x, PROBE_DEPTH * gel_thickness)], axis=-1)
+    points = np.stack([x, y, np.full_like(x, PROBE_DEPTH * sensor.w)], axis=-1)
     probes = np.stack([transform_points(finger.sensor_pose, points) for finger in hand.fingers])
     return FingerGeometry(own, probes)
 

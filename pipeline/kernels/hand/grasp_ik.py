@@ -23,6 +23,7 @@ from pipeline.kernels.hand.finger_distances import FingerGeometry, finger_cleara
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm
+from pipeline.kernels.touch.sensor import Sensor
 
 MILLIMETRE = 1e-3
 LIMIT_MARGIN = 0.01
@@ -76,14 +77,7 @@ class GraspIk:
 
 
 def prepare_grasp_ik(
-    hand: Hand,
-    spheres: CollisionSpheres,
-    *,
-    gel_width: float,
-    gel_thickness: float,
-    samples: int,
-    clearance: float,
-    finger_gap: float,
+    hand: Hand, spheres: CollisionSpheres, sensor: Sensor, *, samples: int, clearance: float, finger_gap: float
 ) -> GraspIk:
     """Sample a Sobol sequence in each finger's joints.
 
@@ -91,8 +85,8 @@ def prepare_grasp_ik(
     ----------
     hand, spheres
         The hand and the collision spheres of its links.
-    gel_width, gel_thickness
-        Of the sensors, m.
+    sensor
+        The one that every finger wears.
     samples
         Number of joint vectors.
     clearance, finger_gap
@@ -107,7 +101,7 @@ def prepare_grasp_ik(
     InvalidInput
         A finger has no collision shape; see `finger_geometry`.
     """
-    fingers = finger_geometry(hand, spheres, gel_width=gel_width, gel_thickness=gel_thickness)
+    fingers = finger_geometry(hand, spheres, sensor)
     boxes = collision_boxes(hand)
     angles = np.empty((samples, len(hand.joint_names)))
     for finger in hand.fingers:

@@ -9,7 +9,8 @@ import igl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.geometry.mesh import flatness
+from pipeline.kernels.geometry.mesh import face_cross_products, flatness
+from pipeline.kernels.geometry.transforms import unit_vectors
 from pipeline.kernels.touch.face_culling import BoxedFaces, cull_faces
 from pipeline.kernels.touch.ray_depth import local_depth
 from pipeline.kernels.touch.scan_conversion import PLANE_TOLERANCE
@@ -100,7 +101,7 @@ def trace_spheres(
     vertices, faces = corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3)
     tree = igl.AABB()
     tree.init(vertices, faces)
-    cosine = _cosines(corners)
+    cosine = np.abs(unit_vectors(face_cross_products(corners))[:, 2])  # of the angle between each face's normal and the rays
     active = np.arange(len(depth))
     for _ in range(max_steps):
         squared, nearest, _ = tree.squared_distance(vertices, faces, points[active])
@@ -122,19 +123,10 @@ def trace_spheres(
     return depth.reshape(sensor.shape), settled.reshape(sensor.shape)
 
 
-def _cosines(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) |cos| of the angle between each face's normal and the rays; 0 for a face without area."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normal, axis=1)
-    cosine: NDArray[np.float64] = np.divide(normal[:, 2], length, out=np.zeros_like(length), where=length > 0)
-    return np.abs(cosine)
-
-
 def _gap_along_ray(corners: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) m along +z from each point to its face (n, 3, 3); NaN where the ray does not pass through the face."""
     edge = corners - points[:, None]  # the point as the origin
-    x, y = edge[:, :, 0], edge[:, :, 1]
-    weight = np.roll(x, -1, 1) * np.roll(y, -2, 1) - np.roll(x, -2, 1) * np.roll(y, -1, 1)  # (n, 3)
+    weight = np.cross(np.roll(edge, -1, 1), np.roll(edge, -2, 1))[:, :, 2]  # (n, 3)
     area = weight.sum(axis=1)
     through = ((weight >= 0).all(axis=1) | (weight <= 0).all(axis=1)) & (area != 0)
     height = (weight * edge[:, :, 2]).sum(axis=1)

@@ -22,8 +22,8 @@ def explain(settings: GraspSettings, models: Mapping[str, Path], tasks: Sequence
         made = int(row["attempts"])
         yield Count("attempts", made, max(settings.attempts - made, 0), "no further one could be kept", "enough attempts")
         field = prepare_object(task.mesh(), surface["points"], surface["normals"], cell=settings.grid_cell).field
-        exact = int(field.records[:, 1:].any(axis=1).sum())
-        cells = len(field.records)
+        exact = int(field.records[..., 1:].any(axis=-1).sum())
+        cells = field.inside.size
         yield Count("grid cells measured", exact, cells - exact, "farther from the object than any part of a hand is asked about")
         for pose, angles in zip(row["hand_pose"], row["joint_angles"], strict=True):
             points = spheres.world_centres(forward_kinematics(prepared_hand.hand, pose, angles)[None])[:, 0]

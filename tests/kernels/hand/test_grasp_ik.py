@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.hand.collision_shapes import collision_spheres
 from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
 from pipeline.kernels.hand.finger_distances import gel_contact, gel_probes
@@ -27,7 +28,7 @@ def plate() -> DistanceField:
 @pytest.fixture(scope="module")
 def ik(hand: Hand) -> GraspIk:
     spheres = collision_spheres(hand, spacing=0.006, tolerance=0.002)
-    return prepare_grasp_ik(hand, spheres, gel_width=0.0164, gel_thickness=0.0068, samples=512, clearance=0.001, finger_gap=0.001)
+    return prepare_grasp_ik(hand, spheres, load_sensor(hand.sensor), samples=512, clearance=0.001, finger_gap=0.001)
 
 
 def above_plate(hand: Hand, height: float) -> np.ndarray:
