@@ -54,12 +54,11 @@ def prepare_hand(settings: GraspSettings) -> PreparedHand:
     hand = load_hand(settings.hand)
     sensor = load_sensor(settings.sensor or hand.sensor)
     spheres = collision_spheres(hand, spacing=SEARCH_SPACING, tolerance=SEARCH_TOLERANCE)
-    moved = {link for finger in hand.fingers for link in finger.links}
     ik = prepare_grasp_ik(hand, spheres, sensor, samples=settings.ik_samples, clearance=settings.clearance, finger_gap=FINGER_GAP)
     return PreparedHand(
         hand=hand,
         sensor=sensor,
-        palm_spheres=spheres.of_links([link for link in range(len(hand.links)) if link not in moved]),
+        palm_spheres=spheres.of_links(np.flatnonzero(hand.link_fingers < 0)),
         spheres=collision_spheres(hand, spacing=MEASURE_SPACING),
         ik=ik,
     )

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from pipeline.errors import InvalidInput
@@ -36,7 +35,7 @@ class CollisionSpheres:
     radii: NDArray[np.float64]
     link: NDArray[np.intp]
 
-    def of_links(self, links: Sequence[int]) -> CollisionSpheres:
+    def of_links(self, links: ArrayLike) -> CollisionSpheres:
         """Select the spheres of the given links."""
         own = np.isin(self.link, links)
         return CollisionSpheres(self.centres[own], self.radii[own], self.link[own])

@@ -184,15 +184,13 @@ def _measure(ik: GraspIk, field: DistanceField, frames: NDArray[np.float64]) -> 
 def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The best samples to refine (LINES, J) and those for fingers that cannot touch (AT_REST, J); fingers mix freely."""
     rows = _candidates(ik, field, hand_pose)
-    angles = _mix(ik.hand, ik.joint_angles, rows)
-    frames = ik.frames[rows[:, 0]]
-    for s, finger in enumerate(ik.hand.fingers):
-        frames[:, list(finger.links)] = ik.frames[rows[:, s]][:, list(finger.links)]
+    frames = ik.frames[rows[:, ik.hand.link_fingers], np.arange(len(ik.hand.links))]  # a link that no finger moves is where it always is
     value, clearance = _measure(ik, field, compose(hand_pose, frames))
     value = np.where(np.take_along_axis(ik.free, rows, axis=0), value, -np.inf)
     calm = np.where(clearance >= ik.clearance, value, -np.inf)
     best = np.argsort(-value, axis=0, kind="stable")[:LINES]
     calmest = np.argsort(-calm, axis=0, kind="stable")[:AT_REST]
+    angles = _mix(ik.hand, ik.joint_angles, rows)
     return _mix(ik.hand, angles, best), _mix(ik.hand, angles, calmest)
 
 
@@ -214,10 +212,8 @@ def _spread(ik: GraspIk) -> NDArray[np.intp]:
 
 def _mix(hand: Hand, angles: NDArray[np.float64], rows: NDArray[np.intp]) -> NDArray[np.float64]:
     """(N, J) joint angles in which finger s takes row `rows[:, s]` of `angles`."""
-    mixed = np.empty((len(rows), angles.shape[1]))
-    for s, finger in enumerate(hand.fingers):
-        mixed[:, list(finger.joints)] = angles[rows[:, s]][:, list(finger.joints)]
-    return mixed
+    finger_of_joint = np.repeat(np.arange(len(hand.fingers)), [len(finger.joints) for finger in hand.fingers])
+    return np.take_along_axis(angles, rows[:, finger_of_joint], axis=0)
 
 
 def _refine(

@@ -127,6 +127,14 @@ class Hand:
     palm_centre: NDArray[np.float64]
 
     @property
+    def link_fingers(self) -> NDArray[np.intp]:
+        """(L,) number of the finger that moves each link, -1 for none."""
+        fingers = np.full(len(self.links), -1)
+        for number, finger in enumerate(self.fingers):
+            fingers[list(finger.links)] = number
+        return fingers
+
+    @property
     def files(self) -> list[Path]:
         """The files that describe this hand: hand file, URDF, meshes."""
         meshes = {shape.path for link in self.links for shape in (*link.visuals, *link.collisions) if shape.path is not None}

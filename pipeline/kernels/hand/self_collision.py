@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,8 @@ from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.box_gap import box_gap
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes
 from pipeline.kernels.hand.model import Hand
+
+Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 BEAM = 256
 """Partial choices that are carried from finger to finger."""
@@ -49,11 +53,11 @@ def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.
     -------
     (N, S) bool.
     """
-    owner = _owners(hand)
-    pairs = [(i, j) for i, j in _pairs(hand, boxes) if owner[boxes.link[i]] == owner[boxes.link[j]] or owner[boxes.link[i]] < 0]
-    near = _pair_gaps(boxes, frames, pairs) < gap  # (N, pairs)
-    of = np.array([owner[boxes.link[j]] for _, j in pairs])
-    return np.stack([~near[:, of == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
+    first, second = _pairs(hand, boxes)
+    owner = hand.link_fingers[boxes.link]
+    own = (owner[first] == owner[second]) | (owner[first] < 0)
+    near = _pair_gaps(boxes, frames, (first[own], second[own])) < gap  # (N, pairs)
+    return np.stack([~near[:, owner[second[own]] == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
 
 
 def choose_postures(
@@ -102,42 +106,29 @@ def _blocked(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap
     blocked = np.zeros((fingers, fingers, options, options), bool)
     own = [np.flatnonzero(np.isin(boxes.link, finger.links)) for finger in hand.fingers]
     world = compose(frames[:, boxes.link], boxes.frames)  # (O, C, 4, 4)
-    radius = np.linalg.norm(boxes.half, axis=1)
-    for a in range(fingers):
-        for b in range(a + 1, fingers):
-            centres_a, centres_b = world[:, own[a]][..., :3, 3], world[:, own[b]][..., :3, 3]
-            apart = np.linalg.norm(centres_a[:, None, :, None] - centres_b[None, :, None, :], axis=-1)
-            i, j, k, m = np.nonzero(apart < radius[own[a]][:, None] + radius[own[b]] + gap)
-            left, right = own[a][k], own[b][m]
-            near = box_gap(world[i, left], boxes.half[left], world[j, right], boxes.half[right]) < gap
-            blocked[a, b][i[near], j[near]] = True
+    centres, radius = world[..., :3, 3], np.linalg.norm(boxes.half, axis=1)
+    for a, b in combinations(range(fingers), 2):
+        apart = np.linalg.norm(
+            centres[:, own[a]][:, None, :, None] - centres[:, own[b]][None, :, None], axis=-1
+        )  # (O, O, boxes of a, of b)
+        i, j, k, m = np.nonzero(apart < radius[own[a]][:, None] + radius[own[b]] + gap)
+        left, right = own[a][k], own[b][m]
+        near = box_gap(world[i, left], boxes.half[left], world[j, right], boxes.half[right]) < gap
+        blocked[a, b][i[near], j[near]] = True
     return blocked
 
 
-def _pairs(hand: Hand, boxes: CollisionBoxes) -> list[tuple[int, int]]:
+def _pairs(hand: Hand, boxes: CollisionBoxes) -> Pairs:
     """Boxes that could meet, the one nearer the root first. Links joined by a joint touch by construction, and physics does not collide
     them either; nor do links that no finger moves ever meet."""
-    joined = {(joint.parent, joint.child) for joint in hand.joints}
-    owner = _owners(hand)
-    return [
-        (i, j)
-        for i, a in enumerate(boxes.link)
-        for j, b in enumerate(boxes.link)
-        if a < b and (a, b) not in joined and max(owner[a], owner[b]) >= 0
-    ]
+    meet = np.maximum.outer(hand.link_fingers, hand.link_fingers) >= 0  # (L, L)
+    meet[[joint.parent for joint in hand.joints], [joint.child for joint in hand.joints]] = False
+    first, second = np.nonzero(np.triu(meet, 1)[np.ix_(boxes.link, boxes.link)])
+    return first, second
 
 
-def _owners(hand: Hand) -> list[int]:
-    """The finger that moves each link, -1 for none."""
-    owner = [-1] * len(hand.links)
-    for number, finger in enumerate(hand.fingers):
-        for link in finger.links:
-            owner[link] = number
-    return owner
-
-
-def _pair_gaps(boxes: CollisionBoxes, frames: NDArray[np.float64], pairs: list[tuple[int, int]]) -> NDArray[np.float64]:
+def _pair_gaps(boxes: CollisionBoxes, frames: NDArray[np.float64], pairs: Pairs) -> NDArray[np.float64]:
     """(N, pairs) gaps for link frames (N, L, 4, 4)."""
     world = compose(frames[:, boxes.link], boxes.frames)
-    first, second = (list(part) for part in zip(*pairs, strict=True)) if pairs else ([], [])
+    first, second = pairs
     return box_gap(world[:, first], boxes.half[first], world[:, second], boxes.half[second])
