@@ -3,31 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar
 
 import numba
 
 F = TypeVar("F", bound=Callable[..., object])
 
 
+def cached(decorator: Callable[..., Any], *signature: object, **options: object) -> Callable[[Callable[..., Any]], Any]:
+    """Compile with one of numba's decorators, and keep the machine code beside the function's file or in the user's cache.
+
+    Parameters
+    ----------
+    decorator
+        `numba.njit` or `numba.guvectorize`.
+    signature, options
+        Its arguments.
+
+    Returns
+    -------
+    The decorator.
+
+    Notes
+    -----
+    The result has the bits of the Python function: nothing is reordered or fused. Indices are not checked.
+    """
+
+    def compile_function(function: Callable[..., Any]) -> Any:
+        try:
+            return decorator(*signature, **options, cache=True)(function)
+        except RuntimeError:  # no cache folder is writable: every process compiles for itself
+            return decorator(*signature, **options)(function)
+
+    return compile_function
+
+
 def compiled(function: F) -> F:
-    """Compile a function of numbers and arrays to machine code at its first call, cached beside its file or in the user's cache.
+    """Compile a function of numbers and arrays at its first call; division by zero gives infinity or NaN.
 
     Parameters
     ----------
     function
-        What is decorated; the Python function stays its `.py_func`.
+        The Python function, which `.py_func` of the compiled one is.
 
     Returns
     -------
     The compiled function.
-
-    Notes
-    -----
-    The result has the bits of the Python function: nothing is reordered or fused, division by zero gives infinity or NaN. Indices are
-    not checked.
     """
-    try:
-        return cast(F, numba.njit(function, cache=True, error_model="numpy"))
-    except RuntimeError:  # no cache folder is writable: every process compiles for itself
-        return cast(F, numba.njit(function, error_model="numpy"))
+    faster: F = cached(numba.njit, error_model="numpy")(function)
+    return faster

@@ -6,10 +6,11 @@ numpy and of the C library. Here products are added in a fixed order, and sines 
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.kernels.compiled import compiled
+from pipeline.kernels.compiled import cached
 
 
 def compose(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -29,32 +30,17 @@ def compose(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np
     ValueError
         The dimensions do not fit.
     """
-    if left.shape[-1] != right.shape[-2]:
-        raise ValueError(f"no product of matrices {left.shape} and {right.shape}: the last dimension must be the other's last but one")
-    batch = np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
-    product = np.empty((*batch, left.shape[-2], right.shape[-1]))
-    _multiply(_stacked(left, batch), _stacked(right, batch), product.reshape(-1, *product.shape[-2:]))
-    return product
+    return np.asarray(_multiply(left, right))
 
 
-def _stacked(matrices: NDArray[np.float64], batch: tuple[int, ...]) -> NDArray[np.float64]:
-    """Copy matrices (..., N, K) as (B, N, K): broadcast to `batch`, except that a single one stays single."""
-    shape = matrices.shape[-2:]
-    if matrices.ndim > 2 and matrices.shape[:-2] != batch:
-        matrices = np.broadcast_to(matrices, (*batch, *shape))
-    return np.array(matrices, np.float64, order="C").reshape(-1, *shape)
-
-
-@compiled
+@cached(numba.guvectorize, ["void(float64[:, :], float64[:, :], float64[:, :])"], "(n,k),(k,m)->(n,m)")
 def _multiply(left: NDArray[np.float64], right: NDArray[np.float64], product: NDArray[np.float64]) -> None:
-    for n in range(product.shape[0]):
-        i, j = min(n, left.shape[0] - 1), min(n, right.shape[0] - 1)  # a single matrix is every product's
-        for row in range(product.shape[1]):
-            for col in range(product.shape[2]):
-                total = 0.0
-                for k in range(left.shape[2]):
-                    total += left[i, row, k] * right[j, k, col]
-                product[n, row, col] = total
+    for row in range(left.shape[0]):
+        for col in range(right.shape[1]):
+            total = 0.0
+            for k in range(left.shape[1]):
+                total += left[row, k] * right[k, col]
+            product[row, col] = total
 
 
 def transform_points(pose: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
