@@ -63,28 +63,21 @@ class EscapeTest:
             outside is are the full count's answers.
         """
         front, back = np.zeros(len(points), np.intp), np.zeros(len(points), np.intp)
+        local = (points - self._centre) * self._scale
         undecided = np.arange(len(points))
         first, size = 0, 8
         while first < len(self._directions) and len(undecided):
             directions = self._directions[first : first + size]
-            ahead, behind = self._trace(points[undecided], normals[undecided], directions)
-            front[undecided] += ahead
-            back[undecided] += behind
+            origins = (local[undecided, None] + RAY_OFFSET * directions).astype(np.float32).reshape(-1, 3)
+            rays = np.tile(directions.astype(np.float32), (len(undecided), 1))
+            free = np.asarray(self._scene.run(origins, rays, query="OCCLUDED")).reshape(len(undecided), -1) != 0
+            ahead = np.einsum("nc,cd->nd", normals[undecided], np.ascontiguousarray(directions.T)) > 0
+            front[undecided] += (free & ahead).sum(axis=1)
+            back[undecided] += (free & ~ahead).sum(axis=1)
             certain = (np.maximum(front, back) >= CERTAIN_ESCAPES) & (np.minimum(front, back) == 0)
             undecided = undecided[~certain[undecided]]
             first, size = first + size, max(size, first + size)  # 8, 8, 16, 32, …
         return front, back
-
-    def _trace(
-        self, points: NDArray[np.float64], normals: NDArray[np.float64], directions: NDArray[np.float64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        local = (points - self._centre) * self._scale
-        origins = (local[:, None] + RAY_OFFSET * directions).astype(np.float32).reshape(-1, 3)
-        rays = np.tile(directions.astype(np.float32), (len(points), 1))
-        hit = np.asarray(self._scene.run(origins, rays, query="OCCLUDED")).reshape(len(points), -1)
-        free = hit != 0
-        ahead = np.einsum("nc,cd->nd", normals, np.ascontiguousarray(directions.T)) > 0
-        return (free & ahead).sum(axis=1), (free & ~ahead).sum(axis=1)
 
 
 def spread_directions(count: int) -> NDArray[np.float64]:

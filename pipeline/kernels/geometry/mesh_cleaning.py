@@ -6,9 +6,12 @@ Valid range: meshes from 1e-9 to 1e9 units large, anywhere within 1e6 of their s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from trimesh.graph import is_watertight
+from trimesh.grouping import unique_ordered
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Look, Mesh, flatness
@@ -62,11 +65,9 @@ def clean_mesh(mesh: Mesh, max_faces: int) -> tuple[Mesh, CleaningReport]:
     if len(mesh.faces) == 0:
         raise InvalidInput(f"all {faces} faces have zero area; the mesh has no surface")
     positions = number_positions(mesh.vertices)[mesh.faces]
-    _, first = np.unique(np.sort(positions, axis=1), axis=0, return_index=True)
-    unique = np.zeros(len(mesh.faces), bool)
-    unique[first] = True
-    report = CleaningReport(int(degenerate.sum()), int((~unique).sum()), _is_watertight(positions[unique]))
-    return _keep_faces(mesh, unique), report
+    first = np.sort(np.unique(np.sort(positions, axis=1), axis=0, return_index=True)[1])  # of the faces between the same positions
+    watertight, _ = is_watertight(positions[first][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
+    return _keep_faces(mesh, first), CleaningReport(int(degenerate.sum()), len(positions) - len(first), watertight)
 
 
 def number_positions(vertices: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -84,16 +85,8 @@ def number_positions(vertices: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.unique(vertices + 0.0, axis=0, return_inverse=True)[1].reshape(-1)  # + 0.0 makes -0 and 0 the same
 
 
-def _is_watertight(positions: NDArray[np.intp]) -> bool:
-    edges = np.sort(positions[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    _, count = np.unique(edges, axis=0, return_counts=True)
-    return bool((count == 2).all())
-
-
-def _keep_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
+def _keep_faces(mesh: Mesh, keep: NDArray[Any]) -> Mesh:
     """The mesh with these faces and the vertices they use, in the order of their use: readers of files number them by an unstable sort."""
-    vertices, first, entry = np.unique(mesh.faces[keep], return_index=True, return_inverse=True)
-    order = np.argsort(first, kind="stable")
-    used, faces = vertices[order], np.argsort(order, kind="stable")[entry]
+    used, faces = unique_ordered(mesh.faces[keep].ravel(), return_inverse=True)
     look: Look = replace(mesh.look, uv=mesh.look.uv[used], face_material=mesh.look.face_material[keep])
     return Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32), look)

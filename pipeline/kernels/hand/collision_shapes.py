@@ -77,7 +77,7 @@ def collision_spheres(hand: Hand, *, spacing: float, tolerance: float = 0.0) -> 
     InvalidInput
         A collision shape is flat, or has NaN corners: it encloses nothing.
     """
-    centres, radii, links = [np.empty((0, 3))], [np.empty(0)], [np.empty(0, np.intp)]
+    parts = [(np.empty((0, 3)), np.empty(0), np.empty(0, np.intp))]
     for number, link in enumerate(hand.links):
         for shape in link.collisions:
             try:
@@ -87,10 +87,8 @@ def collision_spheres(hand: Hand, *, spacing: float, tolerance: float = 0.0) -> 
                 raise InvalidInput(f"{hand.urdf}: collision shape {what} of link {link.name} is flat or not finite: {error}") from error
             points, depth = _fill(hull, spacing)
             kept = _prune(points, depth, tolerance) if tolerance > 0 else np.arange(len(points))
-            centres.append(points[kept])
-            radii.append(depth[kept])
-            links.append(np.full(len(kept), number, np.intp))
-    return CollisionSpheres(np.concatenate(centres), np.concatenate(radii), np.concatenate(links))
+            parts.append((points[kept], depth[kept], np.full(len(kept), number, np.intp)))
+    return CollisionSpheres(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
 def collision_boxes(hand: Hand) -> CollisionBoxes:

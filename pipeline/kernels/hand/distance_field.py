@@ -14,7 +14,7 @@ from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.mesh import face_cross_products, flatness
 from pipeline.kernels.geometry.transforms import unit_vectors
 
-Floats = NDArray[np.float32]
+Float32Array = NDArray[np.float32]
 
 BLOCK = 4
 """Cells along the side of a block; one exact distance tells whether a block is near the surface."""
@@ -54,10 +54,10 @@ class DistanceField:
     tree: igl.AABB
     origin: NDArray[np.float64]
     cell: float
-    records: Floats
+    records: Float32Array
     inside: NDArray[np.int8]
 
-    def lookup(self, points: Floats) -> Floats:
+    def lookup(self, points: Float32Array) -> Float32Array:
         """Look up approximate signed distances, to first order in the nearest cell.
 
         Parameters
@@ -130,7 +130,7 @@ def _clamp(value: np.float32, top: np.float32) -> np.float32:
 
 
 @compiled
-def _look_up(points: Floats, origin: Floats, scale: np.float32, cell: np.float32, cells: Floats) -> Floats:
+def _look_up(points: Float32Array, origin: Float32Array, scale: np.float32, cell: np.float32, cells: Float32Array) -> Float32Array:
     """Distances (N,) of points (3, N) from the nearest cells' records, to first order; `scale` is cells per metre."""
     distance = np.empty(points.shape[1], np.float32)
     for n in range(len(distance)):

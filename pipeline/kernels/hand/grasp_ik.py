@@ -25,6 +25,8 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm
 from pipeline.kernels.touch.sensor import Sensor
 
+Float64Array = NDArray[np.float64]
+
 MILLIMETRE = 1e-3
 LIMIT_MARGIN = 0.01
 """rad (m) kept from the joint limits, so that a motor's residue does not cross them."""
@@ -70,8 +72,8 @@ class GraspIk:
     boxes: CollisionBoxes
     clearance: float
     finger_gap: float
-    joint_angles: NDArray[np.float64]
-    frames: NDArray[np.float64]
+    joint_angles: Float64Array
+    frames: Float64Array
     probes: NDArray[np.float32]
     free: NDArray[np.bool_]
 
@@ -114,7 +116,7 @@ def prepare_grasp_ik(
     return GraspIk(hand, fingers, boxes, clearance, finger_gap, angles, frames, gel_probes(hand, fingers, frames), free)
 
 
-def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: NDArray[np.float64]) -> bool:
+def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> bool:
     """Decide whether every finger of a hand has room at a pose.
 
     Parameters
@@ -135,9 +137,7 @@ def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: NDArray[np.float64
     return bool((clear & ik.free[rows]).any(axis=0).all())
 
 
-def grasp_ik(
-    ik: GraspIk, field: DistanceField, hand_pose: NDArray[np.float64], *, rounds: int, rng: np.random.Generator
-) -> NDArray[np.float64] | None:
+def grasp_ik(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, rounds: int, rng: np.random.Generator) -> Float64Array | None:
     """Find joint angles with which the sensors touch an object.
 
     Parameters
@@ -160,7 +160,8 @@ def grasp_ik(
     """
     lines, rest = _best_samples(ik, field, hand_pose)
     for k in range(rounds):
-        lines = _refine(ik, field, hand_pose, lines, step=STEP * SHRINK**k, rng=rng)
+        steps = STEP * SHRINK**k * rng.standard_normal((len(lines), NEIGHBOURS + 1, lines.shape[1]))
+        lines = _refine(ik, field, hand_pose, lines=lines, steps=steps)
     options = np.concatenate([lines, rest])
     frames = forward_kinematics(ik.hand, hand_pose, options)
     value, clearance = _measure(ik, field, frames)
@@ -171,7 +172,7 @@ def grasp_ik(
     return None if rows is None else _mix(ik.hand, options, rows[None])[0]
 
 
-def _measure(ik: GraspIk, field: DistanceField, frames: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+def _measure(ik: GraspIk, field: DistanceField, frames: Float64Array) -> tuple[Float64Array, NDArray[np.float32]]:
     """The value (N, S) of postures, more than 1 for a touch, and the clearance (N, S) of their rigid links, m; frames (N, L, 4, 4)."""
     contact, coverage = gel_contact(field, gel_probes(ik.hand, ik.fingers, frames))
     miss = np.maximum(contact, 0) / MILLIMETRE
@@ -181,7 +182,7 @@ def _measure(ik: GraspIk, field: DistanceField, frames: NDArray[np.float64]) -> 
     return value.astype(np.float64), clearance
 
 
-def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> tuple[Float64Array, Float64Array]:
     """The best samples to refine (LINES, J) and those for fingers that cannot touch (AT_REST, J); fingers mix freely."""
     rows = _candidates(ik, field, hand_pose)
     frames = ik.frames[rows[:, ik.hand.link_fingers], np.arange(len(ik.hand.links))]  # a link that no finger moves is where it always is
@@ -194,7 +195,7 @@ def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: NDArray[np.float
     return _mix(ik.hand, angles, best), _mix(ik.hand, angles, calmest)
 
 
-def _candidates(ik: GraspIk, field: DistanceField, hand_pose: NDArray[np.float64]) -> NDArray[np.intp]:
+def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> NDArray[np.intp]:
     """(CANDIDATES + SPREAD, S) rows of the samples whose clearance is measured: each finger's with most contact, and some of all."""
     turn, shift = hand_pose[:3, :3].astype(np.float32), hand_pose[:3, 3].astype(np.float32)
     contact, coverage = gel_contact(field, np.einsum("ij,jksp->iksp", turn, ik.probes) + shift[:, None, None, None])  # (K, S)
@@ -210,23 +211,15 @@ def _spread(ik: GraspIk) -> NDArray[np.intp]:
     return np.linspace(0, len(ik.joint_angles) - 1, SPREAD).astype(np.intp)
 
 
-def _mix(hand: Hand, angles: NDArray[np.float64], rows: NDArray[np.intp]) -> NDArray[np.float64]:
+def _mix(hand: Hand, angles: Float64Array, rows: NDArray[np.intp]) -> Float64Array:
     """(N, J) joint angles in which finger s takes row `rows[:, s]` of `angles`."""
     finger_of_joint = np.repeat(np.arange(len(hand.fingers)), [len(finger.joints) for finger in hand.fingers])
     return np.take_along_axis(angles, rows[:, finger_of_joint], axis=0)
 
 
-def _refine(
-    ik: GraspIk,
-    field: DistanceField,
-    hand_pose: NDArray[np.float64],
-    lines: NDArray[np.float64],
-    *,
-    step: float,
-    rng: np.random.Generator,
-) -> NDArray[np.float64]:
-    """Replace every line (LINES, J) by the best posture among itself and random neighbours, finger by finger."""
-    children = lines[:, None] + step * rng.standard_normal((len(lines), NEIGHBOURS + 1, lines.shape[1]))
+def _refine(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, lines: Float64Array, steps: Float64Array) -> Float64Array:
+    """Replace every line (LINES, J) by the best posture among itself and neighbours at `steps` (LINES, NEIGHBOURS + 1, J), by finger."""
+    children = lines[:, None] + steps
     children[:, 0] = lines
     children = np.clip(children, ik.hand.lower + LIMIT_MARGIN, ik.hand.upper - LIMIT_MARGIN).reshape(-1, lines.shape[1])
     value, _ = _measure(ik, field, forward_kinematics(ik.hand, hand_pose, children))

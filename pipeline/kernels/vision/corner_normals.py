@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import face_cross_products
+from pipeline.kernels.geometry.mesh_cleaning import number_positions
+from pipeline.kernels.geometry.transforms import unit_vectors
 
 CREASE = np.deg2rad(40.0)
 """Faces that meet at a greater angle show an edge: a 12-sided cylinder looks round and a box has sharp edges."""
@@ -43,14 +45,12 @@ def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32], crea
     influence on its neighbours. The normal of a sliver of aspect a has an error of up to 8 a units in the last place.
     """
     triangles = vertices[faces]  # (F, 3, 3)
-    normal = face_cross_products(triangles)
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = np.where(length > 0, normal / np.where(length > 0, length, 1), [0.0, 0.0, 1.0])
-    normal_of = np.repeat(normal, 3, axis=0)  # (3F, 3), one row per corner
-    weighted = normal_of * (_corner_angles(triangles) * (length > 0)).reshape(-1, 1)
+    normal = unit_vectors(face_cross_products(triangles))
+    has_area = normal.any(axis=1, keepdims=True)
+    normal_of = np.repeat(np.where(has_area, normal, [0.0, 0.0, 1.0]), 3, axis=0)  # (3F, 3), one row per corner
+    weighted = normal_of * (_corner_angles(triangles) * has_area).reshape(-1, 1)
 
-    position_of_vertex = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)
-    position = position_of_vertex[faces].reshape(-1)  # (3F,)
+    position = number_positions(vertices)[faces].reshape(-1)  # (3F,)
     order = np.argsort(position, kind="stable")
     count = np.bincount(position)
     first = np.cumsum(count) - count
@@ -65,9 +65,8 @@ def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32], crea
         cosine = np.einsum("ij,ij->i", normal_of[own], normal_of[other])
         sign = np.where(np.abs(cosine) > np.cos(crease), np.sign(cosine), 0.0)
         smooth[chunk] = np.add.reduceat(weighted[other] * sign[:, None], starts)
-    length = np.linalg.norm(smooth, axis=1, keepdims=True)
-    smooth = np.where(length > 0, smooth / np.where(length > 0, length, 1), normal_of)
-    return np.asarray(smooth.reshape(-1, 3, 3))
+    smooth = np.where(smooth.any(axis=1, keepdims=True), unit_vectors(smooth), normal_of)
+    return smooth.reshape(-1, 3, 3)
 
 
 def _corner_angles(triangles: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from trimesh.visual.color import srgb_to_linear
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.corner_normals import corner_normals
@@ -107,29 +108,9 @@ def _primitive(
         normals=normal[first].astype(np.float32),
         uv=mesh.look.uv[vertex[first]].astype(np.float32),
         indices=np.stack([corner, corner[:, ::-1]], axis=1).reshape(-1, 3).astype(np.uint32),
-        color=linear_from_srgb(np.array(color, np.uint8)),
+        color=srgb_to_linear(np.array(color, np.uint8)),
         texture=texture,
     )
-
-
-def linear_from_srgb(srgb: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Convert 8-bit sRGB values to linear light.
-
-    Parameters
-    ----------
-    srgb
-        (...) uint8.
-
-    Returns
-    -------
-    (...) float64, 0..1.
-
-    Notes
-    -----
-    IEC 61966-2-1.
-    """
-    value = srgb / 255.0
-    return np.asarray(np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4))
 
 
 def shrink_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:

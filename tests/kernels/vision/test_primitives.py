@@ -9,8 +9,8 @@ import pytest
 import trimesh
 from hypothesis import given
 
-from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
-from pipeline.kernels.vision.primitives import MAX_TEXTURE_SIDE, flatten_texture, linear_from_srgb, mesh_primitives, shrink_texture
+from pipeline.kernels.geometry.mesh import Look, Mesh, face_cross_products
+from pipeline.kernels.vision.primitives import MAX_TEXTURE_SIDE, flatten_texture, mesh_primitives, shrink_texture
 from tests.strategies import offsets, random_rotation, seeds
 
 BOX = trimesh.creation.box()
@@ -42,13 +42,17 @@ def test_positions_are_rounded_to_float32_and_faces_doubled(seed, offset) -> Non
     assert (np.einsum("fci,fi->fc", part.normals[part.indices[::2]], face_cross_products(exact)) > 0.99).all()
 
 
-def test_linear_light_of_all_srgb_values() -> None:
+def test_colours_become_linear_light() -> None:
     """Black is 0, white 1, every step up; and back to the same 8 bits."""
-    light = linear_from_srgb(np.arange(256, dtype=np.uint8))
+    greys = np.arange(256, dtype=np.uint8)
+    faces = np.repeat(BOX.faces[:1], 256, axis=0)
+    look = replace(Look.plain(len(BOX.vertices), 256), face_material=np.arange(256, dtype=np.int32))
+    look = replace(look, base_color=np.repeat(greys[:, None], 4, axis=1), material_texture=np.full(256, -1, np.int32))
+    light = np.array([part.color[0] for part in mesh_primitives(Mesh(BOX.vertices, faces, look))])
     assert (light[0], light[255]) == (0, 1)
     assert (np.diff(light) > 0).all()
     srgb = np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
-    np.testing.assert_array_equal(np.rint(255 * srgb), np.arange(256))
+    np.testing.assert_array_equal(np.rint(255 * srgb), greys)
 
 
 @pytest.mark.parametrize("value", [0, 255])
