@@ -53,7 +53,7 @@ def entries(matrix: torch.Tensor) -> int:
 
 
 WORK = {
-    "sure of side": Work(EscapeTest, "_trace", lambda test, points, normals, directions: len(points) * len(directions)),
+    "sure of side": Work(EscapeTest, "_escape", lambda test, points, directions: len(points) * len(directions)),
     "doubtful spheres": Work(DistanceField, "exact", lambda field, points: len(points)),
     "enough attempts": Work(GraspSearch, "attempt"),
     "prism": Work(ray_depth, "scan_convert", lambda faces, width, depth: faces.shape[2]),

@@ -68,9 +68,7 @@ class EscapeTest:
         first, size = 0, 8
         while first < len(self._directions) and len(undecided):
             directions = self._directions[first : first + size]
-            origins = (local[undecided, None] + RAY_OFFSET * directions).astype(np.float32).reshape(-1, 3)
-            rays = np.tile(directions.astype(np.float32), (len(undecided), 1))
-            free = np.asarray(self._scene.run(origins, rays, query="OCCLUDED")).reshape(len(undecided), -1) != 0
+            free = self._escape(local[undecided], directions)
             ahead = np.einsum("nc,cd->nd", normals[undecided], np.ascontiguousarray(directions.T)) > 0
             front[undecided] += (free & ahead).sum(axis=1)
             back[undecided] += (free & ~ahead).sum(axis=1)
@@ -78,6 +76,12 @@ class EscapeTest:
             undecided = undecided[~certain[undecided]]
             first, size = first + size, max(size, first + size)  # 8, 8, 16, 32, …
         return front, back
+
+    def _escape(self, points: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(N, D) whether the rays from each point (N, 3), frame of the scene, in each direction (D, 3) hit nothing."""
+        origins = (points[:, None] + RAY_OFFSET * directions).astype(np.float32).reshape(-1, 3)
+        rays = np.tile(directions.astype(np.float32), (len(points), 1))
+        return np.asarray(self._scene.run(origins, rays, query="OCCLUDED")).reshape(len(points), -1) != 0
 
 
 def spread_directions(count: int) -> NDArray[np.float64]:

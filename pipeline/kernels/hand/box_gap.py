@@ -27,21 +27,17 @@ def box_gap(
     """
     turn_a, turn_b = frames_a[..., :3, :3], frames_b[..., :3, :3]
     offset = frames_b[..., :3, 3] - frames_a[..., :3, 3]
-    rotation = np.einsum("...ji,...jk->...ik", turn_a, turn_b)
+    half_a, half_b = (np.moveaxis(np.broadcast_to(half, offset.shape), -1, 0) for half in (half_a, half_b))  # (3, ...)
+    rotation = np.einsum("...ji,...jk->ik...", turn_a, turn_b)
     size = np.abs(rotation)
-    shift = np.einsum("...ji,...j->...i", turn_a, offset)  # in a's axes
-    gap_a = np.abs(shift) - half_a - np.einsum("...ij,...j->...i", size, half_b)
-    shift_b = np.einsum("...ji,...j->...i", rotation, shift)
-    gap_b = np.abs(shift_b) - half_b - np.einsum("...ij,...i->...j", size, half_a)
-    gap: NDArray[np.float64] = np.maximum(gap_a.max(axis=-1), gap_b.max(axis=-1))
-    for i in range(3):
-        k, m = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            n, o = (j + 1) % 3, (j + 2) % 3
-            distance = np.abs(shift[..., m] * rotation[..., k, j] - shift[..., k] * rotation[..., m, j])
-            extent = half_a[..., k] * size[..., m, j] + half_a[..., m] * size[..., k, j]
-            extent = extent + half_b[..., n] * size[..., i, o] + half_b[..., o] * size[..., i, n]
-            sine2 = 1 - rotation[..., i, j] ** 2
-            along = (distance - extent) / np.sqrt(np.maximum(sine2, PARALLEL))
-            gap = np.where(sine2 > PARALLEL, np.maximum(gap, along), gap)
-    return gap
+    shift = np.einsum("...ji,...j->i...", turn_a, offset)  # in a's axes
+    gap_a = np.abs(shift) - half_a - np.einsum("ij...,j...->i...", size, half_b)
+    shift_b = np.einsum("ji...,j...->i...", rotation, shift)
+    gap_b = np.abs(shift_b) - half_b - np.einsum("ij...,i...->j...", size, half_a)
+    k, m = [1, 2, 0], [2, 0, 1]
+    distance = np.abs(shift[m, None] * rotation[k] - shift[k, None] * rotation[m])  # (3, 3, ...) along the cross products of two axes
+    extent = half_a[k, None] * size[m] + half_a[m, None] * size[k]
+    extent = extent + half_b[k] * size[:, m] + half_b[m] * size[:, k]
+    sine2 = 1 - rotation**2
+    along = np.where(sine2 > PARALLEL, (distance - extent) / np.sqrt(np.maximum(sine2, PARALLEL)), -np.inf)
+    return np.asarray(np.maximum(np.maximum(gap_a.max(axis=0), gap_b.max(axis=0)), along.max(axis=(0, 1))))

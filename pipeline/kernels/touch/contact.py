@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.touch.sensor import Sensor, check_pose, pixel_centres, sensor_to_world
+from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
 
 CONTACT_MARGIN = 1e-4
 """m by which the surface must press into the gel to count as a touch; less is within the accuracy of physics."""
@@ -75,8 +75,7 @@ def local_points(depth: np.ndarray, pose: np.ndarray, sensor: Sensor) -> tuple[N
         raise ValueError(f"depth is {depth.dtype} {depth.shape}; local points need the stored one, float32 {sensor.shape}")
     if np.isnan(depth).any():
         raise ValueError("depth holds NaN; where nothing is met it must be +inf")
-    row, col = np.nonzero(depth.astype(np.float64) < sensor.w)
-    x, y = pixel_centres(sensor)
-    points = np.zeros((sensor.rows * sensor.cols, 3), np.float32)
-    points[: len(row)] = sensor_to_world(check_pose(pose), x[col], y[row], depth[row, col].astype(np.float64))
-    return points, np.int32(len(row))
+    local = masked_points(depth, depth.astype(np.float64) < sensor.w, sensor)
+    points = np.zeros((depth.size, 3), np.float32)
+    points[: len(local)] = sensor_to_world(check_pose(pose), *local.T)
+    return points, np.int32(len(local))

@@ -74,6 +74,27 @@ def pixel_centres(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float
     return x, y
 
 
+def masked_points(depth: np.ndarray, mask: NDArray[np.bool_], sensor: Sensor) -> NDArray[np.float64]:
+    """Compute the points that some pixels of a depth map see.
+
+    Parameters
+    ----------
+    depth
+        (rows, cols) D, m.
+    mask
+        (rows, cols), true at n pixels.
+    sensor
+        Gives the pixels' positions.
+
+    Returns
+    -------
+    (n, 3) float64, sensor frame, m, in row-major order of the pixels.
+    """
+    row, col = np.nonzero(mask)
+    x, y = pixel_centres(sensor)
+    return np.stack([x[col], y[row], depth[row, col]], axis=1, dtype=np.float64)
+
+
 def check_pose(pose: np.ndarray) -> NDArray[np.float64]:
     """Check that a sensor pose is a rigid motion.
 
