@@ -14,7 +14,7 @@ from pipeline.errors import InvalidInput, StoreError
 from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.image_tensors import network_input
 from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import Sensor, masked_points
 from pipeline.models.model_files import load_model, save_model
 
 UNTOUCHED = "untouched.png"
@@ -41,13 +41,6 @@ def load_touch_model(folder: Path, device: torch.device | str) -> TouchModel:
     except (KeyError, RuntimeError, OSError, ValueError) as error:
         raise StoreError(f"{folder} holds no U-Net that can be used ({error}); run train-unet again") from error
     return TouchModel(network.to(device).eval(), sensor, untouched, threshold)
-
-
-def masked_points(depth: NDArray[np.floating], mask: NDArray[np.bool_], sensor: Sensor) -> NDArray[np.float64]:
-    """Compute the points of the pixels of a depth map (rows, cols), m, where the mask holds: (n, 3) sensor frame, m, row by row."""
-    x, y = pixel_centres(sensor)
-    row, col = np.nonzero(mask)
-    return np.stack([x[col], y[row], depth[row, col].astype(np.float64)], axis=1)
 
 
 @dataclass(frozen=True)

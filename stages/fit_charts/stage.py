@@ -14,8 +14,8 @@ from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.fit_options import StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.touch.sensor import Sensor, check_pose, sensor_to_world
-from pipeline.models.touch_model import TouchModel, load_touch_model, masked_points
+from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
+from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
 from pipeline.store.rows import Row
 from schemas.base import Artifact

@@ -81,7 +81,8 @@ class EscapeTest:
         """(N, D) whether the rays from each point (N, 3), frame of the scene, in each direction (D, 3) hit nothing."""
         origins = (points[:, None] + RAY_OFFSET * directions).astype(np.float32).reshape(-1, 3)
         rays = np.tile(directions.astype(np.float32), (len(points), 1))
-        return np.asarray(self._scene.run(origins, rays, query="OCCLUDED")).reshape(len(points), -1) != 0
+        occlusion = self._scene.run(origins, rays, query="OCCLUDED")  # 0 where something is hit
+        return np.asarray(occlusion, bool).reshape(len(points), -1)
 
 
 def spread_directions(count: int) -> NDArray[np.float64]:
