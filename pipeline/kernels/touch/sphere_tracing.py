@@ -57,9 +57,8 @@ def sphere_traced_depth(
     local = cull_faces(faces, pose, sensor)
     sliver = flatness(local.transpose(2, 1, 0)) < SLIVER
     depth, settled = trace_spheres(local[:, :, ~sliver], sensor, tolerance=tolerance, max_steps=max_steps)
-    if sliver.any():
-        depth = np.minimum(depth, local_depth(local[:, :, sliver], sensor))
-    return depth if settled.all() else np.where(settled, depth, local_depth(local, sensor))
+    depth = np.minimum(depth, local_depth(local[:, :, sliver], sensor))
+    return np.where(settled, depth, local_depth(local, sensor))
 
 
 def trace_spheres(

@@ -48,13 +48,8 @@ class Camera(BaseModel):
         if resolution < 1:
             raise ValueError(f"an image of {resolution} pixels per side shows nothing; ask for 1 or more")
         scale = resolution / self.resolution
-        return self.model_copy(
-            update={
-                "focal": (self.focal[0] * scale, self.focal[1] * scale),
-                "centre": (self.centre[0] * scale, self.centre[1] * scale),
-                "resolution": resolution,
-            }
-        )
+        focal, centre = (tuple(scale * length for length in pair) for pair in (self.focal, self.centre))
+        return self.model_copy(update={"focal": focal, "centre": centre, "resolution": resolution})
 
 
 def camera_pose(camera: Camera) -> NDArray[np.float64]:
