@@ -1,4 +1,4 @@
-"""What `simulate-grasps` writes: where the hand and its sensors stand in the best grasps of every object, and how the others fared."""
+"""What `simulate-grasps` writes: poses of the hand and its sensors in the best grasps of every object, and how the others fared."""
 
 from schemas.base import Array, Artifact, coordinates
 

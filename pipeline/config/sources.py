@@ -121,17 +121,16 @@ class Directory(Placed):
     def each(self, root: Path | None) -> Iterator[Found]:
         """List every mesh file below the folder, hidden ones apart."""
         folder = _folder(self.path or root, "a folder of meshes")
-        named = (file for file in sorted(folder.rglob("*")) if file.suffix.lower() in MESH_SUFFIXES and not file.is_dir())
-        files = [file for file in named if not any(part.startswith(".") for part in file.relative_to(folder).parts)]
+        inner = [path.relative_to(folder) for path in sorted(folder.rglob("*")) if not path.is_dir()]
+        files = [file for file in inner if file.suffix.lower() in MESH_SUFFIXES and not any(part.startswith(".") for part in file.parts)]
         if not files:
             raise InvalidInput(f"no mesh files below {folder.resolve()}; looked for {', '.join(MESH_SUFFIXES)} in all its sub-folders")
-        names = {file: _name(file.relative_to(folder).with_suffix("")) for file in files}
-        repeated = Counter(names.values())
-        for file, name in names.items():
-            inner = file.relative_to(folder).parts
-            category = _name(Path(inner[0])) if len(inner) > 1 else "object"
+        repeated = Counter(_name(*file.with_suffix("").parts) for file in files)
+        for file in files:
+            name = _name(*file.with_suffix("").parts)
             unique = name if repeated[name] == 1 else f"{name}-{file.suffix[1:].lower()}"
-            yield Found(unique, category, self.placed(file))
+            category = _name(file.parts[0]) if len(file.parts) > 1 else "object"
+            yield Found(unique, category, self.placed(folder / file))
 
 
 class ShapeNet(Placed):
@@ -152,19 +151,18 @@ class ShapeNet(Placed):
         """List every model of the named synsets, whose numbers must be those of `counts`; one without a file fails when it is read."""
         folder = _folder(self.path or root, "a folder laid out as ShapeNetCore")
         for category, synset in self.synsets.items():
-            models = [model for model in sorted((folder / synset).glob("*")) if model.is_dir()]
-            files = [(model.name, _model_file(model)) for model in models]
-            whole = sum(file.is_file() for _, file in files)
+            files = {model.name: _model_file(model) for model in sorted((folder / synset).glob("*")) if model.is_dir()}
+            whole = sum(file.is_file() for file in files.values())
+            where = (folder / synset).resolve()
             if not whole:
-                where = (folder / synset).resolve()
                 raise InvalidInput(f"no models of {category} in {where}; looked for MODEL/models/model_normalized.obj and MODEL/model.obj")
             if self.counts is not None and whole != self.counts[category]:
                 raise InvalidInput(
-                    f"{(folder / synset).resolve()} holds {whole} models of {category}, the manifest counts {self.counts[category]}; "
+                    f"{where} holds {whole} models of {category}, the manifest counts {self.counts[category]}; "
                     "complete or prune the folder, or state other counts in a manifest of your own"
                 )
-            for name, file in files:
-                yield Found(f"{category}-{_name(Path(name))}", category, self.placed(file))
+            for name, file in files.items():
+                yield Found(f"{category}-{_name(name)}", category, self.placed(file))
 
 
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
@@ -218,9 +216,9 @@ def _sha256(file: Path) -> str:
         return hashlib.file_digest(opened, "sha256").hexdigest()
 
 
-def _name(path: Path) -> str:
-    """Write a path as an object id: its parts joined by dashes, other characters replaced."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", "-".join(path.parts))
+def _name(*parts: str) -> str:
+    """Write parts of a path as an object id: joined by dashes, other characters replaced."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", "-".join(parts))
 
 
 def _folder(path: Path | None, what: str) -> Path:

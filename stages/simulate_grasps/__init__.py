@@ -1,1 +1,1 @@
-"""The room of `simulate-grasps`."""
+"""The stage `simulate-grasps`."""

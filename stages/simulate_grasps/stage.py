@@ -67,9 +67,8 @@ class SimulateGrasps(ObjectStage):
 
     def cost(self, settings: GraspSettings) -> Cost:
         """Mostly attempts, of about 0.08 s each; some dozen are enough where not all are asked for."""
-        return Cost(
-            seconds=0.3 + 0.08 * (settings.attempts if settings.exhaustive else min(settings.attempts, 12)), kilobytes=settings.grasps
-        )
+        attempts = settings.attempts if settings.exhaustive else min(settings.attempts, 12)
+        return Cost(seconds=0.3 + 0.08 * attempts, kilobytes=settings.grasps)
 
     @contextmanager
     def session(self, settings: GraspSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:

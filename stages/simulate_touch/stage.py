@@ -53,7 +53,7 @@ class SimulateTouch(ObjectStage):
                 f"the hand carries sensor {hand['sensor']}, simulate-touch.sensor is {settings.sensor}; "
                 f"--set simulate-touch.sensor={hand['sensor']}"
             )
-        if hand["sensor_digest"] != assets_digest([description_path("sensor", settings.sensor)]):
+        if hand["sensor_digest"] != assets_digest(self.assets(settings)):
             raise InvalidInput(f"the file of sensor {settings.sensor} has changed since the grasps were made; run simulate-grasps again")
 
     def constants(self, settings: TouchSettings) -> Row:
