@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from fnmatch import fnmatchcase
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict
 from pydantic.dataclasses import dataclass
 
 Dtype = Literal["float64", "float32", "int32", "uint8", "bool", "string"]
@@ -39,6 +39,20 @@ class Array:
         return self.dims[:1] == ("object",)
 
 
+COMMON = {
+    "object_id": Array(("object",), "string", "1", "The object's name, the same in every artifact."),
+    "category": Array(("object",), "string", "1", "The object's class."),
+    "split": Array(("object",), "string", "1", "train, valid or test: a label, on which no value depends."),
+    "ok": Array(
+        ("object",),
+        "bool",
+        "1",
+        "False where the object could not be processed: its rows are zeros, and `failures` in the attributes says why.",
+    ),
+}
+"""What every artifact says of its objects."""
+
+
 class Artifact(BaseModel):
     """What one stage writes: the arrays of a shard's root group, and those of a group per object where sizes differ.
 
@@ -53,13 +67,9 @@ class Artifact(BaseModel):
     """Its position among the artifacts; of a label that several have, the first one's is read."""
     version: int
     summary: str
-    arrays: dict[str, Array]
+    arrays: Annotated[dict[str, Array], AfterValidator(lambda arrays: {**COMMON, **arrays})]
+    """Those of `COMMON` among them."""
     ragged: dict[str, Array] = {}
-
-    @model_validator(mode="after")
-    def _common_arrays_are_added(self) -> Artifact:
-        object.__setattr__(self, "arrays", {**COMMON, **self.arrays})
-        return self
 
     def of(self, name: str) -> Array | None:
         """The declaration of an array of this name or path, ragged ones included; None where there is none."""
@@ -67,18 +77,6 @@ class Artifact(BaseModel):
             return self.arrays[name]
         return next((array for pattern, array in self.ragged.items() if fnmatchcase(name, pattern)), None)
 
-
-COMMON = {
-    "object_id": Array(("object",), "string", "1", "The object's name, the same in every artifact."),
-    "category": Array(("object",), "string", "1", "The object's class."),
-    "split": Array(("object",), "string", "1", "train, valid or test: a label, on which no value depends."),
-    "ok": Array(
-        ("object",),
-        "bool",
-        "1",
-        "False where the object could not be processed: its rows are zeros, and `failures` in the attributes says why.",
-    ),
-}
 
 COORDINATES = {
     "grasp": Array(("grasp",), "int32", "1", "Number of the grasp, 0 the best.", optional=True),

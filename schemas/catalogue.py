@@ -1,20 +1,14 @@
 """Every artifact by name, in the order in which they are made: those that the modules of this package declare."""
 
-from collections.abc import Iterator
 from importlib import import_module
 from pkgutil import iter_modules
 
 import schemas
 from schemas.base import Artifact
 
-
-def _declared() -> Iterator[Artifact]:
-    for module in iter_modules(schemas.__path__):
-        if module.name != "catalogue":
-            yield from (value for value in vars(import_module(f"schemas.{module.name}")).values() if isinstance(value, Artifact))
-
-
-ARTIFACTS = {artifact.name: artifact for artifact in sorted(_declared(), key=lambda artifact: (artifact.order, artifact.name))}
+_modules = [import_module(f"schemas.{module.name}") for module in iter_modules(schemas.__path__) if module.name != "catalogue"]
+_declared = [value for module in _modules for value in vars(module).values() if isinstance(value, Artifact)]
+ARTIFACTS = {artifact.name: artifact for artifact in sorted(_declared, key=lambda artifact: (artifact.order, artifact.name))}
 
 
 def artifact_of(array: str) -> Artifact:

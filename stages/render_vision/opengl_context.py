@@ -77,16 +77,13 @@ class OpenGLContext:
         return color
 
     def close(self) -> None:
-        """Free the context; a second call does nothing."""
-        if self._platform is None:
-            return
+        """Free the context."""
         egl, display, context = self._egl, self._platform._egl_display, self._platform._egl_context
         self._platform.make_current()
         self.renderer.delete()
         egl.eglMakeCurrent(display, egl.EGL_NO_SURFACE, egl.EGL_NO_SURFACE, egl.EGL_NO_CONTEXT)
         egl.eglDestroyContext(display, context)
         self._platform._egl_display = self._platform._egl_context = None
-        self._platform = None
 
 
 @contextmanager

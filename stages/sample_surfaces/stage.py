@@ -13,7 +13,7 @@ from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
+from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh
 from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.rng import numpy_rng
 from pipeline.store.rows import Row
@@ -41,9 +41,7 @@ class SampleSurfaces(ObjectStage):
 
 
 def _process(task: Task, settings: SurfaceSettings) -> Row:
-    source = task.source
-    mesh, report = clean_mesh(source_mesh(task), settings.max_faces)
-    mesh = normalise_mesh(mesh, up=source.get("up", "z"), diagonal=settings.diagonal, metres_per_unit=source.get("metres_per_unit"))
+    mesh, report = normalised_mesh(task, settings)
     points, normals = sample_exterior(mesh, settings.points, task.rng("sample-surfaces"), directions=settings.directions)
     return {
         "points": points,
@@ -53,6 +51,14 @@ def _process(task: Task, settings: SurfaceSettings) -> Row:
         "duplicate_faces": np.array(report.duplicate_faces, np.int32),
         **mesh_row(mesh),
     }
+
+
+def normalised_mesh(task: Task, settings: SurfaceSettings) -> tuple[Mesh, CleaningReport]:
+    """Clean and normalise an object's mesh; the report says what was removed."""
+    source = task.source
+    mesh, report = clean_mesh(source_mesh(task), settings.max_faces)
+    up, metres_per_unit = source.get("up", "z"), source.get("metres_per_unit")
+    return normalise_mesh(mesh, up=up, diagonal=settings.diagonal, metres_per_unit=metres_per_unit), report
 
 
 def source_mesh(task: Task) -> Mesh:

@@ -77,8 +77,7 @@ class SimulateTouch(ObjectStage):
             faces = box_faces(task.mesh().triangles)
             poses = task.inputs["grasps"]["sensor_pose"]  # (grasp, sensor, 4, 4)
             rows = [_touch(faces, poses[index], sensor, settings) for index in np.ndindex(poses.shape[:2])]
-            arrays = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
-            return {name: array.reshape(*poses.shape[:2], *array.shape[1:]) for name, array in arrays.items()}
+            return {name: np.stack([row[name] for row in rows]).reshape(*poses.shape[:2], *array.shape) for name, array in rows[0].items()}
 
         yield process
 

@@ -10,23 +10,18 @@ import numpy as np
 from pipeline.engine.stage import Task
 from pipeline.kernels.geometry.exterior_sampling import MIN_ESCAPES, EscapeTest
 from pipeline.kernels.geometry.mesh import face_cross_products
-from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
-from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from pipeline.tuning.explain import Count
 from stages.sample_surfaces.settings import SurfaceSettings
-from stages.sample_surfaces.stage import source_mesh
+from stages.sample_surfaces.stage import normalised_mesh
 
 
 def explain(settings: SurfaceSettings, models: Mapping[str, Path], tasks: Sequence[Task]) -> Iterator[Count]:
     """Clean these objects' meshes again, and count how many points of their whole surfaces are exterior."""
     for task in tasks:
-        mesh, report = clean_mesh(source_mesh(task), settings.max_faces)
+        mesh, report = normalised_mesh(task, settings)
         yield Count("faces", len(mesh.faces), report.degenerate_faces, "without area")
         yield Count("faces", len(mesh.faces), report.duplicate_faces, "the same as another one")
-        mesh = normalise_mesh(
-            mesh, up=task.source.get("up", "z"), diagonal=settings.diagonal, metres_per_unit=task.source.get("metres_per_unit")
-        )
         points, face = sample_triangles(mesh.triangles, settings.points, task.rng("sample-surfaces", "explain"))
         normals = face_cross_products(mesh.triangles)[face]
         front, back = EscapeTest(mesh, settings.directions).count(points, normals / np.linalg.norm(normals, axis=1, keepdims=True))
