@@ -24,7 +24,7 @@ STAGES = ("sample-surfaces", "simulate-grasps", "simulate-touch", "train-unet", 
 LEARNT = ["train-gcn.configuration=touch", "evaluate.configurations=[touch]"]
 DATASETS: dict[str, list[str]] = {
     "draft": [],
-    "twelve placements an object": ["simulate-grasps.attempts=12"],
+    "twelve placements per object": ["simulate-grasps.attempts=12"],
     "hardly searched grasps": ["simulate-grasps.attempts=8", "simulate-grasps.ik_samples=256", "simulate-grasps.ik_refinements=0"],
     "depth in steps of 61 um": ["simulate-touch.gel_bits=14", "simulate-touch.far_bits=14"],
     "true depths, no U-Net": ["fit-charts.cloud='true'"],

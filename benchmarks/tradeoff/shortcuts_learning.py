@@ -55,7 +55,7 @@ def shortcuts(bench: Bench) -> list[Shortcut]:
     """List the shortcuts of these stages."""
     return [
         Shortcut(
-            *("fit-charts", "fewer samples a step", "samples and points beyond 500 in a step's loss; what halts is exact"),
+            *("fit-charts", "fewer samples per step", "samples and points beyond 500 in a step's loss; what halts is exact"),
             *(lambda: _fits(bench, FitOptions()), lambda: _fits(bench, ALL_SAMPLES)),
             bound=CHARTS_APART,
             unit="m RMS",

@@ -39,8 +39,9 @@ def advise(
         fail("give either --budget or --error")
     try:
         advice = advise_settings(Question(target, manifest, objects, goal), errors)
-    except KeyboardInterrupt:
-        fail("interrupted; what was tried out is removed")
+    except KeyboardInterrupt as stop:
+        stop.args = ("what was tried out is removed",)
+        raise
     if as_json:
         typer.echo(json.dumps(advice.as_json(), indent=2))
         return

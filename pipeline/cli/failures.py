@@ -14,11 +14,11 @@ from rich.markup import escape
 from pipeline.console import errors
 from pipeline.errors import PipelineError
 
-CONTINUE = "what is finished is kept, run the same command to continue"
+KEPT = "what is finished is kept, run the same command to continue"
 
 
-class _Terminated(BaseException):
-    """SIGTERM came."""
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM came, which ends a command as Ctrl-C does."""
 
 
 def _terminate(number: int, frame: object) -> None:
@@ -39,10 +39,9 @@ def failures_as_words() -> Iterator[None]:
         yield
     except (PipelineError, OSError) as error:
         fail(error)
-    except _Terminated:
-        fail(f"terminated; {CONTINUE}", status=128 + signal.SIGTERM)
-    except KeyboardInterrupt:
-        fail(f"interrupted; {CONTINUE}", status=128 + signal.SIGINT)
+    except KeyboardInterrupt as stop:
+        ended, number = ("terminated", signal.SIGTERM) if isinstance(stop, _Terminated) else ("interrupted", signal.SIGINT)
+        fail(f"{ended}; {str(stop) or KEPT}", status=128 + number)
     except typer.Exit:
         raise
     except Exception:

@@ -111,6 +111,16 @@ def test_impossible_questions_are_refused_without_a_trial(tmp_path, words, compl
     assert "trying out" not in everything
 
 
+def test_interrupted_advice_says_that_nothing_is_kept(monkeypatch):
+    def stop(question, log):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pipeline.cli.advise.advise_settings", stop)
+    code, _, everything = ask("--budget", "1min")
+    assert code != 0
+    assert "interrupted; what was tried out is removed" in everything
+
+
 def test_trial_of_objects_that_all_fail_says_why(tmp_path):
     meshes = tmp_path / "meshes"
     meshes.mkdir()

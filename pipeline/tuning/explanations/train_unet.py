@@ -34,8 +34,7 @@ def explain(job: DatasetJob) -> Iterator[Count]:
             readings = torch.from_numpy(rows.read("reading", object_id)[touched])
             mask = contact_mask(readings, untouched, settings.mask_threshold)
             pixels = int(mask.sum())
-            yield Count(
-                f"pixels in the loss, of {OBJECTS} objects a split", pixels, mask.numel() - pixels, "they show no contact (supplement 2.2)"
-            )
+            what = f"pixels in the loss, of {OBJECTS} objects per split"
+            yield Count(what, pixels, mask.numel() - pixels, "they show no contact (supplement 2.2)")
     done = len(read_metrics(job.folder))
     yield Count("epochs", done, settings.epochs - done, "patience was at its end")
