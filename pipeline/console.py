@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterable
 from typing import TextIO
 
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
 
 SECONDS_PER_LINE = 15.0
 WIDE = 160
@@ -26,6 +28,16 @@ console, errors = console_on(sys.stdout), console_on(sys.stderr)
 def say(line: str) -> None:
     """Print a line as it is."""
     console.print(escape(line))
+
+
+def print_table(console: Console, columns: Iterable[object], rows: Iterable[Iterable[object]], title: str = "") -> None:
+    """Print a table without rules, below its title, which may be wider; cells may hold rich's markup."""
+    table = Table(*map(str, columns), box=None, padding=(0, 2))
+    for row in rows:
+        table.add_row(*map(str, row))
+    if title:
+        console.print(f"\n[bold]{title}[/]")
+    console.print(table)
 
 
 class Meter:

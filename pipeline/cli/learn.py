@@ -115,7 +115,7 @@ def report(
     from pipeline.reports.learning_curves import draw_curves
     from pipeline.reports.orderings import orderings, show_orderings
     from pipeline.reports.reconstruction_gallery import draw_gallery
-    from stages.evaluate.tables_printed import show, show_training
+    from stages.evaluate.printed_tables import show, show_training
 
     directory = DataDirectory(data)
     directory.check_origins(["evaluation"])

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.config.manifest import SPLITS
-from pipeline.console import Meter
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.models.reconstruction import Reconstructor
@@ -19,11 +18,11 @@ from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
 from stages.evaluate.measure import measure
-from stages.evaluate.report import write_report
+from stages.evaluate.printed_tables import show, show_training
 from stages.evaluate.settings import EvaluationSettings
-from stages.evaluate.store import Arrays, discard_partials, load_partial, save_partial
-from stages.evaluate.tables_printed import show, show_training
-from stages.evaluate.truth import Truth, load_truth
+from stages.evaluate.store import Arrays, discard_partials, load_partial, save_partial, write_evaluation
+from stages.evaluate.tables import make_tables
+from stages.evaluate.truth import Truth
 
 MODELS = "models/gcn"
 
@@ -63,21 +62,30 @@ class Evaluate(DatasetStage):
         device = device_of(settings.accelerator)
         folders = {Path(name).name: folder for name, folder in job.models.items()}
         models = {name: Reconstructor(folder, device) for name, folder in folders.items()}
-        truth = load_truth(job.data, list(models.values()), settings)
-        found = {name: _evaluated(name, model, truth, job) for name, model in models.items()}
+        truth = Truth(job.data, list(models.values()), settings)
+        found = {name: _measured(name, model, truth, job) for name, model in models.items()}
         facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
-        write_report(job, truth, found, models, facts)
+        felt = [name for name, model in models.items() if model.touch]
+        tables = make_tables(job, truth, {name: groups["values"] for name, groups in found.items()}, felt=felt, facts=facts)
+        groups = {f"{group}/{name}": arrays for name, groups in found.items() for group, arrays in groups.items()}
+        attributes = {
+            "settings": settings.results(),
+            "seed": job.seed,
+            "split": truth.rows.split,
+            "configurations": {name: {"image": model.image, "touch": model.touch} for name, model in models.items()},
+            "left_out": truth.rows.left_out,
+        }
+        write_evaluation(job.folder, tables | groups, attributes)
         show(job.folder, job.console)
         show_training(facts, job.console)
         discard_partials(job.folder)
         return {"objects": len(truth), "left_out": len(truth.rows.left_out), "training": facts}
 
 
-def _evaluated(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> Arrays:
-    """A model's arrays: taken over from a killed run, or measured and kept for one."""
+def _measured(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> dict[str, Arrays]:
+    """Take a model's groups over from a killed run, or measure it and keep them for one."""
     if (kept := load_partial(job.folder, name)) is not None:
         return kept
-    with Meter(job.console, f"evaluate {name}", len(truth), "objects") as meter:
-        arrays = measure(name, model, truth, job.settings, job.seed, meter.advance)
-    save_partial(job.folder, name, arrays)
-    return arrays
+    groups = measure(name, model, truth, job)
+    save_partial(job.folder, name, groups)
+    return groups

@@ -1,10 +1,10 @@
-"""The evaluation on disk: `tables.zarr`, and what a killed run had finished of it."""
+"""The evaluation on disk: `tables.zarr`, `metrics.json`, and what a killed run had finished."""
 
 from __future__ import annotations
 
-import os
+import json
 import shutil
-import zipfile
+from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,41 +15,63 @@ from pydantic_zarr.v3 import GroupSpec
 from zarr.storage import LocalStore
 
 from pipeline.errors import StoreError
+from pipeline.store.atomic import temporary
+from pipeline.store.pieces import UNREADABLE
 from pipeline.store.spec import array_spec, numpy_dtype
 from schemas.evaluation import TABLES, VERSION, Table
 
 TABLES_ZARR = "tables.zarr"
+METRICS = "metrics.json"
 
 Arrays = dict[str, np.ndarray]
 
 
-def write_tables(path: Path, tables: Mapping[str, Arrays], attributes: Mapping[str, Any]) -> None:
-    """Write groups (`table_2`, `values/touch`, …) with the arrays that the schema declares; a `StoreError` where they are others."""
+def write_evaluation(folder: Path, groups: Mapping[str, Mapping[str, Any]], attributes: Mapping[str, Any]) -> None:
+    """Write `tables.zarr` with all groups (`table_2`, `values/touch`, …), and `metrics.json` with the tables alone.
+
+    Raises
+    ------
+    StoreError
+        A group holds other arrays than the schema declares, or their shapes disagree.
+    """
+    path = folder / TABLES_ZARR
     shutil.rmtree(path, ignore_errors=True)
-    zarr.create_group(
-        LocalStore(path), attributes={"schema": "evaluation", "schema_version": VERSION, **attributes, "complete": False}, zarr_format=3
-    )
-    for name, arrays in tables.items():
-        table = TABLES[name.partition("/")[0]]
-        checked = _conform(name, table, arrays)
-        members = {key: array_spec(table.arrays[key], value.shape) for key, value in checked.items()}
-        group: Any = GroupSpec(attributes={"summary": table.summary}, members=members).to_zarr(LocalStore(path), path=name)
-        for key, value in checked.items():
+    store, checked = LocalStore(path), {name: _conform(name, arrays) for name, arrays in groups.items()}
+    zarr.create_group(store, attributes={"schema": "evaluation", "schema_version": VERSION, **attributes, "complete": False}, zarr_format=3)
+    for name, arrays in checked.items():
+        table = _declared(name)
+        members = {key: array_spec(table.arrays[key], value.shape) for key, value in arrays.items()}
+        group: Any = GroupSpec(attributes={"summary": table.summary}, members=members).to_zarr(store, path=name)
+        for key, value in arrays.items():
             group[key][...] = value
-    zarr.open_group(str(path), mode="r+").attrs["complete"] = True
+    zarr.open_group(store, mode="r+").attrs["complete"] = True
+    tables = {name: {key: _plain(value) for key, value in arrays.items()} for name, arrays in checked.items() if "/" not in name}
+    (folder / METRICS).write_text(json.dumps({**attributes, "tables": tables}, indent=2, sort_keys=True, allow_nan=False))
 
 
-def _conform(name: str, table: Table, arrays: Arrays) -> Arrays:
-    if set(arrays) != set(table.arrays):
-        raise StoreError(f"evaluation: {name} has arrays {sorted(arrays)}, its schema says {sorted(table.arrays)}")
+def _declared(group: str) -> Table:
+    return TABLES[group.partition("/")[0]]
+
+
+def _conform(name: str, arrays: Mapping[str, Any]) -> Arrays:
+    """Check the arrays of a group against its schema, and cast them to the types that it declares."""
+    declared = _declared(name).arrays
+    if set(arrays) != set(declared):
+        raise StoreError(f"evaluation: {name} has arrays {sorted(arrays)}, its schema says {sorted(declared)}")
+    found = {key: np.asarray(value, numpy_dtype(declared[key])) for key, value in arrays.items()}
     sizes: dict[str, int] = {}
-    for key, value in arrays.items():
-        declared = table.arrays[key]
-        if value.ndim != len(declared.dims) or any(sizes.setdefault(d, n) != n for d, n in zip(declared.dims, value.shape, strict=True)):
-            raise StoreError(f"evaluation: {name}/{key} has shape {value.shape}, its dimensions are {declared.dims} with {sizes}")
-        if value.dtype.kind == "f" and (np.isnan(value).any() or not (declared.infinite or np.isfinite(value).all())):
+    for key, value in found.items():
+        dims = declared[key].dims
+        if value.ndim != len(dims) or any(sizes.setdefault(dim, size) != size for dim, size in zip(dims, value.shape, strict=True)):
+            raise StoreError(f"evaluation: {name}/{key} has shape {value.shape}, its dimensions are {dims} with {sizes}")
+        if value.dtype.kind == "f" and (np.isnan(value).any() or not (declared[key].infinite or np.isfinite(value).all())):
             raise StoreError(f"evaluation: {name}/{key} holds NaN or infinity")
-    return {key: np.asarray(value, numpy_dtype(table.arrays[key])) for key, value in arrays.items()}
+    return found
+
+
+def _plain(values: np.ndarray) -> Any:
+    """Turn an array into lists; JSON has no infinity: an interval without an end has null there."""
+    return (np.where(np.isinf(values), np.array(None), values) if values.dtype.kind == "f" else values).tolist()
 
 
 def _root(folder: Path) -> zarr.Group:
@@ -64,12 +86,12 @@ def _root(folder: Path) -> zarr.Group:
 
 
 def read_root(folder: Path) -> dict[str, Any]:
-    """The attributes of an evaluation folder: settings, seed, configurations; a `StoreError` where there is no finished one."""
+    """Read the attributes of an evaluation folder: settings, seed, configurations; a `StoreError` where there is no finished one."""
     return dict(_root(folder).attrs.asdict())
 
 
 def read_table(folder: Path, name: str) -> Arrays:
-    """The arrays of one group of an evaluation folder; a `StoreError` where there is no finished one, or no such group."""
+    """Read the arrays of one group of an evaluation folder; a `StoreError` where there is no finished one, or no such group."""
     root = _root(folder)
     group = root.get(name)
     if not isinstance(group, zarr.Group):
@@ -77,30 +99,35 @@ def read_table(folder: Path, name: str) -> Arrays:
     return {key: np.asarray(array[...]) for key, array in group.arrays()}
 
 
-def partial(folder: Path, configuration: str) -> Path:
-    """Where a model's arrays lie until all models are evaluated."""
+def save_partial(folder: Path, configuration: str, groups: Mapping[str, Arrays]) -> None:
+    """Keep a model's groups until all models are evaluated; they are there whole or not at all."""
+    path = _partial(folder, configuration)
+    with temporary(path) as beside:
+        with beside.open("wb") as file:
+            np.savez(
+                file, allow_pickle=False, **{f"{group}/{key}": array for group, arrays in groups.items() for key, array in arrays.items()}
+            )
+        beside.replace(path)
+
+
+def load_partial(folder: Path, configuration: str) -> dict[str, Arrays] | None:
+    """Read what `save_partial` kept; None where there is nothing, or what a crash of the machine cut short."""
+    groups: dict[str, Arrays] = defaultdict(dict)
+    try:
+        with np.load(_partial(folder, configuration), allow_pickle=False) as file:
+            for name in file.files:
+                group, _, key = name.partition("/")
+                groups[group][key] = file[name]
+    except UNREADABLE:
+        return None
+    return groups
+
+
+def _partial(folder: Path, configuration: str) -> Path:
     return folder / f"partial-{configuration}.npz"
 
 
-def save_partial(folder: Path, configuration: str, arrays: Arrays) -> None:
-    """Keep a model's arrays; they are there whole or not at all."""
-    path = partial(folder, configuration)
-    beside = path.with_suffix(f".{os.getpid()}.tmp")
-    with beside.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
-    beside.replace(path)
-
-
-def load_partial(folder: Path, configuration: str) -> Arrays | None:
-    """What `save_partial` kept, None where there is nothing, or what a crash of the machine cut short."""
-    try:
-        with np.load(partial(folder, configuration), allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except (FileNotFoundError, EOFError, ValueError, zipfile.BadZipFile):
-        return None
-
-
 def discard_partials(folder: Path) -> None:
-    """Forget them."""
+    """Remove what `save_partial` kept."""
     for path in folder.glob("partial-*"):
         path.unlink()

@@ -1,8 +1,10 @@
-"""The tables of an evaluation, from the values an object."""
+"""The tables of an evaluation, from the values per object."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,46 +13,72 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.dataset.touch_statistics import tally
+from pipeline.engine.stage import DatasetJob
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
+from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
 from pipeline.rng import numpy_rng
 from schemas.charts import STOP_RULES
+from stages.evaluate.measure import THRESHOLDS
+from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.store import Arrays
+from stages.evaluate.truth import Truth
 
 Models = Mapping[str, Arrays]
 """By configuration: the arrays of its group `values`."""
+
+Facts = Mapping[str, Mapping[str, Any]]
+"""By configuration: the facts of the record of its training."""
+
+TableArrays = dict[str, Any]
+"""Arrays, or lists of numbers or names, as the schema declares them."""
 
 ALL = "all"
 """The class of every object, the stop rule of every chart."""
 
 
-def names(values: Sequence[str]) -> np.ndarray:
-    """Names as the store keeps them."""
-    return np.array(values, object)
+def make_tables(job: DatasetJob, truth: Truth, models: Models, *, felt: Sequence[str], facts: Facts) -> dict[str, TableArrays]:
+    """Make every table of the schema; those of touch only for the configurations that take it, `felt`."""
+    settings: EvaluationSettings = job.settings
+    areas = [sampled_area(truth.points(row)) for row in range(len(truth))]
+    objects = {
+        "object_id": truth.rows.object_ids,
+        "category": truth.rows.categories,
+        "area": areas,
+        "floor": np.array([sampling_floor(area, truth.count) for area in areas]),
+    }
+    made = {
+        "objects": objects,
+        "table_1": dataset(job.data),
+        "table_2": rings(models, job.seed),
+        "modalities": modalities(models, objects, settings.tau * np.array(THRESHOLDS), job.seed),
+        "training": training(facts),
+    }
+    if felt:
+        made["table_3"] = grasps({name: models[name] for name in felt}, job.seed)
+        made["charts"] = charts(*map(truth.stack, ("residual", "iterations", "stop_rule")))
+    return made
 
 
-def dataset(data: Path) -> Arrays:
-    """Table 1, a row a class and one for all."""
+def dataset(data: Path) -> TableArrays:
+    """Make Table 1, a row per class and one for all."""
     found = tally(data)
-    rows = [entry.row()[:4] for entry in found.values()]
-    objects, grasps, touches, percent = (np.array(column) for column in zip(*rows, strict=True))
-    successful = percent / 100
+    *counts, percent = np.array([entry.row()[:4] for entry in found.values()]).T  # (class,) each
+    successful, touches = percent / 100, counts[-1]
     return {
-        "category": names([*found, ALL]),
-        "objects": np.append(objects, objects.sum()),
-        "grasps": np.append(grasps, grasps.sum()),
-        "touches": np.append(touches, touches.sum()),
-        "successful": np.append(successful, (successful * touches).sum() / touches.sum()),
+        "category": [*found, ALL],
+        **{name: [*column, column.sum()] for name, column in zip(("objects", "grasps", "touches"), counts, strict=True)},
+        "successful": [*successful, (successful * touches).sum() / touches.sum()],
     }
 
 
 def per_object(values: Arrays, given: int) -> NDArray[np.float64]:
-    """(object,) Chamfer distance with `given` grasps, mean over the first ones."""
+    """Compute the (object,) Chamfer distance with `given` grasps, mean over the first ones."""
     place = int(np.flatnonzero(values["grasps_given"] == given)[0])
     return np.asarray(values["chamfer"][:, :, place].mean(axis=1))
 
 
 def ring_per_object(values: Arrays, ring: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """(object,) local Chamfer distance in a ring (0 the innermost), mean over the sites with points in it; and these sites' number.
+    """Compute the (object,) local Chamfer distance in a ring (0 the innermost), mean over the sites with points in it; count these.
 
     Where the number is 0 there is no value, and the distance is 0.
     """
@@ -60,68 +88,66 @@ def ring_per_object(values: Arrays, ring: int) -> tuple[NDArray[np.float64], NDA
     return total / np.maximum(sites, 1), sites
 
 
-def rings(models: Models, seed: int) -> Arrays:
-    """Table 2."""
-    ring = np.arange(1, 1 + next(iter(models.values()))["local_chamfer"].shape[-1])
-    shape = (len(models), len(ring))
-    made: Arrays = {name: np.zeros(shape) for name in ("local_chamfer", "low", "high")}
-    made |= {name: np.zeros(shape, np.int32) for name in ("objects", "sites")}
-    for row, (configuration, values) in enumerate(models.items()):
-        for column in range(len(ring)):
-            means, sites = ring_per_object(values, column)
-            made["sites"][row, column], made["objects"][row, column] = sites.sum(), np.count_nonzero(sites)
-            if sites.any():
-                interval = mean_interval(means[sites > 0], numpy_rng(seed, "table_2", configuration, column))
-                _fill(made, (row, column), "local_chamfer", interval)
-    return {"configuration": names([*models]), "ring": ring, **made}
-
-
-def grasps(models: Models, seed: int) -> Arrays:
-    """Table 3, of models that take touch."""
-    given = next(iter(models.values()))["grasps_given"]
-    made: Arrays = {name: np.zeros((len(models), len(given))) for name in ("chamfer", "low", "high")}
-    for row, (configuration, values) in enumerate(models.items()):
-        for column, number in enumerate(given):
-            interval = mean_interval(per_object(values, int(number)), numpy_rng(seed, "table_3", configuration, int(number)))
-            _fill(made, (row, column), "chamfer", interval)
-    return {"configuration": names([*models]), "grasps_given": given, **made}
-
-
-def modalities(models: Models, objects: Arrays, tau: NDArray[np.float64], seed: int) -> Arrays:
-    """Every model with one grasp, by class and overall; `objects` is the group of that name."""
-    category = [*sorted(set(objects["category"])), ALL]
-    members = [np.ones(len(objects["category"]), bool) if name == ALL else objects["category"] == name for name in category]
-    shape = (len(models), len(category))
-    made: Arrays = {name: np.zeros(shape) for name in ("chamfer", "low", "high")} | {"f1": np.zeros((*shape, len(tau)))}
-    for row, (configuration, values) in enumerate(models.items()):
-        chamfer, f1 = per_object(values, 1), values["f1"][:, :, 0].mean(axis=1)
-        for column, (name, member) in enumerate(zip(category, members, strict=True)):
-            _fill(made, (row, column), "chamfer", mean_interval(chamfer[member], numpy_rng(seed, "modalities", configuration, name)))
-            made["f1"][row, column] = f1[member].mean(axis=0)
+def rings(models: Models, seed: int) -> TableArrays:
+    """Make Table 2."""
+    ring = next(iter(models.values()))["ring"]
+    found = {name: [ring_per_object(values, place) for place in range(len(ring))] for name, values in models.items()}
+    sites = np.array([[sites for _, sites in columns] for columns in found.values()])  # (configuration, ring, object)
+    samples = {name: {place: means[sites > 0] for place, (means, sites) in enumerate(columns)} for name, columns in found.items()}
     return {
-        "configuration": names([*models]),
-        "category": names(category),
-        "objects": np.array([member.sum() for member in members]),
-        "floor": np.array([objects["floor"][member].mean() for member in members]),
-        "tau": tau,
-        **made,
+        "configuration": [*models],
+        "ring": ring,
+        **_means("local_chamfer", samples, partial(numpy_rng, seed, "table_2")),
+        "objects": np.count_nonzero(sites, axis=-1),
+        "sites": sites.sum(axis=-1),
     }
 
 
-def _fill(made: Arrays, at: tuple[int, int], name: str, interval: Interval) -> None:
-    made[name][at], made["low"][at], made["high"][at] = interval.mean, interval.low, interval.high
+def grasps(models: Models, seed: int) -> TableArrays:
+    """Make Table 3, of models that take touch."""
+    given = next(iter(models.values()))["grasps_given"].tolist()
+    samples = {name: {number: per_object(values, number) for number in given} for name, values in models.items()}
+    return {"configuration": [*models], "grasps_given": given, **_means("chamfer", samples, partial(numpy_rng, seed, "table_3"))}
 
 
-def charts(residual: np.ndarray, iterations: np.ndarray, stop_rule: np.ndarray) -> Arrays:
-    """Touch-chart residuals by stop rule, from the arrays of the artifact `charts`."""
+def modalities(models: Models, objects: TableArrays, tau: NDArray[np.float64], seed: int) -> TableArrays:
+    """Compare the models with one grasp, by class and overall; `objects` is the group of that name."""
+    category = np.array(objects["category"])
+    members = {str(name): category == name for name in np.unique(category)} | {ALL: np.full(len(category), True)}
+    samples = {name: {kind: per_object(values, 1)[member] for kind, member in members.items()} for name, values in models.items()}
+    f1 = [values["f1"][:, :, 0].mean(axis=1) for values in models.values()]  # (object, threshold) each
+    return {
+        "configuration": [*models],
+        "category": [*members],
+        "objects": [member.sum() for member in members.values()],
+        "floor": [objects["floor"][member].mean() for member in members.values()],
+        "tau": tau,
+        **_means("chamfer", samples, partial(numpy_rng, seed, "modalities")),
+        "f1": [[values[member].mean(axis=0) for member in members.values()] for values in f1],
+    }
+
+
+def _means(name: str, samples: Mapping[str, Mapping[Any, NDArray[np.float64]]], rng: Callable[..., np.random.Generator]) -> Arrays:
+    """Compute means over objects and their intervals, by configuration and column; 0 where there is no object."""
+    nothing = Interval(0.0, 0.0, 0.0, 0)
+    found = [
+        [astuple(mean_interval(values, rng(model, column)) if len(values) else nothing) for column, values in row.items()]
+        for model, row in samples.items()
+    ]
+    mean, low, high, _ = np.moveaxis(np.array(found), -1, 0)
+    return {name: mean, "low": low, "high": high}
+
+
+def charts(residual: np.ndarray, iterations: np.ndarray, stop_rule: np.ndarray) -> TableArrays:
+    """Summarise touch-chart residuals by stop rule, from the arrays of the artifact `charts`."""
     chosen = {name: stop_rule == code for code, name in enumerate(STOP_RULES) if name != "no_touch" and (stop_rule == code).any()}
     chosen[ALL] = is_surface(stop_rule)
     return {
-        "stop_rule": names([*chosen]),
-        "charts": np.array([mask.sum() for mask in chosen.values()]),
-        "residual_mean": np.array([_mean(residual[mask]) for mask in chosen.values()]),
-        "residual_worst": np.array([float(residual[mask].max(initial=0)) for mask in chosen.values()]),
-        "iterations": np.array([_mean(iterations[mask]) for mask in chosen.values()]),
+        "stop_rule": [*chosen],
+        "charts": [mask.sum() for mask in chosen.values()],
+        "residual_mean": [_mean(residual[mask]) for mask in chosen.values()],
+        "residual_worst": [residual[mask].max(initial=0) for mask in chosen.values()],
+        "iterations": [_mean(iterations[mask]) for mask in chosen.values()],
     }
 
 
@@ -129,13 +155,13 @@ def _mean(values: np.ndarray) -> float:
     return float(values.mean(dtype=np.float64)) if values.size else 0.0
 
 
-def training(facts: Mapping[str, Mapping[str, Any]]) -> Arrays:
-    """What each model's training came to, from the facts of its record; seconds and hardware stay there, for no digest holds them."""
-    rows = list(facts.values())
+def training(facts: Facts) -> TableArrays:
+    """List what each model's training came to; seconds and hardware stay in its record, for no digest holds them."""
+    rows = facts.values()
     return {
-        "configuration": names([*facts]),
-        "parameters": np.array([row["parameters"] for row in rows]),
-        "epochs": np.array([row["epochs"] for row in rows]),
-        "best_epoch": np.array([row["best_epoch"] + 1 for row in rows]),
-        "best_loss": np.array([row["best"]["loss"] for row in rows], float),
+        "configuration": [*facts],
+        "parameters": [row["parameters"] for row in rows],
+        "epochs": [row["epochs"] for row in rows],
+        "best_epoch": [row["best_epoch"] + 1 for row in rows],
+        "best_loss": [row["best"]["loss"] for row in rows],
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -36,8 +35,7 @@ from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
 from stages.evaluate import tables
-from stages.evaluate.report import METRICS, _plain
-from stages.evaluate.store import TABLES_ZARR, write_tables
+from stages.evaluate.store import write_evaluation
 from stages.registry import STAGES
 from tests.engine.tiny_stages import pack, publish
 from tests.stages import ball_dataset as spheres
@@ -237,14 +235,12 @@ def evaluated(data: Path, chamfer: dict[str, list[list[list[float]]]]) -> dict[s
     sizes = dict(zip(("object", "first_grasp", "grasps_given"), shape, strict=True))
     for name, distances in chamfer.items():
         blank = {key: np.zeros([sizes.get(dim, 1) for dim in one.dims], numpy_dtype(one)) for key, one in TABLES["values"].arrays.items()}
-        names = {key: tables.names(["x"] * shape[0]) for key in ("object_id", "category")}
+        names = {key: np.array(["x"] * shape[0]) for key in ("object_id", "category")}
         given = {"grasps_given": np.arange(1, 1 + shape[2]), "chamfer": np.array(distances)}
         values[name] = blank | names | given
     table = tables.grasps(values, seed=0)
     (folder := data / "made").mkdir(parents=True)
-    write_tables(folder / TABLES_ZARR, {f"values/{name}": one for name, one in values.items()} | {"table_3": table}, {})
-    plain = {key: _plain(array.tolist()) for key, array in table.items()}
-    (folder / METRICS).write_text(json.dumps({"tables": {"table_3": plain}}))
+    write_evaluation(folder, {f"values/{name}": one for name, one in values.items()} | {"table_3": table}, {})
     publish(data, "evaluation", folder, "evaluate")
     return table
 

@@ -21,10 +21,10 @@ from pipeline.models.reconstruction import Reconstructor
 from pipeline.reports.orderings import Verdict, orderings, show_orderings
 from pipeline.store.directory import DataDirectory, hashes_of
 from stages.evaluate.cases import make_cases
+from stages.evaluate.printed_tables import show
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
 from stages.evaluate.store import load_partial, read_root, read_table, save_partial
-from stages.evaluate.tables_printed import show
 from tests.stages import ball_dataset as spheres
 
 COUNT = 3
@@ -247,9 +247,10 @@ def test_numbers_of_grasps_hold_the_one_that_tables_need():
 
 
 def test_partials_hold_what_was_put_there(tmp_path):
-    arrays = {"a": np.arange(3), "b": np.zeros((2, 2))}
-    save_partial(tmp_path, "touch", arrays)
+    groups = {"values": {"a": np.arange(3), "b": np.zeros((2, 2))}, "predictions": {"a": np.array(["x", "yz"])}}
+    save_partial(tmp_path, "touch", groups)
     kept = load_partial(tmp_path, "touch")
     assert kept is not None
-    assert all((kept[name] == arrays[name]).all() for name in arrays)
+    assert {group: list(arrays) for group, arrays in kept.items()} == {group: list(arrays) for group, arrays in groups.items()}
+    assert all((kept[group][name] == array).all() for group, arrays in groups.items() for name, array in arrays.items())
     assert load_partial(tmp_path, "none") is None

@@ -12,7 +12,7 @@ from pipeline.tuning.explain import Count, arrays_read
 from stages.evaluate.measure import cases_of
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
-from stages.evaluate.truth import arrays_of, load_truth
+from stages.evaluate.truth import Truth, arrays_of
 
 
 def explain(job: DatasetJob) -> Iterator[Count]:
@@ -21,7 +21,7 @@ def explain(job: DatasetJob) -> Iterator[Count]:
     models = {Path(name).name: Reconstructor(folder) for name, folder in job.models.items()}
     yield Count("models evaluated", len(models), len(CONFIGURATIONS) - len(models), "not named in `configurations`")
     yield arrays_read(arrays_of(list(models.values())), Evaluate().inputs(settings))
-    truth = load_truth(job.data, list(models.values()), settings)
+    truth = Truth(job.data, list(models.values()), settings)
     for model in models.values():
         numbers, cases = cases_of(model, truth.grasps, settings)
         figures = truth.grasps * len(numbers)
