@@ -105,7 +105,7 @@ def summary(
     """Print a dataset's statistics beside the supplement's, and draw its contact sheets."""
     from pipeline.dataset.touch_statistics import sensors_of, tally
     from pipeline.reports import statistics
-    from pipeline.reports.summary import contact_sheets
+    from pipeline.reports.contact_sheet import contact_sheets
 
     say(str(data.resolve()))
     statistics.show(tally(data), sensors_of(data), console)

@@ -1,174 +1,114 @@
-"""The contact sheet: per object one band of images, readings and depth maps, on pages of a few objects each."""
+"""A dataset's contact sheets: the best grasp of some objects, drawn from the store, and only when what they show has changed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-import matplotlib
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
 
-Color = tuple[int, int, int]
+from pipeline.config.hand_file import load_hand
+from pipeline.config.scene_file import load_scene
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.engine.keys import sources_hash
+from pipeline.errors import StoreError
+from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Scene
+from pipeline.reports.contact_sheet_page import Band, draw, finger_colors
+from pipeline.reports.second_view import GraspView, gel_squares, second_view, touch_patch
+from pipeline.store import digest
+from pipeline.store.collection import Collection
+from pipeline.store.directory import DataDirectory
+from schemas.catalogue import ARTIFACTS
+from stages.render_vision.renderer import Renderer
 
-COLORS: tuple[Color, ...] = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 60, 140), (86, 180, 233), (213, 94, 0))
-"""One colour a finger (after Okabe and Ito: told apart by the colour-blind too); they repeat beyond six."""
-
-PAGE = 8
-"""Objects a page: about as many as one looks at without losing count."""
-
-PICTURE, TILE, GAP, MARGIN, TITLE, HEAD = 256, 117, 8, 24, 20, 84
-"""Pixels: a picture's side (its own, unscaled), a reading's side, between things, around the page, a line of titles, the page's head."""
-
-INK, FAINT, PAPER, RULE = (34, 34, 38), (120, 120, 128), (255, 255, 255), (222, 222, 226)
-MISS, BEYOND = np.array([250, 250, 250]), (np.array([205, 205, 210]), np.array([238, 238, 240]))
-"""Where a depth map meets nothing; and, near to far, where it meets something beyond the gel."""
-
-
-@dataclass(frozen=True)
-class Band:
-    """What a sheet shows of one object in one grasp.
-
-    Attributes
-    ----------
-    title, note
-        The object's name, and a line about it (its class, the grasp, how deep rigid links stand in it, …).
-    pictures
-        Captions and (R, R, 3) uint8 images, left to right.
-    fingers
-        (S,) names.
-    touched
-        (S,) bool, M.
-    readings
-        (S, H, W, 3) uint8, R.
-    depths
-        (S, H, W) D, m, +inf where nothing is met.
-    """
-
-    title: str
-    note: str
-    pictures: Sequence[tuple[str, NDArray[np.uint8]]]
-    fingers: Sequence[str]
-    touched: NDArray[np.bool_]
-    readings: NDArray[np.uint8]
-    depths: NDArray[np.float32]
+SHOWN = ("surfaces", "grasps", "vision", "touch")
+"""The artifacts that a contact sheet shows."""
 
 
-def finger_colors(count: int) -> list[Color]:
-    """The colours of that number of fingers."""
-    return [COLORS[k % len(COLORS)] for k in range(count)]
-
-
-def draw(bands: Sequence[Band], path: Path, title: str, note: str, gel: float, reach: float) -> list[Path]:
-    """Draw the bands on as many pages as it takes, and return the PNG files written.
-
-    Parameters
-    ----------
-    bands
-        One an object.
-    path
-        The first page's file; later pages are called NAME-2.png, NAME-3.png, ….
-    title, note
-        The page's head: what this is, and a line of statistics.
-    gel, reach
-        Gel thickness w and range of the sensors, m: the depth maps' colours.
+def contact_sheets(data: Path, most: int) -> list[Path]:
+    """Draw the best grasp of at most `most` objects, spread evenly over the dataset; returns the pages' paths.
 
     Raises
     ------
-    ValueError
-        Where there is nothing to draw.
+    StoreError
+        An artifact has not been made, or no object came through all stages.
     """
-    if not bands:
-        raise ValueError("a contact sheet of no objects: no object of this dataset has been processed through all stages")
-    pages = [bands[start : start + PAGE] for start in range(0, len(bands), PAGE)]
-    written = []
-    for number, page in enumerate(pages, start=1):
-        file = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
-        heading = title if len(pages) == 1 else f"{title}   {number} / {len(pages)}"
-        _page(page, heading, note, gel, reach).save(file, optimize=True)
-        written.append(file)
-    return written
+    directory = DataDirectory(data)
+    collections = {name: directory.collection(ARTIFACTS[name]) for name in SHOWN}
+    for collection in collections.values():
+        collection.first  # noqa: B018 (an error where it has not been made)
+    directory.check_origins(SHOWN)
+    sound = [name for name in collections["surfaces"] if all(c.failure(name) is None for c in collections.values())]
+    if not sound:
+        raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status` says why")
+    shown = [sound[place] for place in np.linspace(0, len(sound) - 1, min(most, len(sound))).astype(int)]
+    key = digest.of_json([sources_hash(__name__), shown, [collection.digest() for collection in collections.values()]])
+    stamp = data / "contact-sheet.key"
+    drawn = stamp.read_text().splitlines() if stamp.exists() else []
+    if drawn[:1] != [key] or not all((data / name).exists() for name in drawn[1:]):
+        drawn = [key, *(page.name for page in _draw(collections, shown, data / "contact-sheet.png"))]
+        stamp.write_text("\n".join(drawn) + "\n")
+    return [data / name for name in drawn[1:]]
 
 
-def depth_colors(depth: NDArray[np.floating], gel: float, reach: float) -> NDArray[np.uint8]:
-    """(H, W, 3) colours of a depth map: viridis in the gel (bright is deep), greys from there to `reach`, white where nothing is met."""
-    table = matplotlib.colormaps["viridis"](np.linspace(1, 0, 256))[:, :3] * 255
-    near, far = BEYOND
-    share = np.clip((np.where(np.isfinite(depth), depth, reach) - gel) / (reach - gel), 0, 1)[..., None]
-    colors = np.where(np.isfinite(depth)[..., None], near + (far - near) * share, MISS)
-    inside = depth < gel
-    colors[inside] = table[np.clip(depth[inside] / gel * 255, 0, 255).astype(int)]
-    return np.round(colors).astype(np.uint8)
+def _draw(collections: Mapping[str, Collection], shown: list[str], path: Path) -> list[Path]:
+    for old in path.parent.glob(f"{path.stem}*{path.suffix}"):
+        old.unlink()
+    attributes, grasps = {name: collection.first.attributes for name, collection in collections.items()}, collections["grasps"]
+    with band_maker(attributes) as maker:
+        bands = [maker.band(object_id, {name: c.view(object_id) for name, c in collections.items()}) for object_id in shown]
+    title = f"{attributes['grasps']['manifest']} · {grasps.first.record.preset}"
+    note = f"the best grasp of {len(shown)} of {len(grasps)} objects; a filled dot is a touch"
+    return draw(bands, path, maker.sensor, title=title, note=note)
 
 
-def _page(bands: Sequence[Band], title: str, note: str, gel: float, reach: float) -> Image.Image:
-    pictures, fingers = max(len(band.pictures) for band in bands), max(len(band.fingers) for band in bands)
-    width = 2 * MARGIN + pictures * (PICTURE + GAP) + fingers * (TILE + GAP)
-    height = HEAD + len(bands) * _band_height() + MARGIN
-    page = Image.new("RGB", (width, height), PAPER)
-    pencil = ImageDraw.Draw(page)
-    pencil.text((MARGIN, MARGIN - 4), title, INK, _font(20, bold=True))
-    pencil.text((MARGIN, MARGIN + 24), note, FAINT, _font(13))
-    _legend(page, pencil, width - MARGIN, MARGIN, gel, reach)
-    for row, band in enumerate(bands):
-        _band(page, pencil, HEAD + row * _band_height(), band, gel, reach)
-    return page
+class BandMaker:
+    """Makes bands for one hand and sensor in one scene; `band_maker` opens one."""
+
+    def __init__(self, renderer: Renderer, *, scene: Scene, hand: Hand, sensor: Sensor) -> None:
+        """Take the hand's shapes into the renderer."""
+        self.renderer, self.scene, self.hand, self.sensor = renderer, scene, hand, sensor
+        self.shapes = [(link, renderer.add(mesh, Label.HAND), mesh) for link, mesh in hand.visual_meshes]
+
+    def band(self, object_id: str, rows: Mapping[str, Mapping[str, np.ndarray]]) -> Band:
+        """Make the band of an object's best grasp from its rows of the artifacts `SHOWN`."""
+        grasps, touch, vision = rows["grasps"], rows["touch"], rows["vision"]
+        touched, depths, poses, hand_pose = grasps["touch_success"][0], touch["depth"][0], grasps["sensor_pose"][0], grasps["hand_pose"][0]
+        mesh, colors = read_mesh(rows["surfaces"]), finger_colors(len(touched))
+        frames = forward_kinematics(self.hand, hand_pose, grasps["joint_angles"][0])  # (L, 4, 4)
+        patches = [touch_patch(depths[number], poses[number], self.sensor, colors[number]) for number in np.flatnonzero(touched)]
+        unoccluded = vision["unoccluded"]
+        occluded = vision["occluded"][0] if "occluded" in list(vision) else np.full_like(unoccluded, 255)
+        with self.renderer.added(mesh, Label.OBJECT) as handle:
+            view = GraspView(
+                object_mesh=(handle, mesh),
+                hand=[(shape, surface, frames[link]) for link, shape, surface in self.shapes],
+                patches=[patch for patch in patches if patch is not None],
+                palm=hand_pose[:3, :3] @ self.hand.palm_facing,
+                squares=gel_squares(poses, self.sensor),
+                colors=colors,
+            )
+            held, felt = second_view(self.renderer, self.scene, len(unoccluded), view)
+        return Band(
+            title=object_id,
+            note=f"{touched.sum()} of {len(touched)} touch; rigid parts stand {float(grasps['penetration'][0]) * 1e3:.2f} mm inside",
+            pictures=[("unoccluded", unoccluded), ("occluded", occluded), ("from a second side", held), ("touch sites", felt)],
+            fingers=[finger.name for finger in self.hand.fingers],
+            touched=touched,
+            readings=touch["reading"][0],
+            depths=depths,
+        )
 
 
-def _band_height() -> int:
-    return 2 * TITLE + PICTURE + 2 * GAP
-
-
-def _band(page: Image.Image, pencil: ImageDraw.ImageDraw, top: int, band: Band, gel: float, reach: float) -> None:
-    pencil.line([(MARGIN, top), (page.width - MARGIN, top)], fill=RULE)
-    pencil.text((MARGIN, top + 4), band.title, INK, _font(13, bold=True))
-    shift = pencil.textlength(band.title, _font(13, bold=True))
-    pencil.text((MARGIN + shift + 12, top + 4), band.note, FAINT, _font(13))
-    caption, body = top + TITLE + 3, top + 2 * TITLE + 2
-    left = MARGIN
-    for text, image in band.pictures:
-        pencil.text((left, caption), text, FAINT, _font(11))
-        page.paste(_scaled(image, PICTURE), (left, body))
-        left += PICTURE + GAP
-    for finger, color in enumerate(finger_colors(len(band.fingers))):
-        touched, depth = bool(band.touched[finger]), band.depths[finger]
-        pencil.ellipse([left, caption + 3, left + 8, caption + 11], fill=color if touched else PAPER, outline=color, width=2)
-        pencil.text((left + 13, caption), band.fingers[finger], INK if touched else FAINT, _font(11, bold=touched))
-        page.paste(_scaled(band.readings[finger], TILE), (left, body))
-        page.paste(_scaled(depth_colors(depth, gel, reach), TILE), (left, body + TILE + 3))
-        pencil.rectangle([left - 1, body + TILE + 2, left + TILE, body + 2 * TILE + 3], outline=RULE)
-        pencil.text((left, body + 2 * TILE + 6), _verdict(touched, depth), INK if touched else FAINT, _font(11))
-        left += TILE + GAP
-
-
-def _verdict(touched: bool, depth: NDArray[np.floating]) -> str:
-    """How near the surface comes: the least depth, mm, and what that means."""
-    least = float(depth.min())
-    if not np.isfinite(least):
-        return "nothing in range"
-    return f"min D {least * 1e3:.1f} mm" if touched else f"no touch · {least * 1e3:.1f} mm"
-
-
-def _legend(page: Image.Image, pencil: ImageDraw.ImageDraw, right: int, top: int, gel: float, reach: float) -> None:
-    """The depth maps' colours, their left end at 0 and their right end at the range."""
-    inside, beyond, high = 160, 80, 10
-    ramp = np.concatenate([np.linspace(0, gel, inside, endpoint=False), np.linspace(gel, reach, beyond)])
-    left = right - inside - beyond
-    page.paste(Image.fromarray(np.repeat(depth_colors(ramp[None], gel, reach), high, axis=0)), (left, top + 20))
-    small = _font(11)
-    pencil.text((left, top), "depth D, mm", FAINT, small)
-    for x, text, anchor in ((left, "0", "la"), (left + inside, f"gel {gel * 1e3:.1f}", "ma"), (right, f"{reach * 1e3:.0f}", "ra")):
-        pencil.text((x, top + 34), text, FAINT, small, anchor=anchor)
-
-
-def _scaled(image: NDArray[np.uint8], side: int) -> Image.Image:
-    made = Image.fromarray(np.ascontiguousarray(image))
-    return made if made.size == (side, side) else made.resize((side, side), Image.Resampling.LANCZOS)
-
-
-def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """DejaVu Sans, which comes with matplotlib, so that every machine has it."""
-    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size)
+@contextmanager
+def band_maker(attributes: Mapping[str, Mapping[str, Any]]) -> Iterator[BandMaker]:
+    """Open a `BandMaker` for the scene, the hand and the sensor in the artifacts' attributes, for as long as the context lasts."""
+    scene, hand = load_scene(attributes["vision"]["settings"]["scene"]), load_hand(attributes["grasps"]["settings"]["hand"])
+    with Renderer(scene) as renderer:
+        yield BandMaker(renderer, scene=scene, hand=hand, sensor=Sensor.model_validate(attributes["touch"]["sensor"]))

@@ -29,17 +29,14 @@ def examine() -> Iterator[Check]:
     """Look at the interpreter, the packages, headless rendering and the graphics card, in that order."""
     version = ".".join(map(str, sys.version_info[:3]))
     yield Check(f"Python {version}", sys.version_info[:2] == (3, 11), "use Python 3.11: pybullet has no wheels beyond it")
-    for name in MODULES:
-        yield _attempt(f"import {name}", partial(_version, name), "pip install -c constraints.txt -e .")
-    yield _attempt("headless rendering (render-vision only)", _render, f"as root: {APT}")
+    attempts: list[tuple[str, Callable[[], str], str]]
+    attempts = [(f"import {name}", partial(_version, name), "pip install -c constraints.txt -e .") for name in MODULES]
+    for what, action, remedy in [*attempts, ("headless rendering (render-vision only)", _render, f"as root: {APT}")]:
+        try:
+            yield Check(f"{what}: {action()}", True)
+        except Exception as error:  # whatever a broken installation raises
+            yield Check(f"{what}: {type(error).__name__}: {error}", False, remedy)
     yield Check(f"torch device: {_device()}", True)
-
-
-def _attempt(what: str, action: Callable[[], str], remedy: str) -> Check:
-    try:
-        return Check(f"{what}: {action()}", True)
-    except Exception as error:  # whatever a broken installation raises
-        return Check(f"{what}: {type(error).__name__}: {error}", False, remedy)
 
 
 def _version(name: str) -> str:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from pipeline.training.loop import read_metrics
 
 WIDTH, HEIGHT, DPI = 3.4, 2.6, 110
-"""Inches of one model's curves, and dots an inch."""
+"""Inches of one model's curves, and dots per inch."""
 
 
 def draw_curves(folders: Mapping[str, Path], path: Path) -> None:
@@ -20,17 +20,14 @@ def draw_curves(folders: Mapping[str, Path], path: Path) -> None:
         columns = min(4, len(folders))
         rows = -(-len(folders) // columns)
         figure = Figure((WIDTH * columns, HEIGHT * rows), dpi=DPI, layout="constrained")
-        for number, (name, folder) in enumerate(folders.items()):
-            axes = figure.add_subplot(rows, columns, number + 1)
+        for number, (name, folder) in enumerate(folders.items(), start=1):
+            axes = figure.add_subplot(rows, columns, number)
             history = read_metrics(folder)
             epochs = range(1, len(history) + 1)
             valid = [row["loss"] for row in history]
-            best = valid.index(min(valid))
             axes.semilogy(epochs, [row["train_loss"] for row in history], label="training", linewidth=1)
             axes.semilogy(epochs, valid, label="validation", linewidth=1)
-            axes.plot([best + 1], [valid[best]], "o", markersize=4, color="black")
-            axes.set_title(name)
-            axes.set_xlabel("epoch")
-            axes.set_ylabel("loss")
+            axes.plot([1 + valid.index(min(valid))], [min(valid)], "o", markersize=4, color="black")
+            axes.set(title=name, xlabel="epoch", ylabel="loss")
             axes.legend(frameon=False)
         figure.savefig(path)

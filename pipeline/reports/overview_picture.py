@@ -14,10 +14,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.reports.contact_band import band_maker
-from pipeline.reports.contact_sheet import depth_colors
+from pipeline.reports.contact_sheet import SHOWN, band_maker
+from pipeline.reports.contact_sheet_page import depth_colors
 from pipeline.reports.reconstruction_gallery import predicted_mesh, render_mesh
-from pipeline.reports.summary import SHOWN, object_band
 from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
 from schemas.charts import CHARTS
@@ -28,25 +27,20 @@ def draw_overview(data: Path, object_id: str, path: Path) -> None:
     """Draw an object of the test split in a row of pictures, as a PNG."""
     directory = DataDirectory(data)
     rows = {name: directory.collection(ARTIFACTS[name]).view(object_id) for name in SHOWN}
-    sensor = rows["touch"].shard.attributes["sensor"]
-    settings = {name: rows[name].shard.attributes["settings"] for name in ("vision", "grasps")}
     evaluation = directory.folder_path("evaluation")
     table = read_table(evaluation, f"predictions/{list(read_root(evaluation)['configurations'])[-1]}")
-    number = [str(name) for name in read_table(evaluation, "objects")["object_id"]].index(object_id)
     case = int(np.argmax(table["grasps_given"]))
-    with band_maker(settings["vision"]["scene"], settings["grasps"]["hand"], sensor["width"], sensor["w"]) as maker:
-        band = object_band(maker, rows)
-        mesh = predicted_mesh(directory.collection(CHARTS), object_id, table, number, case)
-        reconstruction = render_mesh(maker.renderer, mesh)
+    with band_maker({name: row.shard.attributes for name, row in rows.items()}) as maker:
+        band = maker.band(object_id, rows)
+        reconstruction = render_mesh(maker.renderer, predicted_mesh(directory.collection(CHARTS), object_id, table, case))
     (_, seen), (_, occluded), (_, held), _ = band.pictures
     part = _surroundings(rows["vision"]["segmentation"][:2] > 0)
-    depths = [depth_colors(depth, sensor["w"], sensor["range"]) for depth in band.depths]
     panels = [
         ("object", seen[part]),
         ("in a grasp", occluded[part]),
         ("from a second side", held),
         ("tactile images", _grid(list(band.readings))),
-        ("depth maps", _grid(depths)),
+        ("depth maps", _grid([depth_colors(depth, maker.sensor) for depth in band.depths])),
         (f"reconstruction, {table['grasps_given'][case]} grasps", reconstruction[part]),
     ]
     figure = Figure((2 * len(panels), 2.25), dpi=110, layout="constrained")
@@ -58,7 +52,7 @@ def draw_overview(data: Path, object_id: str, path: Path) -> None:
 
 
 def _surroundings(shown: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """The square part of images around what any of these masks (view, row, col) shows."""
+    """Find the square part of images around what any of these masks (view, row, col) shows."""
     found = np.argwhere(shown.any(axis=0))
     middle, reach = (found.min(axis=0) + found.max(axis=0)) // 2, int(np.ptp(found, axis=0).max() * 0.6)
     row, col = (slice(max(0, at - reach), at + reach) for at in middle)
@@ -66,7 +60,7 @@ def _surroundings(shown: NDArray[np.bool_]) -> tuple[slice, slice]:
 
 
 def _grid(tiles: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Tiles in two columns, with white between them."""
+    """Lay tiles in two columns, with white between them."""
     framed = [np.pad(tile, ((2, 2), (2, 2), (0, 0)), constant_values=255) for tile in tiles]
     framed += [np.full_like(framed[0], 255)] * (len(framed) % 2)
     return np.concatenate([np.concatenate(framed[start : start + 2], axis=1) for start in range(0, len(framed), 2)])

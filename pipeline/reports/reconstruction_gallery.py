@@ -1,13 +1,12 @@
-"""Reconstructions beside their objects: a row an object, a column a model, seen by the dataset's camera."""
+"""Reconstructions beside their objects: a row per object, a column per model, seen by the dataset's camera."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -42,8 +41,7 @@ def draw_gallery(data: Path, path: Path, most: int) -> list[str]:
     directory = DataDirectory(data)
     folder = directory.folder_path("evaluation")
     names = list(read_root(folder)["configurations"])
-    predictions = {name: read_table(folder, f"predictions/{name}") for name in names}
-    values = {name: read_table(folder, f"values/{name}") for name in names}
+    predictions, values = ({name: read_table(folder, f"{group}/{name}") for name in names} for group in ("predictions", "values"))
     objects = [str(name) for name in read_table(folder, "objects")["object_id"]]
     shown = [objects[place] for place in np.linspace(0, len(objects) - 1, min(most, len(objects))).astype(int)]
     surfaces, charts = (directory.collection(artifact) for artifact in (SURFACES, CHARTS))
@@ -52,39 +50,30 @@ def draw_gallery(data: Path, path: Path, most: int) -> list[str]:
     scene = str(images[0].attributes["settings"]["scene"]) if images else SCENE
     with Renderer(load_scene(scene), PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
         figure = Figure((1.6 * (1 + len(columns)), 1.75 * len(shown)), dpi=110, layout="constrained")
+        grid = figure.subplots(len(shown), 1 + len(columns), squeeze=False)
         for row, object_id in enumerate(shown):
-            truth = read_mesh(surfaces.view(object_id))
-            place = row * (1 + len(columns)) + 1
-            _picture(
-                figure,
-                (len(shown), 1 + len(columns), place),
-                render_mesh(renderer, truth),
-                object_id if row else f"object\n{object_id}",
-                "",
-            )
-            for column, (name, case) in enumerate(columns):
-                table, number = predictions[name], objects.index(object_id)
-                mesh = predicted_mesh(charts, object_id, table, number, case)
-                given = int(table["grasps_given"][case])
-                title = "" if row else name + (f"\n{given} grasp{'s' * (given > 1)}" if given else "\n")
-                figures = values[name]["chamfer"][number]  # (first grasp, grasps given)
-                place_given = int(np.flatnonzero(values[name]["grasps_given"] == max(given, 1))[0])
-                error = TABLE_3_FACTOR * figures[int(table["first_grasp"][case]), place_given]
-                place = row * (1 + len(columns)) + column + 2
-                _picture(figure, (len(shown), 1 + len(columns), place), render_mesh(renderer, mesh), title, f"{error:.2f}")
+            mesh = read_mesh(surfaces.view(object_id))
+            _show(grid[row, 0], render_mesh(renderer, mesh), object_id if row else f"object\n{object_id}")
+            for axes, (name, case) in zip(grid[row, 1:], columns, strict=True):
+                given, first = (int(predictions[name][key][case]) for key in ("grasps_given", "first_grasp"))
+                title = name + (f"\n{given} grasp{'s' * (given > 1)}" if given else "\n")
+                place = values[name]["grasps_given"].tolist().index(max(given, 1))
+                error = TABLE_3_FACTOR * values[name]["chamfer"][objects.index(object_id), first, place]
+                mesh = predicted_mesh(charts, object_id, predictions[name], case)
+                _show(axes, render_mesh(renderer, mesh), "" if row else title, f"{error:.2f}")
         figure.savefig(path)
     return shown
 
 
 def _cases(table: Arrays) -> list[int]:
-    """The cases shown of a model: the fewest grasps it was given, and the most."""
+    """List the cases shown of a model: the fewest grasps it was given, and the most."""
     given = table["grasps_given"]
     return sorted({int(np.argmin(given)), int(np.argmax(given))})
 
 
-def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, number: int, case: int) -> Mesh:
-    """A prediction in grey, with the touch charts that it was given in orange."""
-    vertices, faces = [table["vertices"][number, case].astype(np.float64)], [table["faces"]]
+def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, case: int) -> Mesh:
+    """Make a mesh of a prediction, an entry of a group `predictions`: in grey, with the touch charts that it was given in orange."""
+    vertices, faces = [table["vertices"][table["object_id"].tolist().index(object_id), case].astype(np.float64)], [table["faces"]]
     given, first = int(table["grasps_given"][case]), int(table["first_grasp"][case])
     if given:
         row = fitted.view(object_id)
@@ -93,14 +82,14 @@ def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, number: in
         for chart in charts[grasps][touched[grasps]]:
             faces.append(row["chart_faces"] + sum(map(len, vertices)))
             vertices.append(chart.astype(np.float64))
-    count = sum(map(len, faces))
-    look = replace(
-        Look.plain(sum(map(len, vertices)), count),
-        face_material=(np.arange(count) >= len(faces[0])).astype(np.int32),
+    points, triangles = np.concatenate(vertices), np.concatenate(faces).astype(np.int32)
+    look = Look(
+        uv=np.zeros((len(points), 2), np.float32),
+        face_material=(np.arange(len(triangles)) >= len(faces[0])).astype(np.int32),
         base_color=np.array([VISION_COLORS[0], TOUCH_COLOR], np.uint8),
         material_texture=np.array([-1, -1], np.int32),
     )
-    return Mesh(np.concatenate(vertices), np.concatenate(faces).astype(np.int32), look)
+    return Mesh(points, triangles, look)
 
 
 def render_mesh(renderer: Renderer, mesh: Mesh) -> NDArray[np.uint8]:
@@ -109,10 +98,8 @@ def render_mesh(renderer: Renderer, mesh: Mesh) -> NDArray[np.uint8]:
         return renderer.render([(handle, np.eye(4))]).rgb
 
 
-def _picture(figure: Figure, place: Sequence[int], image: NDArray[np.uint8], title: str, below: str) -> None:
-    axes = figure.add_subplot(*place)
+def _show(axes: Axes, image: NDArray[np.uint8], title: str, below: str = "") -> None:
     axes.imshow(image)
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set(xticks=[], yticks=[])
     axes.set_title(title, fontsize=7)
     axes.set_xlabel(below, fontsize=7)

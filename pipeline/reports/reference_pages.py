@@ -5,6 +5,7 @@ What is above the marker in a page is written by hand; the rest is generated fro
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -107,10 +108,8 @@ def _setting_rows(kind: type[Settings], presets: Mapping[str, Mapping[str, Any]]
 
 
 def _value(value: Any) -> str:
-    """A value as `--set` takes it."""
-    if value is None or isinstance(value, bool):
-        return {None: "null", True: "true", False: "false"}[value]
-    return f"[{', '.join(map(_value, value))}]" if isinstance(value, list | tuple) else str(value)
+    """Write a value as `--set` takes it."""
+    return json.dumps(value, ensure_ascii=False).replace('"', "")
 
 
 def _type(info: FieldInfo) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,12 +11,13 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.vision.camera import Camera, Vector, camera_pose, look_at, project_points, projection_matrix
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
+from pipeline.reports.contact_sheet_page import Color
 from stages.render_vision.renderer import MeshHandle, PosedMesh, Renderer
-
-Color = tuple[int, int, int]
 
 AZIMUTHS = np.deg2rad(np.arange(-180, 180, 45))
 ELEVATIONS = np.deg2rad([25.0, -15.0])
@@ -80,24 +82,21 @@ def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspV
     whole: PosedMesh = (handle, np.eye(4))
     held: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]
     corners = grasp.squares.reshape(-1, 3)
-    grip = np.vstack([*(hand.vertices @ pose[:3, :3].T + pose[:3, 3] for _, hand, pose in grasp.hand), corners])
+    grip = np.vstack([*(transform_points(pose, hand.vertices) for _, hand, pose in grasp.hand), corners])
     views = [_zoomed(view, grip) for view in _around(camera, grip)]
     near = max(
         views,
         key=lambda view: _shown(renderer, view.with_resolution(TRIAL_RESOLUTION), [whole, *held]) * _across(view, grasp.palm),
     )
     far = _zoomed(_towards(camera, mesh.vertices, camera_pose(near)[:3, 2]), np.vstack([mesh.vertices, corners]))
-    marks: list[PosedMesh] = [(renderer.add(patch, Label.HAND), np.eye(4)) for patch in grasp.patches]
-    try:
+    with ExitStack() as added:
+        marks: list[PosedMesh] = [(added.enter_context(renderer.added(patch, Label.HAND)), np.eye(4)) for patch in grasp.patches]
         views_of = (([whole, *held], near), ([whole, *marks], far))
         close, apart = (renderer.render(meshes, view, _lamp(scene, view)).rgb for meshes, view in views_of)
-    finally:
-        for mark, _ in marks:
-            renderer.remove(mark)
     return _outlined(close, near, grasp.squares, grasp.colors), _outlined(apart, far, grasp.squares, grasp.colors)
 
 
-def touch_patch(depth: NDArray[np.float32], pose: NDArray[np.float64], *, width: float, gel: float, color: Color) -> Mesh | None:
+def touch_patch(depth: NDArray[np.float32], pose: NDArray[np.float64], sensor: Sensor, color: Color) -> Mesh | None:
     """Make a mesh of the surface in a sensor's gel, `LIFT` in front of it; None where the gel is empty.
 
     Parameters
@@ -106,58 +105,59 @@ def touch_patch(depth: NDArray[np.float32], pose: NDArray[np.float64], *, width:
         (rows, cols) m.
     pose
         (4, 4) sensor frame to world frame.
-    width, gel
-        Side of the sensor plane and thickness of the gel, m.
+    sensor
+        Gives the pixels' positions and the thickness of the gel.
     color
         sRGB.
     """
-    rows, cols = (np.arange(0, size, STRIDE) for size in depth.shape)
-    sampled = depth[np.ix_(rows, cols)].astype(np.float64)
-    inside = sampled < gel
-    x, y = (cols + 0.5) / depth.shape[1] - 0.5, (rows + 0.5) / depth.shape[0] - 0.5
-    local = np.stack([*np.meshgrid(x * width, y * width), np.where(inside, sampled - LIFT, 0)], axis=-1).reshape(-1, 3)
+    x, y = (centres[::STRIDE] for centres in pixel_centres(sensor))
+    sampled = depth[::STRIDE, ::STRIDE].astype(np.float64)
+    inside = sampled < sensor.w
+    local = np.stack([*np.meshgrid(x, y), np.where(inside, sampled - LIFT, 0)], axis=-1).reshape(-1, 3)
     number = np.arange(local.shape[0]).reshape(inside.shape)
     quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)
     quads = quads[inside.reshape(-1)[quads].all(axis=1)]
     if not len(quads):
         return None
     faces = np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.int32)
-    return Mesh(local @ pose[:3, :3].T + pose[:3, 3], faces, Look.plain(len(local), len(faces), color))
+    return Mesh(transform_points(pose, local), faces, Look.plain(len(local), len(faces), color))
 
 
-def gel_squares(poses: NDArray[np.float64], width: float, gel: float) -> NDArray[np.float64]:
+def gel_squares(poses: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
     """Compute the (S, 4, 3) corners, world frame, m, of the gels' front faces from the sensors' poses (S, 4, 4)."""
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * width / 2
-    local = np.column_stack([corners, np.full(4, gel)])
-    return np.asarray(np.einsum("sij,cj->sci", poses[:, :3, :3], local) + poses[:, None, :3, 3])
+    half, front = sensor.width / 2, sensor.w
+    return transform_points(poses, np.array([[-half, -half, front], [half, -half, front], [half, half, front], [-half, half, front]]))
 
 
 def _around(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
-    """Cameras on all sides of `points`, except near the given one."""
-    first = np.array(camera.position) - (points.min(axis=0) + points.max(axis=0)) / 2
-    found = []
-    for elevation in ELEVATIONS:
-        for azimuth in AZIMUTHS:
-            flat = np.cos(elevation)
-            away = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
-            if away @ first < np.cos(MIN_TURN) * np.linalg.norm(first):
-                found.append(_towards(camera, points, away))
-    return found
+    """Place cameras on all sides of `points`, except near the given one."""
+    first = np.array(camera.position) - _box(points)[0]
+    sides = [np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]) for e in ELEVATIONS for a in AZIMUTHS]
+    return [_towards(camera, points, away) for away in sides if away @ first < np.cos(MIN_TURN) * np.linalg.norm(first)]
 
 
 def _towards(camera: Camera, points: NDArray[np.float64], away: NDArray[np.float64]) -> Camera:
-    """The camera moved into the unit direction `away` from the middle of `points`, at its own distance but clear of them."""
+    """Move the camera into the unit direction `away` from the middle of `points`, at its own distance but clear of them."""
+    target, size = _box(points)
+    distance = max(np.linalg.norm(np.array(camera.position) - target), np.linalg.norm(size))
+    return look_at(camera, _vector(target + distance * away), _vector(target))
+
+
+def _box(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Compute the middle and the size (3,) of the points' bounding box."""
     lowest, highest = points.min(axis=0), points.max(axis=0)
-    target = (lowest + highest) / 2
-    distance = max(np.linalg.norm(np.array(camera.position) - target), np.linalg.norm(highest - lowest))
-    x, y, z = (target + distance * away).tolist()
-    return look_at(camera, (x, y, z), (float(target[0]), float(target[1]), float(target[2])))
+    return (lowest + highest) / 2, highest - lowest
+
+
+def _vector(coordinates: NDArray[np.float64]) -> Vector:
+    x, y, z = coordinates.tolist()
+    return x, y, z
 
 
 def _lamp(scene: Scene, camera: Camera) -> Vector:
-    """Position of the lamp when it moves with the camera: an image from behind is lit as one from the front."""
+    """Move the lamp with the camera: an image from behind is lit as one from the front."""
     carried = camera_pose(camera) @ np.linalg.inv(camera_pose(scene.camera)) @ np.array([*scene.lamp.position, 1.0])
-    return float(carried[0]), float(carried[1]), float(carried[2])
+    return _vector(carried[:3])
 
 
 def _zoomed(camera: Camera, points: NDArray[np.float64]) -> Camera:

@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
+from pipeline.console import print_table
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory, folder_digest
 from pipeline.store.garbage import everything_unnamed
@@ -130,27 +130,24 @@ def _megabytes(folder: Path) -> float:
 
 def show(account: Account, console: Console) -> None:
     """Print the account as tables, and below them every failure with its reason."""
-    table = Table("artifact", "shards", "objects", "failed", "unfinished", "MB", "core s", "digest", box=None, padding=(0, 2))
+    columns = ("artifact", "shards", "objects", "failed", "unfinished", "MB", "core s", "digest")
+    rows = []
+    failures: dict[tuple[str, str], str] = {}
     for one in account.artifacts:
-        numbers = (one.shards, one.objects, len(one.failures), one.unfinished)
-        table.add_row(one.artifact, *map(str, numbers), f"{one.megabytes:.1f}", f"{one.seconds:.0f}", one.digest[:16])
-    console.print(table)
+        counts = (one.shards, one.objects, len(one.failures), one.unfinished)
+        rows.append((one.artifact, *counts, f"{one.megabytes:.1f}", f"{one.seconds:.0f}", one.digest[:16]))
+        failures |= {(object_id, why["stage"]): why["reason"] for object_id, why in one.failures.items()}  # passed down: shown once
+    print_table(console, columns, rows)
     if account.folders:
-        table = Table("folder", "stage", "MB", "s", "digest", "", box=None, padding=(0, 2))
-        for folder in account.folders:
-            size = (f"{folder.megabytes:.1f}", f"{folder.seconds:.0f}", folder.digest[:16])
-            table.add_row(folder.folder, folder.stage, *size, "" if folder.stale is None else "stale")
-        console.print(table)
-        for folder in account.folders:
-            if folder.stale:
-                console.print(f"[yellow]stale[/] {escape(folder.stale)}")
+        sizes = [(one.folder, one.stage, f"{one.megabytes:.1f}", f"{one.seconds:.0f}") for one in account.folders]
+        folders = [(*size, one.digest[:16], "stale" if one.stale else "") for size, one in zip(sizes, account.folders, strict=True)]
+        print_table(console, ("folder", "stage", "MB", "s", "digest", ""), folders)
+    for folder in account.folders:
+        if folder.stale:
+            console.print(f"[yellow]stale[/] {escape(folder.stale)}")
     for line in account.damaged:
         console.print(f"[red]damaged[/] {escape(line)}")
     if account.garbage > 1:
         console.print(f"{account.garbage:.0f} MB were replaced and are named by no record: `vt-pipeline collect-garbage` removes them")
-    shown: set[tuple[str, str]] = set()
-    for one in account.artifacts:
-        for object_id, failure in one.failures.items():
-            if (object_id, failure["stage"]) not in shown:  # a failure passes down to every later artifact
-                shown.add((object_id, failure["stage"]))
-                console.print(f"[yellow]failed[/] {escape(object_id)} in {failure['stage']}: {escape(failure['reason'])}")
+    for (object_id, stage), reason in failures.items():
+        console.print(f"[yellow]failed[/] {escape(object_id)} in {stage}: {escape(reason)}")

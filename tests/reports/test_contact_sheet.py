@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from pipeline.config.sensor_file import load_sensor
+from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.kernels.hand.kinematics import sensor_poses
-from pipeline.reports.contact_band import BandMaker, band_maker
-from pipeline.reports.contact_sheet import COLORS, PAGE, PICTURE, Band, depth_colors, draw
+from pipeline.reports.contact_sheet import BandMaker, band_maker
+from pipeline.reports.contact_sheet_page import COLORS, PAGE, PICTURE, Band, depth_colors, draw
 from tests.kernels.vision.shapes import ball
 
-WIDTH, GEL, REACH = 0.01641, 0.0068, 0.05
+SENSOR = load_sensor("gel_16mm")
 
 
 def make_band(name: str) -> Band:
@@ -27,12 +29,13 @@ def make_band(name: str) -> Band:
 
 @pytest.fixture(scope="module")
 def maker() -> Iterator[BandMaker]:
-    with band_maker("supplement", "allegro_right", WIDTH, GEL) as opened:
+    names = {"vision": {"settings": {"scene": "supplement"}}, "grasps": {"settings": {"hand": "allegro_right"}}}
+    with band_maker(names | {"touch": {"sensor": SENSOR.model_dump()}}) as opened:
         yield opened
 
 
 def test_sheet_is_split_into_pages(tmp_path) -> None:
-    files = draw([make_band(f"object-{k}") for k in range(PAGE + 1)], tmp_path / "sheet.png", "title", "note", GEL, REACH)
+    files = draw([make_band(f"object-{k}") for k in range(PAGE + 1)], tmp_path / "sheet.png", SENSOR, title="title", note="note")
     assert [file.name for file in files] == ["sheet.png", "sheet-2.png"]
     sizes = []
     for file in files:
@@ -49,7 +52,7 @@ def test_pictures_are_shown_pixel_for_pixel(tmp_path) -> None:
     band = make_band("noise")
     noise = np.random.default_rng(0).integers(0, 256, (256, 256, 3)).astype(np.uint8)
     band = Band(band.title, band.note, [("noise", noise)], band.fingers, band.touched, band.readings, band.depths)
-    (file,) = draw([band], tmp_path / "sheet.png", "title", "note", GEL, REACH)
+    (file,) = draw([band], tmp_path / "sheet.png", SENSOR, title="title", note="note")
     page = np.asarray(Image.open(file))
     corner = np.argwhere((page[:-256, :-256] == noise[0, 0]).all(axis=-1) & (page[255:-1, 255:-1] == noise[-1, -1]).all(axis=-1))
     assert any((page[r : r + 256, c : c + 256] == noise).all() for r, c in corner)
@@ -57,11 +60,11 @@ def test_pictures_are_shown_pixel_for_pixel(tmp_path) -> None:
 
 def test_sheet_of_no_objects_is_refused(tmp_path) -> None:
     with pytest.raises(ValueError, match="no objects"):
-        draw([], tmp_path / "sheet.png", "title", "note", GEL, REACH)
+        draw([], tmp_path / "sheet.png", SENSOR, title="title", note="note")
 
 
 def test_depth_colours_distinguish_gel_beyond_and_nothing() -> None:
-    deep, shallow, beyond, nothing = depth_colors(np.array([[0.0, GEL * 0.99, GEL * 1.01, np.inf]]), GEL, REACH)[0].astype(int)
+    deep, shallow, beyond, nothing = depth_colors(np.array([[0.0, SENSOR.w * 0.99, SENSOR.w * 1.01, np.inf]]), SENSOR)[0].astype(int)
     assert deep[0] > 200 > deep[2]  # yellow
     assert shallow.max() < 100  # dark violet
     assert np.ptp(beyond) < 10  # grey
@@ -73,11 +76,17 @@ def test_band_shows_hand_object_and_marks(maker) -> None:
     hand_pose[:3, 3] = [-0.1, 0.0, 0.55]
     angles = np.clip(np.full(16, 0.6), maker.hand.lower, maker.hand.upper)
     poses = sensor_poses(maker.hand, hand_pose, angles)
-    depths = np.full((4, 100, 100), 0.003, np.float32)
-    readings, image = np.zeros((4, 100, 100, 3), np.uint8), np.zeros((256, 256, 3), np.uint8)
-    mesh = ball(0.04)
-    band = maker.band("ball", "", mesh, hand_pose, angles, poses, np.ones(4, bool), readings, depths, image, image)
+    grasp = {"hand_pose": hand_pose, "joint_angles": angles, "sensor_pose": poses, "touch_success": np.ones(4, bool), "penetration": 0.0}
+    touch = {"depth": np.full((4, 100, 100), 0.003, np.float32), "reading": np.zeros((4, 100, 100, 3), np.uint8)}
+    rows = {
+        "surfaces": mesh_row(ball(0.04)),
+        "grasps": {name: np.array([value]) for name, value in grasp.items()},
+        "vision": {"unoccluded": np.zeros((256, 256, 3), np.uint8)},
+        "touch": {name: value[None] for name, value in touch.items()},
+    }
+    band = maker.band("ball", rows)
     assert [text for text, _ in band.pictures] == ["unoccluded", "occluded", "from a second side", "touch sites"]
+    assert (band.pictures[1][1] == 255).all()  # a dataset without occluded images
     held, felt = band.pictures[2][1], band.pictures[3][1]
     assert held.shape == felt.shape == (256, 256, 3)
     background = held[0, 0].astype(int)
@@ -86,5 +95,5 @@ def test_band_shows_hand_object_and_marks(maker) -> None:
         assert 0.05 < away.mean() < 0.95
         near = [np.abs(shown.astype(int) - color).max(axis=-1).min() for color in COLORS[:4]]
         assert max(near) < 60  # every finger's colour is there
-    again = maker.band("ball", "", mesh, hand_pose, angles, poses, np.ones(4, bool), readings, depths, image, image)
+    again = maker.band("ball", rows)
     assert (again.pictures[2][1] == held).all()

@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.vision.camera import camera_pose
 from pipeline.kernels.vision.labels import Label
-from pipeline.reports.contact_sheet import COLORS
+from pipeline.reports.contact_sheet_page import COLORS
 from pipeline.reports.second_view import LIFT, STRIDE, GraspView, gel_squares, second_view, touch_patch
 from stages.render_vision.renderer import Renderer
 from tests.kernels.vision.shapes import HERE, SCENE, ball, box
 from tests.strategies import EPS, offsets, random_rotation, seeds
 
-WIDTH, GEL, REACH = 0.01641, 0.0068, 0.05
+SENSOR = load_sensor("gel_16mm")
+SMALL = SENSOR.model_copy(update={"width": 0.01, "w": 0.005, "rows": 10, "cols": 10})
 
 
 def test_touch_patch_lies_before_the_surface() -> None:
@@ -25,19 +27,19 @@ def test_touch_patch_lies_before_the_surface() -> None:
     frame = np.eye(4)
     frame[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     frame[:3, 3] = [1, 2, 3]
-    mesh = touch_patch(depth, frame, width=WIDTH, gel=GEL, color=COLORS[0])
+    mesh = touch_patch(depth, frame, SENSOR, COLORS[0])
     assert mesh is not None
     used = mesh.vertices[np.unique(mesh.faces)]
     assert used[:, 0] == pytest.approx(np.full(len(used), 1 + 0.004 - LIFT))  # the sensor's z is the world's x
     assert used[:, 2].max() < 3  # its rows run along the world's z, and the upper half felt nothing
-    assert np.abs(used[:, 1] - 2).max() < WIDTH / 2
-    assert touch_patch(np.full((100, 100), np.inf, np.float32), frame, width=WIDTH, gel=GEL, color=COLORS[0]) is None
+    assert np.abs(used[:, 1] - 2).max() < SENSOR.width / 2
+    assert touch_patch(np.full((100, 100), np.inf, np.float32), frame, SENSOR, COLORS[0]) is None
 
 
 def test_gel_squares_lie_at_the_front_of_the_gel() -> None:
-    corners = gel_squares(np.eye(4)[None], WIDTH, GEL)[0]
-    assert corners[:, 2] == pytest.approx(np.full(4, GEL))
-    assert np.ptp(corners[:, :2], axis=0) == pytest.approx([WIDTH, WIDTH])
+    corners = gel_squares(np.eye(4)[None], SENSOR)[0]
+    assert corners[:, 2] == pytest.approx(np.full(4, SENSOR.w))
+    assert np.ptp(corners[:, :2], axis=0) == pytest.approx([SENSOR.width, SENSOR.width])
 
 
 @given(seed=seeds, offset=offsets)
@@ -45,11 +47,11 @@ def test_touch_patch_and_gel_square_follow_the_sensor_pose(seed, offset) -> None
     frame = np.eye(4)
     frame[:3, :3], frame[:3, 3] = random_rotation(np.random.default_rng(seed)), offset
     full = np.full((10, 10), 0.003, np.float32)
-    mesh = touch_patch(full, frame, width=0.01, gel=0.005, color=(1, 2, 3))
+    mesh = touch_patch(full, frame, SMALL, (1, 2, 3))
     assert mesh is not None
     local = (mesh.vertices - offset) @ frame[:3, :3]
     assert np.abs(local[:, 2] - (float(full[0, 0]) - LIFT)).max() <= 16 * EPS * (np.abs(offset).max() + 1)
-    corners = (gel_squares(frame[None], 0.01, 0.005)[0] - offset) @ frame[:3, :3]
+    corners = (gel_squares(frame[None], SMALL)[0] - offset) @ frame[:3, :3]
     assert np.abs(np.abs(corners) - [0.005, 0.005, 0.005]).max() <= 16 * EPS * (np.abs(offset).max() + 1)
 
 
@@ -58,7 +60,7 @@ def test_empty_gel_has_no_patch() -> None:
     needle = nothing.copy()
     needle[STRIDE, STRIDE] = 0.001
     for depth in (nothing, needle):
-        assert touch_patch(depth, np.eye(4), width=0.01, gel=0.005, color=(1, 2, 3)) is None
+        assert touch_patch(depth, np.eye(4), SMALL, (1, 2, 3)) is None
 
 
 @pytest.fixture
@@ -72,7 +74,7 @@ def test_second_view_of_an_object_around_the_first_camera(renderer) -> None:
     large = ball(3.0, subdivisions=2)
     hand = box((0.1, 0.1, 0.1))
     parts = [renderer.add(mesh, label) for mesh, label in ((large, Label.OBJECT), (hand, Label.HAND))]
-    squares = gel_squares(np.tile(np.eye(4), (1, 1, 1)), 0.02, 0.006) + [3.0, 0, 0.6]
+    squares = gel_squares(np.eye(4)[None], SENSOR.model_copy(update={"width": 0.02, "w": 0.006})) + [3.0, 0, 0.6]
     grasp = GraspView((parts[0], large), [(parts[1], hand, HERE)], [], np.array([0, 0, 1.0]), squares, [(255, 0, 0)])
     images = second_view(renderer, SCENE, 48, grasp)
     for part in parts:

@@ -1,0 +1,178 @@
+"""The pages of a contact sheet: per object one band of images, tactile images and depth maps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from pipeline.kernels.touch.sensor import Sensor
+
+Color = tuple[int, int, int]
+
+COLORS: tuple[Color, ...] = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 60, 140), (86, 180, 233), (213, 94, 0))
+"""One colour per finger (after Okabe and Ito: told apart by the colour-blind too); they repeat beyond six."""
+
+PAGE = 8
+"""Objects per page: about as many as one looks at without losing count."""
+
+PICTURE, TILE, GAP, MARGIN, TITLE, HEAD = 256, 117, 8, 24, 20, 84
+"""Pixels: a picture's side (its own, unscaled), a reading's side, between things, around the page, a line of titles, the page's head."""
+
+BAND = 2 * TITLE + PICTURE + 2 * GAP
+"""Pixels: a band's height."""
+
+INK, FAINT, PAPER, RULE = (34, 34, 38), (120, 120, 128), (255, 255, 255), (222, 222, 226)
+MISS, BEYOND = np.array([250, 250, 250]), (np.array([205, 205, 210]), np.array([238, 238, 240]))
+"""Where a depth map meets nothing; and, near to far, where it meets something beyond the gel."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """What a sheet shows of one object in one grasp.
+
+    Attributes
+    ----------
+    title, note
+        The object's name, and a line about it (its class, the grasp, how deep rigid links stand in it, …).
+    pictures
+        Captions and (R, R, 3) uint8 images, left to right.
+    fingers
+        (S,) names.
+    touched
+        (S,) bool, M.
+    readings
+        (S, H, W, 3) uint8, R.
+    depths
+        (S, H, W) D, m, +inf where nothing is met.
+    """
+
+    title: str
+    note: str
+    pictures: Sequence[tuple[str, NDArray[np.uint8]]]
+    fingers: Sequence[str]
+    touched: NDArray[np.bool_]
+    readings: NDArray[np.uint8]
+    depths: NDArray[np.float32]
+
+
+def finger_colors(count: int) -> list[Color]:
+    """List the colours of that number of fingers."""
+    return [COLORS[k % len(COLORS)] for k in range(count)]
+
+
+def draw(bands: Sequence[Band], path: Path, sensor: Sensor, *, title: str, note: str) -> list[Path]:
+    """Draw the bands on as many pages as it takes, and return the PNG files written.
+
+    Parameters
+    ----------
+    bands
+        One per object.
+    path
+        The first page's file; later pages are called NAME-2.png, NAME-3.png, ….
+    sensor
+        Gives the thickness of its gel and its range: the depth maps' colours.
+    title, note
+        The page's head: what this is, and a line of statistics.
+
+    Raises
+    ------
+    ValueError
+        Where there is nothing to draw.
+    """
+    if not bands:
+        raise ValueError("a contact sheet of no objects: no object of this dataset has been processed through all stages")
+    pages = [bands[start : start + PAGE] for start in range(0, len(bands), PAGE)]
+    written = []
+    for number, page in enumerate(pages, start=1):
+        file = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
+        heading = title if len(pages) == 1 else f"{title}   {number} / {len(pages)}"
+        _page(page, sensor, heading, note).save(file, optimize=True)
+        written.append(file)
+    return written
+
+
+def depth_colors(depth: NDArray[np.floating], sensor: Sensor) -> NDArray[np.uint8]:
+    """Colour a depth map (H, W): viridis in the gel (bright is deep), greys from there to the range, white where nothing is met."""
+    gel, reach, met = sensor.w, sensor.range, np.isfinite(depth)
+    table = matplotlib.colormaps["viridis"](np.linspace(1, 0, 256))[:, :3] * 255
+    near, far = BEYOND
+    share = np.clip((np.where(met, depth, reach) - gel) / (reach - gel), 0, 1)[..., None]
+    colors = np.where(met[..., None], near + (far - near) * share, MISS)
+    inside = depth < gel
+    colors[inside] = table[np.clip(depth[inside] / gel * 255, 0, 255).astype(int)]
+    return np.round(colors).astype(np.uint8)
+
+
+def _page(bands: Sequence[Band], sensor: Sensor, title: str, note: str) -> Image.Image:
+    pictures, fingers = max(len(band.pictures) for band in bands), max(len(band.fingers) for band in bands)
+    width = 2 * MARGIN + pictures * (PICTURE + GAP) + fingers * (TILE + GAP)
+    page = Image.new("RGB", (width, HEAD + len(bands) * BAND + MARGIN), PAPER)
+    pencil = ImageDraw.Draw(page)
+    pencil.text((MARGIN, MARGIN - 4), title, INK, _font(20, bold=True))
+    pencil.text((MARGIN, MARGIN + 24), note, FAINT, _font(13))
+    _legend(page, sensor)
+    for row, band in enumerate(bands):
+        _band(page, HEAD + row * BAND, band, sensor)
+    return page
+
+
+def _band(page: Image.Image, top: int, band: Band, sensor: Sensor) -> None:
+    pencil = ImageDraw.Draw(page)
+    pencil.line([(MARGIN, top), (page.width - MARGIN, top)], fill=RULE)
+    pencil.text((MARGIN, top + 4), band.title, INK, _font(13, bold=True))
+    shift = pencil.textlength(band.title, _font(13, bold=True))
+    pencil.text((MARGIN + shift + 12, top + 4), band.note, FAINT, _font(13))
+    caption, body = top + TITLE + 3, top + 2 * TITLE + 2
+    left = MARGIN
+    for text, image in band.pictures:
+        pencil.text((left, caption), text, FAINT, _font(11))
+        page.paste(_scaled(image, PICTURE), (left, body))
+        left += PICTURE + GAP
+    fingers = zip(band.fingers, finger_colors(len(band.fingers)), band.touched, band.readings, band.depths, strict=True)
+    for name, color, touched, reading, depth in fingers:
+        ink = INK if touched else FAINT
+        pencil.ellipse([left, caption + 3, left + 8, caption + 11], fill=color if touched else PAPER, outline=color, width=2)
+        pencil.text((left + 13, caption), name, ink, _font(11, bold=touched))
+        page.paste(_scaled(reading, TILE), (left, body))
+        page.paste(_scaled(depth_colors(depth, sensor), TILE), (left, body + TILE + 3))
+        pencil.rectangle([left - 1, body + TILE + 2, left + TILE, body + 2 * TILE + 3], outline=RULE)
+        pencil.text((left, body + 2 * TILE + 6), _verdict(touched, 1e3 * float(depth.min())), ink, _font(11))
+        left += TILE + GAP
+
+
+def _verdict(touched: bool, least: float) -> str:
+    """Say how near the surface comes, from the least depth, mm."""
+    if not np.isfinite(least):
+        return "nothing in range"
+    return f"min D {least:.1f} mm" if touched else f"no touch · {least:.1f} mm"
+
+
+def _legend(page: Image.Image, sensor: Sensor) -> None:
+    """Draw the depth maps' colours, their left end at 0 and their right end at the range."""
+    pencil, small = ImageDraw.Draw(page), _font(11)
+    inside, beyond, high = 160, 80, 10
+    right, top = page.width - MARGIN, MARGIN
+    left = right - inside - beyond
+    ramp = np.concatenate([np.linspace(0, sensor.w, inside, endpoint=False), np.linspace(sensor.w, sensor.range, beyond)])
+    page.paste(Image.fromarray(np.repeat(depth_colors(ramp[None], sensor), high, axis=0)), (left, top + 20))
+    pencil.text((left, top), "depth D, mm", FAINT, small)
+    gel, reach = f"gel {sensor.w * 1e3:.1f}", f"{sensor.range * 1e3:.0f}"
+    for x, text, anchor in ((left, "0", "la"), (left + inside, gel, "ma"), (right, reach, "ra")):
+        pencil.text((x, top + 34), text, FAINT, small, anchor=anchor)
+
+
+def _scaled(image: NDArray[np.uint8], side: int) -> Image.Image:
+    made = Image.fromarray(np.ascontiguousarray(image))
+    return made if made.size == (side, side) else made.resize((side, side), Image.Resampling.LANCZOS)
+
+
+def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
+    """DejaVu Sans, which comes with matplotlib, so that every machine has it."""
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size)
