@@ -1,6 +1,6 @@
-"""What `evaluate` writes: one Zarr group a table, in `evaluation/tables.zarr`. Values an object stand below `values/CONFIGURATION`."""
+"""What `evaluate` writes: one Zarr group per table in `evaluation/tables.zarr`, values per object below `values/CONFIGURATION`."""
 
-from pydantic import BaseModel, ConfigDict
+from dataclasses import dataclass
 
 from schemas.base import Array
 
@@ -9,151 +9,131 @@ VERSION = 1
 Dims = tuple[str, ...]
 
 
-class Table(BaseModel):
+@dataclass(frozen=True)
+class Table:
     """The arrays of one group; those called like a dimension are its coordinates."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     summary: str
     arrays: dict[str, Array]
 
 
+def _table(summary: str, **arrays: Array) -> Table:
+    return Table(summary, arrays)
+
+
 def _name(dim: str, description: str) -> Array:
-    return Array(dims=(dim,), dtype="string", units="1", description=description)
+    return Array((dim,), "string", "1", description)
 
 
 def _count(dims: Dims, description: str) -> Array:
-    return Array(dims=dims, dtype="int32", units="1", description=description)
+    return Array(dims, "int32", "1", description)
 
 
-def _squared(dims: Dims, description: str, *, infinite: bool = False) -> Array:
-    return Array(dims=dims, dtype="float64", units="m2", description=description, infinite=infinite)
+def _squared(dims: Dims, description: str) -> Array:
+    return Array(dims, "float64", "m2", description)
 
 
 def _share(dims: Dims, description: str) -> Array:
-    return Array(dims=dims, dtype="float64", units="1", description=description)
+    return Array(dims, "float64", "1", description)
 
 
 def _interval(dims: Dims) -> dict[str, Array]:
-    return {
-        "low": _squared(
-            dims, "Lower end of the mean's 95 % bootstrap interval over objects; -inf where there is one object.", infinite=True
-        ),
-        "high": _squared(dims, "Its upper end; +inf where there is one object.", infinite=True),
-    }
+    low = "Lower end of the mean's 95 % bootstrap interval over objects; -inf where there is one object."
+    high = "Its upper end; +inf where there is one object."
+    return {name: Array(dims, "float64", "m2", text, infinite=True) for name, text in (("low", low), ("high", high))}
 
 
+_OBJECTS = {"object_id": _name("object", "The object's name."), "category": _name("object", "Its class.")}
 _CONFIGURATION = _name("configuration", "The trained model.")
 _CATEGORY = _name("category", "The class; `all` is every object.")
 _GIVEN = _count(("grasps_given",), "How many grasps the model was given.")
 _RING = _count(("ring",), "Ring k reaches k / 2 sensor widths to each side of the touch site.")
+_BY_RING: Dims = ("configuration", "ring")
+_BY_GIVEN: Dims = ("configuration", "grasps_given")
+_BY_CATEGORY: Dims = ("configuration", "category")
 _CASE: Dims = ("object", "first_grasp", "grasps_given")
 _SITE: Dims = ("object", "first_grasp", "sensor", "ring")
 
 TABLES = {
-    "objects": Table(
-        summary="The objects evaluated, and what a perfect reconstruction of each would measure.",
-        arrays={
-            "object_id": _name("object", "The object's name."),
-            "category": _name("object", "Its class."),
-            "area": _squared(("object",), "Area of its surface as its points show it; sides nearer than neighbouring points count once."),
-            "floor": _squared(("object",), "Sampling floor of its Chamfer distance, 2 A / (pi n)."),
-        },
+    "objects": _table(
+        "The objects evaluated, and what a perfect reconstruction of each would measure.",
+        **_OBJECTS,
+        area=_squared(("object",), "Area of its surface as its points show it; sides nearer than neighbouring points count once."),
+        floor=_squared(("object",), "Sampling floor of its Chamfer distance, 2 A / (pi n)."),
     ),
-    "table_1": Table(
-        summary="Table 1: the dataset, all splits.",
-        arrays={
-            "category": _CATEGORY,
-            "objects": _count(("category",), "Objects that did not fail."),
-            "grasps": _count(("category",), "Grasps of them."),
-            "touches": _count(("category",), "Sensors of these grasps."),
-            "successful": _share(("category",), "Share of the touches that succeed."),
-        },
+    "table_1": _table(
+        "Table 1: the dataset, all splits.",
+        category=_CATEGORY,
+        objects=_count(("category",), "Objects that did not fail."),
+        grasps=_count(("category",), "Grasps of them."),
+        touches=_count(("category",), "Sensors of these grasps."),
+        successful=_share(("category",), "Share of the touches that succeed."),
     ),
-    "table_2": Table(
-        summary="Table 2: local Chamfer distance, ground truth to prediction, in square rings around the touch sites of one grasp. "
+    "table_2": _table(
+        "Table 2: local Chamfer distance, ground truth to prediction, in square rings around the touch sites of one grasp. "
         "Mean over an object's sites that have points in the ring, then over objects.",
-        arrays={
-            "configuration": _CONFIGURATION,
-            "ring": _RING,
-            "local_chamfer": _squared(("configuration", "ring"), "The mean; 0 where `objects` is 0, then it has no value."),
-            "objects": _count(("configuration", "ring"), "Objects the mean is of."),
-            "sites": _count(("configuration", "ring"), "Touch sites with points in the ring."),
-            **_interval(("configuration", "ring")),
-        },
+        configuration=_CONFIGURATION,
+        ring=_RING,
+        local_chamfer=_squared(_BY_RING, "The mean; 0 where `objects` is 0, then it has no value."),
+        objects=_count(_BY_RING, "Objects the mean is of."),
+        sites=_count(_BY_RING, "Touch sites with points in the ring."),
+        **_interval(_BY_RING),
     ),
-    "table_3": Table(
-        summary="Table 3: Chamfer distance by the number of grasps given, mean over first grasps, then over objects.",
-        arrays={
-            "configuration": _CONFIGURATION,
-            "grasps_given": _GIVEN,
-            "chamfer": _squared(("configuration", "grasps_given"), "The mean."),
-            **_interval(("configuration", "grasps_given")),
-        },
+    "table_3": _table(
+        "Table 3: Chamfer distance by the number of grasps given, mean over first grasps, then over objects.",
+        configuration=_CONFIGURATION,
+        grasps_given=_GIVEN,
+        chamfer=_squared(_BY_GIVEN, "The mean."),
+        **_interval(_BY_GIVEN),
     ),
-    "modalities": Table(
-        summary="Chamfer distance and F1 by configuration and class with one grasp, mean over grasps, then over objects.",
-        arrays={
-            "configuration": _CONFIGURATION,
-            "category": _CATEGORY,
-            "objects": _count(("category",), "Objects the means are of."),
-            "floor": _squared(("category",), "Mean sampling floor of these objects."),
-            "chamfer": _squared(("configuration", "category"), "The mean."),
-            **_interval(("configuration", "category")),
-            "tau": _squared(
-                ("threshold",), "Squared distance up to which a point counts as matched, the clouds scaled by the setting `scale`."
-            ),
-            "f1": _share(("configuration", "category", "threshold"), "Mean F1 at the squared distance tau."),
-        },
+    "modalities": _table(
+        "Chamfer distance and F1 by configuration and class with one grasp, mean over grasps, then over objects.",
+        configuration=_CONFIGURATION,
+        category=_CATEGORY,
+        objects=_count(("category",), "Objects the means are of."),
+        floor=_squared(("category",), "Mean sampling floor of these objects."),
+        chamfer=_squared(_BY_CATEGORY, "The mean."),
+        **_interval(_BY_CATEGORY),
+        tau=_squared(("threshold",), "Squared distance up to which a point counts as matched, the clouds scaled by the setting `scale`."),
+        f1=_share((*_BY_CATEGORY, "threshold"), "Mean F1 at the squared distance tau."),
     ),
-    "charts": Table(
-        summary="Touch charts of the objects evaluated: how far the fitted charts are from their clouds, by the rule that stopped the fit.",
-        arrays={
-            "stop_rule": _name("stop_rule", "Why the fit stopped; `all` is every chart that was fitted."),
-            "charts": _count(("stop_rule",), "Charts it stopped."),
-            "residual_mean": Array(dims=("stop_rule",), dtype="float64", units="m", description="Mean of their RMS distances."),
-            "residual_worst": Array(dims=("stop_rule",), dtype="float64", units="m", description="The largest."),
-            "iterations": _share(("stop_rule",), "Mean number of iterations."),
-        },
+    "charts": _table(
+        "Touch charts of the objects evaluated: how far the fitted charts are from their clouds, by the rule that stopped the fit.",
+        stop_rule=_name("stop_rule", "Why the fit stopped; `all` is every chart that was fitted."),
+        charts=_count(("stop_rule",), "Charts it stopped."),
+        residual_mean=Array(("stop_rule",), "float64", "m", "Mean of their RMS distances."),
+        residual_worst=Array(("stop_rule",), "float64", "m", "The largest."),
+        iterations=_share(("stop_rule",), "Mean number of iterations."),
     ),
-    "training": Table(
-        summary="What the training of each model came to; its seconds and hardware are in the records.",
-        arrays={
-            "configuration": _CONFIGURATION,
-            "parameters": _count(("configuration",), "Numbers trained."),
-            "epochs": _count(("configuration",), "Epochs done."),
-            "best_epoch": _count(("configuration",), "The epoch whose weights were kept."),
-            "best_loss": _share(("configuration",), "Its validation loss."),
-        },
+    "training": _table(
+        "What the training of each model came to; its seconds and hardware are in the records.",
+        configuration=_CONFIGURATION,
+        parameters=_count(("configuration",), "Numbers trained."),
+        epochs=_count(("configuration",), "Epochs done."),
+        best_epoch=_count(("configuration",), "The epoch whose weights were kept."),
+        best_loss=_share(("configuration",), "Its validation loss."),
     ),
-    "values": Table(
-        summary="One model's figures for every object and choice of grasps. Grasps first_grasp, first_grasp + 1, … are given, around the "
+    "values": _table(
+        "One model's figures for every object and choice of grasps. Grasps first_grasp, first_grasp + 1, … are given, around the "
         "end; the occluded image is the first one's. Where the model does not depend on the choice its figure is repeated.",
-        arrays={
-            "object_id": _name("object", "The object's name."),
-            "category": _name("object", "Its class."),
-            "grasps_given": _GIVEN,
-            "ring": _RING,
-            "chamfer": _squared(_CASE, "Chamfer distance: mean squared nearest distance, both directions summed."),
-            "precision": _share((*_CASE, "threshold"), "Share of predicted points within tau of the truth, 2 tau."),
-            "recall": _share((*_CASE, "threshold"), "Share of true points within tau of the prediction, 2 tau."),
-            "f1": _share((*_CASE, "threshold"), "Their harmonic mean."),
-            "local_chamfer": _squared(
-                _SITE, "Mean squared distance of the true points in a ring to the prediction, given this grasp alone."
-            ),
-            "local_points": _count(_SITE, "True points in the ring around a sensor that touched; where there are none, there is no value."),
-        },
+        **_OBJECTS,
+        grasps_given=_GIVEN,
+        ring=_RING,
+        chamfer=_squared(_CASE, "Chamfer distance: mean squared nearest distance, both directions summed."),
+        precision=_share((*_CASE, "threshold"), "Share of predicted points within tau of the truth, 2 tau."),
+        recall=_share((*_CASE, "threshold"), "Share of true points within tau of the prediction, 2 tau."),
+        f1=_share((*_CASE, "threshold"), "Their harmonic mean."),
+        local_chamfer=_squared(_SITE, "Mean squared distance of the true points in a ring to the prediction, given this grasp alone."),
+        local_points=_count(_SITE, "True points in the ring around a sensor that touched; where there are none, there is no value."),
     ),
-    "predictions": Table(
-        summary="One model's vision charts for every object and choice of grasps; touch charts are those of the artifact `charts`.",
-        arrays={
-            "object_id": _name("object", "The object's name."),
-            "first_grasp": _count(("case",), "The first grasp given."),
-            "grasps_given": _count(("case",), "How many were given, 0 where the model takes none."),
-            "vertices": Array(dims=("object", "case", "vertex", "xyz"), dtype="float32", units="m", description="World frame."),
-            "faces": Array(dims=("face", "corner"), dtype="int32", units="1", description="Rows of `vertices`."),
-            "position": _count(("vertex",), "Vertices with the same number lie on one seam and are one point of the joined surface."),
-        },
+    "predictions": _table(
+        "One model's vision charts for every object and choice of grasps; touch charts are those of the artifact `charts`.",
+        object_id=_OBJECTS["object_id"],
+        first_grasp=_count(("case",), "The first grasp given."),
+        grasps_given=_count(("case",), "How many were given, 0 where the model takes none."),
+        vertices=Array(("object", "case", "vertex", "xyz"), "float32", "m", "World frame."),
+        faces=Array(("face", "corner"), "int32", "1", "Rows of `vertices`."),
+        position=_count(("vertex",), "Vertices with the same number lie on one seam and are one point of the joined surface."),
     ),
 }
-"""Every group by name; `values` and `predictions` hold one group a configuration."""
+"""Every group by name; `values` and `predictions` hold one group per configuration."""
