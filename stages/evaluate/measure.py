@@ -26,7 +26,7 @@ THRESHOLDS = (1.0, 2.0)
 
 
 def measure(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> dict[str, Arrays]:
-    """Measure the model called `name`: its groups `values` and `predictions` (see the schema)."""
+    """Measure the model called `name`: its groups below `values` and `predictions` (see the schema)."""
     settings: EvaluationSettings = job.settings
     numbers, cases = cases_of(model, truth.grasps, settings)
     values, vertices = _room(truth, numbers, settings.rings), []
@@ -52,7 +52,7 @@ def measure(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> d
         "faces": made.faces[(made.faces < made.vision).all(axis=1)],
         "position": made.position,
     }
-    return {"values": values, "predictions": predictions}
+    return {f"values/{name}": values, f"predictions/{name}": predictions}
 
 
 def cases_of(model: Reconstructor, available: int, settings: EvaluationSettings) -> tuple[list[int], list[Case]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.store.directory import DataDirectory
+from pipeline.store.pieces import Pieces
 from pipeline.training.device import device_of
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -20,11 +22,14 @@ from schemas.vision import VISION
 from stages.evaluate.measure import measure
 from stages.evaluate.printed_tables import show, show_training
 from stages.evaluate.settings import EvaluationSettings
-from stages.evaluate.store import Arrays, discard_partials, load_partial, save_partial, write_evaluation
+from stages.evaluate.store import Arrays, write_evaluation
 from stages.evaluate.tables import make_tables
 from stages.evaluate.truth import Truth
 
 MODELS = "models/gcn"
+
+PIECE = "measured"
+"""Name of the pieces that a killed run leaves; they lie in a folder of their key."""
 
 
 class Evaluate(DatasetStage):
@@ -63,11 +68,12 @@ class Evaluate(DatasetStage):
         folders = {Path(name).name: folder for name, folder in job.models.items()}
         models = {name: Reconstructor(folder, device) for name, folder in folders.items()}
         truth = Truth(job.data, list(models.values()), settings)
-        found = {name: _measured(name, model, truth, job) for name, model in models.items()}
+        groups: dict[str, Arrays] = {}
+        for name, model in models.items():
+            groups |= _measured(name, model, truth, job)
         facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
         felt = [name for name, model in models.items() if model.touch]
-        tables = make_tables(job, truth, {name: groups["values"] for name, groups in found.items()}, felt=felt, facts=facts)
-        groups = {f"{group}/{name}": arrays for name, groups in found.items() for group, arrays in groups.items()}
+        tables = make_tables(job, truth, {name: groups[f"values/{name}"] for name in models}, felt=felt, facts=facts)
         attributes = {
             "settings": settings.results(),
             "seed": job.seed,
@@ -78,14 +84,19 @@ class Evaluate(DatasetStage):
         write_evaluation(job.folder, tables | groups, attributes)
         show(job.folder, job.console)
         show_training(facts, job.console)
-        discard_partials(job.folder)
+        shutil.rmtree(Pieces(job.folder).folder)
         return {"objects": len(truth), "left_out": len(truth.rows.left_out), "training": facts}
 
 
 def _measured(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> dict[str, Arrays]:
     """Take a model's groups over from a killed run, or measure it and keep them for one."""
-    if (kept := load_partial(job.folder, name)) is not None:
-        return kept
-    groups = measure(name, model, truth, job)
-    save_partial(job.folder, name, groups)
-    return groups
+    pieces, found = Pieces(job.folder), {}
+    for group in (f"values/{name}", f"predictions/{name}"):
+        facts = pieces.facts(group, PIECE)
+        if facts and (kept := pieces.load(group, PIECE, "", facts)):
+            found[group] = kept
+    if len(found) < 2:
+        found = measure(name, model, truth, job)
+        for group, arrays in found.items():
+            pieces.save(group, PIECE, "", arrays, seconds=0.0)
+    return found

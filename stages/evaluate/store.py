@@ -1,10 +1,9 @@
-"""The evaluation on disk: `tables.zarr`, `metrics.json`, and what a killed run had finished."""
+"""The evaluation on disk: `tables.zarr` with every table and every value, and the tables again as `metrics.json`."""
 
 from __future__ import annotations
 
 import json
 import shutil
-from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,8 +14,6 @@ from pydantic_zarr.v3 import GroupSpec
 from zarr.storage import LocalStore
 
 from pipeline.errors import StoreError
-from pipeline.store.atomic import temporary
-from pipeline.store.pieces import UNREADABLE
 from pipeline.store.spec import array_spec, numpy_dtype
 from schemas.evaluation import TABLES, VERSION, Table
 
@@ -97,37 +94,3 @@ def read_table(folder: Path, name: str) -> Arrays:
     if not isinstance(group, zarr.Group):
         raise StoreError(f"{root.store_path} has no group {name}; it has {', '.join(sorted(root.group_keys()))}")
     return {key: np.asarray(array[...]) for key, array in group.arrays()}
-
-
-def save_partial(folder: Path, configuration: str, groups: Mapping[str, Arrays]) -> None:
-    """Keep a model's groups until all models are evaluated; they are there whole or not at all."""
-    path = _partial(folder, configuration)
-    with temporary(path) as beside:
-        with beside.open("wb") as file:
-            np.savez(
-                file, allow_pickle=False, **{f"{group}/{key}": array for group, arrays in groups.items() for key, array in arrays.items()}
-            )
-        beside.replace(path)
-
-
-def load_partial(folder: Path, configuration: str) -> dict[str, Arrays] | None:
-    """Read what `save_partial` kept; None where there is nothing, or what a crash of the machine cut short."""
-    groups: dict[str, Arrays] = defaultdict(dict)
-    try:
-        with np.load(_partial(folder, configuration), allow_pickle=False) as file:
-            for name in file.files:
-                group, _, key = name.partition("/")
-                groups[group][key] = file[name]
-    except UNREADABLE:
-        return None
-    return groups
-
-
-def _partial(folder: Path, configuration: str) -> Path:
-    return folder / f"partial-{configuration}.npz"
-
-
-def discard_partials(folder: Path) -> None:
-    """Remove what `save_partial` kept."""
-    for path in folder.glob("partial-*"):
-        path.unlink()

@@ -20,11 +20,12 @@ from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.reports.orderings import Verdict, orderings, show_orderings
 from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.pieces import Pieces
 from stages.evaluate.cases import make_cases
 from stages.evaluate.printed_tables import show
 from stages.evaluate.settings import EvaluationSettings
-from stages.evaluate.stage import Evaluate
-from stages.evaluate.store import load_partial, read_root, read_table, save_partial
+from stages.evaluate.stage import PIECE, Evaluate
+from stages.evaluate.store import read_root, read_table
 from tests.stages import ball_dataset as spheres
 
 COUNT = 3
@@ -166,12 +167,12 @@ def test_a_killed_run_goes_on_with_the_next_configuration(data, evaluation, monk
         evaluate(data, "killed", configurations=("none", "occluded"))
     (plan,) = make_plans(replace(request(data, configurations=("none", "occluded")), folder="killed"))
     work = plan.directory.work("killed") / plan.key[:16]
-    assert load_partial(work, "none") is not None
-    assert load_partial(work, "occluded") is None
+    assert Pieces(work).facts("values/none", PIECE) is not None
+    assert Pieces(work).facts("values/occluded", PIECE) is None
     asked.clear()
     folder, _ = evaluate(data, "killed", configurations=("none", "occluded"))
     assert set(asked) == {"occluded"}
-    assert not list(folder.glob("partial*"))
+    assert not Pieces(folder).folder.exists()
     np.testing.assert_array_equal(read_table(folder, "values/occluded")["chamfer"], read_table(evaluation[0], "values/occluded")["chamfer"])
 
 
@@ -244,13 +245,3 @@ def test_numbers_of_grasps_hold_the_one_that_tables_need():
     with pytest.raises(ValueError, match="1 among them"):
         EvaluationSettings(grasps=(2, 3))
     assert EvaluationSettings(grasps=(5, 1)).grasps == (1, 5)
-
-
-def test_partials_hold_what_was_put_there(tmp_path):
-    groups = {"values": {"a": np.arange(3), "b": np.zeros((2, 2))}, "predictions": {"a": np.array(["x", "yz"])}}
-    save_partial(tmp_path, "touch", groups)
-    kept = load_partial(tmp_path, "touch")
-    assert kept is not None
-    assert {group: list(arrays) for group, arrays in kept.items()} == {group: list(arrays) for group, arrays in groups.items()}
-    assert all((kept[group][name] == array).all() for group, arrays in groups.items() for name, array in arrays.items())
-    assert load_partial(tmp_path, "none") is None
