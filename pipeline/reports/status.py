@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -17,8 +18,6 @@ from pipeline.store.directory import DataDirectory, folder_digest
 from pipeline.store.garbage import everything_unnamed
 from pipeline.store.pieces import Pieces
 from schemas.catalogue import ARTIFACTS
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class Account:
     damaged: list[str]
 
     def to_json(self) -> str:
-        """The account as JSON, by artifact and folder; what is damaged, where anything is, under `damaged`."""
+        """Write the account as JSON, by artifact and folder; what is damaged, where anything is, under `damaged`."""
         named = {one.artifact: asdict(one) for one in self.artifacts} | {one.folder: asdict(one) for one in self.folders}
         return json.dumps(named | ({"damaged": self.damaged} if self.damaged else {}), indent=2)
 
@@ -80,24 +79,26 @@ def read_account(data: Path) -> Account:
     if not data.is_dir():
         raise StoreError(f"{data.resolve()} is no data directory; `vt-pipeline run` makes one, --data names it")
     directory = DataDirectory(data)
-    damaged: dict[str, None] = {}  # in order, each once
-    artifacts = [_unless_damaged(_artifact, directory, name, damaged) for name in ARTIFACTS]
-    folders = [_unless_damaged(_folder, directory, name, damaged) for name in directory.folders()]
-    return Account(
-        artifacts=[one for one in artifacts if one and (one.shards or one.unfinished)],
-        folders=[one for one in folders if one],
-        garbage=sum(map(_megabytes, everything_unnamed(directory))),
-        damaged=list(damaged),
-    )
+    account = Account([], [], garbage=sum(map(_megabytes, everything_unnamed(directory))), damaged=[])
+    for name in ARTIFACTS:
+        with _unless_damaged(account):
+            artifact = _artifact(directory, name)
+            if artifact.shards or artifact.unfinished:
+                account.artifacts.append(artifact)
+    for name in directory.folders():
+        with _unless_damaged(account):
+            account.folders.append(_folder(directory, name))
+    return account
 
 
-def _unless_damaged(read: Callable[[DataDirectory, str], T], directory: DataDirectory, name: str, damaged: dict[str, None]) -> T | None:
-    """Read an account; where that cannot be done, say why in `damaged` instead."""
+@contextmanager
+def _unless_damaged(account: Account) -> Iterator[None]:
+    """Where something cannot be read, say why in the account instead, once."""
     try:
-        return read(directory, name)
+        yield
     except StoreError as error:
-        damaged[str(error)] = None
-        return None
+        if str(error) not in account.damaged:
+            account.damaged.append(str(error))
 
 
 def _artifact(directory: DataDirectory, name: str) -> ArtifactAccount:
@@ -139,8 +140,10 @@ def show(account: Account, console: Console) -> None:
         failures |= {(object_id, why["stage"]): why["reason"] for object_id, why in one.failures.items()}  # passed down: shown once
     print_table(console, columns, rows)
     if account.folders:
-        sizes = [(one.folder, one.stage, f"{one.megabytes:.1f}", f"{one.seconds:.0f}") for one in account.folders]
-        folders = [(*size, one.digest[:16], "stale" if one.stale else "") for size, one in zip(sizes, account.folders, strict=True)]
+        folders = [
+            (one.folder, one.stage, f"{one.megabytes:.1f}", f"{one.seconds:.0f}", one.digest[:16], "stale" if one.stale else "")
+            for one in account.folders
+        ]
         print_table(console, ("folder", "stage", "MB", "s", "digest", ""), folders)
     for folder in account.folders:
         if folder.stale:
