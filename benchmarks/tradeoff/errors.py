@@ -30,7 +30,7 @@ from pipeline.store.directory import DataDirectory
 from schemas.charts import FITTED, STOP_RULES
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
-from stages.evaluate.store import read_table
+from stages.evaluate.evaluation_files import read_table
 from stages.train_unet.learner import load_touches
 
 Figures = dict[str, float]

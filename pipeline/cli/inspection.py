@@ -104,10 +104,10 @@ def summary(
 ) -> None:
     """Print a dataset's statistics beside the supplement's, and draw its contact sheets."""
     from pipeline.dataset.touch_statistics import sensors_of, tally
-    from pipeline.reports import statistics
+    from pipeline.reports import touch_tables
     from pipeline.reports.contact_sheet import contact_sheets
 
     say(str(data.resolve()))
-    statistics.show(tally(data), sensors_of(data), console)
+    touch_tables.show(tally(data), sensors_of(data), console)
     for path in contact_sheets(data, most):
         say(f"contact sheet: {path}")

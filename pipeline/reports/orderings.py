@@ -17,8 +17,8 @@ from pipeline.console import print_table
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, difference_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.rng import numpy_rng
-from stages.evaluate.store import Arrays, read_root, read_table
-from stages.evaluate.supplement import TABLE_2, TABLE_3
+from stages.evaluate.evaluation_files import Arrays, read_root, read_table
+from stages.evaluate.supplement_figures import TABLE_2, TABLE_3
 from stages.evaluate.tables import per_object, ring_per_object
 
 FEWEST = 6

@@ -20,7 +20,7 @@ from pipeline.reports.reconstruction_gallery import predicted_mesh, render_mesh
 from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
 from schemas.charts import CHARTS
-from stages.evaluate.store import read_root, read_table
+from stages.evaluate.evaluation_files import read_root, read_table
 
 
 def draw_overview(data: Path, object_id: str, path: Path) -> None:

@@ -22,7 +22,7 @@ from pipeline.store.directory import DataDirectory
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
-from stages.evaluate.store import Arrays, read_root, read_table
+from stages.evaluate.evaluation_files import Arrays, read_root, read_table
 from stages.render_vision.renderer import Renderer
 
 PIXELS = 200

@@ -16,10 +16,10 @@ from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.rng import numpy_rng
 from pipeline.store.spec import numpy_dtype
 from schemas.evaluation import TABLES
-from stages.evaluate.cases import Case, make_cases
+from stages.evaluate.evaluation_files import Arrays
+from stages.evaluate.ground_truth import Truth
+from stages.evaluate.reconstruction_cases import Case, make_cases
 from stages.evaluate.settings import EvaluationSettings
-from stages.evaluate.store import Arrays
-from stages.evaluate.truth import Truth
 
 THRESHOLDS = (1.0, 2.0)
 """F1 is measured at tau and at twice tau (Table 4)."""

@@ -14,8 +14,8 @@ from pipeline.console import print_table
 from pipeline.dataset.touch_statistics import SUPPLEMENT_SUCCESS
 from pipeline.kernels.metrics.bootstrap import LEVEL
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from stages.evaluate.store import Arrays, read_root, read_table
-from stages.evaluate.supplement import BEST_EPOCH, TABLE_2, TABLE_3
+from stages.evaluate.evaluation_files import Arrays, read_root, read_table
+from stages.evaluate.supplement_figures import BEST_EPOCH, TABLE_2, TABLE_3
 
 NONE = "–"
 

@@ -19,12 +19,12 @@ from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
+from stages.evaluate.evaluation_files import Arrays, write_evaluation
+from stages.evaluate.ground_truth import Truth
 from stages.evaluate.measure import measure
 from stages.evaluate.printed_tables import show, show_training
 from stages.evaluate.settings import EvaluationSettings
-from stages.evaluate.store import Arrays, write_evaluation
 from stages.evaluate.tables import make_tables
-from stages.evaluate.truth import Truth
 
 MODELS = "models/gcn"
 

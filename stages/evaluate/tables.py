@@ -18,10 +18,10 @@ from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
 from pipeline.rng import numpy_rng
 from schemas.charts import STOP_RULES
+from stages.evaluate.evaluation_files import Arrays
+from stages.evaluate.ground_truth import Truth
 from stages.evaluate.measure import THRESHOLDS
 from stages.evaluate.settings import EvaluationSettings
-from stages.evaluate.store import Arrays
-from stages.evaluate.truth import Truth
 
 Models = Mapping[str, Arrays]
 """By configuration: the arrays of its group `values`."""

@@ -35,7 +35,7 @@ from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
 from stages.evaluate import tables
-from stages.evaluate.store import write_evaluation
+from stages.evaluate.evaluation_files import write_evaluation
 from stages.registry import STAGES
 from tests.engine.tiny_stages import pack, publish
 from tests.stages import ball_dataset as spheres

@@ -21,11 +21,11 @@ from pipeline.models.reconstruction import Reconstructor
 from pipeline.reports.orderings import Verdict, orderings, show_orderings
 from pipeline.store.directory import DataDirectory, hashes_of
 from pipeline.store.pieces import Pieces
-from stages.evaluate.cases import make_cases
+from stages.evaluate.evaluation_files import read_root, read_table
 from stages.evaluate.printed_tables import show
+from stages.evaluate.reconstruction_cases import make_cases
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import PIECE, Evaluate
-from stages.evaluate.store import read_root, read_table
 from tests.stages import ball_dataset as spheres
 
 COUNT = 3

@@ -9,10 +9,10 @@ from pipeline.engine.stage import DatasetJob
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.tuning.explain import Count, arrays_read
+from stages.evaluate.ground_truth import Truth, arrays_of
 from stages.evaluate.measure import cases_of
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
-from stages.evaluate.truth import Truth, arrays_of
 
 
 def explain(job: DatasetJob) -> Iterator[Count]:

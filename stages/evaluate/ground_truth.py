@@ -13,7 +13,7 @@ from pipeline.errors import StageError
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstructor
-from stages.evaluate.cases import Case
+from stages.evaluate.reconstruction_cases import Case
 from stages.evaluate.settings import EvaluationSettings
 
 SPLIT = "test"

@@ -5,7 +5,7 @@ import io
 import numpy as np
 from rich.console import Console
 
-from pipeline.reports.statistics import Tally, show
+from pipeline.reports.touch_tables import Tally, show
 
 
 def test_a_hand_of_other_fingers_is_told_by_its_names():
