@@ -11,7 +11,7 @@ Dims = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Table:
-    """The arrays of one group; those called like a dimension are its coordinates."""
+    """Declare the arrays of one group; those called like a dimension are its coordinates."""
 
     summary: str
     arrays: dict[str, Array]

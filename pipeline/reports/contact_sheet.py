@@ -69,7 +69,7 @@ def _draw(collections: Mapping[str, Collection], shown: list[str], path: Path) -
 
 
 class BandMaker:
-    """Makes bands for one hand and sensor in one scene; `band_maker` opens one."""
+    """Make bands for one hand and sensor in one scene; `band_maker` opens one."""
 
     def __init__(self, renderer: Renderer, *, scene: Scene, hand: Hand, sensor: Sensor) -> None:
         """Take the hand's shapes into the renderer."""

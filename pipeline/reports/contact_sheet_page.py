@@ -34,12 +34,12 @@ MISS, BEYOND = np.array([250, 250, 250]), (np.array([205, 205, 210]), np.array([
 
 @dataclass(frozen=True)
 class Band:
-    """What a sheet shows of one object in one grasp.
+    """Hold what a sheet shows of one object in one grasp.
 
     Attributes
     ----------
     title, note
-        The object's name, and a line about it (its class, the grasp, how deep rigid links stand in it, …).
+        The object's name, and a line about it (its class, the grasp, how deep rigid links are in it, …).
     pictures
         Captions and (R, R, 3) uint8 images, left to right.
     fingers
@@ -173,6 +173,6 @@ def _scaled(image: NDArray[np.uint8], side: int) -> Image.Image:
 
 
 def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """DejaVu Sans, which comes with matplotlib, so that every machine has it."""
+    """Load DejaVu Sans, which comes with matplotlib, so that every machine has it."""
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size)

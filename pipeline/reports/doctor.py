@@ -1,4 +1,4 @@
-"""Is everything installed that the stages need? What is not, and how to get it."""
+"""Check that everything is installed that the stages need, and say how to get what is not."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MODULES = ("torch", "pybullet", "trimesh", "embreex", "igl", "numba", "zarr", "p
 
 @dataclass(frozen=True)
 class Check:
-    """One thing looked at."""
+    """Say whether one thing works, and what to do where it does not."""
 
     what: str
     ok: bool

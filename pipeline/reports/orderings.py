@@ -30,7 +30,7 @@ Values = dict[str, Arrays]
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether one figure is smaller than another, as is claimed.
+    """Say whether one figure is smaller than another, as is claimed.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Verdict:
 
     @property
     def answer(self) -> Answer:
-        """Whether the whole interval is on the claimed side of 0, on the other, or on both; of few objects, undecided."""
+        """Tell whether the whole interval is on the claimed side of 0, on the other, or on both; of few objects, undecided."""
         if self.difference.count < FEWEST:
             return "undecided"
         if self.difference.high < 0:
@@ -61,7 +61,7 @@ class Verdict:
 
 
 class Claim(NamedTuple):
-    """A claim that the first of two rows of values, m², one per object, has the smaller mean."""
+    """Claim that the first of two rows of values, m², one per object, has the smaller mean."""
 
     text: str
     smaller: NDArray[np.float64]
@@ -90,7 +90,7 @@ def _verdict(claim: Claim, rng: np.random.Generator) -> Verdict:
 
 
 def _modalities(values: Values) -> Iterator[Claim]:
-    """Touch and vision together beat vision, vision beats touch, both and each beat nothing: with one grasp."""
+    """Claim that touch and vision together beat vision, vision beats touch, both and each beat nothing: with one grasp."""
     pairs = [
         pair for image in ("occluded", "unoccluded") for pair in ((f"{image}-touch", image), (image, "touch"), (f"{image}-touch", "touch"))
     ]
@@ -101,7 +101,7 @@ def _modalities(values: Values) -> Iterator[Claim]:
 
 
 def _grasps(values: Values) -> Iterator[Claim]:
-    """More grasps are better: each against one fewer, and the most against one."""
+    """Claim that more grasps are better: each against one fewer, and the most against one."""
     for name in ("touch", "occluded-touch", "unoccluded-touch"):
         given = values[name]["grasps_given"].tolist() if name in values else []
         for fewer, more in (*pairwise(given), *([(given[0], given[-1])] if len(given) > 2 else [])):
@@ -110,7 +110,7 @@ def _grasps(values: Values) -> Iterator[Claim]:
 
 
 def _rings(values: Values) -> Iterator[Claim]:
-    """With touch the error is least at the touch site, without it is not; and touch helps there more than further off."""
+    """Claim that with touch the error is least at the touch site, without it is not; and touch helps there more than further off."""
     last = len(next(iter(values.values()))["ring"]) - 1
     for image in ("occluded", "unoccluded"):
         felt, seen = f"{image}-touch", image
@@ -133,7 +133,7 @@ def _printed(
 
 
 def show_orderings(verdicts: list[Verdict], console: Console) -> None:
-    """Print the verdicts, a row each; an ordering that the supplement itself does not have is marked."""
+    """Print one row per verdict; an ordering that the supplement itself does not have is marked."""
     columns = ("claim", "here", f"difference ({100 * LEVEL:.0f} %)", "objects", "verdict", "supplement")
     title = f"Do the supplement's orderings hold? Chamfer distances × {TABLE_3_FACTOR:.0f}; intervals over objects, paired"
     style: dict[Answer, str] = {"holds": "green", "does not hold": "red", "undecided": "yellow"}

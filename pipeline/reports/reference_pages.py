@@ -113,7 +113,7 @@ def _value(value: Any) -> str:
 
 
 def _type(info: FieldInfo) -> str:
-    """A field's type with its limits, in words."""
+    """Name a field's type and its limits."""
     signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
     limits = [
         f"{sign} {limit:g}" for part in info.metadata for name, sign in signs.items() if (limit := getattr(part, name, None)) is not None

@@ -44,7 +44,7 @@ LIFT = 4e-4
 
 @dataclass(frozen=True, eq=False)
 class GraspView:
-    """What the second view shows of one grasp, world frame, m.
+    """Hold what the second view shows of one grasp, world frame, m.
 
     Attributes
     ----------
@@ -161,14 +161,14 @@ def _lamp(scene: Scene, camera: Camera) -> Vector:
 
 
 def _zoomed(camera: Camera, points: NDArray[np.float64]) -> Camera:
-    """The camera with the focal length at which `points` fill its image."""
+    """Give the camera the focal length at which `points` fill its image."""
     reach = np.abs(project_points(projection_matrix(camera), points) - np.array(camera.centre)).max()
     zoom = FILL * camera.resolution / 2 / float(reach)
     return camera.model_copy(update={"focal": (camera.focal[0] * zoom, camera.focal[1] * zoom)})
 
 
 def _shown(renderer: Renderer, camera: Camera, meshes: Sequence[PosedMesh]) -> float:
-    """How much an image shows of both object and hand: the product of their areas, square pixels."""
+    """Measure how much an image shows of both object and hand, by the product of their areas, square pixels."""
     segmentation = renderer.render(meshes, camera).segmentation
     return float((segmentation == Label.OBJECT).sum()) * float((segmentation == Label.HAND).sum())
 
@@ -179,7 +179,7 @@ def _across(camera: Camera, palm: NDArray[np.float64]) -> float:
 
 
 def _outlined(image: NDArray[np.uint8], camera: Camera, squares: NDArray[np.float64], colors: Sequence[Color]) -> NDArray[np.uint8]:
-    """The image with the sensors' squares drawn over it, smooth lines in their colours on a white rim."""
+    """Draw the sensors' squares over an image, smooth lines in their colours on a white rim."""
     fine = 4  # Pillow draws no smooth lines: drawn four times as large and averaged
     side = image.shape[0] * fine
     canvas = Image.fromarray(image).resize((side, side), Image.Resampling.NEAREST)

@@ -22,7 +22,7 @@ from schemas.catalogue import ARTIFACTS
 
 @dataclass(frozen=True)
 class ArtifactAccount:
-    """One artifact of a data directory.
+    """Describe one artifact of a data directory.
 
     `failures` are the stage and reason by object; `unfinished` counts the objects whose row waits for the rest of its shard.
     """
@@ -39,7 +39,7 @@ class ArtifactAccount:
 
 @dataclass(frozen=True)
 class FolderAccount:
-    """One folder that a dataset stage filled: a model, an evaluation.
+    """Describe one folder that a dataset stage filled: a model, an evaluation.
 
     `facts` is what the stage said of it: epochs, the best loss, hardware; `stale` why it is not what would be made now.
     """
@@ -55,7 +55,7 @@ class FolderAccount:
 
 @dataclass(frozen=True)
 class Account:
-    """A data directory; `garbage` is what no record names, in megabytes; `damaged` says what could not be read, a line each."""
+    """Describe a data directory; `garbage` is what no record names, in megabytes; `damaged` says what could not be read, one line each."""
 
     artifacts: list[ArtifactAccount]
     folders: list[FolderAccount]
@@ -93,7 +93,7 @@ def read_account(data: Path) -> Account:
 
 @contextmanager
 def _unless_damaged(account: Account) -> Iterator[None]:
-    """Where something cannot be read, say why in the account instead, once."""
+    """Note what cannot be read as damaged, once."""
     try:
         yield
     except StoreError as error:

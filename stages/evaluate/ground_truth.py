@@ -20,7 +20,7 @@ SPLIT = "test"
 
 
 class Truth:
-    """The objects of the test split, the same for every model: one that failed in what one of them needs is left out for all.
+    """Hold the objects of the test split, the same for every model: one that failed in what one of them needs is left out for all.
 
     Of images and charts only those are read that a model is shown.
 
@@ -58,7 +58,7 @@ class Truth:
 
     @property
     def grasps(self) -> int:
-        """Grasps of every object."""
+        """Number of grasps per object."""
         return int(self.touched.shape[1])
 
     def stack(self, array: str) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Which reconstructions an evaluation needs: each once, however many figures it stands for."""
+"""Which reconstructions an evaluation needs: each once, however many figures it gives."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Case:
-    """One choice of grasps, for every object.
+    """Choose grasps, the same for every object.
 
     Attributes
     ----------
@@ -19,7 +19,7 @@ class Case:
     given
         Place in the numbers of grasps evaluated.
     firsts
-        The first grasps for which the reconstruction stands.
+        The first grasps whose figures the reconstruction gives.
     """
 
     first: int
@@ -29,7 +29,7 @@ class Case:
 
 
 def make_cases(available: int, numbers: Sequence[int], *, touch: bool, occluded: bool) -> list[Case]:
-    """The cases of a model that takes `touch` or not and the `occluded` image or not, of `available` grasps an object.
+    """List the cases of a model that takes `touch` or not and the `occluded` image or not, of `available` grasps per object.
 
     A model without touch is the same for any number of grasps, without the occluded image for any grasp; all grasps are
     the same grasps whichever comes first.

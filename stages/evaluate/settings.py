@@ -21,7 +21,7 @@ def _known(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class EvaluationSettings(Settings):
-    """What is measured, on how many points (supplement 3.5, Tables 2 to 4)."""
+    """Choose what is measured, and on how many points (supplement 3.5, Tables 2 to 4)."""
 
     configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = setting(
         ("none", "touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch"),

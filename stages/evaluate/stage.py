@@ -33,32 +33,32 @@ PIECE = "measured"
 
 
 class Evaluate(DatasetStage):
-    """From trained models to the supplement's tables."""
+    """Make the supplement's tables from trained models."""
 
     name = "evaluate"
     summary = "Every trained model on the test objects: the supplement's tables, beside its figures."
     settings_type = EvaluationSettings
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
-        """What the models named are shown, and where the touch sites are."""
+        """Name what the models are shown, and where the touch sites are."""
         networks = [CONFIGURATIONS[name] for name in settings.configurations]
         seen, felt = any(network.image for network in networks), any(network.touch for network in networks)
         return (SURFACES, GRASPS, TOUCH, *([VISION] if seen else []), *([CHARTS] if felt else []))
 
     def models(self, settings: EvaluationSettings) -> tuple[str, ...]:
-        """The models named."""
+        """Name the models."""
         return tuple(f"{MODELS}/{name}" for name in settings.configurations)
 
     def splits(self, settings: EvaluationSettings) -> tuple[str, ...]:
-        """Measured are only objects that no training saw; Table 1 counts all."""
+        """Name all: measured are only objects that no training saw, but Table 1 counts all."""
         return SPLITS
 
     def folder(self, settings: EvaluationSettings) -> str:
-        """One evaluation a data directory."""
+        """Name the one evaluation of a data directory."""
         return "evaluation"
 
     def cost(self, settings: EvaluationSettings, objects: int) -> Cost:
-        """Six models, at most 74 reconstructions an object, of about 0.1 s and 15 kB each."""
+        """Estimate six models: at most 74 reconstructions per object, of about 0.1 s and 15 kB each."""
         return Cost(seconds=7.4 * objects, kilobytes=1100 * objects)
 
     def make(self, job: DatasetJob) -> dict[str, Any]:

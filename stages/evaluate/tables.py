@@ -60,7 +60,7 @@ def make_tables(job: DatasetJob, truth: Truth, models: Models, *, felt: Sequence
 
 
 def dataset(data: Path) -> TableArrays:
-    """Make Table 1, a row per class and one for all."""
+    """Make Table 1, one row per class and one for all."""
     found = tally(data)
     *counts, percent = np.array([entry.row()[:4] for entry in found.values()]).T  # (class,) each
     successful, touches = percent / 100, counts[-1]
