@@ -6,6 +6,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+import trimesh
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -73,23 +74,23 @@ def _cases(table: Arrays) -> list[int]:
 
 def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, case: int) -> Mesh:
     """Make a mesh of a prediction, an entry of a group `predictions`: in grey, with the touch charts that it was given in orange."""
-    vertices, faces = [table["vertices"][table["object_id"].tolist().index(object_id), case].astype(np.float64)], [table["faces"]]
+    number = table["object_id"].tolist().index(object_id)
+    vertices, faces = [table["vertices"][number, case]], [table["faces"]]
     given, first = int(table["grasps_given"][case]), int(table["first_grasp"][case])
     if given:
         row = fitted.view(object_id)
         charts, touched = row["vertices"], is_surface(row["stop_rule"])  # (grasp, sensor, S, 3), (grasp, sensor)
         grasps = [(first + step) % len(charts) for step in range(given)]
-        for chart in charts[grasps][touched[grasps]]:
-            faces.append(row["chart_faces"] + sum(map(len, vertices)))
-            vertices.append(chart.astype(np.float64))
-    points, triangles = np.concatenate(vertices), np.concatenate(faces).astype(np.int32)
+        vertices += list(charts[grasps][touched[grasps]])
+        faces += [row["chart_faces"]] * (len(vertices) - 1)
+    points, triangles = trimesh.util.append_faces(vertices, faces)
     look = Look(
         uv=np.zeros((len(points), 2), np.float32),
         face_material=(np.arange(len(triangles)) >= len(faces[0])).astype(np.int32),
         base_color=np.array([VISION_COLORS[0], TOUCH_COLOR], np.uint8),
         material_texture=np.array([-1, -1], np.int32),
     )
-    return Mesh(points, triangles, look)
+    return Mesh(points.astype(np.float64), triangles.astype(np.int32), look)
 
 
 def render_mesh(renderer: Renderer, mesh: Mesh) -> NDArray[np.uint8]:

@@ -93,11 +93,11 @@ def settings() -> str:
 def _stage(name: str) -> Iterator[str]:
     stage = load_stage(name)
     chosen = stage.settings_type()
-    reads = [artifact.name for artifact in stage.inputs(chosen)] + list(stage.models(chosen))
+    reads = ", ".join(f"`{name}`" for name in (*(artifact.name for artifact in stage.inputs(chosen)), *stage.models(chosen)))
     writes = stage.folder(chosen) if isinstance(stage, DatasetStage) else stage.output.name
     presets = {preset: values.get(name, {}) for preset, values in load_presets().items()}
     yield f"## {name}\n"
-    yield f"{stage.summary} Reads {_listed(reads) if reads else 'mesh files'}; writes `{writes}`.\n"
+    yield f"{stage.summary} Reads {reads or 'mesh files'}; writes `{writes}`.\n"
     yield _table(("setting", "type", "default", "in presets", "changes", "why"), _setting_rows(stage.settings_type, presets))
 
 
@@ -132,10 +132,6 @@ def _type_name(kind: Any) -> str:
     if inner:  # a union
         return " or ".join(map(_type_name, inner))
     return "null" if kind is NoneType else str(kind.__name__)
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(f"`{name}`" for name in names)
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
