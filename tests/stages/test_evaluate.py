@@ -21,7 +21,7 @@ from pipeline.models.reconstruction import Reconstructor
 from pipeline.reports.orderings import Verdict, orderings, show_orderings
 from pipeline.store.directory import DataDirectory, hashes_of
 from pipeline.store.pieces import Pieces
-from stages.evaluate.evaluation_files import read_root, read_table
+from stages.evaluate.evaluation_files import read_root, read_table, write_evaluation
 from stages.evaluate.printed_tables import show
 from stages.evaluate.reconstruction_cases import make_cases
 from stages.evaluate.settings import EvaluationSettings
@@ -245,3 +245,20 @@ def test_numbers_of_grasps_hold_the_one_that_tables_need():
     with pytest.raises(ValueError, match="1 among them"):
         EvaluationSettings(grasps=(2, 3))
     assert EvaluationSettings(grasps=(5, 1)).grasps == (1, 5)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"more": [1.0]}, "its schema says"),
+        ({"epochs": [1, 2]}, r"training/epochs has shape \(2,\)"),
+        ({"best_loss": [np.nan]}, "training/best_loss holds NaN"),
+        ({"best_loss": [np.inf]}, "training/best_loss holds NaN or infinity"),
+    ],
+)
+def test_tables_that_depart_from_their_schema_are_not_written(tmp_path, change, words):
+    training = {"configuration": ["touch"], "parameters": [10], "epochs": [3], "best_epoch": [2], "best_loss": [0.5]}
+    write_evaluation(tmp_path, {"training": training}, {})
+    assert read_table(tmp_path, "training")["best_loss"] == 0.5
+    with pytest.raises(StoreError, match=words):
+        write_evaluation(tmp_path, {"training": training | change}, {})
