@@ -31,9 +31,9 @@ def write_evaluation(folder: Path, groups: Mapping[str, Mapping[str, Any]], attr
     StoreError
         A group holds other arrays than the schema declares, or their shapes disagree.
     """
-    path = folder / TABLES_ZARR
-    shutil.rmtree(path, ignore_errors=True)
-    store, checked = LocalStore(path), {name: _conform(name, arrays) for name, arrays in groups.items()}
+    checked = {name: _conform(name, arrays) for name, arrays in groups.items()}
+    shutil.rmtree(folder / TABLES_ZARR, ignore_errors=True)
+    store = LocalStore(folder / TABLES_ZARR)
     zarr.create_group(store, attributes={"schema": "evaluation", "schema_version": VERSION, **attributes, "complete": False}, zarr_format=3)
     for name, arrays in checked.items():
         table = _declared(name)
