@@ -118,8 +118,7 @@ def _rings(values: Values) -> Iterator[Claim]:
             if {first, second} <= values.keys() and (first, ring) != (second, other):
                 (smaller, sites), (larger, other_sites) = ring_per_object(values[first], ring), ring_per_object(values[second], other)
                 both = (sites > 0) & (other_sites > 0)
-                inner = f"{first}: ring ×{ring + 1} < ring ×{other + 1}"
-                text = inner if first == second else f"ring ×1: {first} < {second}"
+                text = f"{first}: ring ×{ring + 1} < ring ×{other + 1}" if first == second else f"ring ×1: {first} < {second}"
                 figures = _printed(TABLE_2, (first, ring), (second, other), TABLE_3_FACTOR)
                 yield Claim(text, smaller[both], larger[both], figures)
 
