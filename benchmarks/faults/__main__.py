@@ -20,8 +20,9 @@ import numpy as np
 import torch
 
 from benchmarks.faults import changes, damage, interruptions
-from benchmarks.faults.sandbox import OK, Sandbox, answer, digests, finish, fork, run
+from benchmarks.faults.sandbox import Sandbox, digests
 from benchmarks.faults.trial import Trial, Verdict
+from benchmarks.forked import OK, answer, finish, fork, run
 from benchmarks.provenance import provenance
 from stages.registry import STAGES
 

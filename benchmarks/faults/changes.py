@@ -7,8 +7,9 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks.faults.sandbox import IN_WORDS, OK, Sandbox, answer, digests
+from benchmarks.faults.sandbox import Sandbox, digests
 from benchmarks.faults.trial import Trial, Verdict
+from benchmarks.forked import IN_WORDS, OK, answer
 from pipeline.config.hand_file import load_hand
 from pipeline.store.digest import of_json
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.faults.sandbox import OK
 from benchmarks.faults.trial import Trial, Verdict, problems_in
+from benchmarks.forked import OK
 from pipeline.console import console_on
 from pipeline.reports import status
 

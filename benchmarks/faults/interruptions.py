@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from benchmarks.faults.sandbox import IN_WORDS, OK, End, finish, fork
 from benchmarks.faults.trial import Trial, Verdict
+from benchmarks.forked import IN_WORDS, OK, End, finish, fork
 from pipeline.cli import app
 from stages.registry import STAGES
 

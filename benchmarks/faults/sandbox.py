@@ -3,17 +3,10 @@
 from __future__ import annotations
 
 import importlib
-import json
-import os
 import shutil
-import signal
-import sys
-import time
-import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import yaml
 from rich.console import Console
@@ -23,7 +16,6 @@ from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans
 from pipeline.engine.run import run as run_plan
 from pipeline.engine.stage import DatasetStage
-from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory, folder_digest
 from stages.registry import STAGES, load_stage, resolve
 
@@ -41,21 +33,6 @@ SETTINGS = (
     *("evaluate.configurations=[touch]", "evaluate.points=200", "evaluate.grasps=[1,2]"),
 )
 """As small as the stages allow: a fault is about what is written, not about how good it is."""
-
-OK, IN_WORDS, TRACEBACK = 0, 1, 2
-"""How a run ends: as it should, with an error that says what to do, or with a traceback."""
-
-HANGS = -signal.SIGALRM
-"""The status of a run that had to be killed after `LIMIT` seconds."""
-LIMIT = 300.0
-
-
-@dataclass(frozen=True)
-class End:
-    """How a run ended: its status (negative: the signal that killed it), and what it printed."""
-
-    status: int
-    output: str
 
 
 @dataclass(frozen=True)
@@ -125,60 +102,6 @@ class Sandbox:
         """The artifact or folder that a stage makes."""
         loaded = load_stage(stage)
         return loaded.folder(resolve(stage, "draft", self.settings)) if isinstance(loaded, DatasetStage) else loaded.output.name
-
-
-def fork(work: Callable[[], object], log: Path) -> int:
-    """Start a function in a process of its own, in a group of its own; what it prints goes to `log`."""
-    log.write_text("")
-    process = os.fork()
-    if process:
-        return process
-    status = TRACEBACK
-    try:
-        os.setsid()
-        with log.open("w") as opened:
-            os.dup2(opened.fileno(), 1)
-            os.dup2(opened.fileno(), 2)
-        work()
-        status = OK
-    except SystemExit as error:
-        status = int(error.code or 0)
-    except PipelineError as error:
-        print(f"error: {error}", file=sys.stderr)
-        status = IN_WORDS
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(status)
-
-
-def finish(process: int, log: Path, limit: float = LIMIT) -> End:
-    """Wait for a process that `fork` started; one that hangs is killed."""
-    deadline = time.monotonic() + limit
-    while True:
-        done, status = os.waitpid(process, os.WNOHANG)
-        if done:
-            return End(os.waitstatus_to_exitcode(status), log.read_text(errors="replace"))
-        if time.monotonic() > deadline:
-            os.killpg(process, signal.SIGKILL)
-            os.waitpid(process, 0)
-            return End(HANGS, log.read_text(errors="replace"))
-        time.sleep(0.005)
-
-
-def run(work: Callable[[], object], log: Path) -> End:
-    """Run a function in a process of its own to its end."""
-    return finish(fork(work, log), log)
-
-
-def answer(work: Callable[[], Any], log: Path) -> Any:
-    """What a function returns, as JSON, in a process of its own: no thread of Zarr's is there when the next one is forked."""
-    end = run(lambda: print(json.dumps(work())), log)
-    if end.status != OK:
-        raise RuntimeError(end.output.strip()[-600:])
-    return json.loads(end.output.splitlines()[-1])
 
 
 def digests(data: Path) -> dict[str, str]:

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.faults.sandbox import IN_WORDS, OK, End, Sandbox, answer, digests, remove, run
+from benchmarks.faults.sandbox import Sandbox, digests, remove
+from benchmarks.forked import IN_WORDS, OK, End, answer, run
 from pipeline.store.validate import problems_below
 from stages.registry import STAGES
 
