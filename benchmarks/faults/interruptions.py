@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from benchmarks.faults.trial import Trial, Verdict
-from benchmarks.forked import IN_WORDS, OK, End, finish, fork
+from benchmarks.forked import HANGS, IN_WORDS, OK, End, finish, fork
 from pipeline.cli import app
 from stages.registry import STAGES
 
@@ -155,8 +155,8 @@ def short_of_memory(trial: Trial) -> Verdict:
         trial.sandbox.only(stage).make(trial.data)
 
     end = trial.run(work)
-    crashed = end.status < 0 or "MemoryError" in end.output or "memory" in end.output.lower()  # seen by whoever started it
-    return trial.mended(f"{stage}, {more // MEGABYTE} MB more", End(IN_WORDS, end.output) if crashed else end, stages=(stage,))
+    seen = end.status not in (OK, HANGS)  # words, a traceback of an allocation, or a crash: whoever started it knows
+    return trial.mended(f"{stage}, {more // MEGABYTE} MB more", End(IN_WORDS, end.output) if seen else end, stages=(stage,))
 
 
 def _as_meant(end: End, status: int) -> End:

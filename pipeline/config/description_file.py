@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -14,6 +14,9 @@ from pipeline.errors import InvalidInput
 
 Kind = Literal["manifest", "hand", "sensor", "scene"]
 Model = TypeVar("Model", bound=BaseModel)
+
+MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40
+"""What a description file may have: more is no description, and would take minutes to read."""
 
 
 def shipped_files(kind: Kind) -> dict[str, Path]:
@@ -55,8 +58,28 @@ def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
         such entry.
     """
     try:
-        return model.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+        return model.model_validate(read_yaml(path))
     except ValidationError as error:
         raise InvalidInput(f"{kind} file {path}: {complaints(error)}. Its entries are {', '.join(model.model_fields)}") from error
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, yaml.YAMLError) as error:
         raise InvalidInput(f"{kind} file {path} cannot be read as YAML: {error}") from error
+
+
+def read_yaml(path: Path) -> Any:
+    """Read a YAML file without aliases, which a few hundred bytes of can stand for gigabytes.
+
+    Raises
+    ------
+    OSError, ValueError, yaml.YAMLError
+        It cannot be read, is too large or too deep, has aliases, or is no YAML.
+    """
+    if (size := path.stat().st_size) > MAX_BYTES:
+        raise ValueError(f"it has {size} bytes, {MAX_BYTES} are the most")
+    text, depth = path.read_text(encoding="utf-8"), 0
+    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            raise ValueError(f"it has an alias, *{event.anchor}; write out what it stands for")
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > MAX_DEPTH:
+            raise ValueError(f"its entries are nested more than {MAX_DEPTH} deep")
+    return yaml.load(text, Loader=yaml.CSafeLoader)

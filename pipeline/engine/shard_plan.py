@@ -20,6 +20,7 @@ from pipeline.engine.stage import ObjectStage
 from pipeline.engine.workers import Job, Outcome, Work, run_jobs
 from pipeline.errors import BugFound, InvalidInput, StoreError
 from pipeline.store import digest
+from pipeline.store.collection import Collection
 from pipeline.store.directory import shard_name
 from pipeline.store.pieces import PieceFacts, Pieces
 from pipeline.store.publish import publish_shard
@@ -117,6 +118,13 @@ class ShardPlan(Plan[ObjectStage]):
         except StoreError:
             return None
 
+    def _published_before(self) -> Collection:
+        """All shards of the artifact; none where one is damaged or of another version, and is to be made again."""
+        try:
+            return self.directory.collection(self.artifact)
+        except StoreError:
+            return Collection(self.path.parent, self.artifact, [])
+
     def up_to_date(self) -> bool:
         """Whether the shard is there, complete, made under the same key, with no failure that is to be tried again."""
         if not self.members:
@@ -172,8 +180,7 @@ class ShardPlan(Plan[ObjectStage]):
     def forecast(self) -> Forecast:
         """From what objects took here before, else from what the stage says of itself."""
         typical, missing = self.stage.cost(self.settings), 0 if self.up_to_date() else len(self.missing())
-        shards = self.directory.collection(self.artifact).shards
-        same = [shard for shard in shards if shard.record.settings == self.settings.results()]
+        same = [shard for shard in self._published_before().shards if shard.record.settings == self.settings.results()]
         seconds = [row.seconds for shard in same for row in shard.record.rows]
         mean = sum(seconds) / len(seconds) if seconds else typical.seconds
         return Forecast(missing, self.total, missing * mean / max(1, self.request.workers), self.total * typical.kilobytes)
@@ -198,7 +205,7 @@ class ShardPlan(Plan[ObjectStage]):
 
     def _refuse_strangers(self) -> None:
         """A data directory of other objects would be lost: two folders of meshes go by one name, or a manifest by another's."""
-        there = self.directory.collection(self.artifact)
+        there = self._published_before()
         if len(there) and not any(item.object_id in there for item in self.request.objects):
             few = ", ".join(list(there)[:3])
             raise StoreError(

@@ -171,3 +171,18 @@ def test_without_its_description_a_dataset_is_split_as_its_records_are(tmp_path)
     run(request(tmp_path, shards=2))
     (tmp_path / "dataset.json").unlink()
     assert run(request(tmp_path)) == 0
+
+
+def test_a_shard_of_another_schema_is_made_again(tmp_path):
+    run(request(tmp_path))
+    newer = MakeNoise(version=2)
+    assert run(request(tmp_path, newer)) == 5
+    assert published(tmp_path, newer.output).first.artifact.version == 2
+
+
+def test_a_damaged_record_does_not_keep_its_own_stage_from_making_it_again(tmp_path):
+    run(request(tmp_path))
+    whole = digest(tmp_path)
+    flip(tmp_path / "noise" / "0000-of-0001.json")
+    assert run(request(tmp_path)) == 5
+    assert digest(tmp_path) == whole
