@@ -9,6 +9,9 @@ from pipeline.toy_objects import bottle, cellphone, knife, rifle
 from pipeline.toy_objects.model import Model
 
 MAKERS = {"bottle": bottle, "cellphone": cellphone, "knife": knife, "rifle": rifle}
+"""The module of each class: its `KINDS` each draw an object (model, rng), which its `PROPORTIONS` then stretch: axes, start and end
+of what is stretched, see `Model.stretch`, and the range of the factor."""
+
 CATEGORIES = tuple(MAKERS)
 KINDS = {category: maker.KINDS for category, maker in MAKERS.items()}
 """How the kinds of each class are modelled: wine and detergent bottles, flip phones, cleavers, carbines …"""
@@ -55,4 +58,6 @@ def generate(category: str, rng: np.random.Generator, kind: int | None = None) -
     kinds = KINDS[category]
     model = Model()
     kinds[rng.integers(len(kinds)) if kind is None else kind % len(kinds)](model, rng)
+    for axes, start, end, low, high in MAKERS[category].PROPORTIONS:
+        model.stretch(axes, start, end, rng.uniform(low, high))
     return model.mesh()

@@ -1,40 +1,40 @@
-"""Parts and their materials, put together to one mesh."""
+"""Parts and their materials, put together to one mesh; colours."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
-from pipeline.toy_objects.solids import Solid
+from pipeline.toy_objects.solids import Color, Material, Solid
 
 Rng = np.random.Generator
-Color = tuple[int, int, int]
 Palette = tuple[Color, ...]
 MILLIMETRE = 1e-3  # makers work in millimetres, meshes are in metres
 
-
-@dataclass(frozen=True, eq=False)
-class Material:
-    """One base colour (sRGB), perhaps a texture image (height, width, 4) uint8 that it multiplies."""
-
-    color: Color
-    image: NDArray[np.uint8] | None = None
+WHITE, BLACK, RED, GOLD = (246, 246, 246), (30, 30, 34), (196, 36, 38), (196, 156, 72)
+WOODS: Palette = ((112, 66, 36), (146, 94, 52), (78, 46, 30), (176, 124, 76), (56, 38, 32))
+PLASTICS: Palette = ((228, 228, 224), (206, 58, 48), (44, 104, 180), (236, 174, 44), (80, 148, 84), (224, 110, 150))
+STEELS: Palette = ((206, 210, 214), (184, 190, 196), (222, 222, 220), (150, 156, 162))
 
 
 @dataclass
 class Model:
-    """An object in the making: solids in millimetres, each with one material per layer."""
+    """An object in the making: solids in millimetres, the first paint of each its own material."""
 
-    parts: list[tuple[tuple[Material, ...], Solid]] = field(default_factory=list)
+    solids: list[Solid] = field(default_factory=list)
 
-    def add(self, material: Material | tuple[Material, ...], *solids: Solid) -> None:
-        """Add parts of one material, or of several: one per layer."""
-        materials = material if isinstance(material, tuple) else (material,)
-        self.parts.extend((materials, solid) for solid in solids)
+    def add(self, material: Material, *solids: Solid) -> None:
+        """Add parts of one material, under what is painted over them."""
+        self.solids += [replace(solid, paints=(material, *solid.paints)) for solid in solids]
+
+    def stretch(self, axes: str, start: float, end: float, factor: float) -> None:
+        """Scale what lies between two positions along each of some axes; what lies beyond them shifts."""
+        for solid in self.solids:
+            for axis in axes:
+                along = solid.vertices[:, "xyz".index(axis)]
+                along += (factor - 1.0) * (along.clip(start, end) - np.clip(0.0, start, end))
 
     def mesh(self) -> Mesh:
         """Join the parts to a mesh in metres, turned so that what was modelled to face -y faces +x.
@@ -42,25 +42,21 @@ class Model:
         Positions are rounded to 0.1 µm and texture coordinates to 1e-6: sines and powers differ between processors in their last
         bits, meshes must not.
         """
-        materials = list(dict.fromkeys(material for layers, _ in self.parts for material in layers))
-        textured = [material for material in materials if material.image is not None]
-        starts = np.cumsum([0] + [len(solid.vertices) for _, solid in self.parts[:-1]])
-        numbers = [np.array([materials.index(m) for m in layers])[solid.layer] for layers, solid in self.parts]
+        materials = list(dict.fromkeys(material for solid in self.solids for material in solid.paints))
+        textures = {material: material.image for material in materials if material.image is not None}
+        starts = np.cumsum([0] + [len(solid.vertices) for solid in self.solids[:-1]])
+        numbers = [np.array([materials.index(m) for m in solid.paints])[solid.layer] for solid in self.solids]
         look = Look(
-            uv=(np.concatenate([solid.uv for _, solid in self.parts]).clip(0.0, 1.0).round(6) + 0.0).astype(np.float32),
+            uv=(np.concatenate([solid.uv for solid in self.solids]).clip(0.0, 1.0).round(6) + 0.0).astype(np.float32),
             face_material=np.concatenate(numbers).astype(np.int32),
             base_color=np.array([[*material.color, 255] for material in materials], np.uint8),
-            material_texture=np.array([textured.index(m) if m in textured else -1 for m in materials], np.int32),
-            textures=tuple(material.image for material in textured if material.image is not None),
+            material_texture=np.array([list(textures).index(m) if m in textures else -1 for m in materials], np.int32),
+            textures=tuple(textures.values()),
         )
-        faces = np.concatenate([solid.faces + start for (_, solid), start in zip(self.parts, starts, strict=True)])
-        x, y, z = np.concatenate([solid.vertices for _, solid in self.parts]).round(4).T * MILLIMETRE
+        faces = np.concatenate([solid.faces + start for solid, start in zip(self.solids, starts, strict=True)])
+        x, y, z = np.concatenate([solid.vertices for solid in self.solids]).round(4).T * MILLIMETRE
         turned = np.stack([-y, x, z], axis=1) + 0.0  # no negative zeros
         return Mesh(turned, faces.astype(np.int32), look)
-
-
-Kind = Callable[[Model, Rng], None]
-"""Draws one kind of object from the rng and adds its parts to a model."""
 
 
 def pick(rng: Rng, *colors: Color, spread: int = 12) -> Material:
