@@ -38,7 +38,7 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help docs setup system dataset summary train train-unet evaluate report reproduce test test-slow test-cpus lint bench bench-peers tradeoff tradeoff-missing clean FORCE
+.PHONY: help docs setup system dataset summary train train-unet evaluate report reproduce test test-slow test-cpus lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
 FORCE:
 
 help:  ## list the targets
@@ -143,6 +143,12 @@ tradeoff: $(VENV)/installed-dev  ## measure what every setting costs and how wro
 
 tradeoff-missing: $(VENV)/installed-dev  ## list the settings that make tradeoff has not measured, or on older code
 	@$(BIN)/python -m benchmarks.tradeoff.missing
+
+faults: $(VENV)/installed-dev  ## inject some 500 faults (kills, full disks, damage …) and compare digests; writes docs/faults.md (half an hour)
+	@$(BIN)/python -m benchmarks.faults --write docs/faults.md
+
+fuzz: $(VENV)/installed-dev  ## feed a million wrong files to whatever reads files (half an hour)
+	@$(BIN)/python -m benchmarks.fuzz
 
 PEERS    := .venv-peers
 

@@ -43,6 +43,7 @@ def fork(work: Callable[[], object], log: Path) -> int:
         with log.open("w") as opened:
             os.dup2(opened.fileno(), 1)
             os.dup2(opened.fileno(), 2)
+        sys.stdout, sys.stderr = open(1, "w", closefd=False), open(2, "w", closefd=False)  # noqa: SIM115 (whoever started this may have others)
         work()
         status = OK
     except SystemExit as error:

@@ -102,7 +102,7 @@ def _feed(target: Target, folder: Path, numbers: range, seed: str, keep: Path) -
     signal.signal(signal.SIGALRM, _alarm)
     limit = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + BYTES
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-    tally = Tally()
+    tally, told = Tally(), set[str]()
     for number in numbers:
         rng = random.Random(f"{seed} {number}")
         files = _mutated_files(target, rng)
@@ -116,7 +116,9 @@ def _feed(target: Target, folder: Path, numbers: range, seed: str, keep: Path) -
             outcome = "refused in words"
         except (Exception, _TooSlow) as error:
             outcome = "found"
-            tally.findings.setdefault(_where(error), _keep(folder, keep))
+            if (where := _where(error)) not in told:
+                told.add(where)
+                tally.findings[where] = f"{str(error)[:100]!r}, {_keep(folder, keep)}"
         tally.outcomes[outcome] += 1
         tally.slowest = max(tally.slowest, time.perf_counter() - began)
         if number % 1000 == 999 or number == numbers[-1]:
@@ -160,7 +162,7 @@ def _keep(folder: Path, keep: Path) -> str:
 def _where(error: BaseException) -> str:
     last = traceback.extract_tb(error.__traceback__)
     ours = next((frame for frame in reversed(last) if "/pipeline/" in frame.filename or "/stages/" in frame.filename), last[-1])
-    return f"{type(error).__name__}: {str(error)[:100]!r} at {Path(ours.filename).name}:{ours.lineno} {ours.name}"
+    return f"{type(error).__name__} at {Path(ours.filename).name}:{ours.lineno} {ours.name}"
 
 
 @contextmanager
