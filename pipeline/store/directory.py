@@ -188,6 +188,10 @@ class DataDirectory:
 
     def _check_folder(self, name: str) -> list[str]:
         record = self.folder(name)
+        if unknown := sorted(record.inputs.keys() - ARTIFACTS.keys()):
+            raise StoreError(
+                f"{self.folder_record(name)}: there is no artifact {unknown[0]}; delete the record and run {record.stage} again"
+            )
         for artifact, made_from in record.inputs.items():
             if self.collection(ARTIFACTS[artifact]).rows_digest(record.splits) != made_from:
                 raise StoreError(f"{self.root / name} was made from other {artifact} than the current ones; run {record.stage} again")

@@ -21,6 +21,9 @@ Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}$")]
 """What may become part of a path."""
 
+RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}(/[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199})*$")]
+"""A file or folder below another one, never above it."""
+
 
 class _Model(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -61,7 +64,7 @@ class Provenance(_Model):
     preset: str
     seed: int
     manifest: str
-    models: dict[str, Sha256]
+    models: dict[RelativePath, Sha256]
     versions: dict[str, str]
     processor: dict[str, Any]
 
@@ -99,10 +102,10 @@ class FolderRecord(Provenance):
     """
 
     splits: tuple[str, ...]
-    inputs: dict[str, Sha256]
+    inputs: dict[Name, Sha256]
     facts: dict[str, Any]
     seconds: float
-    files: dict[str, Sha256]
+    files: dict[RelativePath, Sha256]
 
 
 R = TypeVar("R", bound=Provenance)

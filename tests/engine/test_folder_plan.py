@@ -138,3 +138,12 @@ def test_two_runs_of_one_folder_do_not_meet(tmp_path):
             return super().make(job)
 
     assert make(tmp_path, Nested())
+
+
+def test_a_record_that_names_an_artifact_nobody_knows_is_refused(tmp_path):
+    run(request(tmp_path))
+    make(tmp_path)
+    foreign = record(tmp_path).model_copy(update={"inputs": {"passwords": "0" * 64}})
+    (tmp_path / RECORD).write_bytes(sealed(foreign))
+    with pytest.raises(StoreError, match="there is no artifact passwords; delete the record and run average again"):
+        DataDirectory(tmp_path).check_origins(["models/average"])

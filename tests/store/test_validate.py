@@ -129,8 +129,10 @@ def test_an_attribute_that_was_changed(shard):
         (lambda text: text.replace(b"letter", b"lettes"), "its checksum is not that of its content"),
         (lambda text: resealed(text, schema_version=0), "schema noise is version 1 here, the shard has 0"),
         (lambda text: resealed(text, location="../../outside"), "the record is damaged (1 validation error"),
+        (lambda text: resealed(text, key="../../../../OWNED"), "the record is damaged (1 validation error"),
+        (lambda text: resealed(text, models={"../../outside": "0" * 64}), "the record is damaged (1 validation error"),
     ],
-    ids=["empty", "other", "nested", "flipped", "version", "path"],
+    ids=["empty", "other", "nested", "flipped", "version", "location", "key", "model"],
 )
 def test_a_damaged_record_is_a_line_and_the_rest_is_still_checked(shard, content, said):
     record = shard.parent / "0000-of-0001.json"
