@@ -7,9 +7,10 @@ import time
 from collections.abc import Iterable
 from typing import TextIO
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.segment import Segment
 from rich.table import Table
 
 SECONDS_PER_LINE = 15.0
@@ -17,9 +18,23 @@ WIDE = 160
 """Columns where no terminal says how many it has: a table in a log is not squeezed."""
 
 
+def visible(text: str) -> str:
+    """Replace what is no printable character and no line break by its code, such as \\x1b."""
+    return "".join(one if one.isprintable() or one == "\n" else repr(one)[1:-1] for one in text)
+
+
+class _VisibleConsole(Console):
+    """Prints the control characters of names and reasons as their codes: a terminal would obey them."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(visible(segment.text), segment.style)
+
+
 def console_on(stream: TextIO) -> Console:
     """Make a console on standard output or standard error."""
-    return Console(stderr=stream is sys.stderr, highlight=False, soft_wrap=True, width=None if stream.isatty() else WIDE)
+    width = None if stream.isatty() else WIDE
+    return _VisibleConsole(stderr=stream is sys.stderr, highlight=False, emoji=False, soft_wrap=True, width=width)
 
 
 console, errors = console_on(sys.stdout), console_on(sys.stderr)

@@ -5,7 +5,12 @@ from __future__ import annotations
 import re
 import sys
 
-from pipeline.console import Meter, console_on
+import pytest
+import typer
+
+from pipeline.cli.failures import failures_as_words
+from pipeline.console import Meter, console_on, print_table, say
+from pipeline.errors import InvalidInput
 
 
 def test_meter_says_without_a_terminal_how_far_the_work_is(monkeypatch, capsys):
@@ -23,3 +28,28 @@ def test_meter_says_nothing_of_short_work(capsys):
         meter.advance()
         meter.advance()
     assert capsys.readouterr().out == ""
+
+
+def test_control_characters_are_printed_as_their_codes(capsys):
+    meter = Meter(console_on(sys.stdout), "a\x1b]0;owned\x07b", 1, "steps")
+    meter._bar.console.print(meter._bar)
+    print_table(console_on(sys.stdout), ["\x9b2J"], [["\u202etxt.exe"]])
+    say("é [bold] :smile: \x1b[31mred\n\udcff\x00\u2028")
+    shown = capsys.readouterr().out
+    assert all(one.isprintable() or one == "\n" for one in shown)
+    for expected in (r"a\x1b]0;", r"\x9b2J", r"\u202et", r"é [bold] :smile: \x1b[31mred" + "\n" + r"\udcff\x00\u2028"):
+        assert expected in shown
+
+
+def test_an_errors_control_characters_do_not_reach_the_terminal(capsys):
+    @failures_as_words()
+    def command(error: Exception) -> None:
+        raise error
+
+    for error in (InvalidInput("a\x1b[2Jb"), KeyError("unforeseen"), RuntimeError("a\x1b[2Jb")):
+        with pytest.raises(typer.Exit):
+            command(error)
+    shown = capsys.readouterr().err
+    assert "\x1b" not in shown
+    assert r"error: a\x1b[2Jb" in shown
+    assert r"RuntimeError: a\x1b[2Jb" in shown

@@ -45,7 +45,7 @@ def failures_as_words() -> Iterator[None]:
     except typer.Exit:
         raise
     except Exception:
-        traceback.print_exc()
+        errors.print(escape(traceback.format_exc().rstrip()))
         fail("this is a bug in vt-pipeline; please report it with the traceback above. What is finished is kept")
     finally:
         signal.signal(signal.SIGTERM, before)

@@ -75,7 +75,7 @@ def validate(data: DataArgument) -> None:
 
     found = problems_below(data)
     for path, lines in found.items():
-        console.print(f"{path}: {'[green]valid[/]' if not lines else '[red]not valid[/]'}")
+        console.print(f"{escape(str(path))}: {'[green]valid[/]' if not lines else '[red]not valid[/]'}")
         for line in lines:
             say(f"  {line}")
     if not found:

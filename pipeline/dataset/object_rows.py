@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
+from pipeline.config.complaints import complaints
 from pipeline.errors import StoreError
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.sensor import Sensor
@@ -92,6 +94,14 @@ class ObjectRows:
         """What the root of an artifact says, such as the sensor's description under `touch`."""
         return self._collections[artifact].first.attributes
 
+    def sensor(self) -> Sensor:
+        """The sensor of the tactile images; a `StoreError` where `touch` says none."""
+        try:
+            return Sensor.model_validate(self.attributes("touch").get("sensor"))
+        except ValidationError as error:
+            shard = self._collections["touch"].first
+            raise StoreError(f"{shard.path}: its sensor cannot be used ({complaints(error)}); {shard.remedy}") from error
+
     def size(self, array: str, dim: str) -> int:
         """How many entries an array has along one of its dimensions, in every object."""
         position = self._owner[array].arrays[array].dims.index(dim)
@@ -121,7 +131,7 @@ class ObjectRows:
         return np.asarray(row[grasp] if by_grasp else row)
 
     def _derive(self, array: str, object_id: str, grasp: int | None) -> np.ndarray:
-        sensor = Sensor.model_validate(self.attributes("touch")["sensor"])
+        sensor = self.sensor()
         depth, pose = (self.read(name, object_id, grasp) for name in ("depth", "sensor_pose"))
         sites = depth.shape[:-2]  # ([grasp,] sensor)
         found = [local_points(depth[site], pose[site], sensor)[DERIVED.index(array)] for site in np.ndindex(sites)]

@@ -98,7 +98,7 @@ class Plan(ABC, Generic[S]):
     def __init__(self, request: Request[S]) -> None:
         self.request, self.stage, self.settings = request, request.stage, request.settings
         self.directory = DataDirectory(request.data)
-        self.models = {name: self.directory.folder_path(name) for name in self.stage.models(self.settings)}
+        self.models = {name: self.directory.whole_folder(name) for name in self.stage.models(self.settings)}
         self.inputs = [self.directory.collection(artifact) for artifact in self.stage.inputs(self.settings)]
 
     @property

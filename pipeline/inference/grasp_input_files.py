@@ -1,39 +1,37 @@
-"""A grasp from a user's own files: an image, tactile images, and the poses of their sensors."""
+"""A grasp from a user's own files: tactile images, and the poses of their sensors."""
 
 from __future__ import annotations
 
+import io
 import json
+import math
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
 
-from pipeline.errors import StageError
+from pipeline.config.file_content import read_file
+from pipeline.config.image_file import read_image
+from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.sensor import check_pose
 
-
-def read_image(path: Path) -> NDArray[np.uint8]:
-    """Read an image file: (rows, cols, 3) uint8 sRGB; transparency and more than 8 bits a colour are errors, grey becomes colour."""
-    try:
-        with Image.open(path) as image:
-            if image.mode not in ("RGB", "L"):
-                raise StageError(f"{path} has colours {image.mode}; save it as 8-bit RGB, without transparency")
-            return np.asarray(image.convert("RGB"))
-    except (OSError, UnidentifiedImageError) as error:
-        raise StageError(f"{path} cannot be read as an image ({error})") from error
+MAX_BYTES = 2**20
+"""Of a file of poses, and of each array in it: some 8000 poses."""
 
 
 def read_readings(paths: Sequence[Path]) -> NDArray[np.uint8]:
     """Read tactile images, one file per sensor, all of one size: (T, rows, cols, 3) uint8."""
-    readings = [read_image(path) for path in paths]
-    for path, reading in zip(paths, readings, strict=True):
-        if reading.shape != readings[0].shape:
-            raise StageError(
+    readings: list[NDArray[np.uint8]] = []
+    for path in paths:
+        reading = read_image(path)
+        if readings and reading.shape != readings[0].shape:
+            raise InvalidInput(
                 f"{path} has {reading.shape[:2]} pixels, {paths[0]} has {readings[0].shape[:2]}; all come from one kind of sensor"
             )
+        readings.append(reading)
     return np.stack(readings) if readings else np.zeros((0, 0, 0, 3), np.uint8)
 
 
@@ -53,27 +51,53 @@ def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_] | Non
 
     Raises
     ------
-    StageError
+    InvalidInput
         The file cannot be read, has no poses, or a pose is no rigid motion.
     """
+    content = read_file(path, MAX_BYTES)
     try:
-        with path.open("rb") as file:
-            content: Any = np.load(file, allow_pickle=False) if path.suffix == ".npz" else json.load(file)
-            if isinstance(content, list):
-                content = {"poses": content}
-            poses, touched = np.asarray(content["poses"], np.float64), content.get("touched")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise StageError(f"{path} holds no sensor poses ({error}); see `vt-pipeline predict --help`") from error
-    if poses.ndim != 3 or poses.shape[1:] != (4, 4):
-        raise StageError(f"{path}: poses have shape {poses.shape}; they must be (sensors, 4, 4)")
+        arrays = _npz_arrays(content) if path.suffix == ".npz" else _json_arrays(content)
+    except Exception as error:  # the readers of zip files and of numpy's headers raise whatever their parsing trips over
+        raise InvalidInput(f"{path} holds no sensor poses ({error}); see `vt-pipeline predict --help`") from error
+    poses, touched = arrays["poses"], arrays.get("touched")
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or poses.dtype.kind not in "iuf":
+        raise InvalidInput(f"{path}: poses are {poses.dtype} {poses.shape}; they must be numbers, (sensors, 4, 4)")
     for number, pose in enumerate(poses):
         try:
             check_pose(pose)
-        except ValueError as error:
-            raise StageError(f"{path}, pose {number}: {error}") from error
-    if touched is None:
-        return poses, None
-    flags = np.asarray(touched)
-    if flags.dtype != bool or flags.shape != poses.shape[:1]:
-        raise StageError(f"{path}: touched is {flags.dtype} {flags.shape}; it must be true or false for each of the {len(poses)} poses")
-    return poses, flags
+        except InvalidInput as error:
+            raise InvalidInput(f"{path}, pose {number}: {error}") from error
+    if touched is not None and (touched.dtype != bool or touched.shape != poses.shape[:1]):
+        raise InvalidInput(
+            f"{path}: touched is {touched.dtype} {touched.shape}; it must be true or false for each of the {len(poses)} poses"
+        )
+    return poses.astype(np.float64), touched
+
+
+def _json_arrays(content: bytes) -> dict[str, np.ndarray]:
+    said: Any = json.loads(content)
+    if isinstance(said, list):
+        said = {"poses": said}
+    if not isinstance(said, dict) or "poses" not in said:
+        raise ValueError("there is no list of poses in it")
+    return {name: np.asarray(said[name]) for name in ("poses", "touched") if said.get(name) is not None}
+
+
+def _npz_arrays(content: bytes) -> dict[str, np.ndarray]:
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        there = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
+        return {name: _npy_array(archive, there[name]) for name in ("poses", "touched") if name == "poses" or name in there}
+
+
+def _npy_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    """Read an array; what its header claims is compared with what is there before memory is taken."""
+    if member.file_size > MAX_BYTES or member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError(f"{member.filename} has {member.file_size} bytes, {MAX_BYTES} are the most, stored or deflated")
+    file = io.BytesIO(archive.read(member))
+    if (version := np.lib.format.read_magic(file)) != (1, 0):
+        raise ValueError(f"{member.filename} is of numpy's format {version}; save it with numpy.savez")
+    shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
+    values = file.read()
+    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(values):
+        raise ValueError(f"{member.filename} claims {dtype} {shape}, and has {len(values)} bytes of values")
+    return np.frombuffer(values, dtype).reshape(shape, order="F" if fortran else "C")

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pipeline.errors import StageError
+from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES
 from pipeline.models.reconstruction import Reconstruction
 from pipeline.store.atomic import write_at_once
@@ -85,10 +85,14 @@ def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color) -> trimesh.Trim
     return trimesh.Trimesh(vertices, faces, vertex_colors=np.tile(np.array(color, np.uint8), (len(vertices), 1)), process=False)
 
 
-def check_suffix(path: Path) -> None:
-    """Raise a `StageError` where no mesh can be written under that name."""
+def check_output(path: Path) -> None:
+    """Raise an `InvalidInput` where no mesh can be written under that name."""
     if path.suffix.lower() not in SUFFIXES:
-        raise StageError(f"{path}: meshes are written as {', '.join(SUFFIXES)}, by suffix; {path.suffix or 'no suffix'} is not one of them")
+        raise InvalidInput(
+            f"{path}: meshes are written as {', '.join(SUFFIXES)}, by suffix; {path.suffix or 'no suffix'} is not one of them"
+        )
+    if path.is_dir():
+        raise InvalidInput(f"{path} is a folder; name a file to write")
 
 
 def _write(path: Path, parts: Parts) -> None:

@@ -11,14 +11,17 @@ from typing import Literal
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
+from pipeline.config.complaints import complaints
+from pipeline.config.image_file import read_image
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError, StoreError
-from pipeline.inference.grasp_input_files import read_image, read_poses, read_readings
-from pipeline.inference.mesh_files import check_suffix, write_charts, write_joined
+from pipeline.inference.grasp_input_files import read_poses, read_readings
+from pipeline.inference.mesh_files import check_output, write_charts, write_joined
 from pipeline.kernels.charts.chart_fitting import fit_charts
-from pipeline.kernels.touch.sensor import Sensor, sensor_to_world
+from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.models.touch_model import TouchModel, load_touch_model
@@ -96,7 +99,7 @@ def predict(
         A model or an input that it needs is missing; an image's size or a chart's is not the one it was trained on; the suffix is no
         mesh's.
     """
-    check_suffix(out)
+    check_output(out)
     device = device_of(accelerator)
     observer = _Observer(_load(models / "gcn", configuration, device), models, device, seed)
     if data is not None:
@@ -117,7 +120,7 @@ def _load(folder: Path, configuration: str, device: torch.device) -> Reconstruct
     if not (folder / f"{configuration}.json").is_file():
         there = ", ".join(sorted(path.stem for path in folder.glob("*.json"))) or "none"
         raise StageError(f"{folder} has no model {configuration} (there: {there}); train it with train-gcn")
-    return Reconstructor(DataDirectory(folder).folder_path(configuration), device)
+    return Reconstructor(DataDirectory(folder).whole_folder(configuration), device)
 
 
 @dataclass(frozen=True)
@@ -140,7 +143,7 @@ class _Observer:
         rows = _open_grasps(data, [*images, *TOUCHES], object_id, grasps)
         image = rows.read(config.image, object_id, grasps[0]) if config.image else None
         readings, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
-        self.unet.check_sensor(Sensor.model_validate(rows.attributes("touch")["sensor"]))
+        self.unet.check_sensor(rows.sensor())
         return Observation(image, *self._charts(readings, poses, touched, object_id))
 
     def of_files(self, image: Path | None, readings: Sequence[Path], poses: Path | None) -> Observation:
@@ -161,7 +164,7 @@ class _Observer:
     @cached_property
     def unet(self) -> TouchModel:
         """Load the U-Net beside the model."""
-        return load_touch_model(DataDirectory(self.models).folder_path("unet"), self.device)
+        return load_touch_model(DataDirectory(self.models).whole_folder("unet"), self.device)
 
     def _charts(
         self, readings: NDArray[np.uint8], poses: NDArray[np.float64], touched: NDArray[np.bool_] | None, name: str
@@ -171,10 +174,21 @@ class _Observer:
         flags = np.array([len(cloud) > 0 for cloud in clouds]) if touched is None else touched
         given = [cloud if flag else cloud[:0] for cloud, flag in zip(clouds, flags, strict=True)]
         generators = [torch_generator(self.seed, "predict", name, number) for number in range(len(given))]
-        options = ChartSettings.model_validate(self.model.chart_settings or {}).fit_options(width)
-        fits = fit_charts(given, width, generators, options=options)
+        fits = fit_charts(given, width, generators, options=self._chart_settings().fit_options(width))
         vertices = [sensor_to_world(pose, *chart.T) for pose, chart in zip(poses, fits.vertices, strict=True)]
         return np.array(vertices, np.float32), flags & is_surface(fits.stop_rule)
+
+    def _chart_settings(self) -> ChartSettings:
+        try:
+            settings = ChartSettings.model_validate(self.model.chart_settings)
+        except ValidationError as error:
+            raise StoreError(f"charts of model {self.model.configuration}: {complaints(error)}; run train-gcn again") from error
+        if settings.side != self.model.config.side:
+            raise StoreError(
+                f"model {self.model.configuration} takes charts of side {self.model.config.side}, and says that they were fitted with "
+                f"{settings.side}; run train-gcn again"
+            )
+        return settings
 
 
 def _open_grasps(data: Path, arrays: Sequence[str], object_id: str, grasps: Sequence[int]) -> ObjectRows:

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import torch
+from pydantic import BaseModel, ValidationError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
-from pipeline.errors import StoreError
+from pipeline.config.complaints import complaints
+from pipeline.config.file_content import read_file
+from pipeline.errors import InvalidInput, StoreError
 
 WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
+MAX_BYTES = 2**20
+"""Of a description."""
+
+D = TypeVar("D", bound=BaseModel)
+N = TypeVar("N", bound=nn.Module)
 
 
 def save_model(folder: Path, module: nn.Module, description: Mapping[str, Any]) -> None:
@@ -21,9 +30,48 @@ def save_model(folder: Path, module: nn.Module, description: Mapping[str, Any]) 
     (folder / DESCRIPTION).write_text(json.dumps(description, indent=2, sort_keys=True, allow_nan=False))
 
 
-def load_model(folder: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Read the state dict and the description that `save_model` wrote; a `StoreError` where there is none that can be read."""
+def read_description(folder: Path, kind: type[D]) -> D:
+    """Read the description that `save_model` wrote; a `StoreError` where there is none, or an entry of it cannot be used."""
     try:
-        return load_file(folder / WEIGHTS), json.loads((folder / DESCRIPTION).read_text())
-    except (OSError, ValueError) as error:
-        raise StoreError(f"{folder} holds no trained model ({error}); run the stage that trains it") from error
+        return kind.model_validate_json(read_file(folder / DESCRIPTION, MAX_BYTES))
+    except ValidationError as error:
+        raise unusable(folder, f"{DESCRIPTION}: {complaints(error)}") from error
+    except InvalidInput as error:
+        raise unusable(folder, error) from error
+
+
+def read_weights(folder: Path) -> dict[str, Tensor]:
+    """Read the weights that `save_model` wrote; a `StoreError` where there are none that can be read."""
+    try:
+        return load_file(folder / WEIGHTS)
+    except Exception as error:  # safetensors raises whatever its parsing trips over
+        raise unusable(folder, f"{WEIGHTS}: {error}") from error
+
+
+def load_network(folder: Path, make: Callable[[], N], device: torch.device | str) -> N:
+    """Make the network of a folder's weights, for evaluation on a device; memory is taken once it is known that they fit.
+
+    Raises
+    ------
+    StoreError
+        There are no weights, or they are not those of such a network.
+    """
+    weights = read_weights(folder)
+    with torch.device("meta"):  # shapes without memory
+        network = make()
+    wanted, found = ({name: tuple(value.shape) for name, value in one.items()} for one in (network.state_dict(), weights))
+    if differing := sorted(name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name)):
+        name = differing[0]
+        raise unusable(
+            folder,
+            f"{len(differing)} arrays of {WEIGHTS} differ from what {DESCRIPTION} says, {name} first: "
+            f"{found.get(name, 'missing')}, not {wanted.get(name, 'there')}",
+        )
+    network = network.to_empty(device=device)
+    network.load_state_dict(weights)
+    return network.eval()
+
+
+def unusable(folder: Path, why: object) -> StoreError:
+    """Make the error that a folder's network cannot be used."""
+    return StoreError(f"{folder} holds no trained model that can be used ({why}); delete it, and run the stage that trains it")

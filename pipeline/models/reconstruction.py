@@ -9,14 +9,17 @@ from typing import Any
 
 import numpy as np
 import torch
+from pydantic import BaseModel, ConfigDict, model_validator
 from torch import Tensor
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import NetworkConfig
-from pipeline.models.model_files import load_model
+from pipeline.models.model_files import load_network, read_description
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
+
+ImageRow = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,23 @@ def assemble_surfaces(network: DeformationNetwork, deformed: Tensor, batch: Netw
         yield torch.cat([vision, surface.reshape(-1, 3)]), torch.cat([vision_faces, faces])
 
 
+class _Description(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    configuration: str
+    network: NetworkConfig
+    camera: tuple[ImageRow, ImageRow, ImageRow] | None
+    resolution: tuple[int, int] | None
+    charts: dict[str, Any] | None
+
+    @model_validator(mode="after")
+    def _of_its_inputs(self) -> _Description:
+        image, touch = self.network.image is not None, self.network.touch
+        if (self.camera is not None, self.resolution is not None, self.charts is not None) != (image, image, touch):
+            raise ValueError("a network with an image has camera and resolution, one with touch has charts; the others have none")
+        return self
+
+
 class Reconstructor:
     """A trained deformation network, from its folder.
 
@@ -80,15 +100,12 @@ class Reconstructor:
     """
 
     def __init__(self, folder: Path, device: torch.device | str = "cpu") -> None:
-        weights, description = load_model(folder)
-        self.configuration: str = description["configuration"]
-        self.config = NetworkConfig.model_validate(description["network"])
+        said = read_description(folder, _Description)
+        self.configuration, self.config, self.chart_settings = said.configuration, said.network, said.charts
         self.image, self.touch = self.config.image, self.config.touch
-        self.chart_settings: dict[str, Any] | None = description["charts"]
-        self.network = DeformationNetwork(self.config).to(device).eval()
-        self.network.load_state_dict(weights)
-        self._camera = None if description["camera"] is None else torch.tensor(description["camera"], dtype=torch.float64, device=device)
-        self._resolution = description["resolution"]
+        self.network = load_network(folder, lambda: DeformationNetwork(self.config), device)
+        self._camera = None if said.camera is None else torch.tensor(said.camera, dtype=torch.float64, device=device)
+        self._resolution = said.resolution and list(said.resolution)
 
     @torch.no_grad()
     def reconstruct(self, observations: Sequence[Observation]) -> list[Reconstruction]:

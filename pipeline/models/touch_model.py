@@ -9,17 +9,27 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from PIL import Image
+from pydantic import BaseModel, ConfigDict, Field
 
-from pipeline.errors import InvalidInput, StoreError
+from pipeline.config.image_file import read_image
+from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.image_tensors import network_input
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.sensor import Sensor, masked_points
-from pipeline.models.model_files import load_model, save_model
+from pipeline.models.model_files import load_network, read_description, save_model, unusable
 
 UNTOUCHED = "untouched.png"
 IMAGES_AT_ONCE = 32
 """Tactile images in one batch: at Table 5's width about half a GB of features."""
+
+
+class _Description(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    width: int = Field(ge=1, le=2**12)
+    mask_threshold: float
+    sensor: Sensor
 
 
 def save_touch_model(folder: Path, network: UNet, *, sensor: Sensor, untouched: np.ndarray, mask_threshold: float) -> None:
@@ -30,17 +40,15 @@ def save_touch_model(folder: Path, network: UNet, *, sensor: Sensor, untouched: 
 
 def load_touch_model(folder: Path, device: torch.device | str) -> TouchModel:
     """Load the U-Net that `train-unet` left in `folder`; a `StoreError` where there is none."""
-    weights, description = load_model(folder)
+    said = read_description(folder, _Description)
+    network = load_network(folder, lambda: UNet(said.width), device)
     try:
-        network = UNet(description["width"])
-        network.load_state_dict(weights)
-        sensor = Sensor.model_validate(description["sensor"])
-        with Image.open(folder / UNTOUCHED) as image:
-            untouched = np.asarray(image)
-        threshold = float(description["mask_threshold"])
-    except (KeyError, RuntimeError, OSError, ValueError) as error:
-        raise StoreError(f"{folder} holds no U-Net that can be used ({error}); run train-unet again") from error
-    return TouchModel(network.to(device).eval(), sensor, untouched, threshold)
+        untouched = read_image(folder / UNTOUCHED)
+    except InvalidInput as error:
+        raise unusable(folder, error) from error
+    if untouched.shape[:2] != said.sensor.shape:
+        raise unusable(folder, f"{UNTOUCHED} has {untouched.shape[:2]} pixels, its sensor {said.sensor.shape}")
+    return TouchModel(network, said.sensor, untouched, said.mask_threshold)
 
 
 @dataclass(frozen=True)

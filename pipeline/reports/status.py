@@ -141,7 +141,14 @@ def show(account: Account, console: Console) -> None:
     print_table(console, columns, rows)
     if account.folders:
         folders = [
-            (one.folder, one.stage, f"{one.megabytes:.1f}", f"{one.seconds:.0f}", one.digest[:16], "stale" if one.stale else "")
+            (
+                escape(one.folder),
+                escape(one.stage),
+                f"{one.megabytes:.1f}",
+                f"{one.seconds:.0f}",
+                one.digest[:16],
+                "stale" if one.stale else "",
+            )
             for one in account.folders
         ]
         print_table(console, ("folder", "stage", "MB", "s", "digest", ""), folders)
@@ -153,4 +160,4 @@ def show(account: Account, console: Console) -> None:
     if account.garbage > 1:
         console.print(f"{account.garbage:.0f} MB were replaced and are named by no record: `vt-pipeline collect-garbage` removes them")
     for (object_id, stage), reason in failures.items():
-        console.print(f"[yellow]failed[/] {escape(object_id)} in {stage}: {escape(reason)}")
+        console.print(f"[yellow]failed[/] {escape(object_id)} in {escape(stage)}: {escape(reason)}")

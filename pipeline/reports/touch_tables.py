@@ -22,7 +22,7 @@ def show(found: dict[str, Tally], sensors: list[str], console: Console) -> None:
     for name, entry in [*found.items(), ("all", everything)]:
         *counts, kept, tried = entry.row()
         theirs = (SUPPLEMENT_SUCCESS | {"all": 62.7}).get(name, "–")
-        rows.append((name, *counts, f"{kept:.1f}", theirs, f"{tried:.1f}"))
+        rows.append((escape(name), *counts, f"{kept:.1f}", theirs, f"{tried:.1f}"))
     print_table(console, ("class", "objects", "grasps", "touches", "% successful", "supplement", "% of all attempts"), rows)
 
     touched = np.concatenate(everything.touched)

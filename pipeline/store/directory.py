@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Container, Iterable
+from collections.abc import Container, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -128,6 +128,22 @@ class DataDirectory:
     def folder_path(self, name: str) -> Path:
         """The folder that the record names."""
         return (self.root / name).with_name(self.folder(name).location)
+
+    def folder_problems(self, name: str) -> Iterator[str]:
+        """Compare the files of a folder with what its record says: a line for each that differs."""
+        record, folder = self.folder(name), self.folder_path(name)
+        there = hashes_of(folder)
+        again = f"delete {folder} and run {record.stage} again"
+        for file, written in record.files.items():
+            if there.get(file) != written:
+                yield f"{file} {'is missing' if file not in there else 'differs from what was written'}; {again}"
+        yield from (f"{file} was not written by {record.stage}" for file in sorted(there.keys() - record.files.keys()))
+
+    def whole_folder(self, name: str) -> Path:
+        """The folder that the record names, to be read: a `StoreError` where a file of it is missing or was changed."""
+        if problem := next(self.folder_problems(name), None):
+            raise StoreError(f"{self.folder_path(name)}: {problem}")
+        return self.folder_path(name)
 
     # ---- what is being made
 

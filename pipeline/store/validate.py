@@ -10,7 +10,7 @@ from pydantic_zarr.v3 import GroupSpec
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
-from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.directory import DataDirectory
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
 from pipeline.store.spec import departures
@@ -105,11 +105,5 @@ def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:
 
 def _folder_problems(directory: DataDirectory, name: str) -> Iterator[str]:
     """Whether a folder holds the files that its record says, and was made from what is there now."""
-    record, folder = directory.folder(name), directory.folder_path(name)
-    there = hashes_of(folder)
-    again = f"delete {folder} and run {record.stage} again"
-    for file, written in record.files.items():
-        if there.get(file) != written:
-            yield f"{file} {'is missing' if file not in there else 'differs from what was written'}; {again}"
-    yield from (f"{file} was not written by {record.stage}" for file in sorted(there.keys() - record.files.keys()))
+    yield from directory.folder_problems(name)
     directory.check_origins([name])

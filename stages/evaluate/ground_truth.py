@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
-from pipeline.kernels.touch.sensor import Sensor
 from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from stages.evaluate.reconstruction_cases import Case
@@ -51,7 +50,7 @@ class Truth:
                 f"evaluate.points is {self.count}, the dataset has {available} points per object; lower it, or sample more surface"
             )
         self.poses, self.touched = self.stack("sensor_pose"), self.stack("touch_success")
-        self.width = Sensor.model_validate(self.rows.attributes("touch")["sensor"]).width
+        self.width = self.rows.sensor().width
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -46,7 +46,7 @@ def show(folder: Path, console: Console) -> None:
         title = f"Chamfer distance × {TABLE_3_FACTOR:.0f} by the number of grasps; floor {TABLE_3_FACTOR * floor:.3f}"
         print_table(console, ("model", *table["grasps_given"]), _grasps(table), f"Table 3: {title}")
     table = read_table(folder, "modalities")
-    classes = [f"{name} ({count})" for name, count in zip(table["category"], table["objects"], strict=True)]
+    classes = [f"{escape(name)} ({count})" for name, count in zip(table["category"], table["objects"], strict=True)]
     title = f"Modalities: Chamfer distance × {TABLE_3_FACTOR:.0f} with one grasp, by class; the last column in m²"
     print_table(console, ("model", *classes, "all, m²"), _modalities(table), title)
     first, second = table["tau"]
@@ -60,7 +60,7 @@ def show(folder: Path, console: Console) -> None:
 
 def _dataset(table: Arrays) -> Rows:
     for name, *counts, share in zip(*(table[key] for key in ("category", "objects", "grasps", "touches", "successful")), strict=True):
-        yield name, *counts, f"{100 * share:.1f}", SUPPLEMENT_SUCCESS.get(name, NONE)
+        yield escape(name), *counts, f"{100 * share:.1f}", SUPPLEMENT_SUCCESS.get(name, NONE)
 
 
 def _rings(table: Arrays) -> Rows:

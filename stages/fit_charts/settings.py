@@ -29,10 +29,16 @@ class ChartSettings(Settings):
         gt=0,
     )
     tight: bool = setting(False, "true halts at 2.3e-4 sensor widths² and 100 µm RMS, for half as much time again")
-    max_iterations: int = setting(1000, "nearly all charts halt earlier, even tight ones; those that do not gain little later", ge=1)
-    samples: int = setting(4000, "points of the chart in the loss that is held against the halt: with 1000 it would never be reached", ge=1)
-    step_samples: int = setting(500, "points of the chart in a step's loss: several times faster than all; below 60 µm take 2000", ge=1)
-    cloud_points: int | None = setting(500, "points of the cloud in a step's loss, others each step; null takes all", ge=1)
+    max_iterations: int = setting(
+        1000, "nearly all charts halt earlier, even tight ones; those that do not gain little later", ge=1, le=10_000
+    )
+    samples: int = setting(
+        4000, "points of the chart in the loss that is held against the halt: with 1000 it would never be reached", ge=1, le=50_000
+    )
+    step_samples: int = setting(
+        500, "points of the chart in a step's loss: several times faster than all; below 60 µm take 2000", ge=1, le=50_000
+    )
+    cloud_points: int | None = setting(500, "points of the cloud in a step's loss, others each step; null takes all", ge=1, le=50_000)
     check_every: int = setting(10, "steps from one look at the exact loss to the next", ge=1)
     learning_rate: float = setting(
         1e-2, "Adam's, sensor widths: charts as near as with the supplement's 3e-3, in a third of the time", gt=0

@@ -74,7 +74,7 @@ def load_touches(data: Path, split: str) -> Touches:
             f"none of the {success.size} sensors of split {split} ({len(rows)} objects) touches: there is nothing to learn from; "
             "take more objects, or more simulate-grasps.attempts"
         )
-    sensor = Sensor.model_validate(rows.attributes("touch")["sensor"])
+    sensor = rows.sensor()
     return Touches(rows, np.argwhere(success), sensor, rows.read("untouched", rows.object_ids[0]))
 
 

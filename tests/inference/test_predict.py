@@ -9,14 +9,14 @@ import trimesh
 from PIL import Image
 
 from pipeline.dataset.grasp_dataset import GraspDataset
-from pipeline.errors import PipelineError, StageError, StoreError
-from pipeline.inference.grasp_input_files import read_poses
+from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
 from pipeline.inference.mesh_files import TOUCH_COLOR, joined
 from pipeline.inference.predict import predict
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models.touch_model import save_touch_model
+from pipeline.store.directory import DataDirectory
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
 
@@ -130,7 +130,8 @@ def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
     ("asked", "error", "words"),
     [
         ({"configuration": "occluded"}, StageError, r"no model occluded .*none, occluded-touch"),
-        ({"out": "ball.stl"}, StageError, r"\.stl"),
+        ({"out": "ball.stl"}, InvalidInput, r"\.stl"),
+        ({"out": "taken.ply"}, InvalidInput, "taken.ply is a folder"),
         ({"grasps": [5]}, StoreError, "no grasp 5; there are grasps 0 to 4"),
         ({"grasps": []}, StageError, "at least"),
         ({"object_id": "z"}, StoreError, "no object z"),
@@ -144,10 +145,11 @@ def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
 )
 def test_what_cannot_be_predicted_is_an_error(data, tmp_path, asked, error, words):
     plain = {"out": "ball.ply", "models": data / "models", "configuration": "touch", "data": data, "object_id": "a", "grasps": [0]} | asked
-    out = tmp_path / plain.pop("out")
+    out = tmp_path / "out" / plain.pop("out")
+    (tmp_path / "out" / "taken.ply").mkdir(parents=True)
     with pytest.raises(error, match=words):
         predict(out, plain.pop("models"), plain.pop("configuration"), **plain)
-    assert not list(tmp_path.iterdir())
+    assert [path.name for path in out.parent.iterdir()] == ["taken.ply"]
 
 
 def test_files_that_do_not_fit_are_errors(data, files, tmp_path):
@@ -174,23 +176,25 @@ def test_files_that_do_not_fit_are_errors(data, files, tmp_path):
         predict(tmp_path / "ball.ply", bare, "touch", **given)
 
 
+@pytest.mark.parametrize("file", ["models/gcn/touch", "models/unet"])
+def test_a_model_of_which_a_bit_flipped_is_not_used(data, files, tmp_path, file):
+    copy = shutil.copytree(data, tmp_path / "data")
+    weights = DataDirectory(copy).folder_path(file) / "model.safetensors"
+    content = bytearray(weights.read_bytes())
+    content[-1] ^= 1
+    weights.write_bytes(content)
+    with pytest.raises(StoreError, match=r"model.safetensors differs from what was written; delete .* and run train-"):
+        predict(tmp_path / "ball.ply", copy / "models", "touch", readings=readings(files), poses=files / "poses.json")
+
+
 @pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ({}, "poses"),
-        ([[1, 2], [3, 4]], r"\(2, 2\)"),
-        ([], r"\(0,\)"),
-        ("four", "poses"),
-        ({"poses": [np.eye(4).tolist()], "touched": [1]}, "true or false"),
-        ({"poses": [np.eye(4).tolist()], "touched": [True, False]}, "each of the 1 poses"),
-        ([(2 * np.eye(4)).tolist()], "pose 0: .*rigid"),
-        ([np.full((4, 4), np.inf).tolist()], "infinity"),
-    ],
+    ("charts", "words"), [({"side": 9}, "takes charts of side 3, and .* with 9"), ({"samples": 10**9}, "samples: .* less than or equal")]
 )
-def test_poses_that_are_none_are_errors(tmp_path, content, words):
-    path = tmp_path / "poses.json"
-    path.write_text(json.dumps(content))
-    with pytest.raises(StageError, match=words):
-        read_poses(path)
-    with pytest.raises(StageError, match=r"absent\.json"):
-        read_poses(tmp_path / "absent.json")
+def test_chart_settings_that_cannot_be_used_are_errors(data, files, tmp_path, charts, words):
+    made = shutil.copytree(DataDirectory(data).folder_path("models/gcn/touch"), tmp_path / "made")
+    description = json.loads((made / "model.json").read_text())
+    (made / "model.json").write_text(json.dumps(description | {"charts": charts}))
+    shutil.copytree(data / "models", tmp_path / "models")
+    publish(tmp_path, "models/gcn/touch", made, "train-gcn")
+    with pytest.raises(StoreError, match=words):
+        predict(tmp_path / "ball.ply", tmp_path / "models", "touch", readings=readings(files), poses=files / "poses.json")

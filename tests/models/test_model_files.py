@@ -1,24 +1,139 @@
-"""Saved networks come back as they were."""
+"""Saved networks come back as they were; what is none is refused in words, before memory is taken."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import torch
+from PIL import Image
+from pydantic import BaseModel
 
 from pipeline.errors import StoreError
-from pipeline.models.model_files import load_model, save_model
+from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.touch.tactile_image import untouched_image
+from pipeline.models.model_files import load_network, read_description, save_model
+from pipeline.models.reconstruction import Reconstructor
+from pipeline.models.touch_model import load_touch_model, save_touch_model
+from tests.stages import ball_dataset as spheres
+
+
+class Width(BaseModel):
+    width: int
+
+
+def module() -> torch.nn.Module:
+    return torch.nn.Sequential(torch.nn.Linear(2, 3), torch.nn.BatchNorm1d(3))
 
 
 def test_saved_network_is_loaded_as_it_was(tmp_path: Path) -> None:
-    module = torch.nn.Sequential(torch.nn.Linear(2, 3), torch.nn.BatchNorm1d(3))
-    save_model(tmp_path, module, {"width": 8})
-    weights, description = load_model(tmp_path)
-    assert all(torch.equal(value, weights[name]) for name, value in module.state_dict().items())
-    assert description == {"width": 8}
+    saved = module()
+    save_model(tmp_path, saved, {"width": 8})
+    loaded = load_network(tmp_path, module, "cpu")
+    assert all(torch.equal(value, loaded.state_dict()[name]) for name, value in saved.state_dict().items())
+    assert not loaded.training
+    assert read_description(tmp_path, Width) == Width(width=8)
 
 
 def test_folder_without_a_network_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="no trained model"):
-        load_model(tmp_path / "nowhere")
+        load_network(tmp_path / "nowhere", module, "cpu")
+    with pytest.raises(StoreError, match="no trained model"):
+        read_description(tmp_path / "nowhere", Width)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda content: b"",
+        lambda content: content[:-1],
+        lambda content: b"\xff" * 8 + content[8:],
+        lambda content: content.replace(b'"F32"', b'"F31"', 1),
+        lambda content: content.replace(b"[3,2]", b"[3,9]", 1),
+        lambda content: content.replace(b"{", b"[", 1),
+    ],
+    ids=["empty", "cut", "header", "dtype", "shape", "json"],
+)
+def test_weights_that_cannot_be_read_are_errors(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+    save_model(tmp_path, module(), {})
+    weights = tmp_path / "model.safetensors"
+    weights.write_bytes(damage(weights.read_bytes()))
+    with pytest.raises(StoreError, match=r"no trained model that can be used \(model.safetensors"):
+        load_network(tmp_path, module, "cpu")
+
+
+@pytest.fixture
+def unet(tmp_path: Path) -> Path:
+    save_touch_model(tmp_path, UNet(1), sensor=spheres.SENSOR, untouched=untouched_image(spheres.SENSOR), mask_threshold=1e-3)
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def gcn(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return spheres.make_model(tmp_path_factory.mktemp("gcn"), "occluded-touch")
+
+
+def change(folder: Path, **changes: Any) -> None:
+    path = folder / "model.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"width": 10**9}, "width: .* less than or equal to 4096"),
+        ({"width": 4096}, r"arrays of model.safetensors differ .* first: \(16, 8, 2, 2\)|first: .*, not .*4096"),
+        ({"width": None}, "width: "),
+        ({"mask_threshold": "x"}, "mask_threshold: "),
+        ({"sensor": {}}, "sensor.name is missing"),
+        ({"more": 1}, "no entry more"),
+    ],
+)
+def test_touch_models_with_another_description_are_errors(unet: Path, changes: dict[str, Any], words: str) -> None:
+    change(unet, **changes)
+    with pytest.raises(StoreError, match=words):
+        load_touch_model(unet, "cpu")
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"[]", b"[" * 100_000, b'{"width": NaN}', b"\xff"], ids=["empty", "list", "nested", "nan", "bytes"]
+)
+def test_descriptions_that_are_none_are_errors(unet: Path, content: bytes) -> None:
+    (unet / "model.json").write_bytes(content)
+    with pytest.raises(StoreError, match="no trained model that can be used"):
+        load_touch_model(unet, "cpu")
+
+
+def test_an_untouched_image_that_is_not_the_sensors_is_an_error(unet: Path) -> None:
+    Image.fromarray(np.zeros((4, 5, 3), np.uint8)).save(unet / "untouched.png")
+    with pytest.raises(StoreError, match=r"untouched.png has \(4, 5\) pixels, its sensor \(100, 100\)"):
+        load_touch_model(unet, "cpu")
+    (unet / "untouched.png").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0")
+    with pytest.raises(StoreError, match="cannot be read as an image"):
+        load_touch_model(unet, "cpu")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"network": {"gcn_layers": 10**9}}, "network.gcn_layers: .* less than or equal"),
+        ({"network": {"gcn_features": 10**9}}, "network.gcn_features: .* less than or equal"),
+        ({"network": {"gcn_features": 2**16, "image": "occluded", "touch": True}}, "differ from what model.json says"),
+        ({"network": {"side": 10**9, "touch": True}}, "network.side: .* less than or equal"),
+        ({"network": {"passes": 10**9}}, "network.passes: .* less than or equal"),
+        ({"camera": None}, "a network with an image has camera and resolution"),
+        ({"camera": [[1, 0, 0, 0]]}, "camera"),
+        ({"resolution": [256]}, "resolution"),
+        ({"charts": None}, "one with touch has charts"),
+    ],
+)
+def test_deformation_networks_with_another_description_are_errors(gcn: Path, tmp_path: Path, changes: dict[str, Any], words: str) -> None:
+    for name in ("model.json", "model.safetensors"):
+        (tmp_path / name).write_bytes((gcn / name).read_bytes())
+    change(tmp_path, **changes)
+    with pytest.raises(StoreError, match=words):
+        Reconstructor(tmp_path)

@@ -7,6 +7,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from pipeline.kernels.charts.touch_chart import MOST_SIDE
 from pipeline.kernels.charts.vision_charts import MOST_SPLITS
 from pipeline.kernels.networks.image_encoder import Norm
 
@@ -47,14 +48,14 @@ class NetworkConfig(BaseModel):
     encoder_layers: Literal[12, 15, 18, 25] = 18
     encoder_kernel: Literal[3, 5] = 3
     encoder_norm: Norm = "batch"
-    encoder_width: float = Field(default=1.0, gt=0)
-    encoder_linear: int | None = Field(default=None, gt=0)
-    gcn_layers: int = Field(default=20, ge=2)
-    gcn_features: int = Field(default=200, ge=1)
+    encoder_width: float = Field(default=1.0, gt=0, le=64)
+    encoder_linear: int | None = Field(default=None, gt=0, le=2**16)
+    gcn_layers: int = Field(default=20, ge=2, le=1000)
+    gcn_features: int = Field(default=200, ge=1, le=2**16)
     mixed: float = Field(default=1 / 3, ge=0, le=1)
-    passes: int = Field(default=3, ge=1)
+    passes: int = Field(default=3, ge=1, le=100)
     splits: int = Field(default=1, ge=0, le=MOST_SPLITS)
-    side: int = Field(default=9, ge=3)
+    side: int = Field(default=9, ge=3, le=MOST_SIDE)
     centre: tuple[float, float, float] = (0.0, 0.0, 0.6)
     radius: float = Field(default=0.25, gt=0)
     checkpointing: bool = False

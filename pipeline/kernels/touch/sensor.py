@@ -120,8 +120,9 @@ def check_pose(pose: np.ndarray) -> NDArray[np.float64]:
     if not np.isfinite(pose).all():
         raise InvalidInput(f"sensor pose holds NaN or infinity; it must be finite:\n{pose}")
     rotation = pose[:3, :3]
-    deviation = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if deviation > POSE_TOLERANCE or np.linalg.det(rotation) < 0:
+    with np.errstate(over="ignore", invalid="ignore"):
+        deviation = np.abs(rotation.T @ rotation - np.eye(3)).max()
+    if not deviation <= POSE_TOLERANCE or np.linalg.det(rotation) < 0:  # NaN, where squares overflow, is neither
         raise InvalidInput(
             f"sensor pose is no rigid motion: its axes are {deviation:.3g} from orthonormal "
             f"(at most {POSE_TOLERANCE:g}, determinant +1); scale belongs into the mesh, not the pose:\n{pose}"
