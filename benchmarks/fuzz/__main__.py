@@ -26,7 +26,8 @@ from types import FrameType
 
 from benchmarks.forked import finish, fork
 from benchmarks.fuzz.mutations import mutated
-from benchmarks.fuzz.targets import TARGETS, Files, Target
+from benchmarks.fuzz.target import Files, Target
+from benchmarks.fuzz.targets import TARGETS
 from pipeline.errors import PipelineError
 
 SECONDS = 30

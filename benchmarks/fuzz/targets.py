@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,9 @@ import numpy as np
 import trimesh
 from PIL import Image
 
+from benchmarks.fuzz.predict_target import Predictions
+from benchmarks.fuzz.store_target import Stores
+from benchmarks.fuzz.target import Files, Target
 from pipeline.config.hand_file import load_hand
 from pipeline.config.manifest import load_manifest
 from pipeline.config.mesh_file import load_mesh
@@ -20,23 +22,6 @@ from pipeline.config.sensor_file import load_sensor
 from pipeline.config.sources import fingerprint
 
 ASSETS = Path(__file__).parents[2] / "pipeline" / "assets"
-
-Files = dict[str, bytes]
-
-
-class Target(ABC):
-    """Something that reads files: sets of sound ones to begin with, and what reads them."""
-
-    def __init__(self) -> None:
-        self.seeds = self.sound()
-
-    @abstractmethod
-    def sound(self) -> list[Files]:
-        """Sets of files that are read without complaint, small ones."""
-
-    @abstractmethod
-    def read(self, folder: Path, files: Files) -> None:
-        """Read the files in a folder; only errors in words are allowed."""
 
 
 class Sensors(Target):
@@ -159,5 +144,7 @@ TARGETS: dict[str, tuple[type[Target], Any]] = {
     "manifests": (Manifests, 0.2),
     "hand files": (Hands, 0.1),
     "mesh files": (Meshes, 0.2),
+    "predict": (Predictions, 0.1),
+    "store": (Stores, 0.05),
 }
 """Each with its share of all inputs."""

@@ -119,12 +119,12 @@ def report(
 
     directory = DataDirectory(data)
     directory.check_origins(["evaluation"])
-    folder = directory.folder_path("evaluation")
+    folder = directory.whole_folder("evaluation")
     show(folder, console)
     show_orderings(orderings(folder), console)
     trained = [name for name in ("models/unet", *directory.folder("evaluation").models) if directory.folder_record(name).exists()]
     show_training({Path(name).name: directory.folder(name).facts for name in trained}, console)
-    draw_curves({Path(name).name: directory.folder_path(name) for name in trained}, data / "learning-curves.png")
+    draw_curves({Path(name).name: directory.whole_folder(name) for name in trained}, data / "learning-curves.png")
     say(f"learning curves: {data / 'learning-curves.png'}")
     shown = draw_gallery(data, data / "reconstructions.png", most)
     say(f"reconstructions of {len(shown)} objects: {data / 'reconstructions.png'}")

@@ -8,6 +8,7 @@ import xarray
 
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
+from pipeline.store.shard import Shard
 from schemas.catalogue import ARTIFACTS
 
 
@@ -40,9 +41,7 @@ def open_artifact(data: str | Path, artifact: str) -> xarray.Dataset:
         raise StoreError(f"there is no artifact {artifact}; there are {', '.join(ARTIFACTS)}")
     collection = DataDirectory(Path(data)).collection(ARTIFACTS[artifact])
     collection.first  # noqa: B018 (an error where there is none)
-    for shard in collection.shards:
-        shard.check_arrays()
-    shards = [_labelled(xarray.open_zarr(shard.path, consolidated=False, chunks=None)) for shard in collection.shards]
+    shards = [_opened(shard) for shard in collection.shards]
     if len(shards) == 1:
         return shards[0]
     lazy = [shard.chunk() for shard in shards]
@@ -50,6 +49,11 @@ def open_artifact(data: str | Path, artifact: str) -> xarray.Dataset:
     return whole.assign_coords({name: label.compute() for name, label in whole.coords.items()}).sortby("object")
 
 
-def _labelled(shard: xarray.Dataset) -> xarray.Dataset:
-    named: xarray.Dataset = shard.set_coords(["category", "split", "ok"]).set_index(object="object_id")
+def _opened(shard: Shard) -> xarray.Dataset:
+    shard.check_arrays()
+    with shard.errors_as_damage("it cannot be opened"):
+        plain = xarray.open_zarr(shard.path, consolidated=False, chunks=None)
+        named: xarray.Dataset = plain.set_coords(["category", "split", "ok"]).set_index(object="object_id")
+        for name in named.coords:
+            named[name].load()
     return named

@@ -78,7 +78,7 @@ def _json_arrays(content: bytes) -> dict[str, np.ndarray]:
     said: Any = json.loads(content)
     if isinstance(said, list):
         said = {"poses": said}
-    if not isinstance(said, dict) or "poses" not in said:
+    if not isinstance(said, dict) or said.get("poses") is None:
         raise ValueError("there is no list of poses in it")
     return {name: np.asarray(said[name]) for name in ("poses", "touched") if said.get(name) is not None}
 

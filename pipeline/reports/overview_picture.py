@@ -27,7 +27,7 @@ def draw_overview(data: Path, object_id: str, path: Path) -> None:
     """Draw an object of the test split in a row of pictures, as a PNG."""
     directory = DataDirectory(data)
     rows = {name: directory.collection(ARTIFACTS[name]).view(object_id) for name in SHOWN}
-    evaluation = directory.folder_path("evaluation")
+    evaluation = directory.whole_folder("evaluation")
     table = read_table(evaluation, f"predictions/{list(read_root(evaluation)['configurations'])[-1]}")
     case = int(np.argmax(table["grasps_given"]))
     with band_maker({name: row.shard.attributes for name, row in rows.items()}) as maker:

@@ -40,7 +40,7 @@ def draw_gallery(data: Path, path: Path, most: int) -> list[str]:
     Chamfer distance of that very reconstruction, m² x 9000.
     """
     directory = DataDirectory(data)
-    folder = directory.folder_path("evaluation")
+    folder = directory.whole_folder("evaluation")
     names = list(read_root(folder)["configurations"])
     predictions, values = ({name: read_table(folder, f"{group}/{name}") for name in names} for group in ("predictions", "values"))
     objects = [str(name) for name in read_table(folder, "objects")["object_id"]]

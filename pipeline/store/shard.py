@@ -48,7 +48,8 @@ class Shard:
     def group(self) -> zarr.Group:
         """The opened group."""
         self._check_metadata("")
-        return zarr.open_group(str(self.path), mode="r")
+        with self.errors_as_damage("the group cannot be opened"):
+            return zarr.open_group(str(self.path), mode="r")
 
     @cached_property
     def attributes(self) -> Mapping[str, Any]:

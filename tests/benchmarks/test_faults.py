@@ -12,7 +12,8 @@ import pytest
 from benchmarks.faults.sandbox import Sandbox
 from benchmarks.faults.trial import follow
 from benchmarks.fuzz.__main__ import fuzz
-from benchmarks.fuzz.targets import TARGETS, Files, Target
+from benchmarks.fuzz.target import Files, Target
+from benchmarks.fuzz.targets import TARGETS
 
 ROOT = Path(__file__).parents[2]
 KINDS = ("kill −9 of a run", "limit on the size of files", "two runs at once", "damaged file of a dataset", "record of another version")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections import Counter
 
 import numpy as np
@@ -15,6 +16,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.reshard import reshard
 from pipeline.store.shard import Shard
 from schemas.catalogue import artifact_of
+from schemas.touch import TOUCH
 from tests.stages import ball_dataset
 
 ARRAYS = ("points", "occluded", "depth", "reading", "sensor_pose", "touch_success", "untouched")
@@ -105,3 +107,22 @@ def test_an_artifact_that_is_not_there_is_named(tmp_path):
         open_artifact(tmp_path, "taste")
     with pytest.raises(StoreError, match="touch has not been made"):
         open_artifact(tmp_path, "touch")
+
+
+@pytest.mark.parametrize("label", ["object_id", "category", "ok"])
+def test_an_artifact_with_a_damaged_label_is_not_opened(data, tmp_path, label):
+    shutil.copytree(data, tmp_path, dirs_exist_ok=True)
+    (chunk,) = (path for path in (DataDirectory(tmp_path).collection(TOUCH).first.path / label / "c").rglob("*") if path.is_file())
+    content = bytearray(chunk.read_bytes())
+    content[-1] ^= 1
+    chunk.write_bytes(content)
+    with pytest.raises(StoreError, match=r"cannot be opened .*--check"):
+        open_artifact(tmp_path, "touch")
+
+
+@pytest.mark.parametrize("sensor", [{}, None, {"name": "x", "width": "wide"}])
+def test_a_dataset_whose_sensor_cannot_be_used_is_refused(data, monkeypatch, sensor):
+    rows = ObjectRows(data, ["reading"], "test")
+    monkeypatch.setattr(ObjectRows, "attributes", lambda self, artifact: {"sensor": sensor})
+    with pytest.raises(StoreError, match=r"its sensor cannot be used .*--check"):
+        rows.sensor()

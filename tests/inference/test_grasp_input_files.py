@@ -22,6 +22,7 @@ HUGE = [[1e200, 1e200, 0, 0], [1e200, -1e200, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
     [
         ({}, "no list of poses"),
         ("four", "no list of poses"),
+        ({"poses": None}, "no list of poses"),
         ([[1, 2], [3, 4]], r"\(2, 2\)"),
         ([[1, 2], [3]], "inhomogeneous"),
         ([], r"\(0,\)"),

@@ -1,5 +1,6 @@
 """`validate` rejects what is not whole, naming array and reason."""
 
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -138,6 +139,17 @@ def test_a_damaged_record_is_a_line_and_the_rest_is_still_checked(shard, content
     record = shard.parent / "0000-of-0001.json"
     record.write_bytes(content if isinstance(content, bytes) else content(record.read_bytes()))
     assert any(said in line for line in problems(shard))
+
+
+@pytest.mark.parametrize(
+    "content", [b"{", b"[" * 100_000, b'{"zarr_format": 4, "node_type": "group"}', b'{"zarr_format": 3, "node_type": "array"}']
+)
+def test_a_group_that_its_record_knows_and_zarr_does_not(shard, content):
+    (shard / "zarr.json").write_bytes(content)
+    record = shard.parent / "0000-of-0001.json"
+    digests = json.loads(record.read_bytes())["metadata"] | {"": hashlib.sha256(content).hexdigest()}
+    record.write_bytes(resealed(record.read_bytes(), metadata=digests))
+    assert "the group cannot be opened" in problems(shard)[0]
 
 
 def test_a_group_that_is_gone(shard):
