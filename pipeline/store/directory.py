@@ -130,14 +130,13 @@ class DataDirectory:
         return (self.root / name).with_name(self.folder(name).location)
 
     def folder_problems(self, name: str) -> Iterator[str]:
-        """Compare the files of a folder with what its record says: a line for each that differs."""
+        """Compare the files that the record of a folder names with what it says: a line for each that differs."""
         record, folder = self.folder(name), self.folder_path(name)
         there = hashes_of(folder)
         again = f"delete {folder} and run {record.stage} again"
         for file, written in record.files.items():
             if there.get(file) != written:
                 yield f"{file} {'is missing' if file not in there else 'differs from what was written'}; {again}"
-        yield from (f"{file} was not written by {record.stage}" for file in sorted(there.keys() - record.files.keys()))
 
     def whole_folder(self, name: str) -> Path:
         """The folder that the record names, to be read: a `StoreError` where a file of it is missing or was changed."""
@@ -239,6 +238,10 @@ def folder_digest(record: FolderRecord) -> str:
 
 def hashes_of(folder: Path) -> dict[str, str]:
     """Compute the SHA-256 of every file below a folder that its digest is made of."""
+    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files_of(folder).items()}
+
+
+def files_of(folder: Path) -> dict[str, Path]:
+    """List the files below a folder that its digest is made of, by name."""
     named = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
-    counted = {name: path for name, path in named.items() if not name.startswith(f"{LOGS}/")}
-    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in counted.items()}
+    return {name: path for name, path in named.items() if not name.startswith(f"{LOGS}/")}

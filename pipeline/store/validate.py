@@ -10,7 +10,7 @@ from pydantic_zarr.v3 import GroupSpec
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
-from pipeline.store.directory import DataDirectory
+from pipeline.store.directory import DataDirectory, files_of
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
 from pipeline.store.spec import departures
@@ -59,6 +59,8 @@ def _record_problems(record: Path, artifact: Artifact) -> Iterator[str]:
 
 def _shard_problems(shard: Shard) -> Iterator[str]:
     with shard.errors_as_damage("metadata cannot be read"):
+        for name in filter(shard.has, shard.artifact.arrays):
+            shard.group.get(name)  # one after the other: where two fail side by side, asyncio prints the other's traceback
         found = list(departures(shard.artifact, GroupSpec.from_zarr(shard.group)))
     if found:
         yield from (f"{line}; {shard.remedy}" for line in found)
@@ -106,4 +108,7 @@ def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:
 def _folder_problems(directory: DataDirectory, name: str) -> Iterator[str]:
     """Whether a folder holds the files that its record says, and was made from what is there now."""
     yield from directory.folder_problems(name)
+    record = directory.folder(name)
+    others = files_of(directory.folder_path(name)).keys() - record.files.keys()
+    yield from (f"{file} was not written by {record.stage}" for file in sorted(others))
     directory.check_origins([name])

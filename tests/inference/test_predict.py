@@ -187,6 +187,12 @@ def test_a_model_of_which_a_bit_flipped_is_not_used(data, files, tmp_path, file)
         predict(tmp_path / "ball.ply", copy / "models", "touch", readings=readings(files), poses=files / "poses.json")
 
 
+def test_a_file_beside_a_models_own_is_no_fault(data, tmp_path):
+    copy = shutil.copytree(data, tmp_path / "data")
+    (DataDirectory(copy).folder_path("models/gcn/none") / "notes.txt").write_text("mine")
+    assert predict(tmp_path / "ball.ply", copy / "models", "none").files
+
+
 @pytest.mark.parametrize(
     ("charts", "words"), [({"side": 9}, "takes charts of side 3, and .* with 9"), ({"samples": 10**9}, "samples: .* less than or equal")]
 )

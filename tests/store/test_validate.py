@@ -1,5 +1,6 @@
 """`validate` rejects what is not whole, naming array and reason."""
 
+import gc
 import hashlib
 import json
 import shutil
@@ -114,6 +115,14 @@ def test_a_missing_or_empty_chunk(shard, damage):
     for chunk in (path for path in (shard / "values" / "c").rglob("*") if path.is_file()):
         damage(chunk)
     assert "of values 1 of 1 files are missing or empty" in problems(shard)[0]
+
+
+def test_metadata_that_cannot_be_read_is_said_without_tracebacks(shard, caplog):
+    for array in ("values", "ok", "split", "category"):
+        rewrite(shard, array, zarr_format="none")
+    assert "metadata cannot be read" in only_problem(shard)
+    gc.collect()
+    assert not caplog.records
 
 
 def test_an_attribute_that_was_changed(shard):
