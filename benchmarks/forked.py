@@ -9,6 +9,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,24 +40,34 @@ def fork(work: Callable[[], object], log: Path) -> int:
         return process
     status = TRACEBACK
     try:
-        os.setsid()
-        with log.open("w") as opened:
-            os.dup2(opened.fileno(), 1)
-            os.dup2(opened.fileno(), 2)
-        sys.stdout, sys.stderr = open(1, "w", closefd=False), open(2, "w", closefd=False)  # noqa: SIM115 (whoever started this may have others)
+        status = _status_of(work, log)
+    finally:
+        while True:  # a signal that arrives now must not lead back into what the parent is doing
+            with suppress(BaseException):
+                os._exit(status)
+
+
+def _status_of(work: Callable[[], object], log: Path) -> int:
+    os.setsid()
+    opened = log.open("w")
+    os.dup2(opened.fileno(), 1)
+    os.dup2(opened.fileno(), 2)
+    sys.stdout = sys.stderr = opened  # whoever started this may have replaced them
+    try:
         work()
-        status = OK
+        return OK
     except SystemExit as error:
-        status = int(error.code or 0)
+        return int(error.code or 0)
+    except KeyboardInterrupt:
+        return 128 + signal.SIGINT
     except PipelineError as error:
         print(f"error: {error}", file=sys.stderr)
-        status = IN_WORDS
-    except BaseException:
+        return IN_WORDS
+    except Exception:
         traceback.print_exc()
+        return TRACEBACK
     finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(status)
+        opened.flush()
 
 
 def finish(process: int, log: Path, limit: float = LIMIT) -> End:

@@ -68,7 +68,7 @@ def main() -> None:
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="faults-") as folder:
         verdicts = inject(Path(folder), chosen.only, chosen.share, chosen.seed, chosen.lanes)
-    page = _page(verdicts, time.monotonic() - began)
+    page = _page(verdicts, time.monotonic() - began, [kind for kind in chosen.only if kind not in verdicts])
     print(page)
     if chosen.write:
         chosen.write.write_text(page, encoding="utf-8")
@@ -119,8 +119,8 @@ def _lane(asked: Sequence[tuple[str, int]], trial: Trial, seed: int) -> None:
         print(json.dumps({"kind": kind, "verdict": vars(verdict)}), flush=True)
 
 
-def _page(verdicts: dict[str, list[Verdict]], seconds: float) -> str:
-    """The table."""
+def _page(verdicts: dict[str, list[Verdict]], seconds: float, missing: Sequence[str]) -> str:
+    """The table; `missing` are kinds that could not be injected."""
     outcomes = sorted({one.outcome for found in verdicts.values() for one in found if one.outcome})
     rows = []
     for kind, found in verdicts.items():
@@ -132,7 +132,6 @@ def _page(verdicts: dict[str, list[Verdict]], seconds: float) -> str:
     lines = ["| " + " | ".join(map(str, row)) + " |" for row in table]
     about = provenance("make faults", "python -m benchmarks.faults")
     said = f"`{about['command']}`, commit {about['commit']}, {about['date']}, {about['machine']}:"
-    missing = [kind for kind in NEEDS_MOUNT if kind not in verdicts]
     note = f"\nNot injected, for want of the right to mount a disk: {', '.join(missing)}.\n" if missing else ""
     return "\n".join([INTRODUCTION, said, f"{seconds / 60:.0f} minutes.\n", *lines, note])
 

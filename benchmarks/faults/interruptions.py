@@ -67,6 +67,8 @@ def _signalled(trial: Trial, number: signal.Signals, word: str) -> Verdict:
     os.killpg(process, number)
     end = finish(process, trial.log)
     what = f"{stage} after {moment:.2f} s"
+    if end.status == -number:  # it came before the command began, or after it ended
+        end = End(OK, end.output)
     if end.status not in (OK, 128 + number) or "Traceback" in end.output or (end.status and word not in end.output):
         return Verdict(what, fault_of_ours=f"{word}: status {end.status}: {end.output.strip()[-600:]}")
     return trial.mended(what, _as_meant(end, 128 + number), stages=(stage,))
