@@ -81,6 +81,9 @@ def main() -> None:
 def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int) -> dict[str, list[Verdict]]:
     """Make the undisturbed dataset, then inject faults into copies of it; the verdicts by kind."""
     torch.set_num_threads(1)
+    temporary = root / "tmp"
+    temporary.mkdir()
+    os.environ["TMPDIR"] = tempfile.tempdir = str(temporary)
     sandbox = Sandbox(root)
     sandbox.prepare()
     whole, seconds = root / "whole", {}
@@ -105,6 +108,8 @@ def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int
     for line in (line for log in logs for line in log.read_text().splitlines() if line.startswith("{")):
         told = json.loads(line)
         verdicts[told["kind"]].append(Verdict(**told["verdict"]))
+    if left := [path.name for path in temporary.iterdir() if "inductor" not in path.name]:  # torch's cache, one for all runs
+        verdicts["all of these"] = [Verdict("temporary folder", fault_of_ours=f"left behind: {', '.join(left[:5])}")]
     return verdicts
 
 
