@@ -45,7 +45,7 @@ def rules_of_stages(settings: Mapping[str, dict[str, Any]]) -> dict[str, list[st
     """The stages that make what each stage reads, with these settings."""
     loaded = {name: load_stage(name) for name in STAGES}
     chosen = {name: load_settings_type(name)(**settings.get(name, {})) for name in STAGES}
-    makers = {stage.output.name if isinstance(stage, ObjectStage) else stage.folder(chosen[name]): name for name, stage in loaded.items()}
+    makers = {stage.writes(chosen[name]): name for name, stage in loaded.items()}
     reads = {
         name: [*(artifact.name for artifact in stage.inputs(chosen[name])), *stage.models(chosen[name])] for name, stage in loaded.items()
     }

@@ -158,7 +158,7 @@ def short_of_memory(trial: Trial) -> Verdict:
 
     end = trial.run(work)
     seen = end.status not in (OK, HANGS)  # words, a traceback of an allocation, or a crash: whoever started it knows
-    return trial.mended(f"{stage}, {more // MEGABYTE} MB more", End(IN_WORDS, end.output) if seen else end, stages=(stage,))
+    return trial.mended(f"{stage}, {more // MEGABYTE} MB more", End(IN_WORDS, end.output) if seen else end, stages=(stage,), retry=True)
 
 
 def _as_meant(end: End, status: int) -> End:

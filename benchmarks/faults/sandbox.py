@@ -15,7 +15,6 @@ from pipeline.config.manifest import load_manifest
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans
 from pipeline.engine.run import run as run_plan
-from pipeline.engine.stage import DatasetStage
 from pipeline.store.directory import DataDirectory, folder_digest
 from stages.registry import STAGES, load_stage, resolve
 
@@ -100,8 +99,7 @@ class Sandbox:
 
     def output(self, stage: str) -> str:
         """The artifact or folder that a stage makes."""
-        loaded = load_stage(stage)
-        return loaded.folder(resolve(stage, "draft", self.settings)) if isinstance(loaded, DatasetStage) else loaded.output.name
+        return load_stage(stage).writes(resolve(stage, "draft", self.settings))
 
 
 def digests(data: Path) -> dict[str, str]:

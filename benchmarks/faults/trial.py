@@ -70,14 +70,16 @@ class Trial:
         """Run a function in a process of its own."""
         return run(work, self.log)
 
-    def mended(self, what: str, first: End, *, stages: tuple[str, ...] = tuple(STAGES), check: bool = False) -> Verdict:
+    def mended(
+        self, what: str, first: End, *, stages: tuple[str, ...] = tuple(STAGES), check: bool = False, retry: bool = False
+    ) -> Verdict:
         """Do as the messages say until all is well; the verdict on it."""
         if first.status not in (OK, IN_WORDS):
             return Verdict(what, fault_of_ours=f"ended with status {first.status}: {first.output.strip()[-600:]}")
         did = "told in words; " if first.status == IN_WORDS else ""
         sandbox = self.sandbox.only(*stages)
         for attempt in range(ATTEMPTS):
-            end = self.run(partial(sandbox.make, self.data, check=check, retry=attempt > 0))
+            end = self.run(partial(sandbox.make, self.data, check=check, retry=retry or attempt > 0))
             if end.status == OK:
                 break
             if end.status != IN_WORDS:
@@ -119,9 +121,13 @@ def follow(message: str) -> bool:
     """Do what an error says, where that is more than to run again; whether it was."""
     text = " ".join(message.split())
     if found := re.search(r"error: (\S+): the record is .*?delete", text):
-        Path(found[1]).unlink()
+        record = Path(found[1])
+        record.rmdir() if record.is_dir() else record.unlink()
     elif found := re.search(r"error: (\S+dataset\.json) .*?write \{\"shards\": N\} into it, N as the records are named: (\d+)", text):
-        Path(found[1]).write_text(json.dumps({"shards": int(found[2])}))
+        described = Path(found[1])
+        if described.is_dir():
+            described.rmdir()
+        described.write_text(json.dumps({"shards": int(found[2])}))
     else:
         return False
     return True

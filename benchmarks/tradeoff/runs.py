@@ -99,7 +99,7 @@ def _of_shard(data: Path, artifact: str) -> Made:
 
 def _of_folder(data: Path, plan: StudyPlan, variant: Variant) -> Made:
     stage: Any = load_stage(plan.stage)
-    name, directory = stage.folder(variant.settings(plan.stage)), DataDirectory(data)
+    name, directory = stage.writes(variant.settings(plan.stage)), DataDirectory(data)
     record, folder = directory.folder(name), directory.folder_path(name)
     weights = sum(path.stat().st_size for path in folder.glob("*.safetensors"))
     return Made(data, float(record.facts.get("training_seconds", record.seconds)), (weights or _bytes(folder)) / 1e3, dict(record.facts))

@@ -11,7 +11,6 @@ from rich.table import Table
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
 from pipeline.console import console, say
-from pipeline.engine.stage import DatasetStage
 from pipeline.store.directory import DataDirectory
 from stages.registry import STAGES, load_stage
 
@@ -22,8 +21,7 @@ def stages() -> None:
         stage = load_stage(name)
         settings = stage.settings_type()
         reads = ", ".join(artifact.name for artifact in stage.inputs(settings)) or "the manifest's meshes"
-        writes = stage.folder(settings) if isinstance(stage, DatasetStage) else stage.output.name
-        console.print(f"[bold]{name}[/]  {stage.summary}\n  reads {reads}; writes {writes}")
+        console.print(f"[bold]{name}[/]  {stage.summary}\n  reads {reads}; writes {stage.writes(settings)}")
         table = Table("setting", "default", "changes", "why", box=None, pad_edge=True, padding=(0, 2))
         for setting, info in stage.settings_type.model_fields.items():
             table.add_row(setting, str(info.default), stage.settings_type.changes(setting), info.description)

@@ -52,7 +52,7 @@ def sweep(
     for point in sweeps.grid_points(_grid(grid) if grid else given):
         varied = [f"{stage}.{sweeps.assignment(setting, value)}" for setting, value in point.items()]
         settings = resolve(stage, preset, [*(assignments or ()), *varied])
-        folder = sweeps.point_folder(stage, loaded.folder(settings), point)
+        folder = sweeps.point_folder(stage, loaded.writes(settings), point)
         if dry_run:
             say(f"{plain.data / folder}")
             continue

@@ -73,8 +73,6 @@ def _print_forecast(stage: str, path: Path, foreseen: Forecast) -> None:
 def run_plan(plan: ShardPlan | FolderPlan) -> None:
     """Run a plan and say what was done; an object that failed is named with its reason."""
     stage, request = plan.stage.name, plan.request
-    if request.only is not None and isinstance(plan, ShardPlan) and request.only not in {member.item.object_id for member in plan.members}:
-        return
     if plan.up_to_date():
         say(f"{stage} {plan.path}: up to date, {plan.total} objects")
     else:

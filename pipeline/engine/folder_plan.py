@@ -24,7 +24,7 @@ class FolderPlan(Plan[DatasetStage]):
 
     def __init__(self, request: Request[DatasetStage]) -> None:
         super().__init__(request)
-        self.name = request.folder or self.stage.folder(self.settings)
+        self.name = request.folder or self.stage.writes(self.settings)
         self.splits = self.stage.splits(self.settings)
         self.objects = [item.object_id for item in request.objects if item.split in self.splits]
         if not self.objects:

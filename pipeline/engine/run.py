@@ -11,19 +11,21 @@ from rich.console import Console
 from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.plan import Forecast, Request, Result
 from pipeline.engine.shard_plan import ShardPlan
-from pipeline.engine.stage import Cost, DatasetStage, ObjectStage
+from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.errors import StoreError
 from pipeline.store.atomic import is_machine_fault, one_writer
 from pipeline.store.directory import DataDirectory
+from pipeline.store.reshard import shard_of
 
 
 def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[ShardPlan | FolderPlan]:
-    """Plan a stage: one plan per shard, or the one of `shard`, each made when it is asked for; a dataset stage has one plan.
+    """Plan a stage: one plan per shard, or the one of `shard` or of the one object; a dataset stage has one plan.
 
     Raises
     ------
     StoreError
-        The dataset is split into another number of shards, or an input is missing or was made from something else.
+        The dataset is split into another number of shards, an input is missing or was made from something else, or the one object is in
+        another shard than `shard`.
     """
     if isinstance(request.stage, DatasetStage):
         yield FolderPlan(request)
@@ -31,7 +33,11 @@ def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Shar
     shards = DataDirectory(request.data).settled_shards(request.shards)
     if shard is not None and shard >= shards:
         raise StoreError(f"there is no shard {shard} of {shards}: shards are numbered 0 to {shards - 1}")
-    for number in range(shards) if shard is None else [shard]:
+    own = None if request.only is None else shard_of(request.only, shards)
+    if None not in (shard, own) and shard != own:
+        raise StoreError(f"object {request.only} is in shard {own} of {shards}, shard {shard} was asked for; leave one of them out")
+    asked = own if shard is None else shard
+    for number in range(shards) if asked is None else [asked]:
         yield ShardPlan(cast(Request[ObjectStage], request), number, shards)
 
 
@@ -40,15 +46,9 @@ def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[
     try:
         yield from ((plan.path, plan.forecast()) for plan in make_plans(request, shard))
     except StoreError:
-        stage, settings, total = request.stage, request.settings, len(request.objects)
-        if isinstance(stage, DatasetStage):
-            total = sum(item.split in stage.splits(settings) for item in request.objects)
-            cost, seconds, path = stage.cost(settings, total), stage.cost(settings, total).seconds, stage.folder(settings)
-        else:
-            cost = stage.cost(settings)
-            cost, path = Cost(cost.seconds, cost.kilobytes * total), stage.output.name
-            seconds = cost.seconds * total / max(1, request.workers)
-        yield request.data / path, Forecast(total, total, seconds, cost.kilobytes)
+        total, cost = request.stage.cost_of(request.settings, request.objects)
+        cores = 1 if isinstance(request.stage, DatasetStage) else max(1, request.workers)
+        yield request.data / request.stage.writes(request.settings), Forecast(total, total, cost.seconds / cores, cost.kilobytes)
 
 
 def run(plan: ShardPlan | FolderPlan, console: Console) -> Result:
@@ -65,13 +65,13 @@ def run(plan: ShardPlan | FolderPlan, console: Console) -> Result:
     BugFound
         Processing an object raised what no stage is meant to raise.
     """
-    with one_writer(plan.lock, plan.path):
-        plan.look_again()  # the run that held the lock before may have made it
-        try:
+    try:
+        with one_writer(plan.lock, plan.path):
+            plan.look_again()  # the run that held the lock before may have made it
             return Result() if plan.up_to_date() else plan.make(console)
-        except OSError as error:
-            if not is_machine_fault(error):
-                raise
-            raise StoreError(
-                f"{plan.path} cannot be written: {error.strerror}; make room there, then run again: what is finished is kept"
-            ) from error
+    except OSError as error:
+        if not is_machine_fault(error):
+            raise
+        raise StoreError(
+            f"{plan.path} cannot be written: {error.strerror}; make room there, then run again: what is finished is kept"
+        ) from error

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from rich.console import Console
 
+from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh
@@ -70,6 +71,14 @@ class Stage(ABC):
         """Data files whose content belongs to the key (a hand, a sensor, a scene); by default none."""
         return []
 
+    @abstractmethod
+    def writes(self, settings: Any) -> str:
+        """The artifact or folder that is made, below the data directory."""
+
+    @abstractmethod
+    def cost_of(self, settings: Any, items: Sequence[Object]) -> tuple[int, Cost]:
+        """Of these objects, how many are looked at, and what that takes altogether on one core."""
+
 
 class ObjectStage(Stage):
     """A stage that turns one object's row of its inputs into one row of its output."""
@@ -87,9 +96,18 @@ class ObjectStage(Stage):
         """What the output's root says beyond what every output says (a sensor's description), as JSON."""
         return {}
 
+    def writes(self, settings: Any) -> str:
+        """The artifact's name."""
+        return self.output.name
+
     @abstractmethod
     def cost(self, settings: Any) -> Cost:
         """What an object typically takes."""
+
+    def cost_of(self, settings: Any, items: Sequence[Object]) -> tuple[int, Cost]:
+        """All of them."""
+        each = self.cost(settings)
+        return len(items), Cost(each.seconds * len(items), each.kilobytes * len(items))
 
     @abstractmethod
     def session(self, settings: Any, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Task], Row]]:
@@ -122,10 +140,6 @@ class DatasetStage(Stage):
     def splits(self, settings: Any) -> tuple[str, ...]:
         """The splits whose objects are looked at; the others change nothing."""
 
-    @abstractmethod
-    def folder(self, settings: Any) -> str:
-        """What is filled, below the data directory."""
-
     def grid(self, settings: Any) -> Mapping[str, Sequence[Any]]:
         """The supplement's grid of hyperparameters, by setting; by default there is none."""
         return {}
@@ -133,6 +147,11 @@ class DatasetStage(Stage):
     @abstractmethod
     def cost(self, settings: Any, objects: int) -> Cost:
         """What it takes altogether, roughly, with that number of objects in its splits."""
+
+    def cost_of(self, settings: Any, items: Sequence[Object]) -> tuple[int, Cost]:
+        """Those of its splits."""
+        number = sum(item.split in self.splits(settings) for item in items)
+        return number, self.cost(settings, number)
 
     @abstractmethod
     def make(self, job: DatasetJob) -> dict[str, Any]:

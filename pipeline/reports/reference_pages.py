@@ -16,7 +16,7 @@ from pydantic.fields import FieldInfo
 
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
-from pipeline.engine.stage import DatasetStage, ObjectStage
+from pipeline.engine.stage import ObjectStage
 from schemas.base import COMMON, FIXED, Array
 from schemas.catalogue import ARTIFACTS
 from schemas.evaluation import TABLES
@@ -94,10 +94,9 @@ def _stage(name: str) -> Iterator[str]:
     stage = load_stage(name)
     chosen = stage.settings_type()
     reads = ", ".join(f"`{name}`" for name in (*(artifact.name for artifact in stage.inputs(chosen)), *stage.models(chosen)))
-    writes = stage.folder(chosen) if isinstance(stage, DatasetStage) else stage.output.name
     presets = {preset: values.get(name, {}) for preset, values in load_presets().items()}
     yield f"## {name}\n"
-    yield f"{stage.summary} Reads {reads or 'mesh files'}; writes `{writes}`.\n"
+    yield f"{stage.summary} Reads {reads or 'mesh files'}; writes `{stage.writes(chosen)}`.\n"
     yield _table(("setting", "type", "default", "in presets", "changes", "why"), _setting_rows(stage.settings_type, presets))
 
 

@@ -8,12 +8,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import safetensors.torch
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 from torch import Tensor, nn
 
-from pipeline.store.atomic import temporary
+from pipeline.store.atomic import write_at_once
 
 FILE = "checkpoint.safetensors"
 
@@ -41,9 +42,7 @@ def save(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer, best
     for index, moments in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer/{index}/{name}": torch.as_tensor(value) for name, value in moments.items()}
     kept = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
-    with temporary(folder / FILE) as beside:
-        save_file(kept, beside, metadata={"progress": json.dumps(progress.__dict__)})
-        beside.replace(folder / FILE)
+    write_at_once(folder / FILE, safetensors.torch.save(kept, metadata={"progress": json.dumps(progress.__dict__)}))
 
 
 def load(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer) -> tuple[dict[str, Tensor], Progress]:

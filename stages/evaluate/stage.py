@@ -53,7 +53,7 @@ class Evaluate(DatasetStage):
         """Name all: measured are only objects that no training saw, but Table 1 counts all."""
         return SPLITS
 
-    def folder(self, settings: EvaluationSettings) -> str:
+    def writes(self, settings: EvaluationSettings) -> str:
         """Name the one evaluation of a data directory."""
         return "evaluation"
 

@@ -37,7 +37,7 @@ class TrainGcn(DatasetStage):
         """Name the splits: one to learn from, one to choose the best epoch by."""
         return ("train", "valid")
 
-    def folder(self, settings: GcnSettings) -> str:
+    def writes(self, settings: GcnSettings) -> str:
         """Name the folder of the configuration's model, below the data directory."""
         return f"models/gcn/{settings.configuration}"
 

@@ -32,7 +32,7 @@ class TrainUnet(DatasetStage):
         """Name the splits: one to learn from, one to choose the best epoch by."""
         return ("train", "valid")
 
-    def folder(self, settings: UnetSettings) -> str:
+    def writes(self, settings: UnetSettings) -> str:
         """Name the folder of the model, below the data directory."""
         return "models/unet"
 

@@ -165,7 +165,7 @@ class Average(DatasetStage):
     def splits(self, settings: NoiseSettings) -> tuple[str, ...]:
         return ("train",)
 
-    def folder(self, settings: NoiseSettings) -> str:
+    def writes(self, settings: NoiseSettings) -> str:
         return "models/second" if self.reads else "models/average"
 
     def cost(self, settings: NoiseSettings, objects: int) -> Cost:

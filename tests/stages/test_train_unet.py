@@ -143,7 +143,7 @@ def test_the_stage_trains_on_touches_alone(trained: tuple[Path, dict[str, Any]])
     assert stage.inputs(settings) == (TOUCH, GRASPS)
     assert stage.models(settings) == ()
     assert stage.splits(settings) == ("train", "valid")
-    assert stage.folder(settings) == "models/unet"
+    assert stage.writes(settings) == "models/unet"
 
 
 def test_the_folder_is_all_its_users_need(trained: tuple[Path, dict[str, Any]]) -> None:
