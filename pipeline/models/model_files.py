@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import torch
 from pydantic import BaseModel, ValidationError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from pipeline.config.complaints import complaints
@@ -26,7 +26,8 @@ N = TypeVar("N", bound=nn.Module)
 
 def save_model(folder: Path, module: nn.Module, description: Mapping[str, Any]) -> None:
     """Write a network's parameters and buffers, and its description (sizes, sensor, …, as JSON), into a folder."""
-    save_file({name: value.detach().cpu().contiguous() for name, value in module.state_dict().items()}, folder / WEIGHTS)
+    weights = {name: value.detach().cpu().contiguous() for name, value in module.state_dict().items()}
+    (folder / WEIGHTS).write_bytes(save(weights))  # whose errors name the disk, unlike those of `save_file`
     (folder / DESCRIPTION).write_text(json.dumps(description, indent=2, sort_keys=True, allow_nan=False))
 
 
