@@ -60,7 +60,7 @@ def _status_of(work: Callable[[], object], log: Path) -> int:
         return int(error.code or 0)
     except KeyboardInterrupt:
         return 128 + signal.SIGINT
-    except PipelineError as error:
+    except (PipelineError, OSError) as error:  # which the command line says in words, too
         print(f"error: {error}", file=sys.stderr)
         return IN_WORDS
     except Exception:

@@ -123,6 +123,8 @@ def follow(message: str) -> bool:
     if found := re.search(r"error: (\S+): the record is .*?delete", text):
         record = Path(found[1])
         record.rmdir() if record.is_dir() else record.unlink()
+    elif found := re.search(r"Is a directory: '\S+' -> '(\S+)'", text):
+        Path(found[1]).rmdir()
     elif found := re.search(r"error: (\S+dataset\.json) .*?write \{\"shards\": N\} into it, N as the records are named: (\d+)", text):
         described = Path(found[1])
         if described.is_dir():
