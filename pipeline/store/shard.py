@@ -97,8 +97,8 @@ class Shard:
             self._check_metadata(name)
         with self.errors_as_damage(f"{name} cannot be opened"):
             array: Any = self.group[name]
-        if name not in self._checked:
             files = math.prod(math.ceil(size / part) for size, part in zip(array.shape, array.shards or array.chunks, strict=True))
+        if name not in self._checked:
             chunks = self.path / name / "c"
             sound = sum(path.is_file() and path.stat().st_size > 0 for path in [chunks, *chunks.rglob("*")])
             if sound < files:

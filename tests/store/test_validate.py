@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import zarr
 
+from pipeline.errors import StoreError
 from pipeline.store.digest import of_json
 from pipeline.store.validate import problems_below
 from schemas.catalogue import ARTIFACTS
@@ -159,6 +160,16 @@ def test_a_group_that_its_record_knows_and_zarr_does_not(shard, content):
     digests = json.loads(record.read_bytes())["metadata"] | {"": hashlib.sha256(content).hexdigest()}
     record.write_bytes(resealed(record.read_bytes(), metadata=digests))
     assert "the group cannot be opened" in problems(shard)[0]
+
+
+def test_a_group_in_an_arrays_place_is_refused(shard):
+    content = b'{"zarr_format": 3, "node_type": "group"}'
+    (shard / "values" / "zarr.json").write_bytes(content)
+    record = shard.parent / "0000-of-0001.json"
+    digests = json.loads(record.read_bytes())["metadata"] | {"values": hashlib.sha256(content).hexdigest()}
+    record.write_bytes(resealed(record.read_bytes(), metadata=digests))
+    with pytest.raises(StoreError, match="values cannot be opened"):
+        published(shard.parent.parent).first.array("values")
 
 
 def test_a_group_that_is_gone(shard):
