@@ -76,7 +76,7 @@ def test_a_model_without_a_file_is_listed_and_fails_when_it_is_read(tmp_path):
     source = {"kind": "shapenet", "licence": "x", "up": "y", "synsets": {"bottle": synset}}
     objects = manifest(source).objects(root)
     assert len(objects) == 3
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(InvalidInput, match=r"model_normalized\.obj is not there"):
         fingerprint(next(item.source for item in objects if "half" in item.object_id))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from PIL import Image
 from benchmarks.fuzz.predict_target import Predictions
 from benchmarks.fuzz.store_target import Stores
 from benchmarks.fuzz.target import Files, Target
+from pipeline.config import sources
 from pipeline.config.hand_file import load_hand
 from pipeline.config.manifest import load_manifest
 from pipeline.config.mesh_file import load_mesh
@@ -60,7 +62,9 @@ class Manifests(Target):
         return [{"manifest.yaml": json.dumps({**common, "sources": one}).encode(), **mesh} for one in sources]
 
     def read(self, folder: Path, files: Files) -> None:
-        load_manifest(str(folder / "manifest.yaml")).objects(folder / "meshes")
+        os.chdir(folder)
+        sources.MAX_ENTRIES = 1000  # some manifests name the root of the file system
+        load_manifest("manifest.yaml").objects(folder / "meshes")
 
 
 class Hands(Target):
@@ -125,11 +129,8 @@ class Meshes(Target):
 
     def read(self, folder: Path, files: Files) -> None:
         file = folder / next(name for name in files if name.startswith("mesh."))
-        try:
-            fingerprint({"file": str(file), "root": str(folder)})
-        except OSError:
-            return  # the object's failure, told when the run is planned
-        load_mesh(file)
+        fingerprint({"file": str(file), "root": str(folder)})
+        load_mesh(file, folder)
 
 
 def _png(pixels: np.ndarray) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -42,8 +43,8 @@ def description_path(kind: Kind, name: str | Path) -> Path:
         There is no such file; the message lists the shipped ones.
     """
     shipped = shipped_files(kind)
-    path = shipped.get(str(name), Path(name).expanduser())
-    if not path.is_file():
+    path = shipped.get(str(name), Path(os.path.expanduser(name)))
+    if not os.path.isfile(path):
         raise InvalidInput(f"there is no {kind} {str(name)!r}; built in are {', '.join(shipped)}, or give the path of a YAML file")
     return path
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,8 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.model import Finger, Hand, Joint
 
-Vector = tuple[float, float, float]
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
 Value = TypeVar("Value")
 
 
@@ -66,8 +68,8 @@ def load_hand(name: str | Path) -> Hand:
     """
     path = description_path("hand", name).resolve()
     file = read_description("hand", path, _HandFile)
-    urdf = path.parent / Path(file.urdf).expanduser()
-    if not urdf.is_file():
+    urdf = path.parent / os.path.expanduser(file.urdf)
+    if not os.path.isfile(urdf):
         raise InvalidInput(f"{path}: there is no urdf {file.urdf!r} ({urdf}); give a path relative to the hand file, or an absolute one")
     links, joints = read_urdf(urdf)
     try:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import os
 import re
 from abc import abstractmethod
 from collections import Counter
@@ -14,13 +12,18 @@ from importlib import resources
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Literal
-from urllib.parse import unquote
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from pipeline.config.mesh_companions import Companions
+from pipeline.config.mesh_file import SUFFIXES
 from pipeline.errors import InvalidInput
 
-MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
+MAX_OBJECTS = 200_000
+"""Objects of a source: listing them takes a second, and memory, before anything else is done."""
+
+MAX_ENTRIES = 500_000
+"""Files and folders below a folder of meshes: with more, it is another folder that was meant."""
 
 Category = Literal["bottle", "cellphone", "knife", "rifle"]
 
@@ -37,7 +40,7 @@ class Found:
 class Source(BaseModel):
     """What every source states: the licence of its meshes, and a checksum where its files are known beforehand."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     licence: str = Field(min_length=1)
     sha256: str | None = Field(None, pattern="[0-9a-f]{64}")
@@ -48,7 +51,9 @@ class Source(BaseModel):
 
     def find(self, root: Path | None) -> list[Found]:
         """List every object of the source, and check its checksum if it states one."""
-        found = list(self.each(root))
+        found = list(islice(self.each(root), MAX_OBJECTS + 1))
+        if len(found) > MAX_OBJECTS:
+            raise InvalidInput(f"a source has more than {MAX_OBJECTS} objects; split it into several manifests")
         if self.sha256 is not None and (actual := checksum(found)) != self.sha256:
             raise InvalidInput(
                 f"the {len(found)} files of this source have checksum {actual}, the manifest says {self.sha256}: "
@@ -64,9 +69,9 @@ class Placed(Source):
     metres_per_unit: float | None = Field(None, gt=0)
     """Metres per unit of the file, to keep real sizes; without it, objects are scaled to one size."""
 
-    def placed(self, file: Path, up: str | None = None) -> dict[str, Any]:
-        """Say how to load a file of this source."""
-        return {"file": str(file), "up": up or self.up, "metres_per_unit": self.metres_per_unit}
+    def placed(self, file: Path, root: Path, up: str | None = None) -> dict[str, Any]:
+        """Say how to load a file of this source, which may name files below `root`."""
+        return {"file": str(file), "root": str(root), "up": up or self.up, "metres_per_unit": self.metres_per_unit}
 
 
 class Procedural(Source):
@@ -109,7 +114,7 @@ class Pybullet(Placed):
         for name, file, up in [*named, *numbered]:
             if not (data / file).is_file():
                 raise InvalidInput(f"{data / file} is missing; reinstall the pinned packages")
-            yield Found(name, self.category, self.placed(data / file, up))
+            yield Found(name, self.category, self.placed(data / file, (data / file).parent, up))
 
 
 class Directory(Placed):
@@ -121,16 +126,19 @@ class Directory(Placed):
     def each(self, root: Path | None) -> Iterator[Found]:
         """List every mesh file below the folder, hidden ones apart."""
         folder = _folder(self.path or root, "a folder of meshes")
-        inner = [path.relative_to(folder) for path in sorted(folder.rglob("*")) if not path.is_dir()]
-        files = [file for file in inner if file.suffix.lower() in MESH_SUFFIXES and not any(part.startswith(".") for part in file.parts)]
+        entries = list(islice(folder.rglob("*"), MAX_ENTRIES + 1))
+        if len(entries) > MAX_ENTRIES:
+            raise InvalidInput(f"{folder.resolve()} has more than {MAX_ENTRIES} files and folders; give the folder of the meshes alone")
+        inner = [path.relative_to(folder) for path in sorted(entries) if not path.is_dir()]
+        files = [file for file in inner if file.suffix.lower() in SUFFIXES and not any(part.startswith(".") for part in file.parts)]
         if not files:
-            raise InvalidInput(f"no mesh files below {folder.resolve()}; looked for {', '.join(MESH_SUFFIXES)} in all its sub-folders")
+            raise InvalidInput(f"no mesh files below {folder.resolve()}; looked for {', '.join(SUFFIXES)} in all its sub-folders")
         repeated = Counter(_name(*file.with_suffix("").parts) for file in files)
         for file in files:
             name = _name(*file.with_suffix("").parts)
             unique = name if repeated[name] == 1 else f"{name}-{file.suffix[1:].lower()}"
             category = _name(file.parts[0]) if len(file.parts) > 1 else "object"
-            yield Found(unique, category, self.placed(folder / file))
+            yield Found(unique, category, self.placed(folder / file, folder))
 
 
 class ShapeNet(Placed):
@@ -138,7 +146,7 @@ class ShapeNet(Placed):
 
     kind: Literal["shapenet"]
     path: Path | None = None
-    synsets: dict[str, str] = Field(min_length=1)
+    synsets: dict[str, Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]] = Field(min_length=1)
     counts: dict[str, int] | None = None
 
     @model_validator(mode="after")
@@ -162,47 +170,27 @@ class ShapeNet(Placed):
                     "complete or prune the folder, or state other counts in a manifest of your own"
                 )
             for name, file in files.items():
-                yield Found(f"{category}-{_name(name)}", category, self.placed(file))
+                # its materials name ../images
+                yield Found(f"{category}-{_name(name)}", category, self.placed(file, folder / synset / name))
 
 
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     """Describe an object's source wherever its files lie: a file is replaced by the hash of what it holds.
 
     The materials and textures that it names count too.
+
+    Raises
+    ------
+    InvalidInput, OSError
+        A file is missing, no regular file or too large, or cannot be read.
     """
     if "file" not in source:
         return dict(source)
     file = Path(source["file"])
-    companions = {os.path.relpath(other, file.parent): _sha256(other) for other in _companions(file) if other.is_file()}
-    return {**source, "file": {"sha256": _sha256(file), "companions": companions}}
-
-
-def _companions(file: Path) -> list[Path]:
-    """List the files that a mesh file names: an OBJ's materials and their textures, a glTF's buffers and images, a PLY's texture."""
-    match file.suffix.lower():
-        case ".gltf":
-            try:
-                content = json.loads(file.read_text(encoding="utf-8"))
-                parts = [*content.get("buffers", []), *content.get("images", [])]
-                return [file.parent / unquote(part["uri"]) for part in parts if not part.get("uri", "data:").startswith("data:")]
-            except (ValueError, AttributeError, TypeError):
-                return []  # not what its suffix says: loading it says so
-        case ".obj":
-            libraries = [file.parent / name for line in _after("mtllib", file) for name in {line, *line.split()}]
-            textures = [(library, line) for library in libraries if library.is_file() for line in _after("map_", library)]
-            # a texture's options may come before its name, and blanks in it
-            return [*libraries, *(library.parent / name for library, line in textures for name in {line, line.split()[-1]})]
-        case ".ply":
-            return [file.parent / line for line in _after("comment TextureFile", file, most=100)]
-    return []
-
-
-def _after(start: str, file: Path, most: int | None = None) -> list[str]:
-    """Read what follows the first word (for PLY two) on the lines that begin with `start`."""
-    words = len(start.split())
-    with file.open(errors="replace") as opened:
-        lines = [line.split(maxsplit=words) for line in islice(opened, most) if line.lower().lstrip().startswith(start.lower())]
-    return [line[words].strip() for line in lines if len(line) > words]
+    companions = Companions(file, Path(source["root"]))
+    digests = {name: hashlib.sha256(content).hexdigest() for name, content in companions.items()}
+    stated = {name: value for name, value in source.items() if name != "root"}
+    return {**stated, "file": {"sha256": _sha256(file), "companions": digests}}
 
 
 def checksum(found: list[Found]) -> str:
@@ -212,6 +200,8 @@ def checksum(found: list[Found]) -> str:
 
 
 def _sha256(file: Path) -> str:
+    if not file.is_file():
+        raise InvalidInput(f"{file} is no regular file; remove it")
     with file.open("rb") as opened:
         return hashlib.file_digest(opened, "sha256").hexdigest()
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, ParseError, parse
+from xml.etree.ElementTree import Element, ParseError, fromstring
 
 import numpy as np
 import trimesh
@@ -20,6 +20,9 @@ from pipeline.kernels.hand.model import Joint, Link, Shape
 
 Color = tuple[int, int, int]
 MOVING = ("revolute", "continuous", "prismatic")
+MAX_BYTES, MAX_PARTS, MAX_NUMBER = 10 * 2**20, 1000, 1e6
+"""What a URDF file may have: bytes; links, joints and shapes; metres or radians."""
+
 GREY: Color = (178, 178, 178)
 """sRGB colour of a visual shape that names none."""
 
@@ -45,15 +48,27 @@ def read_urdf(path: Path) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
         The file is no URDF tree, or uses what is not supported; the message names the file and the part.
     """
     try:
-        root = parse(path).getroot()
+        content = path.read_bytes()
+        _check_size(content)
+        root = fromstring(content)
         materials = {material.get("name", ""): _color(material, {}) for material in root.findall("material")}
         links = tuple(_link(element, path.parent, materials) for element in root.findall("link"))
         numbers = {link.name: i for i, link in enumerate(links)}
         return _in_tree_order(links, [_joint(element, numbers) for element in root.findall("joint")])
-    except ParseError as error:
-        raise InvalidInput(f"{path}: not XML ({error}); a hand's `urdf` must be a URDF file, not xacro") from error
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from error
+    except (OSError, ParseError, ValueError, LookupError) as error:  # the last two: its encoding is unknown
+        raise InvalidInput(f"{path}: not XML ({error}); a hand's `urdf` must be a URDF file, not xacro") from error
+
+
+def _check_size(content: bytes) -> None:
+    """Refuse what no hand has and what would take minutes or gigabytes to read."""
+    if len(content) > MAX_BYTES:
+        raise InvalidInput(f"it has {len(content)} bytes, {MAX_BYTES} are the most")
+    if b"\0" in content or b"<!" in content.replace(b"<!--", b""):
+        raise InvalidInput("it declares a document type or entities, or is no UTF-8; write out what they stand for")
+    if (parts := sum(content.count(tag) for tag in (b"<link", b"<joint", b"<visual", b"<collision"))) > MAX_PARTS:
+        raise InvalidInput(f"it has {parts} links, joints and shapes, {MAX_PARTS} are the most")
 
 
 def _link(element: Element, folder: Path, materials: Mapping[str, Color]) -> Link:
@@ -153,7 +168,7 @@ def _color(material: Element | None, known: Mapping[str, Color]) -> Color:
     color = material.find("color")
     if color is None:
         return known.get(material.get("name", ""), GREY)
-    red, green, blue, _ = (round(255 * part) for part in _numbers(color, "rgba", (0.7, 0.7, 0.7, 1.0)).tolist())
+    red, green, blue, _ = (round(255 * part) for part in np.clip(_numbers(color, "rgba", (0.7, 0.7, 0.7, 1.0)), 0, 1).tolist())
     return red, green, blue
 
 
@@ -165,8 +180,8 @@ def _numbers(element: Element | None, key: str, default: tuple[float, ...]) -> N
         numbers = np.array([float(part) for part in text.split()], np.float64)
     except ValueError:
         numbers = np.array([np.nan])
-    if len(numbers) != len(default) or not np.isfinite(numbers).all():
-        raise InvalidInput(f"<{element.tag} {key}={text!r}> must hold {len(default)} finite numbers")
+    if len(numbers) != len(default) or not (np.abs(numbers) <= MAX_NUMBER).all():
+        raise InvalidInput(f"<{element.tag} {key}={text!r}> must hold {len(default)} finite numbers, none beyond {MAX_NUMBER:g}")
     return numbers
 
 

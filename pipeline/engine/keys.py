@@ -90,8 +90,8 @@ def source_key(source: dict[str, Any]) -> dict[str, Any]:
 
     Raises
     ------
-    OSError
-        A file cannot be read.
+    InvalidInput, OSError
+        A file cannot be read or used.
     """
     maker = {"maker": sources_hash(f"{TOY_OBJECTS}.{source['procedural']}")} if "procedural" in source else {}
     return {**fingerprint(source), **maker}

@@ -89,7 +89,7 @@ class ShardPlan(Plan[ObjectStage]):
         """Plan an object of a stage that reads the manifest's sources."""
         try:
             return Member(item, self._job(item, {"source": keys.source_key(item.source)}, {}))
-        except OSError as error:
+        except (OSError, InvalidInput) as error:
             failure = Failure(stage=self.stage.name, reason=f"its file cannot be read: {error}; mend or remove it")
             return Member(item, self._job(item, {"unreadable": str(error)}, {}), failure)
 

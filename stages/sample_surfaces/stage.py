@@ -64,7 +64,7 @@ def normalised_mesh(task: Task, settings: SurfaceSettings) -> tuple[Mesh, Cleani
 def source_mesh(task: Task) -> Mesh:
     """Make the mesh of a procedural object, or read that of another from its file."""
     if "procedural" not in task.source:
-        return load_mesh(Path(task.source["file"]))
+        return load_mesh(Path(task.source["file"]), Path(task.source["root"]))
     category, variant, seed = (task.source[name] for name in ("procedural", "variant", "seed"))
     order = numpy_rng(seed, "procedural", category).permutation(len(KINDS[category]))  # every kind once before any repeats
     return generate(category, numpy_rng(seed, "procedural", category, variant), order[variant % len(order)])

@@ -41,6 +41,9 @@ def test_sensor_file_is_loaded_by_path(tmp_path: Path) -> None:
         ({"noise": "some"}, "noise"),
         ({"lights": {}}, "lights"),
         ({"w": float("nan")}, "w"),
+        ({"rows": 2**31}, "rows"),
+        ({"width": 1e300}, "width"),
+        ({"diffuse": 1e300}, "diffuse"),
     ],
 )
 def test_unusable_sensor_entry_is_named_with_its_file(tmp_path: Path, changes: dict[str, object], entry: str) -> None:

@@ -14,8 +14,12 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.errors import InvalidInput
 
-Length = Annotated[float, Field(gt=0)]
-Position = tuple[float, float, Annotated[float, Field(gt=0)]]
+MAX_PIXELS_PER_SIDE = 4096
+"""Rows and columns of an image: more than any camera of a sensor has."""
+
+Length = Annotated[float, Field(ge=1e-6, le=10)]
+Lateral = Annotated[float, Field(ge=-1000, le=1000)]
+Position = tuple[Lateral, Lateral, Annotated[float, Field(ge=1e-6, le=1000)]]
 
 POSE_TOLERANCE = 1e-6
 """Largest deviation of a pose's axes from orthonormal: what float32 arithmetic may leave."""
@@ -36,13 +40,13 @@ class Sensor(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$", max_length=120)]
     width: Annotated[Length, Field(description="side of the square sensor plane, m")]
-    rows: Annotated[int, Field(ge=2, description="pixels along +y; a gradient needs two")]
-    cols: Annotated[int, Field(ge=2, description="pixels along +x; a gradient needs two")]
+    rows: Annotated[int, Field(ge=2, le=MAX_PIXELS_PER_SIDE, description="pixels along +y; a gradient needs two")]
+    cols: Annotated[int, Field(ge=2, le=MAX_PIXELS_PER_SIDE, description="pixels along +x; a gradient needs two")]
     w: Annotated[Length, Field(description="thickness of the gel, m (equation 1)")]
     range: Annotated[Length, Field(description="greatest depth at which a surface is found, m")]
-    diffuse: Annotated[float, Field(gt=0, description="diffuse reflection constant, lambda of equation 2")]
+    diffuse: Annotated[float, Field(gt=0, le=1e6, description="diffuse reflection constant, lambda of equation 2")]
     noise: Annotated[Literal["none"], Field(description="noise added to a tactile image")]
     lights: Lights
 

@@ -16,8 +16,14 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.kernels.geometry.transforms import compose, invert_pose, rotation_from_euler
 
+Coordinate = Annotated[float, Field(ge=-100, le=100)]
+Angle = Annotated[float, Field(ge=-3600, le=3600)]
+Pixels = Annotated[float, Field(ge=-1e6, le=1e6)]
+Focal = Annotated[float, Field(ge=1e-3, le=1e6)]
 Vector = tuple[float, float, float]
-Positive = Annotated[float, Field(gt=0)]
+
+MAX_RESOLUTION = 8192
+"""Pixels per side of an image: graphics libraries draw no larger ones."""
 
 
 class Camera(BaseModel):
@@ -37,11 +43,11 @@ class Camera(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    position: Vector
-    rotation: Vector
-    focal: tuple[Positive, Positive]
-    centre: tuple[float, float]
-    resolution: int = Field(gt=0)
+    position: tuple[Coordinate, Coordinate, Coordinate]
+    rotation: tuple[Angle, Angle, Angle]
+    focal: tuple[Focal, Focal]
+    centre: tuple[Pixels, Pixels]
+    resolution: int = Field(gt=0, le=MAX_RESOLUTION)
 
     def with_resolution(self, resolution: int) -> Camera:
         """Return the camera with another number of pixels per side and the same field of view."""

@@ -6,10 +6,10 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from pipeline.kernels.vision.camera import Camera, Vector
+from pipeline.kernels.vision.camera import Camera, Coordinate
 
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
-Intensity = Annotated[float, Field(ge=0)]
+Intensity = Annotated[float, Field(ge=0, le=1e6)]
 
 
 class Lamp(BaseModel):
@@ -27,8 +27,8 @@ class Lamp(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    position: Vector
-    intensity: float = Field(gt=0)
+    position: tuple[Coordinate, Coordinate, Coordinate]
+    intensity: float = Field(gt=0, le=1e6)
     color: tuple[UnitInterval, UnitInterval, UnitInterval]
 
 
