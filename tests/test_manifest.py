@@ -97,6 +97,36 @@ def test_splits_that_count_must_count_right(tmp_path):
         manifest(folder("directory", tmp_path), splits={"train": 1298, "valid": 258, "test": 175}).objects()
 
 
+def test_counts_of_a_source_are_bounded():
+    endless = {"kind": "procedural", "licence": "x", "seed": 0, "count": {"bottle": 2**31}}
+    with pytest.raises(InvalidInput, match="a source has more than 200000 objects"):
+        manifest(endless).objects()
+
+
+def test_entries_of_a_folder_are_bounded(tmp_path, monkeypatch):
+    (tmp_path / "a.obj").write_text(CUBE)
+    (tmp_path / "b.obj").write_text(CUBE)
+    monkeypatch.setattr("pipeline.config.sources.MAX_ENTRIES", 1)
+    with pytest.raises(InvalidInput, match="has more than 1 files and folders; give the folder of the meshes alone"):
+        manifest(folder("directory", tmp_path)).objects()
+
+
+def test_a_shapenet_models_textures_lie_beside_its_meshes(tmp_path):
+    (item,) = manifest({"kind": "shapenet", "licence": "x", "up": "y", "synsets": {"mug": "1"}}).objects(shapenet_mug(tmp_path))
+    assert "../images/a.png" in fingerprint(item.source)["file"]["companions"]
+
+
+def shapenet_mug(root: Path) -> Path:
+    for name, content in {
+        "models/model_normalized.obj": f"mtllib model_normalized.mtl\n{CUBE}",
+        "models/model_normalized.mtl": "newmtl x\nmap_Kd ../images/a.png\n",
+        "images/a.png": "picture",
+    }.items():
+        (root / "1" / "x" / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / "1" / "x" / name).write_text(content)
+    return root
+
+
 def test_a_folder_gives_ids_and_categories(tmp_path):
     for name in ("cups/a b.obj", "cups/c.obj", "cups/c.stl", "bare.PLY", ".hidden/x.obj", "cups/notes.txt"):
         file = tmp_path / name
