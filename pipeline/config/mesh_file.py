@@ -42,6 +42,9 @@ MAX_NUMBERS = 20_000_000
 MAX_PARTS = 5000
 """Materials of an OBJ, solids of an STL, nodes or primitives of a glTF: trimesh takes time by their square."""
 
+MAX_PRODUCT = 500_000_000
+"""Materials times vertices of an OBJ: trimesh goes through all vertices for each material."""
+
 trimesh.util.log.disabled = True  # it logs tracebacks of what it recovers from
 
 
@@ -97,7 +100,9 @@ def _check_contents(file: Path, companions: Companions) -> None:
         return
     content = file.read_bytes()
     if suffix == ".obj":
-        _check("materials", len(set(re.findall(rb"usemtl ([^\n]*)", content))), MAX_PARTS, "merge them")
+        materials = len(set(re.findall(rb"usemtl ([^\n]*)", content)))
+        _check("materials", materials, MAX_PARTS, "merge them")
+        _check("materials times vertices", materials * content.count(b"\nv "), MAX_PRODUCT, "merge materials or decimate the mesh")
         lines = re.finditer(rb"\nf([^\n]*)", content.replace(b"\\\n", b""))  # a backslash continues a line
         _check("faces", sum(len(line[1].split()) - 2 for line in lines), MAX_FACES, "decimate the mesh")
     if suffix == ".stl":

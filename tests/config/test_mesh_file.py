@@ -170,12 +170,17 @@ def test_texture_that_needs_another_program_loses_the_look(tmp_path: Path, monke
     ("name", "content", "reason"),
     [
         ("many.obj", TRIANGLE + "".join(f"usemtl m{i}\nf 1 2 3\n" for i in range(5001)), "5001 materials, 5000 are the most"),
+        (
+            "both.obj",
+            TRIANGLE + "v 0 0 0\n" * 100_000 + "".join(f"usemtl m{i}\n" for i in range(5000)),
+            "500010000 materials times vertices",
+        ),
         ("fan.obj", TRIANGLE + "f" + " 1 2 3" * 666_668, "2000003 faces, 2000000 are the most"),
         ("fan.obj", TRIANGLE + "f 1 2 3 \\\n" + " 1 2 3" * 666_668, "200000. faces, 2000000 are the most"),
         ("many.stl", "solid\nfacet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendsolid\n" * 5001, "5001 solids"),
         ("wide.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3" + " 0" * 20_000_000, "numbers, 20000000 are the most"),
     ],
-    ids=["materials", "faces", "faces of a continued line", "solids", "numbers"],
+    ids=["materials", "materials and vertices", "faces", "faces of a continued line", "solids", "numbers"],
 )
 def test_text_that_would_take_minutes_or_gigabytes_is_refused(tmp_path: Path, name: str, content: str, reason: str) -> None:
     (tmp_path / name).write_text(content)

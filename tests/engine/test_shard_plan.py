@@ -206,6 +206,17 @@ def test_each_failure_is_kept_with_its_reason_and_the_others_go_on(tmp_path):
     assert (noise.first.read("values")[1:3] == 0).all()
 
 
+@pytest.mark.parametrize("content", [b"[" * 200_000, b"", None], ids=["nested", "empty", "pipe"])
+def test_a_file_without_a_key_is_its_objects_failure_and_the_others_go_on(tmp_path, content):
+    file = tmp_path / "b.gltf"
+    os.mkfifo(file) if content is None else file.write_bytes(content)
+    items = [Object("b", "letter", {"file": str(file), "root": str(tmp_path)}, "train"), *objects(1)]
+    run(request(tmp_path / "data", items=items))
+    noise = published(tmp_path / "data")
+    assert noise.failure("b").reason.startswith("its file cannot be read: b.gltf ")
+    assert noise.failure("a") is None
+
+
 @pytest.mark.parametrize(("trouble", "said"), [("bug", "ZeroDivisionError: a fault of ours"), ("nan", "holds a value that is not finite")])
 def test_a_bug_fails_no_object_keeps_its_traceback_and_lets_the_others_go_on(tmp_path, trouble, said):
     with pytest.raises(BugFound, match="processing d met a bug in vt-pipeline") as caught:
