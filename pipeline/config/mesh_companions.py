@@ -15,7 +15,7 @@ from pipeline.config.gltf_file import read_gltf
 from pipeline.errors import InvalidInput
 
 MAX_BYTES = 256 * 2**20
-"""Size of a mesh file, and of the files that it names together. Reading ASCII STL, the worst format, takes 6 times as much memory."""
+"""Size of a mesh file, and of the files that it names together."""
 
 MAX_NAMES = 1000
 """File names in a mesh file."""
