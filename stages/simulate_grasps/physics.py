@@ -39,6 +39,7 @@ class Simulation(AbstractContextManager["Simulation"]):
         self.client = PhysicsClient()
         self._body = -1
         self._motors: list[int] = []
+        self._points: list[list[float]] = []
 
     def __exit__(self, *_: object) -> None:
         self.client.disconnect()
@@ -53,12 +54,12 @@ class Simulation(AbstractContextManager["Simulation"]):
         client.setGravity(0, 0, GRAVITY)
         for first in range(0, len(mesh.faces), FACES_PER_BODY):
             used, indices = np.unique(mesh.faces[first : first + FACES_PER_BODY], return_inverse=True)
+            vertices, corners = self._as_lists(mesh.vertices[used]), indices.ravel().tolist()
             shape = client.createCollisionShape(
-                pybullet.GEOM_MESH,
-                vertices=mesh.vertices[used].tolist(),
-                indices=indices.ravel().tolist(),
-                flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
+                pybullet.GEOM_MESH, vertices=vertices, indices=corners, flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH
             )
+            vertices.clear()
+            corners.clear()
             body = client.createMultiBody(0, shape)
             client.changeDynamics(body, -1, collisionMargin=COLLISION_MARGIN)
         flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_IGNORE_VISUAL_SHAPES
@@ -66,6 +67,13 @@ class Simulation(AbstractContextManager["Simulation"]):
         infos = [client.getJointInfo(self._body, joint) for joint in range(client.getNumJoints(self._body))]
         numbers = {info[1].decode(): info[0] for info in infos}
         self._motors = [numbers[name] for name in self.hand.joint_names]
+
+    def _as_lists(self, vertices: NDArray[np.float64]) -> list[list[float]]:
+        """Fill the same lists again and again: PyBullet never gives back those that it is given."""
+        self._points += [[0.0, 0.0, 0.0] for _ in range(len(vertices) - len(self._points))]
+        for point, vertex in zip(self._points, vertices.tolist(), strict=False):
+            point[:] = vertex
+        return self._points[: len(vertices)]
 
     def settle(
         self,

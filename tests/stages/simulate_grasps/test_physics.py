@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import resource
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
@@ -90,3 +93,14 @@ def test_client_prints_nothing(hand: Hand, capfd: pytest.CaptureFixture[str]) ->
     with Simulation(hand):
         pass
     assert capfd.readouterr() == ("", "")
+
+
+def test_objects_that_were_loaded_leave_no_memory_behind(hand: Hand) -> None:
+    """PyBullet keeps the lists that it is given: 0.2 MB per object of 1280 faces, were they new each time."""
+    mesh = centred(trimesh.creation.icosphere(subdivisions=3, radius=0.05))
+    with Simulation(hand) as physics:
+        sizes = []
+        for _ in range(100):
+            physics.load(mesh)
+            sizes.append(int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize())
+    assert sizes[-1] - sizes[20] < 5e6
