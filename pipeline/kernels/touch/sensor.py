@@ -19,7 +19,7 @@ MAX_PIXELS_PER_SIDE = 4096
 
 Length = Annotated[float, Field(ge=1e-6, le=10)]
 Lateral = Annotated[float, Field(ge=-1000, le=1000)]
-Position = tuple[Lateral, Lateral, Annotated[float, Field(ge=1e-6, le=1000)]]
+Position = tuple[Lateral, Lateral, Annotated[float, Field(gt=0, le=1000)]]
 
 POSE_TOLERANCE = 1e-6
 """Largest deviation of a pose's axes from orthonormal: what float32 arithmetic may leave."""
