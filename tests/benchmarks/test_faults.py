@@ -7,8 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from benchmarks.faults.sandbox import Sandbox
 from benchmarks.faults.trial import follow
 from benchmarks.fuzz.__main__ import fuzz
@@ -16,7 +14,7 @@ from benchmarks.fuzz.target import Files, Target
 from benchmarks.fuzz.targets import TARGETS
 
 ROOT = Path(__file__).parents[2]
-KINDS = ("kill −9 of a run", "limit on the size of files", "two runs at once", "damaged file of a dataset", "record of another version")
+KINDS = ("kill −9 of a run", "limit on the size of files", "damaged row that waits to be packed")
 
 
 def test_a_few_faults_are_survived():
@@ -42,12 +40,11 @@ def test_every_stage_of_the_sandbox_has_an_output(tmp_path):
     assert len({sandbox.output(stage) for stage in sandbox.stages}) == len(sandbox.stages)
 
 
-@pytest.mark.parametrize("name", TARGETS)
-def test_a_few_wrong_files_are_refused_in_words(name):
-    command = [sys.executable, "-m", "benchmarks.fuzz", "--inputs", "200", "--only", name]
+def test_a_few_wrong_files_are_refused_in_words():
+    command = [sys.executable, "-m", "benchmarks.fuzz", "--inputs", "700"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert f"{name}: 200 inputs" in done.stdout
+    assert done.stdout.count(" inputs: ") == len(TARGETS)
 
 
 class Careless(Target):
