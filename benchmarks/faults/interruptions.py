@@ -22,8 +22,7 @@ MEGABYTE = 2**20
 
 def killed(trial: Trial) -> Verdict:
     """Kill −9 at a random moment of a stage."""
-    stage = trial.some_stage()
-    trial.copy(without=stage)
+    stage = trial.copy_without_a_stage()
     moment = trial.rng.uniform(0, trial.seconds[stage])
     process = fork(lambda: trial.sandbox.only(stage).make(trial.data), trial.log)
     time.sleep(moment)
@@ -59,8 +58,7 @@ def interrupted(trial: Trial) -> Verdict:
 
 
 def _signalled(trial: Trial, number: signal.Signals, word: str) -> Verdict:
-    stage = trial.some_stage()
-    trial.copy(without=stage)
+    stage = trial.copy_without_a_stage()
     moment = trial.rng.uniform(0.3, 3.0 + trial.seconds[stage])
     process = fork(lambda: app(trial.sandbox.command(stage, trial.data)), trial.log)
     time.sleep(moment)
@@ -76,8 +74,7 @@ def _signalled(trial: Trial, number: signal.Signals, word: str) -> Verdict:
 
 def file_too_large(trial: Trial) -> Verdict:
     """A limit on the size of files, as a quota sets, of 1 to 100 kB."""
-    stage = trial.some_stage()
-    trial.copy(without=stage)
+    stage = trial.copy_without_a_stage()
     limit = int(10 ** trial.rng.uniform(3, 5))
 
     def work() -> None:
@@ -89,8 +86,7 @@ def file_too_large(trial: Trial) -> Verdict:
 
 def disk_full(trial: Trial) -> Verdict:
     """A disk with 4 kB to 1 MB left."""
-    stage = trial.some_stage()
-    trial.copy(without=stage)
+    stage = trial.copy_without_a_stage()
     room = int(trial.rng.uniform(4096, MEGABYTE))
     with _disk(trial) as disk:
         disk.resize(_size(trial.data) + room)
@@ -101,8 +97,7 @@ def disk_full(trial: Trial) -> Verdict:
 
 def read_only(trial: Trial) -> Verdict:
     """A disk that is mounted read-only at a random moment."""
-    stage = trial.some_stage()
-    trial.copy(without=stage)
+    stage = trial.copy_without_a_stage()
     moment = trial.rng.uniform(0, trial.seconds[stage])
     with _disk(trial) as disk:
         process = fork(lambda: trial.sandbox.only(stage).make(trial.data), trial.log)
@@ -118,8 +113,7 @@ def read_only(trial: Trial) -> Verdict:
 
 def two_at_once(trial: Trial) -> Verdict:
     """The same stage twice, the second begun at a random moment of the first."""
-    stage = trial.some_stage()
-    trial.copy(without=stage)
+    stage = trial.copy_without_a_stage()
     moment = trial.rng.uniform(0, trial.seconds[stage])
     other = trial.folder / "other-log"
     first = fork(lambda: trial.sandbox.only(stage).make(trial.data), trial.log)
@@ -132,8 +126,7 @@ def two_at_once(trial: Trial) -> Verdict:
 
 def clock_jumps(trial: Trial) -> Verdict:
     """A clock that is up to ten years wrong, and jumps while the stage runs."""
-    stage = trial.some_stage()
-    trial.copy(without=stage)
+    stage = trial.copy_without_a_stage()
     right = time.time
     jumps = trial.rng.uniform(-3e8, 3e8, 1000)
 
@@ -146,8 +139,7 @@ def clock_jumps(trial: Trial) -> Verdict:
 
 def short_of_memory(trial: Trial) -> Verdict:
     """A limit on memory, 1 to 400 MB above what the process has when it begins."""
-    stage = trial.some_stage()
-    trial.copy(without=stage)
+    stage = trial.copy_without_a_stage()
     more = int(trial.rng.uniform(1, 400)) * MEGABYTE
 
     def work() -> None:

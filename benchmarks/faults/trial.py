@@ -62,9 +62,11 @@ class Trial:
         later = list(STAGES)[list(STAGES).index(without) :] if without else []
         remove(self.data, [self.sandbox.output(stage) for stage in later])
 
-    def some_stage(self) -> str:
-        """Draw a stage."""
-        return str(self.rng.choice(list(STAGES)))
+    def copy_without_a_stage(self) -> str:
+        """Draw a stage, and copy the dataset but for what it and those after it made; the stage."""
+        stage = str(self.rng.choice(list(STAGES)))
+        self.copy(without=stage)
+        return stage
 
     def run(self, work: Callable[[], object]) -> End:
         """Run a function in a process of its own."""

@@ -11,6 +11,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from pipeline.config.complaints import complaints
+from pipeline.config.file_content import read_file
 from pipeline.errors import InvalidInput
 
 Kind = Literal["manifest", "hand", "sensor", "scene"]
@@ -62,7 +63,7 @@ def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
         return model.model_validate(read_yaml(path))
     except ValidationError as error:
         raise InvalidInput(f"{kind} file {path}: {complaints(error)}. Its entries are {', '.join(model.model_fields)}") from error
-    except (OSError, ValueError, yaml.YAMLError) as error:
+    except (ValueError, yaml.YAMLError) as error:
         raise InvalidInput(f"{kind} file {path} cannot be read as YAML: {error}") from error
 
 
@@ -71,12 +72,10 @@ def read_yaml(path: Path) -> Any:
 
     Raises
     ------
-    OSError, ValueError, yaml.YAMLError
+    ValueError, yaml.YAMLError
         It cannot be read, is too large or too deep, has aliases, or is no YAML.
     """
-    if (size := path.stat().st_size) > MAX_BYTES:
-        raise ValueError(f"it has {size} bytes, {MAX_BYTES} are the most")
-    text, depth = path.read_text(encoding="utf-8"), 0
+    text, depth = read_file(path, MAX_BYTES).decode(), 0
     for event in yaml.parse(text, Loader=yaml.CSafeLoader):
         if isinstance(event, yaml.AliasEvent):
             raise ValueError(f"it has an alias, *{event.anchor}; write out what it stands for")

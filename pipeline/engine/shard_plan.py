@@ -165,7 +165,7 @@ class ShardPlan(Plan[ObjectStage]):
         return None if shard is None or shard.row(member.item.object_id).failure else shard.view(member.item.object_id)
 
     def _is_kept(self, member: Member) -> bool:
-        """Whether the published shard has the object's row under the key of today's job, so that it need not be made again."""
+        """Whether the published shard has the object's row under the current key, so that it need not be made again."""
         if self.published is None or member.item.object_id not in self.published.position:
             return False
         row = self.published.row(member.item.object_id)
@@ -221,7 +221,7 @@ class ShardPlan(Plan[ObjectStage]):
                     self.pieces.discard(member.item.object_id, member.job.key)
 
     def _keep_rows(self) -> None:
-        """Take rows of the published shard that have today's key to the pieces; one that is damaged is made again."""
+        """Take rows of the published shard that have the current key to the pieces; one that is damaged is made again."""
         for member in self.members:
             if (shard := self.published) and self._is_kept(member) and self.facts(member) is None:
                 row = shard.row(member.item.object_id)

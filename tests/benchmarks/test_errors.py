@@ -163,7 +163,7 @@ def test_images_differ_by_their_levels_and_silhouettes_by_their_columns(tmp_path
 
 
 def felt(off: float = 0.0, beyond: float = 0.0, outlier: float = 0.0, lost: int = 0, invented: int = 0, changed: int = 0) -> Row:
-    """Depths of a step in the gel, of its very top, and beyond it, moved by so much, and so many pixels of other hits and readings."""
+    """Depths of a step in the gel, of its very top, and beyond it, moved by a distance; some pixels have other hits and readings."""
     depth = np.full((2, 3, *SENSOR.shape), np.inf)
     depth[..., :10, :] = 3 * MM + off / 2
     depth[..., 10:15, :] = SENSOR.w - 0.5 * UM + off
@@ -213,7 +213,7 @@ def test_a_network_that_says_one_depth_is_off_by_the_true_ones(tmp_path: Path) -
 
 
 def fitted(task: Task) -> Row:
-    """Charts that are so many µm off, of which one object's last was stopped by the cap; others were not fitted, of one object none."""
+    """Charts with a given error, µm, of which one object's last was stopped by the cap; others were not fitted, of one object none."""
     last, off = {"a": ("threshold", [100, 300]), "b": ("cap", [200, 300]), "c": ("no_touch", [0, 0])}[task.object_id]
     rules = ["no_touch" if task.object_id == "c" else "threshold", last, "no_touch", "too_few_points", "collapsed"]
     return {

@@ -21,7 +21,7 @@ SIZE = spheres.SIDE**2
 
 
 def surface(scale: float, offset: float, touches: int = 1) -> Reconstruction:
-    """The sphere, and so many triangles' worth of squares, in one place."""
+    """Make the sphere with touch charts at random, scaled and moved."""
     _, square = chart_square(spheres.SIDE)
     rng = np.random.default_rng(0)
     vertices = np.concatenate([SPHERE.vertices, rng.uniform(-1, 1, (touches * SIZE, 3))]) * scale + offset

@@ -191,7 +191,7 @@ def objects(count: int) -> list[Object]:
 
 
 def make_data(data: Path, count: int) -> None:
-    """Write every artifact of so many balls; the pieces are made here, which spares the start of five worker processes."""
+    """Write every artifact of a number of balls; the pieces are made here, which spares the start of five worker processes."""
     for stage in stages():
         request: Any = Request(
             stage=stage, settings=Settings(), manifest="balls", objects=objects(count), preset="draft", seed=0, data=data

@@ -15,7 +15,7 @@ ASSIGNMENTS = ("sample-surfaces.points=2000", "simulate-grasps.attempts=4", "sim
 
 
 def manifest(train: int = 1, valid: int = 1, test: int = 0, **count: int) -> Manifest:
-    """Modelled objects, in so many of each split."""
+    """Modelled objects; the number of each split is given."""
     source = {"kind": "procedural", "licence": "MIT", "seed": 0, "count": count or {"bottle": train + valid + test}}
     splits = {"train": train, "valid": valid, "test": test}
     return Manifest.model_validate({"name": "tiny", "description": "d", "seed": 0, "splits": splits, "sources": [source]})

@@ -15,7 +15,7 @@ IMAGES = {
     "one white pixel": lambda size: (torch.arange(size * size) == size * size // 2).reshape(size, size, 1).expand(size, size, 3).float(),
     "noise": lambda size: torch.rand(size, size, 3, generator=torch.Generator().manual_seed(0)).mul(WHITE).round() / WHITE,
 }
-"""By name: a square image of so many pixels a side, floats in [0, 1]."""
+"""By name: a square image, pixels per side given, floats in [0, 1]."""
 KINDS = sorted(IMAGES)
 
 
