@@ -15,7 +15,9 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from typer.testing import CliRunner
 
+from pipeline.cli import app
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
 from pipeline.dataset.object_rows import ObjectRows
@@ -56,19 +58,21 @@ def manifest(tmp_path_factory) -> Path:
     return path
 
 
-def command(stage: str, manifest: Path, data: Path, *more: str) -> list[str]:
+def run_of(stage: str, manifest: Path, data: Path, *more: str) -> list[str]:
+    """The arguments that run a stage."""
     sets = [part for assignment in ASSIGNMENTS for part in ("--set", assignment)]
-    return [sys.executable, "-m", "pipeline", "run", stage, "--manifest", str(manifest), "--data", str(data), *sets, *more]
+    return ["run", stage, "--manifest", str(manifest), "--data", str(data), *sets, *more]
 
 
-def vt(*arguments: str, code: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(arguments, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(code)}, cwd=code, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done
+def vt(*arguments: str | Path) -> str:
+    """What a command of `vt-pipeline` prints, run in this process: torch is imported once."""
+    done = CliRunner().invoke(app, [*map(str, arguments)])
+    assert done.exit_code == 0, done.output
+    return done.output
 
 
 def digests(data: Path) -> dict[str, str]:
-    report = json.loads(vt(sys.executable, "-m", "pipeline", "status", str(data), "--json").stdout)
+    report = json.loads(vt("status", data, "--json"))
     assert all(not account.get("failures") and not account.get("stale") for account in report.values()), report
     return {name: account["digest"] for name, account in report.items()}
 
@@ -77,7 +81,7 @@ def digests(data: Path) -> dict[str, str]:
 def made(manifest, tmp_path_factory) -> Path:
     data = tmp_path_factory.mktemp("data")
     for stage in STAGES:
-        vt(*command(stage, manifest, data, "--workers", "2"))
+        vt(*run_of(stage, manifest, data, "--workers", "2"))
     return data
 
 
@@ -85,13 +89,13 @@ def test_every_artifact_is_there_and_valid(made):
     artifacts = {load_stage(name).output.name for name in SHARDED}
     folders = {"models/unet", "models/gcn/occluded-touch", "evaluation"}
     assert set(digests(made)) == artifacts | folders
-    assert vt(sys.executable, "-m", "pipeline", "validate", str(made)).stdout.count(": valid") == len(artifacts | folders)
+    assert vt("validate", str(made)).count(": valid") == len(artifacts | folders)
 
 
 def test_again_nothing_is_done_and_no_file_changes(manifest, made):
     before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
     for stage in STAGES:
-        assert f"up to date, {SEEN.get(stage, 4)} objects" in vt(*command(stage, manifest, made)).stdout
+        assert f"up to date, {SEEN.get(stage, 4)} objects" in vt(*run_of(stage, manifest, made))
     assert {path: path.stat().st_mtime_ns for path in made.rglob("*")} == before
 
 
@@ -99,15 +103,16 @@ def test_killed_in_every_stage_and_run_again_the_digests_are_equal(manifest, mad
     for stage in STAGES:
         kept = ".work/models/**/checkpoint.safetensors" if stage.startswith("train") else ".work/*/pieces/*/*.npz"
         if stage != "evaluate":  # one model of one object: nothing to keep
-            kill_midway(command(stage, manifest, tmp_path, "--workers", "1"), tmp_path, kept)
-        again = vt(*command(stage, manifest, tmp_path, "--workers", "1")).stdout
+            kill_midway(run_of(stage, manifest, tmp_path, "--workers", "1"), tmp_path, kept)
+        again = vt(*run_of(stage, manifest, tmp_path, "--workers", "1"))
         assert "made 4 objects" not in again  # at least one piece was kept
     assert digests(tmp_path) == digests(made)
 
 
 def kill_midway(run: list[str], data: Path, kept: str) -> None:
     """Kill a run, and nothing else, as soon as it has finished an object or step; its workers must end by themselves."""
-    process = subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    command = [sys.executable, "-m", "pipeline", *run]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
     try:
         while not [*data.glob(kept)]:
             assert process.poll() is None, "the run ended before it could be killed"
@@ -135,34 +140,13 @@ def test_shards_change_no_digest(manifest, made, tmp_path):
             shutil.copytree(made / "models", tmp_path / "models")
             shutil.rmtree(tmp_path / "models" / "gcn")
         for number in (1, 0):
-            vt(*command(stage, manifest, tmp_path, "--shards", "2", "--shard", str(number), "--workers", "1"))
+            vt(*run_of(stage, manifest, tmp_path, "--shards", "2", "--shard", str(number), "--workers", "1"))
     whole = digests(made)
     assert digests(tmp_path) == {name: whole[name] for name in digests(tmp_path)}
     assert len(digests(tmp_path)) == len(SHARDED) + 1
-    vt(sys.executable, "-m", "pipeline", "reshard", str(tmp_path), "3")
+    vt("reshard", str(tmp_path), "3")
     assert digests(tmp_path) == {name: whole[name] for name in digests(tmp_path)}
-    assert "up to date" in vt(*command("simulate-touch", manifest, tmp_path)).stdout
-
-
-@pytest.mark.parametrize(
-    ("kernel", "rebuilt"),
-    [
-        ("touch/tactile_image.py", {"simulate-touch"}),
-        ("vision/camera.py", {"render-vision"}),
-        ("geometry/exterior_sampling.py", {"sample-surfaces"}),
-        ("networks/touch_losses.py", {"train-unet"}),
-        ("charts/chart_optimizer.py", {"fit-charts"}),
-        ("metrics/touch_site_rings.py", {"evaluate"}),
-    ],
-)
-def test_a_changed_line_in_a_kernel_rebuilds_what_stands_on_it_and_nothing_else(manifest, made, tmp_path, kernel, rebuilt):
-    for package in ("pipeline", "stages", "schemas", "data_manifests"):
-        shutil.copytree(ROOT / package, tmp_path / package)
-    source = tmp_path / "pipeline" / "kernels" / kernel
-    source.write_text(source.read_text() + "\n# a comment changes nothing\n")
-    assert stages_to_do(manifest, made, tmp_path) == set()
-    source.write_text(source.read_text() + "\nCHANGED = True\n")
-    assert stages_to_do(manifest, made, tmp_path) == rebuilt
+    assert "up to date" in vt(*run_of("simulate-touch", manifest, tmp_path))
 
 
 DRY_RUNS = """
@@ -173,11 +157,14 @@ print(json.dumps([CliRunner().invoke(app, arguments).output for arguments in jso
 """
 
 
-def stages_to_do(manifest: Path, data: Path, code: Path) -> set[str]:
-    """What the stages say of a dry run, all asked in one process."""
-    asked = [command(stage, manifest, data, "--dry-run")[3:] for stage in STAGES]
-    said = json.loads(vt(sys.executable, "-c", DRY_RUNS, json.dumps(asked), code=code).stdout)
-    return {stage for stage, words in zip(STAGES, said, strict=True) if "would " in words}
+def test_a_changed_line_in_a_kernel_rebuilds_what_stands_on_it_and_nothing_else(manifest, made, tmp_path):
+    for package in ("pipeline", "stages", "schemas", "data_manifests"):
+        shutil.copytree(ROOT / package, tmp_path / package)
+    source = tmp_path / "pipeline/kernels/touch/tactile_image.py"
+    source.write_text(source.read_text() + "\nCHANGED = True\n")
+    asked = [sys.executable, "-c", DRY_RUNS, json.dumps([run_of(stage, manifest, made, "--dry-run") for stage in STAGES])]
+    said = json.loads(subprocess.check_output(asked, env={**os.environ, "PYTHONPATH": str(tmp_path)}, cwd=tmp_path))
+    assert [stage for stage, words in zip(STAGES, said, strict=True) if "would " in words] == ["simulate-touch"]
 
 
 def test_grasps_are_read_as_tensors(made):
@@ -197,7 +184,7 @@ def test_grasps_are_read_as_tensors(made):
 
 def test_recomputed_points_are_the_stored_ones_to_the_bit(manifest, made, tmp_path):
     shutil.copytree(made, tmp_path / "stored")
-    vt(*command("simulate-touch", manifest, tmp_path / "stored", "--set", "store_points=true"))
+    vt(*run_of("simulate-touch", manifest, tmp_path / "stored", "--set", "store_points=true"))
     names = ("local_points", "local_count")
     stored, recomputed = (GraspDataset(data, names, None) for data in (tmp_path / "stored", made))
     for index in range(0, len(stored), 3):
@@ -224,17 +211,17 @@ def test_xarray_opens_the_same_store_with_labels(made):
 
 
 def test_a_summary_draws_contact_sheets_once(made):
-    first = vt(sys.executable, "-m", "pipeline", "summary", str(made)).stdout
+    first = vt("summary", str(made))
     assert "% successful" in first
     sheets = sorted(made.glob("contact-sheet*.png"))
     assert sheets
     before = [path.stat().st_mtime_ns for path in sheets]
-    vt(sys.executable, "-m", "pipeline", "summary", str(made))
+    vt("summary", str(made))
     assert [path.stat().st_mtime_ns for path in sheets] == before
 
 
 def test_a_report_says_what_was_evaluated_and_draws_it(made):
-    said = vt(sys.executable, "-m", "pipeline", "report", str(made)).stdout
+    said = vt("report", str(made))
     assert "Table 3" in said
     assert "Do the supplement's orderings hold?" in said
     assert all((made / name).stat().st_size > 10_000 for name in ("learning-curves.png", "reconstructions.png"))
@@ -243,7 +230,7 @@ def test_a_report_says_what_was_evaluated_and_draws_it(made):
 def test_one_grasp_becomes_a_mesh_file(made, tmp_path):
     test = GraspDataset(made, ["points"], "test").items[0][0]
     asked = ["--data", str(made), "--object", test, "--grasp", "2", "--configuration", "occluded-touch"]
-    vt(sys.executable, "-m", "pipeline", "predict", str(tmp_path / "out.ply"), *asked)
+    vt("predict", str(tmp_path / "out.ply"), *asked)
     apart, joined = (trimesh.load(tmp_path / name, process=False) for name in ("out.ply", "out-joined.ply"))
     assert len(apart.vertices) >= 1824
     assert len(joined.vertices) == len(apart.vertices) - 1824 + 1154
@@ -252,13 +239,13 @@ def test_one_grasp_becomes_a_mesh_file(made, tmp_path):
 
 def test_a_sweep_trains_every_point_once_and_ranks_them(manifest, made):
     sets = [part for assignment in [*ASSIGNMENTS, "train-gcn.configuration=none", "train-gcn.epochs=1"] for part in ("--set", assignment)]
-    asked = [sys.executable, "-m", "pipeline", "sweep", "train-gcn", "--manifest", str(manifest), "--data", str(made), *sets]
-    first = vt(*asked, "--grid", "gcn_features=6,12", "--grid", "learning_rate=1e-3").stdout
+    asked = ["sweep", "train-gcn", "--manifest", str(manifest), "--data", str(made), *sets]
+    first = vt(*asked, "--grid", "gcn_features=6,12", "--grid", "learning_rate=1e-3")
     assert first.count("up to date") == 0
     assert "best loss" in first
-    again = vt(*asked, "--grid", "gcn_features=6,12", "--grid", "learning_rate=1e-3").stdout
+    again = vt(*asked, "--grid", "gcn_features=6,12", "--grid", "learning_rate=1e-3")
     assert again.count("up to date") == 2
-    assert vt(*asked, "--dry-run").stdout.count("sweeps/train-gcn/none/") == 3**3  # the supplement's grid
+    assert vt(*asked, "--dry-run").count("sweeps/train-gcn/none/") == 3**3  # the supplement's grid
 
 
 def test_the_overview_picture_shows_a_test_object(made, tmp_path):

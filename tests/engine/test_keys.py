@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.engine.keys import NO_RESULTS, source_key, sources_hash
+from stages.registry import STAGES, load_stage
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = """
@@ -24,16 +25,19 @@ def hashes():
     return {name: keys.sources_hash(name) for name in modules}
 
 changes, modules = json.loads(sys.argv[1])
+before = hashes()
+for file in changes:
+    Path(file).write_text(Path(file).read_text() + "\\n# a comment decides nothing\\n")
+assert hashes() == before
 rehashed = {}
 for file in changes:
-    source, before = Path(file), hashes()
-    source.write_text(source.read_text() + "\\n# a comment decides nothing\\n")
-    assert hashes() == before, file
-    source.write_text(source.read_text() + "\\nCHANGED = True\\n")
-    rehashed[file] = sorted(name for name, value in hashes().items() if value != before[name])
+    Path(file).write_text(Path(file).read_text() + "\\nCHANGED = True\\n")
+    now = hashes()
+    rehashed[file] = sorted(name for name in modules if now[name] != before[name])
+    before = now
 print(json.dumps(rehashed))
 """
-MODULES = ("pipeline.toy_objects.knife", "pipeline.toy_objects.bottle", "stages.sample_surfaces.stage", "stages.simulate_touch.stage")
+MODULES = ("pipeline.toy_objects.knife", "pipeline.toy_objects.bottle", *(type(load_stage(name)).__module__ for name in STAGES))
 
 
 def test_a_module_that_was_renamed_is_an_error_and_no_empty_hash():
@@ -55,10 +59,15 @@ def test_an_object_that_is_modelled_is_keyed_by_the_code_that_makes_it():
 def test_a_change_rehashes_what_it_decides_and_nothing_else(tmp_path):
     expected = {
         "pipeline/toy_objects/knife.py": ["pipeline.toy_objects.knife"],
-        "pipeline/rng.py": ["stages.sample_surfaces.stage"],
-        "pipeline/kernels/touch/tactile_image.py": ["stages.simulate_touch.stage"],
+        "pipeline/rng.py": [f"stages.{name}.stage" for name in ("evaluate", "fit_charts", "sample_surfaces", "train_gcn", "train_unet")],
         "pipeline/store/shard.py": [],
         "pipeline/engine/run.py": [],
+        "pipeline/kernels/geometry/exterior_sampling.py": ["stages.sample_surfaces.stage"],
+        "pipeline/kernels/vision/camera.py": ["stages.render_vision.stage"],
+        "pipeline/kernels/touch/tactile_image.py": ["stages.simulate_touch.stage"],
+        "pipeline/kernels/networks/touch_losses.py": ["stages.train_unet.stage"],
+        "pipeline/kernels/charts/chart_optimizer.py": ["stages.fit_charts.stage"],
+        "pipeline/kernels/metrics/touch_site_rings.py": ["stages.evaluate.stage"],
     }
     for package in ("pipeline", "stages", "schemas"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__", "*.obj"))
