@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import random
+from contextlib import suppress
 from typing import Any
 
 import yaml
@@ -90,14 +91,12 @@ WORDS = tuple(
 def mutated(content: bytes, others: list[bytes], rng: random.Random, *, tree: bool) -> bytes:
     """A file gone wrong: one to four changes, of its tree where it is one, else of its bytes."""
     if tree and len(content) < 10_000 and rng.random() < 0.6:
-        try:
+        with suppress(yaml.YAMLError, ValueError, RecursionError):  # an earlier change left no tree, or one that holds itself
             root = yaml.load(content, Loader=yaml.CSafeLoader)
-        except (yaml.YAMLError, ValueError, RecursionError):
-            root = None
-        if isinstance(root, dict | list):
-            for _ in range(rng.choice((1, 1, 1, 2, 3))):
-                root = _changed(root, rng)
-            return json.dumps(root, default=str).encode()
+            if isinstance(root, dict | list):
+                for _ in range(rng.choice((1, 1, 1, 2, 3))):
+                    root = _changed(root, rng)
+                return json.dumps(root, default=str).encode()
     for _ in range(rng.choice((1, 1, 2, 4))):
         content = rng.choice(BYTES)(content, others, rng)
     return content

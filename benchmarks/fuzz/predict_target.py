@@ -25,7 +25,7 @@ from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models.model_files import save_model
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.touch_model import load_touch_model, save_touch_model
-from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.directory import DataDirectory, hashes_of, is_version
 from pipeline.store.publish import publish_folder
 from pipeline.store.record import FolderRecord
 
@@ -54,7 +54,10 @@ class Predictions(Target):
         content = zlib.crc32(b"".join(files.values()))
         if content % 8:
             for record in (folder / "unet.json", folder / f"gcn/{NAME}.json"):
-                seal(record, lambda said, at=record.parent: {"files": hashes_of(at / said["location"])})
+                seal(
+                    record,
+                    lambda said, at=record.parent: {"files": hashes_of(at / said["location"])} if is_version(said["location"]) else {},
+                )
         poses = folder / next(name for name in files if name.startswith("poses."))
         if content // 8 % WHOLE == 0:
             predict(folder / "made.ply", folder, NAME, image=folder / "image", readings=[folder / "reading"], poses=poses)

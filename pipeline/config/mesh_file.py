@@ -120,7 +120,7 @@ def _read(file: Path, companions: Companions, skip_materials: bool = False) -> l
     """Read the parts of a file, each at its place."""
     options: Any = {"process": False, "skip_materials": skip_materials, "resolver": companions}
     scene: Any = trimesh.load_scene(file, **options)
-    parts = {name: part for name, part in scene.geometry.items() if isinstance(part, trimesh.Trimesh)}
+    parts = {name: part for name, part in scene.geometry.items() if isinstance(part, trimesh.Trimesh) and len(part.faces)}
     nodes = [(pose, name) for pose, name in (scene.graph[node] for node in scene.graph.nodes_geometry) if name in parts]
     _check("faces", sum(len(parts[name].faces) for _, name in nodes), MAX_FACES, "decimate the mesh")
     _check("vertices", sum(len(parts[name].vertices) for _, name in nodes), 3 * MAX_FACES, "decimate the mesh")

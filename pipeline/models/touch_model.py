@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pipeline.config.image_file import read_image
 from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.networks.image_tensors import network_input
+from pipeline.kernels.networks.image_tensors import COLOURS, network_input
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 from pipeline.models.model_files import load_network, read_description, save_model, unusable
@@ -28,7 +28,7 @@ class _Description(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     width: int = Field(ge=1, le=2**12)
-    mask_threshold: float
+    mask_threshold: float = Field(ge=0, le=COLOURS)
     sensor: Sensor
 
 

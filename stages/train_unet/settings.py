@@ -19,4 +19,6 @@ class UnetSettings(TrainingSettings):
         "after equal time its depths are 13-20 % nearer (RMS) than those of `chamfer`, whose clouds are 1-9 % nearer; it costs 0.04 % of "
         "a step of width 64, `chamfer` 4 %",
     )
-    mask_threshold: float = setting(THRESHOLD, "2.2: squared difference from the untouched reading beyond which a pixel has touched", ge=0)
+    mask_threshold: float = setting(
+        THRESHOLD, "2.2: squared difference from the untouched reading beyond which a pixel has touched", ge=0, le=3
+    )

@@ -111,6 +111,11 @@ def test_files_without_a_mesh_are_refused_by_name(tmp_path, name, content, reaso
         load_mesh(tmp_path / name)
 
 
+def test_a_part_without_faces_is_left_out(tmp_path):
+    (tmp_path / "parts.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl one\nf 1 usemtl two\nf 1 2 3\n")
+    assert load_mesh(tmp_path / "parts.obj").faces.shape == (1, 3)
+
+
 def test_invalid_texture_coordinates_become_zero(tmp_path) -> None:
     (tmp_path / "odd.mtl").write_text("newmtl m\nmap_Kd odd.png\n")
     Image.new("RGB", (4, 4), (9, 9, 9)).save(tmp_path / "odd.png")

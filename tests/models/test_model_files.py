@@ -89,6 +89,8 @@ def change(folder: Path, **changes: Any) -> None:
         ({"width": 4096}, r"arrays of model.safetensors differ .* first: \(16, 8, 2, 2\)|first: .*, not .*4096"),
         ({"width": None}, "width: "),
         ({"mask_threshold": "x"}, "mask_threshold: "),
+        ({"mask_threshold": -1}, "mask_threshold: .* greater than or equal to 0"),
+        ({"mask_threshold": 10**30}, "mask_threshold: .* less than or equal to 3"),
         ({"sensor": {}}, "sensor.name is missing"),
         ({"more": 1}, "no entry more"),
     ],

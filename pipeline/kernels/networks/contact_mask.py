@@ -33,7 +33,7 @@ def contact_mask(images: Tensor, untouched: Tensor, threshold: float = THRESHOLD
     Raises
     ------
     ValueError
-        Shapes or types do not fit, or the threshold is negative or no number.
+        Shapes or types do not fit, or the threshold is none of a squared distance.
 
     Notes
     -----
@@ -47,7 +47,7 @@ def contact_mask(images: Tensor, untouched: Tensor, threshold: float = THRESHOLD
         raise ValueError(
             f"images are {images.dtype}, untouched is {untouched.dtype}; tactile images are compared as they are stored, uint8"
         )
-    if not 0 <= threshold < math.inf:
-        raise ValueError(f"threshold {threshold} of a squared norm; it must be finite and at least 0")
+    if not 0 <= threshold <= COLOURS:
+        raise ValueError(f"threshold {threshold}; it must be between 0 and {COLOURS}, the squared distance of black and white")
     difference = images.to(torch.int32) - untouched.to(torch.int32)
     return difference.square().sum(dim=-1) > math.floor(Fraction(threshold) * WHITE**2)  # a float would be rounded

@@ -72,6 +72,7 @@ def test_a_press_is_seen_where_it_presses() -> None:
         (black(4, 4, 3), torch.zeros(4, 4, 3), 0.001, "uint8, untouched is torch.float32"),
         (torch.zeros(4, 4, 3, dtype=torch.int64), black(4, 4, 3), 0.001, "int64"),
         (black(4, 4, 3), black(4, 4, 3), -1.0, "threshold -1"),
+        (black(4, 4, 3), black(4, 4, 3), 1e30, r"threshold 1e\+30"),
         (black(4, 4, 3), black(4, 4, 3), float("nan"), "threshold nan"),
     ],
 )
