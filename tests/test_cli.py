@@ -42,7 +42,7 @@ def test_doctor_finds_everything_here():
         ([*RUN, "--manifest", "moon"], "there is no manifest 'moon'; built in are"),
         ([*RUN, "--preset", "best"], "there is no preset best; there are draft, standard, paper"),
         ([*RUN, "--set", "points=many"], "points: Input should be a valid integer"),
-        ([*RUN, "--set", "pionts=5"], "there is no entry pionts. Its settings are points"),
+        ([*RUN, "--set", "pionts=5"], "there is no entry pionts. Its settings are object_seconds, points"),
         ([*RUN, "--set", "points"], "write STAGE.SETTING=VALUE"),
         ([*RUN, "--set", "fly.points=5"], "there is no stage fly"),
         ([*RUN, "--data", "/nonexistent", "--shards", "2", "--shard", "2"], "shards are numbered 0 to 1"),

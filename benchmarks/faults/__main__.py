@@ -48,6 +48,9 @@ FAULTS: dict[str, tuple[Fault, int]] = {
 
 NEEDS_MOUNT = ("disk full", "disk read-only")
 
+CACHES = ("inductor", "dask-scratch-space")
+"""Folders that torch and Dask keep among temporary files, one for all runs; Dask clears its own when it starts."""
+
 INTRODUCTION = """# What became of faults
 
 Written by the command below. Every fault hits a copy of a small dataset (three objects, all eight stages) at a random moment or place; then
@@ -108,7 +111,7 @@ def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int
     for line in (line for log in logs for line in log.read_text().splitlines() if line.startswith("{")):
         told = json.loads(line)
         verdicts[told["kind"]].append(Verdict(**told["verdict"]))
-    if left := [path.name for path in temporary.iterdir() if "inductor" not in path.name]:  # torch's cache, one for all runs
+    if left := [path.name for path in temporary.iterdir() if not any(name in path.name for name in CACHES)]:
         verdicts["all of these"] = [Verdict("temporary folder", fault_of_ours=f"left behind: {', '.join(left[:5])}")]
     return verdicts
 

@@ -161,12 +161,11 @@ def _as_meant(end: End, status: int) -> End:
 def _workers(process: int) -> list[int]:
     """The worker processes of a run."""
     found = []
-    for child in Path(f"/proc/{process}/task/{process}/children").read_text().split() if Path(f"/proc/{process}").exists() else []:
-        try:
-            if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
-                found.append(int(child))
-        except OSError:
-            continue
+    with suppress(OSError):  # the run, or a worker, has ended meanwhile
+        for thread in Path(f"/proc/{process}/task").iterdir():  # Dask starts them from a thread of its own
+            for child in (thread / "children").read_text().split():
+                if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                    found.append(int(child))
     return found
 
 

@@ -12,6 +12,8 @@ import yaml
 from rich.console import Console
 
 from pipeline.config.manifest import load_manifest
+from pipeline.engine.dask_executor import Dask
+from pipeline.engine.executor import Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans
 from pipeline.engine.run import run as run_plan
@@ -76,21 +78,22 @@ class Sandbox:
         """Run the stages."""
         described = load_manifest(str(self.manifest))
         for name in self.stages:
-            asked = Request(
-                stage=load_stage(name),
-                settings=resolve(name, "draft", self.settings),
-                manifest=described.name,
-                objects=described.objects(),
-                preset="draft",
-                seed=0,
-                data=data,
-                workers=workers,
-                check=check,
-                retry=retry,
-            )
-            for plan in make_plans(asked):
-                if not plan.up_to_date():
-                    run_plan(plan, Console(stderr=True))
+            with Dask(workers) if workers else Serial() as executor:
+                asked = Request(
+                    stage=load_stage(name),
+                    settings=resolve(name, "draft", self.settings),
+                    manifest=described.name,
+                    objects=described.objects(),
+                    preset="draft",
+                    seed=0,
+                    data=data,
+                    executor=executor,
+                    check=check,
+                    retry=retry,
+                )
+                for plan in make_plans(asked):
+                    if not plan.up_to_date():
+                        run_plan(plan, Console(stderr=True))
 
     def command(self, stage: str, data: Path) -> list[str]:
         """The arguments of `vt-pipeline` that run a stage as `make` does."""

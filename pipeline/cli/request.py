@@ -1,9 +1,10 @@
-"""The options that commands which run stages share, and the request made of them."""
+"""The options that commands which run stages share, and what is made of them: a request, an executor."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -12,6 +13,8 @@ import typer
 from pipeline.cli.failures import fail
 from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import load_presets
+from pipeline.engine.dask_executor import Dask
+from pipeline.engine.executor import Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
 from stages.registry import resolve
@@ -27,6 +30,13 @@ SetOption = Annotated[list[str] | None, typer.Option("--set", help="STAGE.SETTIN
 SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.")]
 
 
+class ExecutorName(StrEnum):
+    """What may process objects, as `--executor` names it."""
+
+    serial = "serial"
+    dask = "dask"
+
+
 def make_request(
     stage: S,
     manifest: str,
@@ -37,7 +47,7 @@ def make_request(
     assignments: Sequence[str] | None,
     seed: int | None,
 ) -> Request[S]:
-    """Turn what the shared options say into a request with one worker per core."""
+    """Turn what the shared options say into a request."""
     if (where := data or _default_place(manifest, objects) / preset).is_file():
         fail(f"--data {where} is a file; name a folder")
     described = load_manifest(manifest)
@@ -49,8 +59,18 @@ def make_request(
         preset=preset,
         seed=described.seed if seed is None else seed,
         data=where,
-        workers=len(os.sched_getaffinity(0)),
     )
+
+
+def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Executor:
+    """Make the executor that is asked for, by default with one process per core."""
+    if name is ExecutorName.serial:
+        if workers or scheduler:
+            fail("--executor serial has one process, this one; leave --workers and --scheduler out")
+        return Serial()
+    if workers and scheduler:
+        fail("--scheduler has workers of its own; leave --workers out")
+    return Dask(workers or len(os.sched_getaffinity(0)), scheduler)
 
 
 def _default_place(manifest: str, objects: Path | None) -> Path:

@@ -10,7 +10,17 @@ import typer
 from rich.markup import escape
 
 from pipeline.cli.failures import fail
-from pipeline.cli.request import DataOption, ManifestOption, ObjectsOption, PresetOption, SeedOption, SetOption, make_request
+from pipeline.cli.request import (
+    DataOption,
+    ExecutorName,
+    ManifestOption,
+    ObjectsOption,
+    PresetOption,
+    SeedOption,
+    SetOption,
+    make_executor,
+    make_request,
+)
 from pipeline.console import console, errors, say
 from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.plan import Forecast
@@ -31,7 +41,9 @@ def run(
     objects: ObjectsOption = None,
     shard: Annotated[int | None, typer.Option(min=0, help="Only this shard of --shards.")] = None,
     shards: Annotated[int | None, typer.Option(min=1, help="Into how many shards; by default the dataset's number, or 1.")] = None,
-    workers: Annotated[int, typer.Option(min=0, help="Processes side by side; 0 for one per core.")] = 0,
+    executor: Annotated[ExecutorName, typer.Option(help="dask: worker processes; serial: this process alone.")] = ExecutorName.dask,
+    workers: Annotated[int, typer.Option(min=0, help="Worker processes on this machine; 0 for one per core.")] = 0,
+    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler, as tcp://HOST:8786, whose workers are used instead.")] = None,
     object_id: Annotated[str | None, typer.Option("--object", help="Process only this object.")] = None,
     assignments: SetOption = None,
     seed: SeedOption = None,
@@ -47,19 +59,21 @@ def run(
     if explain and dry_run:
         fail("--explain counts what was made, and --dry-run makes nothing: leave one of them out")
     shared = make_request(load_stage(stage), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
-    request = replace(shared, shards=shards, workers=workers or shared.workers, strict=strict, retry=retry, check=check, only=object_id)
+    processes = make_executor(executor, workers, scheduler)
+    request = replace(shared, shards=shards, executor=processes, strict=strict, retry=retry, check=check, only=object_id)
     if object_id is not None and object_id not in {item.object_id for item in request.objects}:
         fail(f"manifest {request.manifest} has no object {object_id}")
     if isinstance(request.stage, DatasetStage) and (object_id is not None or shard is not None):
         fail(f"{stage} looks at all objects at once; run it without --object and --shard")
-    if dry_run:
-        for path, foreseen in forecast(request, shard):
-            _print_forecast(stage, path, foreseen)
-        return
-    for plan in make_plans(request, shard):
-        run_plan(plan)
-        if explain:
-            _print_explanation(plan)
+    with processes:
+        if dry_run:
+            for path, foreseen in forecast(request, shard):
+                _print_forecast(stage, path, foreseen)
+            return
+        for plan in make_plans(request, shard):
+            run_plan(plan)
+            if explain:
+                _print_explanation(plan)
 
 
 def _print_forecast(stage: str, path: Path, foreseen: Forecast) -> None:

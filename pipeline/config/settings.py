@@ -43,3 +43,11 @@ class Settings(BaseModel):
 def setting(default: Any, reason: str, *, changes: Change = "results", **limits: Any) -> Any:
     """A settings field: its default, why that is the default, what it changes, and limits as pydantic's `Field` takes them."""
     return Field(default, description=reason, json_schema_extra={"changes": changes}, **limits)
+
+
+class ObjectSettings(Settings):
+    """What stages over objects have in common."""
+
+    object_seconds: int = setting(
+        3600, "a worker that is longer at one object is ended, and the object has failed: some meshes never end", ge=1, changes="speed"
+    )

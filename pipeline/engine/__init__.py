@@ -1,1 +1,1 @@
-"""What every stage has in common: plans, keys, runs and workers."""
+"""What every stage has in common: plans, keys, runs and executors."""

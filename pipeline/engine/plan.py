@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -15,6 +15,7 @@ from rich.console import Console
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
 from pipeline.engine import keys
+from pipeline.engine.executor import Executor, Serial
 from pipeline.engine.stage import Stage
 from pipeline.engine.versions import library_versions, processor
 from pipeline.errors import InvalidInput, StageError
@@ -32,8 +33,8 @@ class Request(Generic[S]):
     ----------
     shards
         Into how many shards the objects are split; None takes the dataset's number, or 1.
-    workers
-        Processes side by side; 0 for this process alone, which a crash in a native library then ends.
+    executor
+        What processes objects.
     strict
         Stop at the first object that fails.
     retry
@@ -54,7 +55,7 @@ class Request(Generic[S]):
     seed: int
     data: Path
     shards: int | None = None
-    workers: int = 0
+    executor: Executor = field(default_factory=Serial)
     strict: bool = False
     retry: bool = False
     check: bool = False

@@ -47,7 +47,7 @@ def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[
         yield from ((plan.path, plan.forecast()) for plan in make_plans(request, shard))
     except StoreError:
         total, cost = request.stage.cost_of(request.settings, request.objects)
-        cores = 1 if isinstance(request.stage, DatasetStage) else max(1, request.workers)
+        cores = 1 if isinstance(request.stage, DatasetStage) else request.executor.processes
         yield request.data / request.stage.writes(request.settings), Forecast(total, total, cost.seconds / cores, cost.kilobytes)
 
 

@@ -1,4 +1,4 @@
-"""The plan of an object stage for one shard: a job per object, done by workers, then packed into one group."""
+"""The plan of an object stage for one shard: a job per object, done by an executor, then packed into one group."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from rich.console import Console
 
 from pipeline.config.manifest import Object
+from pipeline.config.settings import ObjectSettings
 from pipeline.console import Meter
 from pipeline.engine import keys
+from pipeline.engine.jobs import Job, Outcome, Work
 from pipeline.engine.plan import Forecast, Plan, Request, Result, description_errors
 from pipeline.engine.stage import ObjectStage
-from pipeline.engine.workers import Job, Outcome, Work, run_jobs
 from pipeline.errors import BugFound, InvalidInput, StoreError
 from pipeline.store import digest
 from pipeline.store.collection import Collection
@@ -183,7 +185,7 @@ class ShardPlan(Plan[ObjectStage]):
         same = [shard for shard in self._published_before().shards if shard.record.settings == self.settings.results()]
         seconds = [row.seconds for shard in same for row in shard.record.rows]
         mean = sum(seconds) / len(seconds) if seconds else typical.seconds
-        return Forecast(missing, self.total, missing * mean / max(1, self.request.workers), self.total * typical.kilobytes)
+        return Forecast(missing, self.total, missing * mean / self.request.executor.processes, self.total * typical.kilobytes)
 
     # ---- making it
 
@@ -235,12 +237,12 @@ class ShardPlan(Plan[ObjectStage]):
                 raise InvalidInput(_strictly(member.item.object_id, facts.failure.reason))
 
     def _process(self, missing: list[Member], console: Console) -> Result:
-        """Let workers process objects; a bug in one of them is told at the end, when the others are done."""
-        work = Work(self.stage, self.settings, self.request.seed, self.request.data, self.models)
+        """Process objects; a bug in one of them is told at the end, when the others are done."""
+        work = Work(self.stage, cast(ObjectSettings, self.settings), self.request.seed, self.request.data, self.models)
         jobs, began = [member.job for member in missing], time.perf_counter()
         outcomes: list[Outcome] = []
         with Meter(console, self.stage.name, len(jobs), "objects") as meter:
-            for outcome in run_jobs(work, jobs, self.request.workers) if jobs else ():
+            for outcome in self.request.executor.run(work, jobs) if jobs else ():
                 outcomes.append(outcome)
                 meter.advance()
                 if self.request.strict and outcome.failure:

@@ -18,6 +18,7 @@ from rich.table import Table
 
 from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings
+from pipeline.engine.dask_executor import Dask
 from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput
 from pipeline.tuning.choice import PRESET, Choice, Limit, Workload, within_error, within_time
@@ -171,8 +172,11 @@ def advise(question: Question, log: Console) -> Advice:
             data, speeds = Path(folder) / str(len(tried)), {}
             for choice in choices:
                 stage = load_stage(choice.study.stage)
-                request = Request(stage, advice.settings(stage.name), manifest.name, some, PRESET, manifest.seed, data, workers=workers)
-                speed = measure_speed(request, choice, log)
+                with Dask(workers) as executor:
+                    request = Request(
+                        stage, advice.settings(stage.name), manifest.name, some, PRESET, manifest.seed, data, executor=executor
+                    )
+                    speed = measure_speed(request, choice, log)
                 speeds[stage.name] = replace(speed, startup=speed.startup + started)
             workload = replace(workload, speeds=speeds)
             tried.append(labels)

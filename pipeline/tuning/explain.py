@@ -18,9 +18,9 @@ from rich.table import Table
 
 from pipeline.console import console
 from pipeline.engine.folder_plan import FolderPlan
+from pipeline.engine.jobs import make_task
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import DatasetJob, Stage, Task
-from pipeline.engine.workers import make_task
 from schemas.base import COMMON, COORDINATES, Artifact
 
 OBJECTS = 4

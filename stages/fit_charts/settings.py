@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from pydantic import field_validator
 
-from pipeline.config.settings import Settings, setting
+from pipeline.config.settings import ObjectSettings, setting
 from pipeline.kernels.charts.fit_options import FitOptions
 from pipeline.kernels.charts.touch_chart import SIDE, chart_square
 
@@ -14,7 +14,7 @@ TIGHT_RESIDUAL = 1e-4
 """m: the RMS distance from cloud to chart that `tight` promises."""
 
 
-class ChartSettings(Settings):
+class ChartSettings(ObjectSettings):
     """How touch charts are fitted to point clouds (supplement 2.3)."""
 
     cloud: Literal["predicted", "true"] = setting(

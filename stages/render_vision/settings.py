@@ -1,9 +1,9 @@
 """The settings of `render-vision`."""
 
-from pipeline.config.settings import Settings, setting
+from pipeline.config.settings import ObjectSettings, setting
 
 
-class VisionSettings(Settings):
+class VisionSettings(ObjectSettings):
     """How objects and grasps become images (supplement 1.4)."""
 
     scene: str = setting(

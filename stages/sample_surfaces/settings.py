@@ -1,9 +1,9 @@
 """The settings of `sample-surfaces`."""
 
-from pipeline.config.settings import Settings, setting
+from pipeline.config.settings import ObjectSettings, setting
 
 
-class SurfaceSettings(Settings):
+class SurfaceSettings(ObjectSettings):
     """How meshes become points on their exterior surface (supplement 1.1, 1.2)."""
 
     points: int = setting(10_000, "the supplement's S^obj (1.1)", gt=0)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pydantic import model_validator
 
-from pipeline.config.settings import Settings, setting
+from pipeline.config.settings import ObjectSettings, setting
 
 
-class GraspSettings(Settings):
+class GraspSettings(ObjectSettings):
     """How grasps are found (supplement 1.3)."""
 
     hand: str = setting(

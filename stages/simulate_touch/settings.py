@@ -2,11 +2,11 @@
 
 from typing import Literal
 
-from pipeline.config.settings import Settings, setting
+from pipeline.config.settings import ObjectSettings, setting
 from pipeline.kernels.touch.sphere_tracing import MAX_STEPS, TOLERANCE
 
 
-class TouchSettings(Settings):
+class TouchSettings(ObjectSettings):
     """How depth maps and tactile images are simulated (supplement 1.5)."""
 
     sensor: str = setting("gel_16mm", "the supplement's sensor; name of a shipped sensor or path of a .yaml file", changes="definition")

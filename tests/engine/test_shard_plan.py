@@ -11,7 +11,8 @@ import pytest
 
 from pipeline.config.description_file import description_path
 from pipeline.config.manifest import Object
-from pipeline.engine import shard_plan
+from pipeline.engine.dask_executor import Dask
+from pipeline.engine.executor import Serial
 from pipeline.engine.run import forecast
 from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
 from pipeline.rng import numpy_rng
@@ -43,31 +44,29 @@ def test_what_changes_results_rebuilds_and_what_changes_speed_does_not(tmp_path)
 
 @pytest.mark.parametrize(("shards", "workers"), [(1, 2), (4, 1), (7, 2)])
 def test_shards_and_workers_change_no_digest(tmp_path, shards, workers):
-    for data, how in ((tmp_path / "one", {}), (tmp_path / "other", {"shards": shards, "workers": workers})):
+    for data, how in ((tmp_path / "one", {}), (tmp_path / "other", {"shards": shards, "executor": Dask(workers)})):
         run(request(data, **how))
         run(request(data, stage=TakeMean(), **how))
     assert digest(tmp_path / "one") == digest(tmp_path / "other")
     assert digest(tmp_path / "one", MEAN) == digest(tmp_path / "other", MEAN)
 
 
-def test_a_run_that_ends_in_the_middle_continues_where_it_stopped(tmp_path, monkeypatch):
-    run(request(tmp_path / "whole"))
-    plan = plan_of(request(tmp_path / "cut"))
-
-    def stop_after_two(*arguments):
-        outcomes = run_jobs(*arguments)
+class StopsAfterTwo(Serial):
+    def run(self, work, jobs):
+        outcomes = super().run(work, jobs)
         yield next(outcomes)
         yield next(outcomes)
         raise KeyboardInterrupt
 
-    run_jobs = shard_plan.run_jobs
-    with monkeypatch.context() as patch:
-        patch.setattr(shard_plan, "run_jobs", stop_after_two)
-        with pytest.raises(KeyboardInterrupt):
-            run(request(tmp_path / "cut"))
+
+def test_a_run_that_ends_in_the_middle_continues_where_it_stopped(tmp_path):
+    run(request(tmp_path / "whole"))
+    with pytest.raises(KeyboardInterrupt):
+        run(request(tmp_path / "cut", executor=StopsAfterTwo()))
+    plan = plan_of(request(tmp_path / "cut"))
     assert plan.published is None
-    assert len(plan.missing()) <= 3
-    assert run(request(tmp_path / "cut")) <= 3
+    assert len(plan.missing()) == 3
+    assert run(request(tmp_path / "cut")) == 3
     assert digest(tmp_path / "cut") == digest(tmp_path / "whole")
 
 
@@ -192,7 +191,7 @@ def test_another_split_is_packed_again_and_nothing_computed(tmp_path):
 
 def test_each_failure_is_kept_with_its_reason_and_the_others_go_on(tmp_path):
     items = objects(6, b="bad", c="crash")
-    run(request(tmp_path, items=items, workers=2))
+    run(request(tmp_path, items=items, executor=Dask(2)))
     noise = published(tmp_path)
     reasons = {name: failure.reason for name in noise if (failure := noise.failure(name))}
     assert set(reasons) == set("bc")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import signal
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.config.manifest import Object
-from pipeline.config.settings import Settings, setting
+from pipeline.config.settings import ObjectSettings, setting
 from pipeline.console import console_on
 from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.plan import Request
@@ -52,7 +53,7 @@ MEAN = Artifact(
 )
 
 
-class NoiseSettings(Settings):
+class NoiseSettings(ObjectSettings):
     samples: int = setting(50, "enough for a mean", gt=0)
     batch: int = setting(8, "fits the cache", changes="speed")
 
@@ -94,6 +95,8 @@ class MakeNoise(_TinyStage):
                     raise ZeroDivisionError("a fault of ours")
                 case "memory":
                     raise MemoryError
+                case "hang":
+                    ctypes.PyDLL(None).sleep(60)  # native code that lets no other thread of Python run
                 case "crash":
                     os.kill(os.getpid(), signal.SIGSEGV)
                 case "nan":
@@ -207,7 +210,8 @@ def plan_of(asked: Request) -> ShardPlan | FolderPlan:
 
 def run(asked: Request, shard: int | None = None) -> int:
     """Run every plan that is not up to date; the number of objects that were processed."""
-    return sum(run_plan(plan, CONSOLE).made for plan in make_plans(asked, shard) if not plan.up_to_date())
+    with asked.executor:
+        return sum(run_plan(plan, CONSOLE).made for plan in make_plans(asked, shard) if not plan.up_to_date())
 
 
 def pack(asked: Request, row: Callable[[Task], Row], failed: str = "") -> None:

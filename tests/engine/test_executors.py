@@ -5,15 +5,16 @@ from __future__ import annotations
 import os
 import resource
 import signal
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from pipeline.engine.dask_executor import Dask
+from pipeline.engine.executor import Serial
+from pipeline.engine.jobs import Work
 from pipeline.engine.stage import Task
-from pipeline.engine.workers import Work, _Pool
 from pipeline.errors import StageError, StoreError
 from pipeline.store.rows import Row
 from pipeline.store.validate import problems_below
@@ -40,15 +41,19 @@ class DiesOpening(MakeNoise):
 def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
     plan = plan_of(request(tmp_path))
     work = Work(plan.stage, plan.settings, 0, tmp_path, {})
-    with _Pool(work) as pool:
-        pool.wait_until_open()
-        (process,) = pool._executor._processes.values()
-        process.kill()
-        process.join()
-        while not pool._executor._broken:
-            time.sleep(0.01)
-        outcome = pool.submit(plan.members[0].job).result()
-        assert (outcome.failure, outcome.bug) == (None, None)
+    jobs = [member.job for member in plan.members]
+    with Dask() as executor:
+        assert len([*executor.run(work, jobs[:1])]) == 1
+        for process in executor._connect().run(os.getpid).values():
+            os.kill(process, signal.SIGKILL)
+        outcomes = [*executor.run(work, jobs[1:])]
+        assert [(outcome.failure, outcome.bug) for outcome in outcomes] == [(None, None)] * 4
+
+
+def test_an_object_that_never_ends_is_given_up_with_its_worker_and_the_others_go_on(tmp_path):
+    run(request(tmp_path, items=objects(3, b="hang"), settings={"object_seconds": 1}, executor=Dask()))
+    assert "it took longer than object_seconds = 1, 2 times; simplify the mesh, or raise it" in published(tmp_path).failure("b").reason
+    assert published(tmp_path).failure("c") is None
 
 
 def test_a_stage_that_cannot_start_fails_no_object(tmp_path):
@@ -58,21 +63,21 @@ def test_a_stage_that_cannot_start_fails_no_object(tmp_path):
 
 
 def test_a_worker_that_is_killed_while_it_opens_is_started_again(tmp_path):
-    assert run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=True), workers=1)) == 5
+    assert run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=True), executor=Dask())) == 5
 
 
 def test_a_worker_that_always_dies_while_it_opens_ends_the_run_in_words(tmp_path):
     with pytest.raises(StageError, match=r"make-noise cannot start: its process died 2 times while it opened .* fewer --workers"):
-        run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=False), workers=1))
+        run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=False), executor=Dask()))
 
 
-@pytest.mark.parametrize("workers", [0, 1])
-def test_a_disk_that_is_full_ends_the_run_with_its_path_and_loses_nothing(tmp_path, workers):
+@pytest.mark.parametrize("executor", [Serial(), Dask()])
+def test_a_disk_that_is_full_ends_the_run_with_its_path_and_loses_nothing(tmp_path, executor):
     _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, most))  # workers inherit it; what is cut short is a file of any object
     try:
         with pytest.raises(StoreError, match=r"noise/0000-of-0001 cannot be written: File too large; make room there, then run again"):
-            run(request(tmp_path / "data", settings={"samples": 1000}, workers=workers))
+            run(request(tmp_path / "data", settings={"samples": 1000}, executor=executor))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
     assert run(request(tmp_path / "data", settings={"samples": 1000})) == 5

@@ -1,0 +1,138 @@
+"""Jobs on Dask: worker processes of this machine, or of any cluster that a scheduler's address leads to."""
+
+from __future__ import annotations
+
+import logging
+import os
+import pickle
+import signal
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from typing import Any
+
+import dask
+from distributed import Client, KilledWorker, LocalCluster, as_completed
+
+from pipeline.engine import dask_worker, keys
+from pipeline.engine.executor import Executor
+from pipeline.engine.jobs import MORE_MEMORY, Job, Outcome, Work, give_up
+from pipeline.errors import StageError
+
+CRASHES = 2
+"""A process that dies may have been killed from outside; the object is to blame when it dies again."""
+
+LOCAL = {
+    "distributed.scheduler.allowed-failures": CRASHES - 1,
+    "distributed.scheduler.worker-ttl": None,  # native code may keep a worker silent for long; `object_seconds` limits it
+    "distributed.comm.timeouts.connect": "60s",
+}
+
+
+NOBODY_ELSE = "127.0.0.1:0"
+"""Where Dask's web servers listen: any free port, which other machines do not reach."""
+
+
+class Dask(Executor):
+    """Worker processes, one object at a time each; they may come and go. Nothing is started before the first job.
+
+    Parameters
+    ----------
+    processes
+        Workers to start on this machine.
+    scheduler
+        The address of a running scheduler whose workers see the same files, instead.
+    """
+
+    def __init__(self, processes: int = 1, scheduler: str | None = None) -> None:
+        self._count, self._scheduler = processes, scheduler
+        self._cluster: LocalCluster | None = None
+        self._client: Client | None = None
+
+    @property
+    def processes(self) -> int:
+        """The workers to be started, or those that the scheduler has."""
+        return max(1, len(self._connect().nthreads())) if self._scheduler else self._count
+
+    def run(self, work: Work, jobs: Sequence[Job]) -> Iterator[Outcome]:
+        """Do jobs: each worker has one at a time, so that it is known which one a crash is to be blamed on."""
+        client, packed, code = self._connect(), pickle.dumps(work), keys.code_hash(work.stage)
+        self._open_sessions(client, packed, code, work.stage.name)
+        limit, waiting = work.settings.object_seconds, deque(jobs)
+        began: dict[Any, tuple[Job, float]] = {}
+        finished = as_completed([], loop=client.loop)
+        while waiting or began:
+            while waiting and len(began) < max(1, len(client.nthreads())):
+                job = waiting.popleft()
+                future = client.submit(dask_worker.do, packed, code, job, limit, key=f"{work.stage.name}-{job.key}", pure=False)
+                began[future] = (job, time.monotonic())
+                finished.add(future)
+            future = next(finished)
+            job, start = began.pop(future)
+            if future.cancelled():  # the scheduler was started again, and knows of nothing
+                waiting.append(job)
+                continue
+            try:
+                yield future.result()
+            except KilledWorker:
+                yield give_up(work, job, _why(time.monotonic() - start, limit))
+
+    def _connect(self) -> Client:
+        """Connect to the scheduler, or start workers on this machine."""
+        if self._client is not None:
+            return self._client
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it would say of workers that die is said here
+        if self._scheduler:
+            try:
+                self._client = Client(self._scheduler, set_as_default=False)
+                self._client.wait_for_workers(1, timeout=60)
+            except (OSError, ValueError) as error:
+                raise StageError(f"there is no Dask scheduler with workers at {self._scheduler}: {error}; start both first") from error
+            if any(threads > 1 for threads in self._client.nthreads().values()):
+                raise StageError(f"workers of {self._scheduler} have several threads; start them with --nthreads 1, and more of them")
+            return self._client
+        with dask.config.set(LOCAL):
+            self._cluster = LocalCluster(
+                n_workers=self._count,
+                threads_per_worker=1,
+                memory_limit=0,
+                dashboard_address=NOBODY_ELSE,
+                worker_dashboard_address=NOBODY_ELSE,
+                silence_logs=logging.CRITICAL,
+            )
+        self._client = Client(self._cluster, set_as_default=False)
+        self._client.register_plugin(dask_worker.IgnoreInterrupts())
+        return self._client
+
+    def _open_sessions(self, client: Client, packed: bytes, code: str, stage: str) -> None:
+        """Open the stage's session, where it can be opened, in every worker; those that come later open theirs with their first job."""
+        opened = [client.submit(dask_worker.opens, packed, code, pure=False) for _ in client.nthreads()]
+        try:
+            for future in opened:
+                future.result()
+        except KilledWorker as error:
+            raise StageError(
+                f"{stage} cannot start: its process died {CRASHES} times while it opened (killed, or memory ran out?); "
+                "run again, with fewer --workers where memory is short"
+            ) from error
+
+    def close(self, *, at_once: bool) -> None:
+        """End the workers that were started here; those of a scheduler go on."""
+        client, cluster, self._client, self._cluster = self._client, self._cluster, None, None
+        if cluster is not None and at_once:
+            for worker in cluster.workers.values():
+                worker.auto_restart = False
+                with suppress(ProcessLookupError, TypeError):  # it is gone, or was not started yet
+                    os.kill(worker.pid, signal.SIGKILL)
+        if client is not None:
+            client.close()
+        if cluster is not None:
+            cluster.close()
+
+
+def _why(seconds: float, limit: float) -> str:
+    """Why an object's processes died, by the time that they took."""
+    if seconds >= CRASHES * limit:
+        return f"it took longer than object_seconds = {limit}, {CRASHES} times; simplify the mesh, or raise it and run again with --retry"
+    return f"its process died {CRASHES} times (a crash in a native library, or memory ran out); {MORE_MEMORY}"

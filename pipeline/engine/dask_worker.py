@@ -1,0 +1,67 @@
+"""What runs in a Dask worker: the session of one stage at a time, and one job after the other."""
+
+from __future__ import annotations
+
+import pickle
+import signal
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+
+from distributed import Worker, WorkerPlugin
+
+from pipeline.engine import keys
+from pipeline.engine.jobs import Job, Outcome, Work, session
+from pipeline.errors import StageError
+
+_opened: tuple[bytes, AbstractContextManager[object], Callable[[Job], Outcome]] | None = None
+"""The work whose session is open in this process, pickled; the session; and what does its jobs."""
+
+
+class IgnoreInterrupts(WorkerPlugin):  # type: ignore[misc]  # which has no types
+    """Leaves Ctrl-C to the process that started the workers, and that ends them."""
+
+    def setup(self, worker: Worker) -> None:
+        """Called in the main thread of each worker."""
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def open_session(packed: bytes, code: str) -> Callable[[Job], Outcome]:
+    """Open the session of pickled work unless it is open; one of other work is closed.
+
+    Raises
+    ------
+    StageError
+        It cannot be opened, or this worker has other code than whoever sent the work.
+    """
+    global _opened
+    if _opened is None or _opened[0] != packed:
+        close_session()
+        work: Work = pickle.loads(packed)
+        if keys.code_hash(work.stage) != code:
+            raise StageError(f"{work.stage.name}: a worker has other code than this process; install the same version for both")
+        context = session(work)
+        _opened = (packed, context, context.__enter__())
+    return _opened[2]
+
+
+def opens(packed: bytes, code: str) -> None:
+    """Open a session ahead of the first job."""
+    open_session(packed, code)
+
+
+def close_session() -> None:
+    """Close what is open; in the thread that opened it, as OpenGL demands."""
+    global _opened
+    if _opened is not None:
+        context, _opened = _opened[1], None
+        context.__exit__(None, None, None)
+
+
+def do(packed: bytes, code: str, job: Job, seconds: float) -> Outcome:
+    """Do a job; the kernel ends this process after so many seconds, in whatever native code it may be."""
+    process = open_session(packed, code)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        return process(job)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
