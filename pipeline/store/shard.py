@@ -12,11 +12,13 @@ from typing import Any
 
 import numpy as np
 import zarr
+from pydantic_zarr.v3 import ArraySpec
 
 from pipeline.errors import StoreError
+from pipeline.store import digest
 from pipeline.store.record import RowRecord, ShardRecord, first_line
 from pipeline.store.rows import Row, row_digest
-from pipeline.store.spec import numpy_dtype
+from pipeline.store.spec import array_departures, declared, numpy_dtype
 from schemas.base import COMMON, Artifact
 
 
@@ -54,7 +56,10 @@ class Shard:
     @cached_property
     def attributes(self) -> Mapping[str, Any]:
         """What the group's attributes say: settings, and the descriptions of hand, sensor or scene."""
-        return self.group.attrs.asdict()
+        found = self.group.attrs.asdict()
+        with self.errors_as_damage("its attributes cannot be used"):
+            digest.of_json(found)  # refuses what is no JSON: NaN
+        return found
 
     def _check_metadata(self, name: str) -> None:
         """Refuse a `zarr.json` that changed: Zarr and readers compute with what it says."""
@@ -103,8 +108,21 @@ class Shard:
             sound = sum(path.is_file() and path.stat().st_size > 0 for path in [chunks, *chunks.rglob("*")])
             if sound < files:
                 raise StoreError(f"{self.path}: of {name} {files - sound} of {files} files are missing or empty; {self.remedy}")
+            self._check_declaration(name, array)
             self._checked.add(name)
         return array
+
+    def _check_declaration(self, name: str, array: Any) -> None:
+        """Refuse an array that is not as its schema, and the record, declare it: a stranger's store may be sound otherwise."""
+        known = self.artifact.of(declared(name))
+        if known is None:
+            return
+        with self.errors_as_damage(f"{name} cannot be opened"):
+            found = list(array_departures(name, known, ArraySpec.from_zarr(array)))
+        if not found and known.per_object and "/" not in name and array.shape[0] != len(self.record.rows):
+            found = [f"{name}: it has {array.shape[0]} rows, the record {len(self.record.rows)}"]
+        if found:
+            raise StoreError(f"{self.path}: {found[0]}; {self.remedy}")
 
     def read(self, name: str, index: Any = ...) -> np.ndarray:
         """Read an array, or a part of it, by its path below the root.

@@ -134,16 +134,23 @@ def departures(artifact: Artifact, group: AnyGroup) -> Iterator[str]:
         if known is None:
             yield f"{path}: the schema knows no such array"
             continue
-        if stored.data_type != _DTYPES.get(known.dtype, known.dtype):
-            yield f"{path}: dtype is {stored.data_type}, the schema says {known.dtype}"
-        if tuple(stored.dimension_names or ()) != known.dims:
-            yield f"{path}: dimensions are {stored.dimension_names}, the schema says {known.dims}"
-            continue
-        for dim, size in zip(known.dims, stored.shape, strict=True):
-            if size != FIXED.get(dim, size):
-                yield f"{path}: dimension {dim} has size {size}, the schema says {FIXED[dim]}"
-            elif "/" not in path and sizes.setdefault(dim, (size, path))[0] != size:
+        departing = list(array_departures(path, known, stored))
+        yield from departing
+        for dim, size in zip(known.dims, stored.shape, strict=True) if not departing and "/" not in path else ():
+            if sizes.setdefault(dim, (size, path))[0] != size:
                 yield f"{path}: dimension {dim} has size {size}, but {sizes[dim][0]} in {sizes[dim][1]}"
+
+
+def array_departures(path: str, known: Array, stored: AnyArray) -> Iterator[str]:
+    """How a stored array departs from what its schema declares, a line each."""
+    if stored.data_type != _DTYPES.get(known.dtype, known.dtype):
+        yield f"{path}: dtype is {stored.data_type}, the schema says {known.dtype}"
+    if tuple(stored.dimension_names or ()) != known.dims or len(stored.shape) != len(known.dims):
+        yield f"{path}: dimensions are {stored.dimension_names} of {stored.shape}, the schema says {known.dims}"
+        return
+    for dim, size in zip(known.dims, stored.shape, strict=True):
+        if size != FIXED.get(dim, size):
+            yield f"{path}: dimension {dim} has size {size}, the schema says {FIXED[dim]}"
 
 
 def _arrays(group: AnyGroup, prefix: str = "") -> Iterator[tuple[str, AnyArray]]:

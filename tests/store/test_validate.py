@@ -151,25 +151,49 @@ def test_a_damaged_record_is_a_line_and_the_rest_is_still_checked(shard, content
     assert any(said in line for line in problems(shard))
 
 
+def replace_metadata(shard: Path, name: str, content: bytes) -> None:
+    """Write the `zarr.json` of an array or the group, and let the record say so: a stranger's store that is consistent in itself."""
+    (shard / name / "zarr.json").write_bytes(content)
+    record = shard.parent / "0000-of-0001.json"
+    digests = json.loads(record.read_bytes())["metadata"] | {name: hashlib.sha256(content).hexdigest()}
+    record.write_bytes(resealed(record.read_bytes(), metadata=digests))
+
+
 @pytest.mark.parametrize(
     "content", [b"{", b"[" * 100_000, b'{"zarr_format": 4, "node_type": "group"}', b'{"zarr_format": 3, "node_type": "array"}']
 )
 def test_a_group_that_its_record_knows_and_zarr_does_not(shard, content):
-    (shard / "zarr.json").write_bytes(content)
-    record = shard.parent / "0000-of-0001.json"
-    digests = json.loads(record.read_bytes())["metadata"] | {"": hashlib.sha256(content).hexdigest()}
-    record.write_bytes(resealed(record.read_bytes(), metadata=digests))
+    replace_metadata(shard, "", content)
     assert "the group cannot be opened" in problems(shard)[0]
 
 
 def test_a_group_in_an_arrays_place_is_refused(shard):
-    content = b'{"zarr_format": 3, "node_type": "group"}'
-    (shard / "values" / "zarr.json").write_bytes(content)
-    record = shard.parent / "0000-of-0001.json"
-    digests = json.loads(record.read_bytes())["metadata"] | {"values": hashlib.sha256(content).hexdigest()}
-    record.write_bytes(resealed(record.read_bytes(), metadata=digests))
+    replace_metadata(shard, "values", b'{"zarr_format": 3, "node_type": "group"}')
     with pytest.raises(StoreError, match="values cannot be opened"):
         published(shard.parent.parent).first.array("values")
+
+
+def test_an_array_of_another_kind_than_its_schema_says_is_refused(shard):
+    replace_metadata(shard, "values", (shard / "label" / "zarr.json").read_bytes())
+    with pytest.raises(StoreError, match="values: dtype is string, the schema says float32"):
+        published(shard.parent.parent).first.array("values")
+
+
+def test_a_record_of_more_rows_than_the_arrays_have_is_refused(shard):
+    record = shard.parent / "0000-of-0001.json"
+    first, *_ = rows = json.loads(record.read_bytes())["rows"]
+    record.write_bytes(resealed(record.read_bytes(), rows=[*rows, {**first, "object_id": "z"}]))
+    with pytest.raises(StoreError, match="values: it has 5 rows, the record 6"):
+        published(shard.parent.parent).first.array("values")
+    assert "it has 5 rows, the record 6" in problems(shard)[0]
+
+
+def test_attributes_that_are_no_json_are_refused(shard):
+    content = json.loads((shard / "zarr.json").read_bytes())
+    content["attributes"]["seed"] = float("nan")
+    replace_metadata(shard, "", json.dumps(content).encode())
+    with pytest.raises(StoreError, match="its attributes cannot be used"):
+        published(shard.parent.parent).first.attributes  # noqa: B018
 
 
 def test_a_group_that_is_gone(shard):
