@@ -10,10 +10,9 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from typing import Any
 
 import dask
-from distributed import Client, KilledWorker, LocalCluster, as_completed
+from distributed import CancelledError, Client, Future, KilledWorker, LocalCluster, wait
 
 from pipeline.engine import dask_worker, keys
 from pipeline.engine.executor import Executor
@@ -29,6 +28,13 @@ LOCAL = {
     "distributed.comm.timeouts.connect": "60s",
 }
 
+
+CONNECT_SECONDS = 10
+"""After which there is no scheduler at an address."""
+JOIN_SECONDS = 60
+"""After which no worker is going to join."""
+LOOK_SECONDS = 10
+"""Between two looks at which workers there are, while no object is finished."""
 
 NOBODY_ELSE = "127.0.0.1:0"
 """Where Dask's web servers listen: any free port, which other machines do not reach."""
@@ -60,50 +66,44 @@ class Dask(Executor):
         client, packed, code = self._connect(), pickle.dumps(work), keys.code_hash(work.stage)
         self._open_sessions(client, packed, code, work.stage.name)
         limit, waiting = work.settings.object_seconds, deque(jobs)
-        began: dict[Any, tuple[Job, float]] = {}
-        finished = as_completed([], loop=client.loop)
-        while waiting or began:
-            while waiting and len(began) < max(1, len(client.nthreads())):
+        running: dict[Future, tuple[Job, float]] = {}
+        while waiting or running:
+            workers = self._workers(client)
+            while waiting and len(running) < workers:
                 job = waiting.popleft()
                 future = client.submit(dask_worker.do, packed, code, job, limit, key=f"{work.stage.name}-{job.key}", pure=False)
-                began[future] = (job, time.monotonic())
-                finished.add(future)
-            future = next(finished)
-            job, start = began.pop(future)
-            if future.cancelled():  # the scheduler was started again, and knows of nothing
-                waiting.append(job)
-                continue
-            try:
-                yield future.result()
-            except KilledWorker:
-                yield give_up(work, job, _why(time.monotonic() - start, limit))
+                running[future] = (job, time.monotonic())
+            with client.as_current(), suppress(TimeoutError, CancelledError):
+                wait([*running], timeout=LOOK_SECONDS, return_when="FIRST_COMPLETED")
+            for future in [future for future in running if future.done()]:
+                job, began = running.pop(future)
+                if future.cancelled():  # the scheduler was started again, and knows of nothing
+                    waiting.append(job)
+                    continue
+                try:
+                    yield future.result()
+                except KilledWorker:
+                    yield give_up(work, job, _why(time.monotonic() - began, limit))
 
     def _connect(self) -> Client:
         """Connect to the scheduler, or start workers on this machine."""
-        if self._client is not None:
-            return self._client
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it would say of workers that die is said here
-        if self._scheduler:
-            try:
-                self._client = Client(self._scheduler, set_as_default=False)
-                self._client.wait_for_workers(1, timeout=60)
-            except (OSError, ValueError) as error:
-                raise StageError(f"there is no Dask scheduler with workers at {self._scheduler}: {error}; start both first") from error
-            if any(threads > 1 for threads in self._client.nthreads().values()):
-                raise StageError(f"workers of {self._scheduler} have several threads; start them with --nthreads 1, and more of them")
-            return self._client
-        with dask.config.set(LOCAL):
-            self._cluster = LocalCluster(
-                n_workers=self._count,
-                threads_per_worker=1,
-                memory_limit=0,
-                dashboard_address=NOBODY_ELSE,
-                worker_dashboard_address=NOBODY_ELSE,
-                silence_logs=logging.CRITICAL,
-            )
-        self._client = Client(self._cluster, set_as_default=False)
-        self._client.register_plugin(dask_worker.IgnoreInterrupts())
+        if self._client is None:
+            logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it would say of workers that die is said here
+            if self._scheduler:
+                self._client = _client_of(self._scheduler)
+            else:
+                self._cluster = _local_cluster(self._count)
+                self._client = Client(self._cluster, set_as_default=False)
+                self._client.register_plugin(dask_worker.IgnoreInterrupts())
         return self._client
+
+    def _workers(self, client: Client) -> int:
+        """Count the workers; one that died takes some seconds to be replaced."""
+        try:
+            client.wait_for_workers(1, timeout=JOIN_SECONDS)
+            return len(client.nthreads())
+        except OSError as error:
+            raise StageError(f"Dask's scheduler or its workers are gone ({error}); what is finished is kept, run again") from error
 
     def _open_sessions(self, client: Client, packed: bytes, code: str, stage: str) -> None:
         """Open the stage's session, where it can be opened, in every worker; those that come later open theirs with their first job."""
@@ -129,6 +129,41 @@ class Dask(Executor):
             client.close()
         if cluster is not None:
             cluster.close()
+
+
+def _client_of(scheduler: str) -> Client:
+    """Connect to a scheduler that has workers."""
+    try:
+        client = Client(scheduler, set_as_default=False, timeout=CONNECT_SECONDS)
+        client.wait_for_workers(1, timeout=JOIN_SECONDS)
+    except (OSError, ValueError) as error:
+        raise StageError(f"there is no Dask scheduler with workers at {scheduler}: {error}; start both first") from error
+    if any(threads > 1 for threads in client.nthreads().values()):
+        raise StageError(f"workers of {scheduler} have several threads; start them with --nthreads 1, and more of them")
+    return client
+
+
+def _local_cluster(processes: int) -> LocalCluster:
+    """Start a scheduler in this process, and workers; once more where somebody kills one while it starts."""
+
+    def start() -> LocalCluster:
+        with dask.config.set(LOCAL):
+            return LocalCluster(
+                n_workers=processes,
+                threads_per_worker=1,
+                memory_limit=0,
+                dashboard_address=NOBODY_ELSE,
+                worker_dashboard_address=NOBODY_ELSE,
+                silence_logs=logging.CRITICAL,
+            )
+
+    with suppress(RuntimeError):
+        return start()
+    try:
+        return start()
+    except RuntimeError as error:
+        hint = "run again, with fewer --workers where memory is short, or with --executor serial"
+        raise StageError(f"worker processes cannot be started ({error}); {hint}") from error
 
 
 def _why(seconds: float, limit: float) -> str:

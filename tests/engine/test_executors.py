@@ -5,12 +5,16 @@ from __future__ import annotations
 import os
 import resource
 import signal
+import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
+from pipeline.engine import dask_executor
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.jobs import Work
@@ -18,7 +22,7 @@ from pipeline.engine.stage import Task
 from pipeline.errors import StageError, StoreError
 from pipeline.store.rows import Row
 from pipeline.store.validate import problems_below
-from tests.engine.tiny_stages import MakeNoise, NoiseSettings, objects, plan_of, published, request, run
+from tests.engine.tiny_stages import MakeNoise, NoiseSettings, digest, objects, plan_of, published, request, run
 
 
 class DiesOpening(MakeNoise):
@@ -88,3 +92,54 @@ def test_memory_that_runs_out_is_the_objects_failure_and_the_others_go_on(tmp_pa
     run(request(tmp_path, items=objects(3, b="memory")))
     assert "memory ran out; with more memory, or the mesh made smaller" in published(tmp_path).failure("b").reason
     assert published(tmp_path).failure("c") is None
+
+
+class _Cluster:
+    """A scheduler and a worker, each a process of its own as on a cluster."""
+
+    def __init__(self, folder: Path) -> None:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self.folder, self.running = folder, []
+
+    @property
+    def address(self) -> str:
+        return f"tcp://127.0.0.1:{self.port}"
+
+    def start(self) -> None:
+        scheduler = ["scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard"]
+        worker = ["worker", self.address, "--nthreads", "1", "--no-dashboard", "--local-directory", str(self.folder)]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+        self.running = [subprocess.Popen([sys.executable, "-m", "dask", *command], **quiet) for command in (scheduler, worker)]
+
+    def kill(self) -> None:
+        for process in self.running:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def test_a_cluster_that_is_killed_and_started_again_gives_the_same(tmp_path):
+    run(request(tmp_path / "here"))
+    plan = plan_of(request(tmp_path / "there"))
+    cluster = _Cluster(tmp_path / "scratch")
+    cluster.start()
+    try:
+        with Dask(scheduler=cluster.address) as executor:
+            outcomes = executor.run(Work(plan.stage, plan.settings, 0, tmp_path / "there", {}), [member.job for member in plan.members])
+            done = {next(outcomes).object_id, next(outcomes).object_id}
+            cluster.kill()
+            cluster.start()
+            done |= {outcome.object_id for outcome in outcomes}
+    finally:
+        cluster.kill()
+    assert done == {"a", "b", "c", "d", "e"}
+    assert run(request(tmp_path / "there")) == 0
+    assert digest(tmp_path / "there") == digest(tmp_path / "here")
+
+
+def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
+    monkeypatch.setattr(dask_executor, "CONNECT_SECONDS", 1)
+    with pytest.raises(StageError, match=r"there is no Dask scheduler with workers at tcp://127\.0\.0\.1:9: .*; start both first"):
+        Dask(scheduler="tcp://127.0.0.1:9")._connect()
