@@ -6,10 +6,11 @@ import logging
 import os
 import pickle
 import signal
+import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 
 import dask
 from distributed import CancelledError, Client, Future, KilledWorker, LocalCluster, wait
@@ -147,7 +148,7 @@ def _local_cluster(processes: int) -> LocalCluster:
     """Start a scheduler in this process, and workers; once more where somebody kills one while it starts."""
 
     def start() -> LocalCluster:
-        with dask.config.set(LOCAL):
+        with dask.config.set(LOCAL), _interrupts_ignored():  # workers inherit it: Ctrl-C is for this process, which ends them
             return LocalCluster(
                 n_workers=processes,
                 threads_per_worker=1,
@@ -164,6 +165,19 @@ def _local_cluster(processes: int) -> LocalCluster:
     except RuntimeError as error:
         hint = "run again, with fewer --workers where memory is short, or with --executor serial"
         raise StageError(f"worker processes cannot be started ({error}); {hint}") from error
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Ignore Ctrl-C for a moment, where this thread may say so."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _why(seconds: float, limit: float) -> str:

@@ -18,7 +18,7 @@ _opened: tuple[bytes, AbstractContextManager[object], Callable[[Job], Outcome]] 
 
 
 class IgnoreInterrupts(WorkerPlugin):  # type: ignore[misc]  # which has no types
-    """Leaves Ctrl-C to the process that started the workers, and that ends them."""
+    """Leaves Ctrl-C to the process that ends the workers, for those that are started in place of others too."""
 
     def setup(self, worker: Worker) -> None:
         """Called in the main thread of each worker."""
