@@ -231,6 +231,11 @@ def is_version(name: str) -> bool:
     return _VERSION.fullmatch(name) is not None
 
 
+def unversioned(name: str) -> str:
+    """What was named by `versioned`."""
+    return name.rpartition("-")[0]
+
+
 def folder_digest(record: FolderRecord) -> str:
     """Compute the digest of a folder's files: equal wherever the same was computed."""
     return digest.of_json(record.files)

@@ -48,9 +48,12 @@ def everything_unnamed(directory: DataDirectory) -> list[Path]:
 
 
 def _folders(directory: DataDirectory) -> list[Path]:
-    """The folders that hold records."""
-    names = {directory.root, *(directory.root / name for name in ARTIFACTS)}
-    return sorted(names | {directory.folder_record(name).parent for name in directory.folders()})
+    """The folders that hold records, or held one that was deleted."""
+    root = directory.root
+    below = (path for pattern in ("models/**", "sweeps/**") for path in root.glob(pattern))
+    return sorted(
+        {root, *(root / name for name in ARTIFACTS), *(one for one in below if not any(map(is_version, one.relative_to(root).parts)))}
+    )
 
 
 def named_location(path: Path) -> str | None:

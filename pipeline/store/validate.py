@@ -10,7 +10,8 @@ from pydantic_zarr.v3 import GroupSpec
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
-from pipeline.store.directory import DataDirectory, files_of
+from pipeline.store.directory import DataDirectory, files_of, unversioned
+from pipeline.store.garbage import everything_unnamed
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
 from pipeline.store.spec import departures
@@ -34,6 +35,10 @@ def problems_below(root: Path) -> dict[Path, list[str]]:
             found[root / name] = origins
     for name in directory.folders():
         found[directory.folder_record(name)] = _lines(_folder_problems(directory, name))
+    for path in everything_unnamed(directory):
+        record = path.with_name(f"{unversioned(path.name)}.json")
+        if path.is_dir() and path.suffix != ".zarr" and not record.exists():  # resharding leaves groups without records for a while
+            found[record] = [f"the record of {path.name} is missing: a run was killed, or it was deleted; run its stage again"]
     return found
 
 

@@ -131,6 +131,17 @@ def test_check_makes_a_damaged_folder_again(tmp_path):
     assert plan_of(request(tmp_path, Average(), check=True)).up_to_date()
 
 
+def test_validate_tells_of_a_folder_whose_record_was_deleted(tmp_path):
+    run(request(tmp_path))
+    run(request(tmp_path, Average()))
+    (record := tmp_path / "models" / "average.json").unlink()
+    assert [path for path, lines in problems_below(tmp_path).items() if "is missing: a run was killed, or it was deleted" in lines[0]] == [
+        record
+    ]
+    run(request(tmp_path, Average()))
+    assert not any(problems_below(tmp_path).values())
+
+
 def test_a_record_of_another_format_is_told_from_a_damaged_one(tmp_path):
     run(request(tmp_path))
     record = tmp_path / "noise" / "0000-of-0001.json"
