@@ -8,11 +8,10 @@ import shutil
 import socket
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-PROGRAMS = ("munged", "slurmctld", "slurmd")
 CORES = 2
 SETTINGS = """
 ClusterName=test
@@ -45,6 +44,7 @@ PartitionName=cpu Nodes={host} MaxTime=INFINITE State=UP
 @contextmanager
 def one_node_slurm(folder: Path) -> Iterator[None]:
     """Run a Slurm with one partition `cpu` in `folder`, which must be short; commands find it by SLURM_CONF."""
+    assert os.geteuid() == 0, "only root can start a Slurm"
     for name in ("state", "spool"):
         (folder / name).mkdir(parents=True)
     host, settings = socket.gethostname().partition(".")[0], folder / "slurm.conf"
@@ -63,9 +63,11 @@ def one_node_slurm(folder: Path) -> Iterator[None]:
             daemons.enter_context(_daemon("slurmctld", "-D", "-L", f"{folder}/slurmctld.log"))
             daemons.enter_context(_daemon("slurmd", "-D", "-L", f"{folder}/slurmd.log"))
             _wait_for(lambda: "idle" in _said("sinfo", "--noheader", "--format=%T"), f"the node, see {folder}/slurmd.log")
-            yield
-            subprocess.run(["scancel", "--full", "--user=root"], check=False)
-            _wait_for(lambda: not _said("squeue", "--noheader"), "the end of all jobs")
+            try:
+                yield
+            finally:
+                subprocess.run(["scancel", "--user=root"], check=False)
+                _wait_for(lambda: not _said("squeue", "--noheader"), "the end of all jobs")
         finally:
             os.environ.pop("SLURM_CONF")
             os.environ.update({"SLURM_CONF": before} if before else {})
@@ -92,7 +94,7 @@ def _said(*command: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
 
 
-def _wait_for(there, what: str, seconds: float = 60.0) -> None:
+def _wait_for(there: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
     deadline = time.monotonic() + seconds
     while not there():
         assert time.monotonic() < deadline, f"waited {seconds:.0f} s for {what}"
