@@ -62,7 +62,7 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
     """
     from lightning_fabric import Fabric
     from lightning_fabric.loggers.tensorboard import TensorBoardLogger
-    from lightning_fabric.plugins.environments import LightningEnvironment
+    from lightning_fabric.plugins.environments.lightning import LightningEnvironment
 
     if not len(learner):
         raise StageError(f"{name}: there are no items to train on; take more objects, or look at why theirs failed")
