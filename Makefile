@@ -38,7 +38,7 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help docs setup system dataset summary train train-unet evaluate report reproduce test test-slow test-cpus lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
+.PHONY: help docs setup system dataset summary train train-unet evaluate report reproduce test test-slow test-cpus test-slurm lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
 FORCE:
 
 help:  ## list the targets
@@ -96,16 +96,20 @@ summary: $(IMAGES) $(TOUCHES)  ## the statistics and contact sheets alone
 setup: $(VENV)/installed  ## install system libraries and, into .venv, pinned packages
 
 system:
-	@command -v dpkg-query >/dev/null || exit 0; \
-	missing=$$(for name in $(APT); do dpkg-query -W -f '$${Status}' $$name 2>/dev/null | grep -q 'ok installed' || echo $$name; done; \
-	           $(PYTHON) -c 'import ensurepip' 2>/dev/null || echo python3.11-venv); \
-	if [ -z "$$missing" ]; then :; \
-	elif [ "$$(id -u)" = 0 ]; then \
-	    echo "installing" $$missing; \
-	    apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing >/dev/null; \
-	else \
-	    echo "system libraries are missing, and only root may install them. Please run:"; echo "    sudo apt-get install -y" $$missing; exit 1; \
-	fi
+	@missing=$$($(call missing,$(APT)); $(PYTHON) -c 'import ensurepip' 2>/dev/null || echo python3.11-venv); $(install)
+
+# For the shell: the packages of a list that are not installed; and their installation.
+missing   = command -v dpkg-query >/dev/null || exit 0; for name in $(1); do \
+            dpkg-query -W -f '$${Status}' $$name 2>/dev/null | grep -q 'ok installed' || echo $$name; done
+define install
+if [ -z "$$missing" ]; then :; \
+elif [ "$$(id -u)" = 0 ]; then \
+    echo "installing" $$missing; \
+    apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing >/dev/null; \
+else \
+    echo "system packages are missing, and only root may install them. Please run:"; echo "    sudo apt-get install -y" $$missing; exit 1; \
+fi
+endef
 
 $(VENV)/installed: pyproject.toml constraints.txt | system
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -134,6 +138,10 @@ test-cpus: lint  ## run the tests as on older processors: without AVX-512, and w
 
 test-slow: lint  ## run the same tests at full size
 	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
+
+test-slurm: $(VENV)/installed-dev  ## install Slurm, start one of one node, and run all stages on it; as root (about 8 minutes on 2 cores)
+	@missing=$$($(call missing,slurm-wlm munge)); $(install)
+	@$(BIN)/pytest -n 0 tests/slurm/real_slurm.py
 
 bench: $(VENV)/installed-dev  ## measure every stage beside its raw limit, in one run
 	@for name in surfaces grasps vision touch chamfer unet charts gcn; do $(BIN)/python -m benchmarks.$$name || exit 1; done

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from pipeline.cli import advise, inspection, learn, run
+from pipeline.cli import advise, inspection, learn, run, submit
 from pipeline.cli.failures import failures_as_words
 
 app = typer.Typer(
@@ -15,6 +15,7 @@ app = typer.Typer(
 )
 for command in (
     run.run,
+    submit.submit,
     advise.advise,
     learn.sweep,
     learn.report,

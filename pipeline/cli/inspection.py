@@ -29,13 +29,13 @@ def stages() -> None:
 
 
 def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", help="Everything, as JSON.")] = False) -> None:
-    """Say what is in a data directory: objects, failures with their reasons, models, digests."""
+    """Say what is in a data directory: objects, failures with their reasons, models, digests; and what of it is on Slurm."""
     from pipeline.reports import status as report
 
     account = report.read_account(data)
     if as_json:
         typer.echo(account.to_json())
-    elif not (account.artifacts or account.folders or account.damaged):
+    elif not (account.artifacts or account.folders or account.damaged or account.jobs):
         say(f"{data.resolve()}: nothing has been made here")
     else:
         report.show(account, console)

@@ -1,4 +1,4 @@
-"""Description files of manifests, hands, sensors and scenes: shipped ones by name, others by the path of a YAML file."""
+"""Description files of manifests, hands, sensors, scenes and clusters: shipped ones by name, others by the path of a YAML file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pipeline.config.complaints import complaints
 from pipeline.config.file_content import read_file
 from pipeline.errors import InvalidInput
 
-Kind = Literal["manifest", "hand", "sensor", "scene"]
+Kind = Literal["manifest", "hand", "sensor", "scene", "cluster"]
 Model = TypeVar("Model", bound=BaseModel)
 
 MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40

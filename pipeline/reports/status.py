@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from pipeline.console import print_table
+from pipeline.engine.slurm import JobState, State, slurm_folder, states_of, submitted_jobs
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory, folder_digest
 from pipeline.store.garbage import everything_unnamed
@@ -55,17 +56,23 @@ class FolderAccount:
 
 @dataclass(frozen=True)
 class Account:
-    """Describe a data directory; `garbage` is what no record names, in megabytes; `damaged` says what could not be read, one line each."""
+    """Describe a data directory.
+
+    `garbage` is what no record names, in megabytes; `damaged` says what could not be read, one line each; `jobs` are those on Slurm.
+    """
 
     artifacts: list[ArtifactAccount]
     folders: list[FolderAccount]
     garbage: float
     damaged: list[str]
+    jobs: list[JobState]
 
     def to_json(self) -> str:
-        """Write the account as JSON, by artifact and folder; what is damaged, where anything is, under `damaged`."""
+        """Write the account as JSON, by artifact and folder; under `damaged` and `slurm` what is, where anything is."""
         named = {one.artifact: asdict(one) for one in self.artifacts} | {one.folder: asdict(one) for one in self.folders}
-        return json.dumps(named | ({"damaged": self.damaged} if self.damaged else {}), indent=2)
+        damaged = {"damaged": self.damaged} if self.damaged else {}
+        jobs = {state.job.output: state.job.model_dump() | {"states": {one.task: one.state for one in state.tasks}} for state in self.jobs}
+        return json.dumps(named | damaged | ({"slurm": jobs} if jobs else {}), indent=2)
 
 
 def read_account(data: Path) -> Account:
@@ -79,7 +86,7 @@ def read_account(data: Path) -> Account:
     if not data.is_dir():
         raise StoreError(f"{data.resolve()} is no data directory; `vt-pipeline run` makes one, --data names it")
     directory = DataDirectory(data)
-    account = Account([], [], garbage=sum(map(_megabytes, everything_unnamed(directory))), damaged=[])
+    account = Account([], [], garbage=sum(map(_megabytes, everything_unnamed(directory))), damaged=[], jobs=[])
     for name in ARTIFACTS:
         with _unless_damaged(account):
             artifact = _artifact(directory, name)
@@ -88,6 +95,9 @@ def read_account(data: Path) -> Account:
     for name in directory.folders():
         with _unless_damaged(account):
             account.folders.append(_folder(directory, name))
+    with _unless_damaged(account):
+        folder = slurm_folder(data)
+        account.jobs.extend(states_of(folder, submitted_jobs(folder)))
     return account
 
 
@@ -161,3 +171,22 @@ def show(account: Account, console: Console) -> None:
         console.print(f"{account.garbage:.0f} MB were replaced and are named by no record: `vt-pipeline collect-garbage` removes them")
     for (object_id, stage), reason in failures.items():
         console.print(f"[yellow]failed[/] {escape(object_id)} in {escape(stage)}: {escape(reason)}")
+    _show_jobs(account.jobs, console)
+
+
+def _show_jobs(jobs: Sequence[JobState], console: Console) -> None:
+    """Print a line per job, and below them every task that failed with its log."""
+    columns: tuple[State, ...] = ("pending", "running", "done", "failed", "unknown")
+    rows = []
+    for state in jobs:
+        why = sorted({task.why for task in state.tasks if task.state in ("pending", "unknown") and task.why})
+        counts = state.counts()
+        rows.append((escape(state.job.name), state.job.number, *(counts.get(name, 0) for name in columns), escape(", ".join(why))))
+    if rows:
+        print_table(console, ("job", "number", *columns, ""), rows, "Slurm")
+    failed = [(state.job, task) for state in jobs for task in state.tasks if task.state == "failed"]
+    for job, task in failed:
+        log = f"; see {task.log}" if task.log.exists() else ""
+        console.print(f"[yellow]failed[/] {escape(job.name)}, task {task.task}: {escape(task.why + log)}")
+    if failed:
+        console.print("`vt-pipeline submit` with the same arguments makes what is missing")

@@ -62,13 +62,21 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
     """
     from lightning_fabric import Fabric
     from lightning_fabric.loggers.tensorboard import TensorBoardLogger
+    from lightning_fabric.plugins.environments.lightning import LightningEnvironment
 
     if not len(learner):
         raise StageError(f"{name}: there are no items to train on; take more objects, or look at why theirs failed")
     try:
         accelerator, strategy = device_of(settings.accelerator).type, "ddp_spawn" if settings.devices > 1 else "auto"
         logger = TensorBoardLogger(folder, name=LOGS, version="")
-        fabric = Fabric(accelerator=accelerator, strategy=strategy, devices=settings.devices, precision=settings.precision, loggers=logger)
+        fabric = Fabric(
+            accelerator=accelerator,
+            strategy=strategy,
+            devices=settings.devices,
+            precision=settings.precision,
+            plugins=LightningEnvironment(),  # processes are started here, in a Slurm job too
+            loggers=logger,
+        )
     except (RuntimeError, ValueError, ImportError) as error:
         raise StageError(f"accelerator {settings.accelerator}, {settings.devices} devices, {settings.precision}: {error}") from error
     begin: Any = _begin  # Fabric's signature leaves out the arguments that it passes on

@@ -1,0 +1,59 @@
+"""`vt-pipeline submit`: stages as jobs of a Slurm cluster."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.cli.failures import fail
+from pipeline.cli.request import DataOption, ManifestOption, ObjectsOption, PresetOption, SeedOption, SetOption, make_request
+from pipeline.config.cluster_profile import load_cluster
+from pipeline.console import say
+from pipeline.engine import slurm
+from pipeline.engine.slurm_jobs import Submission, plan_jobs, script_of
+from pipeline.store.directory import DataDirectory
+from stages.registry import STAGES, load_stage
+
+
+def submit(
+    stages: Annotated[list[str], typer.Argument(help=f"Some of {', '.join(STAGES)}.")],
+    manifest: ManifestOption = "toy",
+    preset: PresetOption = "draft",
+    data: DataOption = None,
+    objects: ObjectsOption = None,
+    assignments: SetOption = None,
+    seed: SeedOption = None,
+    shards: Annotated[int | None, typer.Option(min=1, max=9999, help="Tasks per stage; by default the dataset's shards, or 1.")] = None,
+    cluster: Annotated[str, typer.Option(help="A built-in cluster, or the path of a YAML file: partitions, cores, times.")] = "slurm",
+    dry_run: Annotated[bool, typer.Option(help="Print the scripts, and submit nothing.")] = False,
+) -> None:
+    """Run stages as jobs of a Slurm cluster: a task per shard, each job after those that it reads from."""
+    if unknown := [stage for stage in stages if stage not in STAGES]:
+        fail(f"there is no stage {unknown[0]}; there are {', '.join(STAGES)}")
+    requests = [
+        make_request(load_stage(name), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
+        for name in STAGES
+        if name in stages
+    ]
+    where = requests[0].data
+    arguments = ["--manifest", manifest, "--preset", preset, "--data", str(where)]
+    arguments += ["--objects", str(objects)] if objects else []
+    arguments += ["--seed", str(seed)] if seed is not None else []
+    submission = Submission(
+        profile=load_cluster(cluster),
+        arguments=(*arguments, *(part for assignment in assignments or () for part in ("--set", assignment))),
+        shards=DataDirectory(where).settled_shards(shards),
+        folder=slurm.slurm_folder(where).absolute(),
+        start=Path.cwd(),
+    )
+    jobs = plan_jobs((request.stage, request.settings) for request in requests)
+    if dry_run:
+        for job in jobs:
+            say(f"# {job.name}" + (f", after {', '.join(job.waits_for)}" if job.waits_for else ""))
+            typer.echo(script_of(job, submission))
+        return
+    for made in slurm.submit(jobs, submission):
+        say(f"{made.name}: job {made.number}" + (f", {made.tasks} tasks" if made.tasks else ""))
+    say(f"`vt-pipeline status {where}` says what has become of them; scripts and logs are in {submission.folder}")
