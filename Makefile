@@ -139,7 +139,7 @@ test-cpus: lint  ## run the tests as on older processors: without AVX-512, and w
 test-slow: lint  ## run the same tests at full size
 	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
 
-test-slurm: $(VENV)/installed-dev  ## install Slurm, start one of one node, and run all stages on it; as root (about 8 minutes on 2 cores)
+test-slurm: $(VENV)/installed-dev  ## install Slurm, start one of one node, and run all stages on it; as root (under 10 minutes on 2 cores)
 	@missing=$$($(call missing,slurm-wlm munge)); $(install)
 	@$(BIN)/pytest -n 0 tests/slurm/real_slurm.py
 
