@@ -41,26 +41,33 @@ def sources_hash(module: str) -> str:
         raise ModuleNotFoundError(f"there is no module {module} to hash")
     left_out = NO_RESULTS if module.startswith(TOY_OBJECTS) else (*NO_RESULTS, TOY_OBJECTS)
     found = {module: Path(spec.origin)}
-    waiting = list(_imports(found[module]))
+    waiting = list(_source(found[module])[1])
     while waiting:
         name = waiting.pop()
         path = _file_of(name)
         if name in found or path is None or any(name == layer or name.startswith(f"{layer}.") for layer in left_out):
             continue
         found[name] = path
-        waiting += _imports(path)
+        waiting += _source(path)[1]
     packages = {name.rpartition(".")[0] for name in found} - found.keys()  # they run too; what they import decides for others
     found |= {name: path for name in packages if (path := _file_of(name))}
-    return digest.of_json(sorted((name, _normal_form(path)) for name, path in found.items()))
+    return digest.of_json(sorted((name, _source(path)[0]) for name, path in found.items()))
 
 
-def _normal_form(path: Path) -> str:
-    """A source file as its syntax tree: comments and layout decide nothing."""
-    return hashlib.sha256(ast.dump(ast.parse(path.read_text())).encode()).hexdigest()
+def _source(path: Path) -> tuple[str, tuple[str, ...]]:
+    """The hash of a source file, and the modules that it may import."""
+    return _parsed(path, path.stat().st_mtime_ns)
 
 
-def _imports(path: Path) -> Iterable[str]:
-    for node in ast.walk(ast.parse(path.read_text())):
+@cache
+def _parsed(path: Path, changed: int) -> tuple[str, tuple[str, ...]]:
+    """Hash a file as its syntax tree, in which comments and layout decide nothing; most stages share most files."""
+    tree = ast.parse(path.read_text())
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), tuple(_imports(tree))
+
+
+def _imports(tree: ast.Module) -> Iterable[str]:
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:

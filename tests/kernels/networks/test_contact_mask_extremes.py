@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.networks.image_tensors import WHITE, network_input
+from pipeline.kernels.networks.image_tensors import COLOURS, WHITE, network_input
 from tests.kernels.networks.pictures import KINDS, stored
 from tests.strategies import seeds
 
 
-@given(seed=seeds, pixel=st.integers(0, 23), beside=st.sampled_from([0, 4]))
+@given(seed=seeds, pixel=st.integers(0, 23), beside=st.sampled_from([0, COLOURS]))
 def test_bytes_are_compared_exactly_at_any_threshold(seed: int, pixel: int, beside: int) -> None:
     """At the squared norm of one of the pixels and the float next to it, where a rounded product decides wrongly."""
     blank, readings = np.random.default_rng(seed).integers(0, 256, (2, 6, 4, 3), dtype=np.uint8)
@@ -40,7 +40,7 @@ def test_a_threshold_beside_a_squared_norm_parts_it_from_the_next(square: int) -
     )
     readings, blank = torch.tensor(parts, dtype=torch.uint8).expand(2, 2, 3), torch.zeros(2, 2, 3, dtype=torch.uint8)
     exactly = Fraction(square, WHITE**2)
-    for threshold in (np.nextafter(square / WHITE**2, 0), square / WHITE**2, np.nextafter(square / WHITE**2, 4)):
+    for threshold in (np.nextafter(square / WHITE**2, 0), square / WHITE**2, np.nextafter(square / WHITE**2, COLOURS)):
         assert bool(contact_mask(readings, blank, float(threshold)).all()) == (exactly > Fraction(float(threshold)))
 
 
