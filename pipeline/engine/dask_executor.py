@@ -8,6 +8,7 @@ import pickle
 import signal
 import threading
 import time
+import uuid
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -64,7 +65,8 @@ class Dask(Executor):
 
     def run(self, work: Work, jobs: Sequence[Job]) -> Iterator[Outcome]:
         """Do jobs: each worker has one at a time, so that it is known which one a crash is to be blamed on."""
-        client, packed, code = self._connect(), pickle.dumps(work), keys.code_hash(work.stage)
+        client, code = self._connect(), keys.code_hash(work.stage)
+        packed = pickle.dumps((uuid.uuid4(), work))  # each run opens sessions of its own: those of the last one know its inputs
         self._open_sessions(client, packed, code, work.stage.name)
         limit, waiting = work.settings.object_seconds, deque(jobs)
         running: dict[Future, tuple[Job, float]] = {}

@@ -14,7 +14,7 @@ from pipeline.engine.jobs import Job, Outcome, Work, session
 from pipeline.errors import StageError
 
 _opened: tuple[bytes, AbstractContextManager[object], Callable[[Job], Outcome]] | None = None
-"""The work whose session is open in this process, pickled; the session; and what does its jobs."""
+"""The run whose session is open in this process, with its work, pickled; the session; and what does its jobs."""
 
 
 class IgnoreInterrupts(WorkerPlugin):  # type: ignore[misc]  # which has no types
@@ -26,7 +26,7 @@ class IgnoreInterrupts(WorkerPlugin):  # type: ignore[misc]  # which has no type
 
 
 def open_session(packed: bytes, code: str) -> Callable[[Job], Outcome]:
-    """Open the session of pickled work unless it is open; one of other work is closed.
+    """Open the session of a run's pickled work unless it is open; that of another run is closed.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def open_session(packed: bytes, code: str) -> Callable[[Job], Outcome]:
     global _opened
     if _opened is None or _opened[0] != packed:
         close_session()
-        work: Work = pickle.loads(packed)
+        work: Work = pickle.loads(packed)[1]
         if keys.code_hash(work.stage) != code:
             raise StageError(f"{work.stage.name}: a worker has other code than this process; install the same version for both")
         context = session(work)

@@ -18,11 +18,12 @@ from pipeline.engine import dask_executor
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.jobs import Work
+from pipeline.engine.run import run as run_plan
 from pipeline.engine.stage import Task
 from pipeline.errors import StageError, StoreError
 from pipeline.store.rows import Row
 from pipeline.store.validate import problems_below
-from tests.engine.tiny_stages import MakeNoise, NoiseSettings, digest, objects, plan_of, published, request, run
+from tests.engine.tiny_stages import CONSOLE, MakeNoise, NoiseSettings, TakeMean, digest, objects, plan_of, published, request, run
 
 
 class DiesOpening(MakeNoise):
@@ -136,6 +137,13 @@ def test_a_cluster_that_is_killed_and_started_again_gives_the_same(tmp_path):
     assert done == {"a", "b", "c", "d", "e"}
     assert run(request(tmp_path / "there")) == 0
     assert digest(tmp_path / "there") == digest(tmp_path / "here")
+
+
+def test_workers_that_stay_see_inputs_that_were_made_again(tmp_path):
+    with Dask() as executor:
+        for samples in (50, 60):
+            run(request(tmp_path, settings={"samples": samples}))
+            assert run_plan(plan_of(request(tmp_path, TakeMean(), executor=executor)), CONSOLE).made == 5
 
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
