@@ -30,7 +30,6 @@ LOCAL = {
     "distributed.comm.timeouts.connect": "60s",
 }
 
-
 CONNECT_SECONDS = 10
 """After which there is no scheduler at an address."""
 JOIN_SECONDS = 60
@@ -65,16 +64,17 @@ class Dask(Executor):
 
     def run(self, work: Work, jobs: Sequence[Job]) -> Iterator[Outcome]:
         """Do jobs: each worker has one at a time, so that it is known which one a crash is to be blamed on."""
-        client, code = self._connect(), keys.code_hash(work.stage)
-        packed = pickle.dumps((uuid.uuid4(), work))  # each run opens sessions of its own: those of the last one know its inputs
-        self._open_sessions(client, packed, code, work.stage.name)
+        client = self._connect()
+        # Each run opens sessions of its own: those of the last one know its inputs.
+        packed = pickle.dumps((uuid.uuid4(), keys.code_hash(work.stage), work))
+        self._open_sessions(client, packed, work.stage.name)
         limit, waiting = work.settings.object_seconds, deque(jobs)
         running: dict[Future, tuple[Job, float]] = {}
         while waiting or running:
             workers = self._workers(client)
             while waiting and len(running) < workers:
                 job = waiting.popleft()
-                future = client.submit(dask_worker.do, packed, code, job, limit, key=f"{work.stage.name}-{job.key}", pure=False)
+                future = client.submit(dask_worker.do, packed, job, limit, key=f"{work.stage.name}-{job.key}", pure=False)
                 running[future] = (job, time.monotonic())
             with client.as_current(), suppress(TimeoutError, CancelledError):
                 wait([*running], timeout=LOOK_SECONDS, return_when="FIRST_COMPLETED")
@@ -103,14 +103,16 @@ class Dask(Executor):
     def _workers(self, client: Client) -> int:
         """Count the workers; one that died takes some seconds to be replaced."""
         try:
-            client.wait_for_workers(1, timeout=JOIN_SECONDS)
-            return len(client.nthreads())
+            if not (workers := client.nthreads()):
+                client.wait_for_workers(1, timeout=JOIN_SECONDS)
+                workers = client.nthreads()
+            return len(workers)
         except OSError as error:
             raise StageError(f"Dask's scheduler or its workers are gone ({error}); what is finished is kept, run again") from error
 
-    def _open_sessions(self, client: Client, packed: bytes, code: str, stage: str) -> None:
+    def _open_sessions(self, client: Client, packed: bytes, stage: str) -> None:
         """Open the stage's session, where it can be opened, in every worker; those that come later open theirs with their first job."""
-        opened = [client.submit(dask_worker.opens, packed, code, pure=False) for _ in client.nthreads()]
+        opened = [client.submit(dask_worker.open_ahead, packed, pure=False) for _ in client.nthreads()]
         try:
             for future in opened:
                 future.result()

@@ -25,7 +25,7 @@ class IgnoreInterrupts(WorkerPlugin):  # type: ignore[misc]  # which has no type
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def open_session(packed: bytes, code: str) -> Callable[[Job], Outcome]:
+def open_session(packed: bytes) -> Callable[[Job], Outcome]:
     """Open the session of a run's pickled work unless it is open; that of another run is closed.
 
     Raises
@@ -36,7 +36,8 @@ def open_session(packed: bytes, code: str) -> Callable[[Job], Outcome]:
     global _opened
     if _opened is None or _opened[0] != packed:
         close_session()
-        work: Work = pickle.loads(packed)[1]
+        work: Work
+        _, code, work = pickle.loads(packed)
         if keys.code_hash(work.stage) != code:
             raise StageError(f"{work.stage.name}: a worker has other code than this process; install the same version for both")
         context = session(work)
@@ -44,9 +45,9 @@ def open_session(packed: bytes, code: str) -> Callable[[Job], Outcome]:
     return _opened[2]
 
 
-def opens(packed: bytes, code: str) -> None:
+def open_ahead(packed: bytes) -> None:
     """Open a session ahead of the first job."""
-    open_session(packed, code)
+    open_session(packed)
 
 
 def close_session() -> None:
@@ -57,9 +58,9 @@ def close_session() -> None:
         context.__exit__(None, None, None)
 
 
-def do(packed: bytes, code: str, job: Job, seconds: float) -> Outcome:
-    """Do a job; the kernel ends this process after so many seconds, in whatever native code it may be."""
-    process = open_session(packed, code)
+def do(packed: bytes, job: Job, seconds: float) -> Outcome:
+    """Do a job; the kernel ends this process when `seconds` have passed, in whatever native code it may be."""
+    process = open_session(packed)
     signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         return process(job)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pipeline.errors import StoreError
 from pipeline.store.atomic import TEMPORARY
-from pipeline.store.directory import DESCRIPTION, DataDirectory, is_version
+from pipeline.store.directory import DESCRIPTION, FOLDER_RECORDS, DataDirectory, is_version
 from pipeline.store.record import read_content
 from schemas.catalogue import ARTIFACTS
 
@@ -50,7 +50,7 @@ def everything_unnamed(directory: DataDirectory) -> list[Path]:
 def _folders(directory: DataDirectory) -> list[Path]:
     """The folders that hold records, or held one that was deleted."""
     root = directory.root
-    below = (path for pattern in ("models/**", "sweeps/**") for path in root.glob(pattern))
+    below = (path for pattern in FOLDER_RECORDS if "**" in pattern for path in root.glob(pattern.removesuffix("/*.json")))
     return sorted(
         {root, *(root / name for name in ARTIFACTS), *(one for one in below if not any(map(is_version, one.relative_to(root).parts)))}
     )

@@ -4,6 +4,7 @@ from typing import Literal
 
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.contact_mask import THRESHOLD
+from pipeline.kernels.networks.image_tensors import COLOURS
 from pipeline.training.settings import TrainingSettings
 
 
@@ -20,5 +21,5 @@ class UnetSettings(TrainingSettings):
         "a step of width 64, `chamfer` 4 %",
     )
     mask_threshold: float = setting(
-        THRESHOLD, "2.2: squared difference from the untouched reading beyond which a pixel has touched", ge=0, le=3
+        THRESHOLD, "2.2: squared difference from the untouched reading beyond which a pixel has touched", ge=0, le=COLOURS
     )

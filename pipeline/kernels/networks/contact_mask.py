@@ -33,7 +33,7 @@ def contact_mask(images: Tensor, untouched: Tensor, threshold: float = THRESHOLD
     Raises
     ------
     ValueError
-        Shapes or types do not fit, or the threshold is none of a squared distance.
+        Shapes or types do not fit, or the threshold is outside 0 to `COLOURS`.
 
     Notes
     -----
