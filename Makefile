@@ -1,6 +1,6 @@
 # Makes datasets and trained models with vt-pipeline. `make` lists the targets and the variables below.
 #
-#   MANIFEST=toy      which objects: toy, procedural, four-classes, pybullet-objects, directory, warehouse, or a YAML file
+#   MANIFEST=toy      which objects: toy, procedural, four-classes, pybullet-objects, household, directory, warehouse, or a YAML file
 #   PRESET=draft      draft, standard or paper
 #   DATA=...          data directory; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET
 #   OBJECTS=...       folder of meshes, for manifests that name none
@@ -38,7 +38,7 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help docs setup system dataset summary train train-unet evaluate report reproduce test test-slow test-cpus test-slurm lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
+.PHONY: help docs setup system household dataset summary train train-unet evaluate report reproduce test test-slow test-cpus test-slurm lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
 FORCE:
 
 help:  ## list the targets
@@ -120,6 +120,11 @@ $(VENV)/installed: pyproject.toml constraints.txt | system
 $(VENV)/installed-dev: $(VENV)/installed
 	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
+
+household: $(VENV)/installed  ## install sweethome3d-furniture, and unpack its 820 models for MANIFEST=household; as root (120 MB)
+	@missing=$$($(call missing,sweethome3d-furniture)); $(install)
+	@test -e data/meshes/household/catalogue.csv || \
+	$(BIN)/python -m pipeline.config.furniture_library data/meshes/household /usr/share/sweethome3d/furniture/*.sh3f
 
 # ---- Documents, tests and measurements
 

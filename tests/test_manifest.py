@@ -20,7 +20,7 @@ def manifest(*sources: dict, splits: dict | None = None) -> Manifest:
 
 
 def folder(kind: str, path: Path | None = None, **more: object) -> dict:
-    return {"kind": kind, "licence": "x", "up": "y", "path": path, **more}
+    return {"kind": kind, "licence": "x", "up": "y", "path": path} | more
 
 
 def warehouse(root: Path, **counts: int) -> Path:
@@ -37,7 +37,7 @@ def warehouse(root: Path, **counts: int) -> Path:
 
 def test_every_built_in_manifest_loads():
     names = list(shipped_files("manifest"))
-    assert names == ["directory", "four-classes", "procedural", "pybullet-objects", "toy", "warehouse"]
+    assert names == ["directory", "four-classes", "household", "procedural", "pybullet-objects", "toy", "warehouse"]
     for name in names:
         assert load_manifest(name).name == name
 
@@ -141,6 +141,33 @@ def test_a_folder_gives_ids_and_categories(tmp_path):
     }
 
 
+@pytest.mark.parametrize(
+    ("lines", "problem"),
+    [
+        (["object_id,file,up", "a,a.obj,y"], "has no column category; its first line names the columns"),
+        (["object_id,category,file,up", "a,cup,a.obj,w"], "a has up 'w'; it must be x, y, z or empty"),
+        (["\udcff"], "cannot be read as CSV in UTF-8"),
+        ([], "has no column object_id, category, file, up"),
+    ],
+)
+def test_a_catalogue_that_cannot_be_used_is_named_with_the_reason(tmp_path, lines, problem):
+    (tmp_path / "catalogue.csv").write_bytes("\n".join(lines).encode(errors="surrogateescape"))
+    with pytest.raises(InvalidInput, match=f"catalogue.csv.*{problem}"):
+        manifest(folder("catalogue")).objects(tmp_path)
+
+
+def test_up_is_the_sources_where_a_catalogue_says_nothing(tmp_path):
+    (tmp_path / "catalogue.csv").write_text("object_id,category,file,up,licence\na,cup,a.obj,,CC0\nb,cup,b.obj,z,CC0\n")
+    ups = {item.object_id: item.source["up"] for item in manifest(folder("catalogue", up="x")).objects(tmp_path)}
+    assert ups == {"a": "x", "b": "z"}
+
+
+def test_household_says_how_to_get_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InvalidInput, match=r"data/meshes/household is no folder; give a folder .*`make household`"):
+        load_manifest("household").objects()
+
+
 def test_no_folder_and_an_empty_one_are_errors_with_a_way_out(tmp_path):
     with pytest.raises(InvalidInput, match="give a folder of meshes with --objects DIR"):
         load_manifest("directory").objects()
@@ -176,7 +203,7 @@ def test_what_is_wrong_in_a_file_is_named(tmp_path, change, reason):
 
 
 def test_an_unknown_manifest_lists_the_known():
-    with pytest.raises(InvalidInput, match="built in are directory, four-classes, procedural, pybullet-objects, toy, warehouse"):
+    with pytest.raises(InvalidInput, match="built in are directory, four-classes, household, procedural, pybullet-objects, toy, warehouse"):
         load_manifest("moon")
 
 

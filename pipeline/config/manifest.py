@@ -14,7 +14,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pipeline.config.description_file import description_path, read_description
-from pipeline.config.sources import Directory, Found, Procedural, Pybullet, ShapeNet
+from pipeline.config.sources import Catalogue, Directory, Found, Procedural, Pybullet, ShapeNet
 from pipeline.errors import InvalidInput
 
 SPLITS = ("train", "valid", "test")
@@ -62,7 +62,9 @@ class Manifest(BaseModel):
     description: str
     seed: int = Field(ge=0)
     splits: Splits
-    sources: tuple[Annotated[Procedural | Pybullet | Directory | ShapeNet, Field(discriminator="kind")], ...] = Field(min_length=1)
+    sources: tuple[Annotated[Procedural | Pybullet | Directory | Catalogue | ShapeNet, Field(discriminator="kind")], ...] = Field(
+        min_length=1
+    )
 
     def objects(self, root: Path | None = None) -> list[Object]:
         """List every object in id order, with its category, source and split.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 import re
 from abc import abstractmethod
 from collections import Counter
@@ -15,6 +17,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from pipeline.config.file_content import read_file
 from pipeline.config.mesh_companions import Companions
 from pipeline.config.mesh_file import SUFFIXES
 from pipeline.errors import InvalidInput
@@ -24,6 +27,9 @@ MAX_OBJECTS = 200_000
 
 MAX_ENTRIES = 500_000
 """Files and folders below a folder of meshes: with more, it is another folder that was meant."""
+
+MAX_CATALOGUE_BYTES = 100 * 2**20
+"""Size of a catalogue: 500 bytes for each of `MAX_OBJECTS`."""
 
 Category = Literal["bottle", "cellphone", "knife", "rifle"]
 
@@ -139,6 +145,32 @@ class Directory(Placed):
             unique = name if repeated[name] == 1 else f"{name}-{file.suffix[1:].lower()}"
             category = _name(file.parts[0]) if len(file.parts) > 1 else "object"
             yield Found(unique, category, self.placed(folder / file, folder))
+
+
+class Catalogue(Placed):
+    """A folder whose `catalogue.csv` lists mesh files below it, one per line.
+
+    Its columns are `object_id`, `category`, `file`, `up` (the source's where it is empty), and whatever else its readers want to know of an
+    object, such as `licence` and `creator`.
+    """
+
+    kind: Literal["catalogue"]
+    path: Path | None = None
+
+    def each(self, root: Path | None) -> Iterator[Found]:
+        """List the objects of the catalogue in its order; one whose file is missing fails when it is read."""
+        folder = _folder(root or self.path, "a folder with a catalogue.csv (`make household` fills data/meshes/household)")
+        file = folder / "catalogue.csv"
+        try:
+            lines = csv.DictReader(io.StringIO(read_file(file, MAX_CATALOGUE_BYTES).decode(), newline=""), restval="")
+            if missing := [name for name in ("object_id", "category", "file", "up") if name not in (lines.fieldnames or ())]:
+                raise InvalidInput(f"{file.resolve()} has no column {', '.join(missing)}; its first line names the columns")
+            for line in lines:
+                if line["up"] not in ("", "x", "y", "z"):
+                    raise InvalidInput(f"{file.resolve()}: {line['object_id']} has up {line['up']!r}; it must be x, y, z or empty")
+                yield Found(line["object_id"], _name(line["category"]), self.placed(folder / line["file"], folder, line["up"]))
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise InvalidInput(f"{file.resolve()} cannot be read as CSV in UTF-8: {error}") from error
 
 
 class ShapeNet(Placed):
