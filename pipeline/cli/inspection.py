@@ -67,11 +67,14 @@ def collect_garbage(
     say(f"{data}: {len(removed)} removed")
 
 
-def validate(data: DataArgument) -> None:
+def validate(
+    data: DataArgument,
+    strict: Annotated[bool, typer.Option(help="Object to artifacts that several kinds of processors computed, too.")] = False,
+) -> None:
     """Check every shard against its schema and digests, and every model's files; ends with status 1 when one is not as it should be."""
     from pipeline.store.validate import problems_below
 
-    found = problems_below(data)
+    found = problems_below(data, strict=strict)
     for path, lines in found.items():
         console.print(f"{escape(str(path))}: {'[green]valid[/]' if not lines else '[red]not valid[/]'}")
         for line in lines:

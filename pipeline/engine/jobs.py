@@ -12,12 +12,13 @@ from pathlib import Path
 from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings
 from pipeline.engine.stage import ObjectStage, Task
+from pipeline.engine.versions import processor
 from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
 from pipeline.store.atomic import is_machine_fault
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.pieces import Pieces
-from pipeline.store.record import Failure
+from pipeline.store.record import Failure, processor_kind
 from pipeline.store.rows import Row, conform
 
 MORE_MEMORY = "with more memory, or the mesh made smaller, run again with --retry"
@@ -64,7 +65,7 @@ def session(work: Work) -> Iterator[Callable[[Job], Outcome]]:
     StoreError
         An input is damaged.
     """
-    directory, pieces = DataDirectory(work.data), _pieces(work)
+    directory, pieces, kind = DataDirectory(work.data), _pieces(work), processor_kind(processor())
     with ExitStack() as stack:
         try:
             inputs = {artifact.name: directory.collection(artifact) for artifact in work.stage.inputs(work.settings)}
@@ -88,7 +89,7 @@ def session(work: Work) -> Iterator[Callable[[Job], Outcome]]:
                     raise
                 return Outcome(job.item.object_id, time.perf_counter() - began, bug=traceback.format_exc())
             seconds = time.perf_counter() - began
-            pieces.save(job.item.object_id, job.key, job.item.category, row, seconds=seconds, failure=failure)
+            pieces.save(job.item.object_id, job.key, job.item.category, row, seconds=seconds, failure=failure, processor=kind)
             return Outcome(job.item.object_id, seconds, failure)
 
         yield do

@@ -229,7 +229,8 @@ class ShardPlan(Plan[ObjectStage]):
                 row = shard.row(member.item.object_id)
                 with suppress(StoreError):
                     values = shard.view(row.object_id).verify()
-                    self.pieces.save(row.object_id, row.key, row.category, values, seconds=row.seconds, failure=row.failure)
+                    kind = shard.record.processor_of(row)
+                    self.pieces.save(row.object_id, row.key, row.category, values, seconds=row.seconds, failure=row.failure, processor=kind)
 
     def _refuse_failures(self) -> None:
         for member in self.members if self.request.strict else ():
@@ -297,6 +298,7 @@ class ShardPlan(Plan[ObjectStage]):
             digest=facts.digest,
             inputs=job.inputs,
             seconds=round(facts.seconds, 4),
+            processor=facts.processor,
             failure=facts.failure,
         )
 

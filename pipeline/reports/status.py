@@ -25,7 +25,8 @@ from schemas.catalogue import ARTIFACTS
 class ArtifactAccount:
     """Describe one artifact of a data directory.
 
-    `failures` are the stage and reason by object; `unfinished` counts the objects whose row waits for the rest of its shard.
+    `failures` are the stage and reason by object; `unfinished` counts the objects whose row waits for the rest of its shard;
+    `processors` the rows by the kind of processor that computed them.
     """
 
     artifact: str
@@ -36,6 +37,7 @@ class ArtifactAccount:
     seconds: float
     digest: str
     unfinished: int
+    processors: dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,7 @@ def _artifact(directory: DataDirectory, name: str) -> ArtifactAccount:
         seconds=sum(row.seconds for shard in collection.shards for row in shard.record.rows),
         digest=collection.digest(),
         unfinished=Pieces(directory.work(name)).count(),
+        processors=dict(collection.processors()),
     )
 
 
@@ -165,6 +168,8 @@ def show(account: Account, console: Console) -> None:
     for folder in account.folders:
         if folder.stale:
             console.print(f"[yellow]stale[/] {escape(folder.stale)}")
+    if mixed := [one.artifact for one in account.artifacts if len(one.processors) > 1]:
+        console.print(f"[yellow]mixed[/] {', '.join(mixed)}: computed by several kinds of processors; see `vt-pipeline validate --strict`")
     for line in account.damaged:
         console.print(f"[red]damaged[/] {escape(line)}")
     if account.garbage > 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -71,6 +72,11 @@ class Collection:
         if len({shard.record.constants_digest for shard in self.shards}) > 1:
             raise StoreError(f"{self.folder}: its shards were made with different scenes or sensors; run the stage again for all shards")
         return self.shards[0]
+
+    def processors(self) -> Counter[str]:
+        """Count the rows by the kind of processor that computed them."""
+        found = Counter(shard.record.processor_of(row) for shard in self.shards for row in shard.record.rows)
+        return Counter({kind: count for kind, count in found.items() if kind})
 
     def digest(self) -> str:
         """Compute the digest of all objects: equal for any number of shards, and whatever versions made them."""

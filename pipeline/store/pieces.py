@@ -25,13 +25,14 @@ UNREADABLE = (OSError, EOFError, zipfile.BadZipFile, KeyError, ValueError, Valid
 class PieceFacts:
     """What is known of an object's row without reading it.
 
-    `shapes` are those of its arrays; `failure` says why there is no row.
+    `shapes` are those of its arrays; `failure` says why there is no row; `processor` is the kind that computed it.
     """
 
     digest: str
     seconds: float
     shapes: dict[str, tuple[int, ...]]
     failure: Failure | None = None
+    processor: str = ""
 
 
 class Pieces:
@@ -44,9 +45,12 @@ class Pieces:
         """Where a piece lies."""
         return self.folder / object_id / f"{key}.npz"
 
-    def save(self, object_id: str, key: str, category: str, row: Row, *, seconds: float, failure: Failure | None = None) -> PieceFacts:
+    def save(
+        self, object_id: str, key: str, category: str, row: Row, *, seconds: float, failure: Failure | None = None, processor: str = ""
+    ) -> PieceFacts:
         """Write an object's row, or why there is none, with its digest."""
-        facts = PieceFacts(row_digest(row, failure, category), seconds, {name: array.shape for name, array in row.items()}, failure)
+        shapes = {name: array.shape for name, array in row.items()}
+        facts = PieceFacts(row_digest(row, failure, category), seconds, shapes, failure, processor)
         path = self.path(object_id, key)
         path.parent.mkdir(parents=True, exist_ok=True)
         described = {**facts.__dict__, "failure": failure and failure.model_dump(), "object_id": object_id, "key": key}
@@ -66,7 +70,7 @@ class Pieces:
                     return None
                 failure = facts["failure"] and Failure.model_validate(facts["failure"])
                 shapes = {name: tuple(shape) for name, shape in facts["shapes"].items()}
-                return PieceFacts(facts["digest"], facts["seconds"], shapes, failure)
+                return PieceFacts(facts["digest"], facts["seconds"], shapes, failure, facts["processor"])
         except UNREADABLE:
             return None
 

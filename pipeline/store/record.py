@@ -6,6 +6,7 @@ A record is replaced at once. What no record names is garbage.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar
 
@@ -70,7 +71,17 @@ class Provenance(_Model):
 
 
 class RowRecord(_Model):
-    """One object of a shard: `inputs` are the digests of the rows it was made from, by artifact; `seconds` what it took."""
+    """One object of a shard.
+
+    Attributes
+    ----------
+    inputs
+        The digests of the rows it was made from, by artifact.
+    seconds
+        What it took.
+    processor
+        The kind of processor that computed it (`processor_kind`): workers of one run may differ. Empty where nothing was computed.
+    """
 
     object_id: Name
     category: str
@@ -79,6 +90,7 @@ class RowRecord(_Model):
     digest: Sha256
     inputs: dict[str, Sha256]
     seconds: float
+    processor: str = ""
     failure: Failure | None = None
 
 
@@ -92,6 +104,10 @@ class ShardRecord(Provenance):
     rows: tuple[RowRecord, ...]
     constants_digest: Sha256
     metadata: dict[str, Sha256]
+
+    def processor_of(self, row: RowRecord) -> str:
+        """The kind of processor that computed a row, the shard's where the row does not say; empty where nothing was computed."""
+        return row.processor or ("" if row.failure else processor_kind(self.processor))
 
 
 class FolderRecord(Provenance):
@@ -109,6 +125,15 @@ class FolderRecord(Provenance):
 
 
 R = TypeVar("R", bound=Provenance)
+
+
+def processor_kind(processor: Mapping[str, Any]) -> str:
+    """Name what results may depend on of a described processor: model, machine, and the instruction sets that numpy uses.
+
+    What torch uses follows from these, and is not known to each process.
+    """
+    sets = processor.get("numpy")
+    return f"{processor.get('model')}, {processor.get('machine')}, {' '.join(map(str, sets)) if isinstance(sets, list) else sets}"
 
 
 def sealed(record: Provenance) -> bytes:

@@ -13,6 +13,8 @@ from pipeline.store.atomic import one_writer, write_at_once
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DESCRIPTION, DataDirectory, Description
 from pipeline.store.publish import publish_shard
+from pipeline.store.record import RowRecord
+from pipeline.store.shard import Shard
 from pipeline.store.write import RowToPack
 
 
@@ -68,9 +70,15 @@ def _refuse_mixture(collection: Collection) -> None:
         raise StoreError(f"{collection.folder}: its shards were made with different settings; run the stage for all shards first")
 
 
+def _named_row(shard: Shard, object_id: str) -> RowRecord:
+    """The record of a row, which says what computed it wherever it goes."""
+    row = shard.row(object_id)
+    return row.model_copy(update={"processor": shard.record.processor_of(row)})
+
+
 def _write(directory: DataDirectory, collection: Collection, members: Sequence[str], number: int, shards: int) -> Path:
     first, artifact = collection.first, collection.artifact
-    rows = tuple(collection.row(name) for name in members)
+    rows = tuple(_named_row(collection.shard(name), name) for name in members)
     attributes = {**first.attributes, "failures": {row.object_id: row.failure.model_dump() for row in rows if row.failure}}
     constants = {name: first.read(name) for name, array in artifact.arrays.items() if not array.per_object and first.has(name)}
     key = shard_key(((row.key, row.split) for row in rows), number, shards, first.record.manifest)

@@ -19,8 +19,8 @@ from schemas.base import COMMON, Artifact
 from schemas.catalogue import ARTIFACTS
 
 
-def problems_below(root: Path) -> dict[Path, list[str]]:
-    """Check a data directory.
+def problems_below(root: Path, *, strict: bool = False) -> dict[Path, list[str]]:
+    """Check a data directory; a `strict` check also objects to artifacts that several kinds of processors computed.
 
     Returns
     -------
@@ -31,8 +31,10 @@ def problems_below(root: Path) -> dict[Path, list[str]]:
     for name in ARTIFACTS:
         for path in sorted((root / name).glob("????-of-????.json")):
             found[path] = _lines(_record_problems(path, ARTIFACTS[name]))
-        if (root / name).is_dir() and (origins := _lines(_origin_problems(directory, name))):
-            found[root / name] = origins
+        if (root / name).is_dir():
+            checks = [_origin_problems(directory, name), *([_mixed_processors(directory, name)] if strict else [])]
+            if lines := [line for check in checks for line in _lines(check)]:
+                found[root / name] = lines
     for name in directory.folders():
         found[directory.folder_record(name)] = _lines(_folder_problems(directory, name))
     for path in everything_unnamed(directory):
@@ -108,6 +110,18 @@ def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:
         if missing := [one for one in directory.collection(ARTIFACTS[origin]) if one not in collection]:
             yield f"{len(missing)} objects of {origin} are missing, {missing[0]} first; run {collection.first.record.stage}"
     directory.check_origins([name])
+
+
+def _mixed_processors(directory: DataDirectory, name: str) -> Iterator[str]:
+    """Whether one kind of processor computed all rows of an artifact."""
+    collection = directory.collection(ARTIFACTS[name])
+    kinds = collection.processors().most_common()
+    if len(kinds) > 1:
+        counted = "; ".join(f"{kind}: {count} rows" for kind, count in kinds)
+        yield (
+            f"its rows were computed by {len(kinds)} kinds of processors ({counted}), between which last bits may differ; "
+            f"where that matters, delete {collection.folder} and run {collection.first.record.stage} on one kind"
+        )
 
 
 def _folder_problems(directory: DataDirectory, name: str) -> Iterator[str]:

@@ -1,0 +1,97 @@
+"""Rows say which kind of processor computed them; an artifact of several kinds is marked, and a strict check objects to it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.engine import jobs
+from pipeline.engine.versions import processor
+from pipeline.store.directory import DataDirectory
+from pipeline.store.record import processor_kind
+from pipeline.store.reshard import reshard
+from pipeline.store.validate import problems_below
+from schemas.catalogue import ARTIFACTS
+from tests.engine.tiny_stages import NOISE, digest, published, request, run
+from tests.store.test_validate import resealed
+
+HERE = processor_kind(processor())
+OTHER = {"machine": "x86_64", "model": "Other CPU", "numpy": ["X86_V2", "X86_V3"]}
+OTHER_KIND = "Other CPU, x86_64, X86_V2 X86_V3"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def known_noise() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(ARTIFACTS, "noise", NOISE)
+        yield
+
+
+@pytest.fixture
+def mixed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Five rows in one shard, two of which were computed by another kind of processor than the rest."""
+    with monkeypatch.context() as patch:
+        patch.setattr(jobs, "processor", lambda: OTHER)
+        for name in "ab":
+            run(request(tmp_path, only=name))
+    run(request(tmp_path))
+    return tmp_path
+
+
+def strict_problems(data: Path) -> list[str]:
+    assert not any(problems_below(data).values())  # nothing is damaged
+    return [line for lines in problems_below(data, strict=True).values() for line in lines]
+
+
+def test_each_row_says_what_computed_it_and_a_strict_check_objects_to_several_kinds(mixed: Path) -> None:
+    assert published(mixed).processors() == {HERE: 3, OTHER_KIND: 2}
+    (line,) = strict_problems(mixed)
+    assert "2 kinds of processors" in line
+    assert f"{HERE}: 3 rows; {OTHER_KIND}: 2 rows" in line
+    assert "run make-noise on one kind" in line
+
+
+def test_status_marks_it_and_validate_ends_with_1_only_where_it_is_strict(mixed: Path) -> None:
+    def output(*command: str) -> tuple[int, str]:
+        result = CliRunner().invoke(app, [*command, str(mixed)])
+        return result.exit_code, result.output
+
+    code, text = output("status")
+    assert (code, text.count("computed by several kinds of processors")) == (0, 1)
+    assert output("validate")[0] == 0
+    assert output("validate", "--strict")[0] == 1
+
+
+def test_one_kind_is_not_marked(tmp_path: Path) -> None:
+    run(request(tmp_path))
+    assert published(tmp_path).processors() == {HERE: 5}
+    assert strict_problems(tmp_path) == []
+
+
+def test_digests_do_not_depend_on_the_processor_and_rows_keep_theirs_when_they_move(
+    mixed: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    other = tmp_path_factory.mktemp("alone")
+    run(request(other))
+    assert digest(mixed) == digest(other)
+    for _ in reshard(DataDirectory(mixed), 3):
+        pass
+    assert published(mixed).processors() == {HERE: 3, OTHER_KIND: 2}
+    assert run(request(mixed, count=6)) == 1  # the others are packed again, with what is recorded of them
+    assert published(mixed).processors() == {HERE: 4, OTHER_KIND: 2}
+
+
+def test_rows_that_do_not_say_count_as_computed_by_what_their_shard_says(tmp_path: Path) -> None:
+    run(request(tmp_path, shards=2))
+    first, second = (DataDirectory(tmp_path).shard_record("noise", number, 2) for number in range(2))
+    counts = [len(shard.record.rows) for shard in published(tmp_path).shards]
+    for path in (first, second):
+        rows = [{name: value for name, value in row.items() if name != "processor"} for row in json.loads(path.read_bytes())["rows"]]
+        path.write_bytes(resealed(path.read_bytes(), rows=rows, **({"processor": OTHER} if path == first else {})))
+    assert published(tmp_path).processors() == {OTHER_KIND: counts[0], HERE: counts[1]}
+    assert len(strict_problems(tmp_path)) == 1
