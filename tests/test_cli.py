@@ -1,10 +1,12 @@
 """The command line: what it lists, and how it fails."""
 
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import trimesh
+import yaml
 from typer.testing import CliRunner
 
 from pipeline.cli import app
@@ -27,6 +29,19 @@ def test_stages_lists_every_setting_with_its_reason():
         for setting, info in load_stage(name).settings_type.model_fields.items():
             assert setting in output
             assert info.description
+
+
+def test_a_run_with_nothing_to_do_starts_no_executor_and_imports_none(tmp_path):
+    source = {"kind": "pybullet", "licence": "zlib", "up": "y", "files": {"duck": {"file": "duck.obj"}}}
+    splits = {"train": 1, "valid": 0, "test": 0}
+    one = {"name": "one", "description": "d", "seed": 0, "splits": splits, "sources": [source]}
+    (tmp_path / "one.yaml").write_text(yaml.safe_dump(one))
+    command = [*RUN, "--manifest", str(tmp_path / "one.yaml"), "--data", str(tmp_path / "data")]
+    assert invoke(*command, "--executor", "serial")[0] == 0
+    program = "import sys; from pipeline.cli import app; app(sys.argv[1:], standalone_mode=False); assert 'distributed' not in sys.modules"
+    again = subprocess.run([sys.executable, "-c", program, *command], capture_output=True, text=True, check=False)
+    assert again.returncode == 0, again.stderr
+    assert "up to date, 1 objects" in again.stdout
 
 
 def test_doctor_finds_everything_here():

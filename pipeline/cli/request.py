@@ -13,8 +13,7 @@ import typer
 from pipeline.cli.failures import fail
 from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import load_presets
-from pipeline.engine.dask_executor import Dask
-from pipeline.engine.executor import Executor, Serial
+from pipeline.engine.executor import Deferred, Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
 from stages.registry import resolve
@@ -70,7 +69,13 @@ def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Ex
         return Serial()
     if workers and scheduler:
         fail("--scheduler has workers of its own; leave --workers out")
-    return Dask(workers or len(os.sched_getaffinity(0)), scheduler)
+
+    def dask() -> Executor:
+        from pipeline.engine.dask_executor import Dask
+
+        return Dask(workers or len(os.sched_getaffinity(0)), scheduler)
+
+    return Deferred(dask)
 
 
 def _default_place(manifest: str, objects: Path | None) -> Path:

@@ -13,7 +13,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
-from pipeline.config.mesh_file import SUFFIXES
+from pipeline.config.mesh_companions import SUFFIXES
 from pipeline.errors import InvalidInput
 
 LIST = "PluginFurnitureCatalog.properties"

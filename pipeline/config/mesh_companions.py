@@ -14,6 +14,9 @@ from urllib.parse import unquote
 from pipeline.config.gltf_file import read_gltf
 from pipeline.errors import InvalidInput
 
+SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
+"""Formats of mesh files that are read; archives are not among them."""
+
 MAX_BYTES = 256 * 2**20
 """Size of a mesh file, and of the files that it names together."""
 

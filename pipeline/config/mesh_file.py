@@ -12,7 +12,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from pipeline.config.gltf_file import MAX_LEVELS, converted_pixels, levels, numbers_asked_for, parts_asked_for, read_gltf
-from pipeline.config.mesh_companions import Companions
+from pipeline.config.mesh_companions import SUFFIXES, Companions
 from pipeline.config.textures import Textures, check_pixels
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Look, Mesh
@@ -29,9 +29,6 @@ GREY = (178, 178, 178, 255)
 
 BLANKS = bytes(32 if byte < 32 else byte for byte in range(256))
 """Translates whatever may separate two words to a blank."""
-
-SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
-"""Formats that are read; archives are not among them."""
 
 MAX_FACES = 2_000_000
 """Faces of a mesh file, and a third of the vertices. More would take gigabytes, whatever `max_faces` allows."""

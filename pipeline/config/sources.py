@@ -18,8 +18,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pipeline.config.file_content import read_file
-from pipeline.config.mesh_companions import Companions
-from pipeline.config.mesh_file import SUFFIXES
+from pipeline.config.mesh_companions import SUFFIXES, Companions
 from pipeline.errors import InvalidInput
 
 MAX_OBJECTS = 200_000

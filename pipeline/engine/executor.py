@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 
 from pipeline.engine.jobs import Job, Outcome, Work, session
 
@@ -47,3 +48,28 @@ class Serial(Executor):
         """Do jobs in their order."""
         with session(work) as process:
             yield from map(process, jobs)
+
+
+class Deferred(Executor):
+    """Another executor, made when it is first asked for something: its libraries take a second to import, and there may be no jobs."""
+
+    def __init__(self, make: Callable[[], Executor]) -> None:
+        self._make = make
+
+    @cached_property
+    def _made(self) -> Executor:
+        return self._make()
+
+    @property
+    def processes(self) -> int:
+        """Those of the other executor."""
+        return self._made.processes
+
+    def run(self, work: Work, jobs: Sequence[Job]) -> Iterator[Outcome]:
+        """Let the other executor do the jobs."""
+        return self._made.run(work, jobs)
+
+    def close(self, *, at_once: bool) -> None:
+        """Give back what the other executor has opened, if it was made."""
+        if "_made" in self.__dict__:
+            self._made.close(at_once=at_once)

@@ -18,7 +18,6 @@ from rich.table import Table
 
 from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings
-from pipeline.engine.dask_executor import Dask
 from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput
 from pipeline.tuning.choice import PRESET, Choice, Limit, Workload, within_error, within_time
@@ -157,6 +156,8 @@ def advise(question: Question, log: Console) -> Advice:
         raise InvalidInput(f"{question.manifest} has {len(objects)} object; a training needs two, one of them for validation")
     workers = len(os.sched_getaffinity(0))
     some = trial_objects(objects, TRIAL_OBJECTS_PER_WORKER * workers)
+    from pipeline.engine.dask_executor import Dask  # takes a second, and every command imports this module
+
     learned = sum(item.split == "train" for item in objects)
     workload = Workload({study.stage: learned if study.whole_dataset else len(objects) for study in studies}, workers)
     goal = question.goal
