@@ -23,6 +23,7 @@ from pipeline.cli.request import (
 )
 from pipeline.console import console, errors, say
 from pipeline.engine.folder_plan import FolderPlan
+from pipeline.engine.peers import peers
 from pipeline.engine.plan import Forecast
 from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as run_stage
@@ -54,6 +55,7 @@ def run(
     explain: Annotated[bool, typer.Option(help="Then say what was modelled and what was left out, and why.")] = False,
 ) -> None:
     """Run one stage: make what is not there yet."""
+    console.quiet = (together := peers()) is not None and together.rank > 0  # one of several processes speaks
     if stage not in STAGES:
         fail(f"there is no stage {stage}; there are {', '.join(STAGES)}")
     if explain and dry_run:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import shutil
 import time
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 
 from rich.console import Console
 
 from pipeline.console import Meter
+from pipeline.engine.peers import HELP, HelpDone, peers
 from pipeline.engine.plan import Forecast, Plan, Request, Result
 from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.errors import StoreError
@@ -78,7 +80,7 @@ class FolderPlan(Plan[DatasetStage]):
 
     def make(self, console: Console) -> Result:
         """Fill the folder; killed at any moment and run again, the stage finds what it left in its work folder."""
-        work, began = self.directory.work(self.name) / self.key[:16], time.perf_counter()
+        work, began = self._work, time.perf_counter()
         filled = work.with_suffix(".json")  # the record, from when the folder is filled until it is published
         record = self._finished(work, filled) or self._fill(work, filled, console)
         publish_folder(self.directory, self.name, work, record)
@@ -88,11 +90,25 @@ class FolderPlan(Plan[DatasetStage]):
                 shutil.rmtree(other, ignore_errors=True)
         return Result(self.total, 0, time.perf_counter() - began)
 
+    def help(self, console: Console) -> None:
+        """Train together with the process that fills the folder; nothing is written."""
+        with suppress(HelpDone):
+            self.stage.make(self._job(self._work, console))
+
+    @property
+    def _work(self) -> Path:
+        return self.directory.work(self.name) / self.key[:16]
+
+    def _job(self, work: Path, console: Console) -> DatasetJob:
+        return DatasetJob(self.request.data, work, self.settings, self.request.seed, self.models, console)
+
     def _fill(self, work: Path, filled: Path, console: Console) -> FolderRecord:
         began = time.perf_counter()
         self._verify_inputs(console)
         work.mkdir(parents=True, exist_ok=True)
-        facts = self.stage.make(DatasetJob(self.request.data, work, self.settings, self.request.seed, self.models, console))
+        if self.stage.trains and (together := peers()):
+            together.tell(self.name, HELP)
+        facts = self.stage.make(self._job(work, console))
         record = FolderRecord(
             **self.provenance(),
             splits=self.splits,

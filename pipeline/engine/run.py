@@ -9,6 +9,7 @@ from typing import Any, cast
 from rich.console import Console
 
 from pipeline.engine.folder_plan import FolderPlan
+from pipeline.engine.peers import HELP, NOTHING, peers
 from pipeline.engine.plan import Forecast, Request, Result
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import DatasetStage, ObjectStage
@@ -54,6 +55,8 @@ def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[
 def run(plan: ShardPlan | FolderPlan, console: Console) -> Result:
     """Make what a plan lacks; killed at any moment and run again, it continues where it stopped.
 
+    Of processes that were started together, the first makes a folder, and the others help where it wants help.
+
     Raises
     ------
     InvalidInput
@@ -65,6 +68,18 @@ def run(plan: ShardPlan | FolderPlan, console: Console) -> Result:
     BugFound
         Processing an object raised what no stage is meant to raise.
     """
+    if isinstance(plan, FolderPlan) and (together := peers()):
+        if together.rank:
+            if together.hear(plan.name) == HELP:
+                plan.help(console)
+            return Result()
+        result = _make(plan, console)
+        together.tell(plan.name, NOTHING)
+        return result
+    return _make(plan, console)
+
+
+def _make(plan: ShardPlan | FolderPlan, console: Console) -> Result:
     try:
         with one_writer(plan.lock, plan.path):
             plan.look_again()  # the run that held the lock before may have made it

@@ -134,7 +134,15 @@ class DatasetJob:
 
 
 class DatasetStage(Stage):
-    """A stage that looks at the whole dataset at once and fills one folder: a trained model, an evaluation."""
+    """A stage that looks at the whole dataset at once and fills one folder: a trained model, an evaluation.
+
+    Attributes
+    ----------
+    trains
+        Whether it is a training, which processes that were started together share.
+    """
+
+    trains: ClassVar[bool] = False
 
     @abstractmethod
     def splits(self, settings: Any) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -26,8 +27,16 @@ class Learner(ABC):
         """Count the training items per epoch."""
 
     @abstractmethod
-    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
-        """Compute the training loss of some items: a scalar that depends on them, the module and the (CPU) generator alone."""
+    def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Any:
+        """Read what the loss of some items is computed from: it depends on the items and on one (CPU) generator each, and on nothing else.
+
+        The loop calls it in a thread of its own, while the batch before is learned from. There torch's default type is not to be relied
+        on: name the type of what is drawn.
+        """
+
+    @abstractmethod
+    def loss(self, batch: Any) -> Tensor:
+        """Compute the training loss of what was read: a scalar, the mean over its items."""
 
     @abstractmethod
     def validate(self) -> dict[str, float]:

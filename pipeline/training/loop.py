@@ -8,23 +8,24 @@ import math
 import platform
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
-from torch.multiprocessing.spawn import ProcessRaisedException
+from torch.multiprocessing.spawn import ProcessExitedException, ProcessRaisedException
 
 from pipeline.console import Meter, console_on
+from pipeline.engine.peers import HelpDone, peers
 from pipeline.errors import InvalidInput, StageError
 from pipeline.rng import numpy_rng, torch_generator
-from pipeline.store.directory import LOGS
 from pipeline.training import checkpoint
-from pipeline.training.device import device_of
+from pipeline.training.batch_norm import share_batch_norm
 from pipeline.training.learner import Learner
+from pipeline.training.processes import GO_ON, lost_peers_as_words, make_fabric, no_process_left, processors_of
+from pipeline.training.read_ahead import read_ahead
 from pipeline.training.settings import TrainingSettings
 
 if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date need not spend
@@ -56,44 +57,49 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
 
     Raises
     ------
+    HelpDone
+        In each process but the first of those that were started together: the first one saves the model.
     StageError
-        There is nothing to train on; or a loss is no number, is refused by a kernel, or explodes: with epoch, step, and the items of the
-        batch.
+        There is nothing to train on; processes are others than asked for, or one was killed; or a loss is no number, is refused by a
+        kernel, or explodes: with epoch, step, and the items of the batch.
     """
-    from lightning_fabric import Fabric
-    from lightning_fabric.loggers.tensorboard import TensorBoardLogger
-    from lightning_fabric.plugins.environments.lightning import LightningEnvironment
-
     if not len(learner):
         raise StageError(f"{name}: there are no items to train on; take more objects, or look at why theirs failed")
-    try:
-        accelerator, strategy = device_of(settings.accelerator).type, "ddp_spawn" if settings.devices > 1 else "auto"
-        logger = TensorBoardLogger(folder, name=LOGS, version="")
-        fabric = Fabric(
-            accelerator=accelerator,
-            strategy=strategy,
-            devices=settings.devices,
-            precision=settings.precision,
-            plugins=LightningEnvironment(),  # processes are started here, in a Slurm job too
-            loggers=logger,
-        )
-    except (RuntimeError, ValueError, ImportError) as error:
-        raise StageError(f"accelerator {settings.accelerator}, {settings.devices} devices, {settings.precision}: {error}") from error
+    fabric = make_fabric(settings, folder, name)
     begin: Any = _begin  # Fabric's signature leaves out the arguments that it passes on
-    threads = torch.get_num_threads()
+    threads, network = torch.get_num_threads(), learner.module
     try:
-        facts: dict[str, Any] = fabric.launch(begin, learner, settings, folder=folder, seed=seed, name=name)
+        with no_process_left():
+            facts: dict[str, Any] = fabric.launch(begin, learner, settings, folder=folder, seed=seed, name=name)
     except ProcessRaisedException as error:  # what one of several processes raised, as text
-        raise StageError(str(error).strip().splitlines()[-1]) from error
+        raise StageError(str(error).strip().splitlines()[-1].removeprefix("pipeline.errors.StageError: ")) from error
+    except ProcessExitedException as error:
+        raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {GO_ON}") from error
     finally:
         torch.set_num_threads(threads)
-    learner.module.load_state_dict(checkpoint.load_best(folder))
+    if (together := peers()) and together.rank:
+        raise HelpDone
+    learner.module = network
+    network.load_state_dict(checkpoint.load_best(folder))
     return facts
+
+
+def _how_it_ended(error: ProcessExitedException) -> str:
+    return f"was ended by {error.signal_name}" if error.signal_name else f"ended with status {error.exit_code}"
 
 
 def _begin(fabric: Fabric, learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> dict[str, Any]:
     torch.set_num_threads(settings.threads)
-    return _Training(fabric, learner, settings, folder=folder, seed=seed, name=name).run()
+    with lost_peers_as_words(fabric, name):
+        return _Training(fabric, learner, settings, folder=folder, seed=seed, name=name).run()
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one process learns of a batch: the items, and which share of the batch they are; 0 where they do not count."""
+
+    items: list[int]
+    share: float
 
 
 class _Training:
@@ -103,10 +109,13 @@ class _Training:
         self.fabric, self.learner, self.settings, self.folder, self.seed, self.name = fabric, learner, settings, folder, seed, name
         # spawned processes share the memory of a network's weights: each would step in the others'
         self.module = copy.deepcopy(learner.module) if fabric.world_size > 1 else learner.module
+        self.norms = share_batch_norm(self.module) if fabric.world_size > 1 else []
         self.adam = torch.optim.Adam(self.module.parameters(), lr=settings.learning_rate)
         wrapped: Any = fabric.setup(self.module, self.adam)
         learner.module, self.optimizer = wrapped
         self.best, self.progress = checkpoint.load(folder, self.module, self.adam)  # now that they have their type and device
+        if fabric.broadcast(self.progress) != self.progress:
+            raise StageError(f"{name}: processes read different checkpoints from {folder}: the file system shows an old one; run again")
         self.began = time.perf_counter() - self.progress.seconds
         self.steps = math.ceil(len(learner) / settings.batch_size)  # of an epoch
 
@@ -123,6 +132,7 @@ class _Training:
         self.learner.module = self.module
         if fabric.is_global_zero:
             (self.folder / METRICS).write_text(json.dumps(progress.history, indent=2, allow_nan=False))
+        kinds = processors_of(fabric)
         if fabric.world_size > 1:  # else its threads are ended by the process's end, and at times abort it
             torch.distributed.destroy_process_group()
         gpu = fabric.device.type == "cuda"
@@ -136,6 +146,8 @@ class _Training:
             "hardware": {
                 "device": torch.cuda.get_device_name(fabric.device) if gpu else f"{platform.machine()} CPU",
                 "processes": fabric.world_size,
+                "nodes": settings.num_nodes,
+                "processors": kinds,
                 "threads": torch.get_num_threads(),
                 "precision": settings.precision,
             },
@@ -144,11 +156,12 @@ class _Training:
     def learn(self, meter: Meter) -> None:
         """Take the steps that are left of an epoch."""
         progress, size = self.progress, self.settings.batch_size
-        order = numpy_rng(self.seed, self.name, "order", progress.epoch).permutation(len(self.learner))
+        order = numpy_rng(self.seed, self.name, "order", progress.epoch).permutation(len(self.learner)).tolist()
+        batches = [order[start:][:size] for start in range(progress.step * size, len(order), size)]
         self.learner.module.train()
         saved = time.perf_counter()
-        while progress.step < self.steps:
-            progress.sums += self.step(order[progress.step * size :][:size])
+        for part, content in read_ahead(self.read, [self.part(batch) for batch in batches]):
+            progress.sums += self.step(part, content)
             progress.step += 1
             if self.fabric.is_global_zero:
                 meter.advance(f"epoch {progress.epoch + 1}, loss {progress.sums / progress.step:.4g}")
@@ -156,26 +169,36 @@ class _Training:
                 self.save()
                 saved = time.perf_counter()
 
-    def step(self, batch: NDArray[np.int64]) -> float:
+    def part(self, batch: list[int]) -> Part:
+        """Take this process's part of a batch; where there are fewer items than processes, an item that does not count."""
+        own = batch[self.fabric.global_rank :: self.fabric.world_size]
+        return Part(own or batch[:1], len(own) / len(batch))
+
+    def read(self, part: Part) -> Any:
+        """Read the items of a part; what is drawn for an item is keyed by it, and the same in whatever process."""
+        generators = [torch_generator(self.seed, self.name, self.progress.epoch, item) for item in part.items]
+        return self.learner.read(part.items, generators)
+
+    def step(self, part: Part, content: Callable[[], Any]) -> float:
         """Take one step of Adam on this process's part of a batch; return the loss of the whole batch."""
-        fabric, progress = self.fabric, self.progress
-        own = batch[fabric.global_rank :: fabric.world_size]
-        items = (own if len(own) else batch[:1]).tolist()
-        generator = torch_generator(self.seed, self.name, progress.epoch, progress.step, fabric.global_rank)
+        fabric, progress, items = self.fabric, self.progress, part.items
+        for norm in self.norms:
+            norm.share = float(part.share > 0)
         self.optimizer.zero_grad()
         try:
-            loss = self.learner.loss(items, generator)
+            loss = self.learner.loss(content())
         except InvalidInput as error:
             raise self.failure(str(error), items) from error
         before = abs(progress.history[0]["train_loss"]) if progress.history else 0.0
         self.check_size(
             items, "loss", float(loss.detach()), limit=self.settings.explosion * before or math.inf
         )  # nothing is a multiple of 0
-        fabric.backward(loss)
+        weighted = part.share * fabric.world_size * loss  # its mean over the processes is the batch's mean
+        fabric.backward(weighted)
         gradients = [parameter.grad for parameter in self.module.parameters() if parameter.grad is not None]
         self.check_size(items, "gradient's norm", float(torch.nn.utils.get_total_norm(gradients)), limit=math.inf)
         self.optimizer.step()
-        mean: Any = fabric.all_reduce(loss.detach())
+        mean: Any = fabric.all_reduce(weighted.detach())
         return float(mean)
 
     def check_size(self, items: Sequence[int], what: str, value: float, *, limit: float) -> None:

@@ -20,7 +20,8 @@ class TrainingSettings(Settings):
         gt=1,
         changes="definition",
     )
-    devices: int = setting(1, "processes that share a batch; batch norm then sees a part each", ge=1)
+    devices: int = setting(1, "processes per node that share a batch: the losses of one process, but for rounding", ge=1)
+    num_nodes: int = setting(1, "nodes; more than one are started with torchrun or srun", ge=1)
     precision: Literal["32-true", "bf16-mixed", "64-true"] = setting(
         "32-true", "bf16-mixed pays on GPUs, and on CPUs with such instructions"
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from math import isqrt
 from pathlib import Path
 
@@ -35,7 +34,7 @@ class Items:
     def __init__(self, data: Path, split: str, config: NetworkConfig, each: int) -> None:
         self.rows = ObjectRows(data, arrays_of(config), split)
         self.config, self.each = config, each
-        self._target = lru_cache(TARGETS)(lambda object_id: Target(torch.tensor(self.rows.read("points", object_id))))
+        self._targets: dict[str, Target] = {}
 
     def __len__(self) -> int:
         return len(self.rows) * self.each
@@ -57,7 +56,12 @@ class Items:
 
     def target(self, item: int) -> Target:
         """Read the object's points, (N, 3) float32, m, world."""
-        return self._target(self._object(item))
+        object_id = self._object(item)
+        if object_id not in self._targets:
+            if len(self._targets) == TARGETS:
+                del self._targets[next(iter(self._targets))]  # the oldest
+            self._targets[object_id] = Target(torch.tensor(self.rows.read("points", object_id)))
+        return self._targets[object_id]
 
     def _object(self, item: int) -> str:
         return self.rows.object_ids[item // self.each]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -18,6 +19,15 @@ from pipeline.rng import torch_generator
 from pipeline.training.learner import Learner
 from stages.train_gcn.items import Items
 from stages.train_gcn.settings import GcnSettings
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Items that were read: what the network is given of each, the points it should find, and what draws the points of the loss."""
+
+    observations: Sequence[Observation]
+    targets: Sequence[Target]
+    generators: Sequence[torch.Generator]
 
 
 class GcnLearner(Learner):
@@ -36,13 +46,17 @@ class GcnLearner(Learner):
         """Name an item's object and first grasp."""
         return self._train.name(item)
 
-    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
-        """Compute the mean Chamfer distance of the items, each with as many grasps as are drawn for it."""
+    def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
+        """Read the items, each with as many grasps as are drawn for it."""
         observations = []
-        for item in items:
+        for item, generator in zip(items, generators, strict=True):
             count = int(torch.randint(self._fewest, self._most + 1, (), generator=generator))
             observations.append(self._train.view(item, count, torch.randperm(self._train.grasps, generator=generator).numpy()))
-        return self._chamfer(observations, [self._train.target(item) for item in items], generator).mean()
+        return Batch(observations, [self._train.target(item) for item in items], generators)
+
+    def loss(self, batch: Batch) -> Tensor:
+        """Compute the mean Chamfer distance of the items."""
+        return self._chamfer(batch).mean()
 
     def validate(self) -> dict[str, float]:
         """Compute the same with 1, 2, … grasps in turn, on points drawn the same in each epoch."""
@@ -53,15 +67,16 @@ class GcnLearner(Learner):
         for start in range(0, len(items), size):
             chosen = range(len(items))[start : start + size]
             observations = [items.view(item, self._fewest + item % items.each % choices, order) for item in chosen]
-            found.append(self._chamfer(observations, [items.target(item) for item in chosen], generator))
+            found.append(self._chamfer(Batch(observations, [items.target(item) for item in chosen], [generator] * len(chosen))))
         return {"loss": float(torch.cat(found).double().mean())}
 
-    def _chamfer(self, observations: Sequence[Observation], targets: Sequence[Target], generator: torch.Generator) -> Tensor:
+    def _chamfer(self, batch: Batch) -> Tensor:
         """Compute (B,) the Chamfer distance of each item, m² x `TABLE_3_FACTOR`, of `loss_points` points each way to all the object's."""
-        batch = stack_observations(observations, self._network.config, self._camera, like=next(self.module.parameters()))
-        deformed: Tensor = self.module(**vars(batch))
+        seen = stack_observations(batch.observations, self._network.config, self._camera, like=next(self.module.parameters()))
+        deformed: Tensor = self.module(**vars(seen))
+        surfaces = assemble_surfaces(self._network, deformed, seen)
         found = []
-        for (vertices, faces), target in zip(assemble_surfaces(self._network, deformed, batch), targets, strict=True):
+        for (vertices, faces), target, generator in zip(surfaces, batch.targets, batch.generators, strict=True):
             predicted = sample_surface(vertices, faces, self._settings.loss_points, generator)
             chosen = torch.randperm(len(target.points), generator=generator)[: self._settings.loss_points]
             true = target.points[chosen].to(predicted)

@@ -27,6 +27,7 @@ class TrainGcn(DatasetStage):
     name = "train-gcn"
     summary = "Train the graph network that deforms vision charts, in one of the supplement's configurations."
     settings_type = GcnSettings
+    trains = True
 
     def inputs(self, settings: GcnSettings) -> tuple[Artifact, ...]:
         """Name what is read: the objects' points, and what the configuration sees and feels."""

@@ -47,14 +47,14 @@ class Touches:
     def __len__(self) -> int:
         return len(self.where)
 
-    def batch(self, items: Sequence[int], device: torch.device, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-        """Read tactile images (B, H, W, 3) uint8 and depths (B, H, W), m."""
+    def read(self, items: Sequence[int]) -> tuple[Tensor, Tensor]:
+        """Read tactile images (B, H, W, 3) uint8 and depths (B, H, W) float32, m."""
         sites = [(self.rows.object_ids[number], grasp, sensor) for number, grasp, sensor in self.where[list(items)].tolist()]
         reading, depth = (
             torch.from_numpy(np.stack([self.rows.read(array, object_id, grasp)[sensor] for object_id, grasp, sensor in sites]))
             for array in ("reading", "depth")
         )
-        return reading.to(device), depth.to(device, dtype)
+        return reading, depth
 
 
 def load_touches(data: Path, split: str) -> Touches:
@@ -93,16 +93,20 @@ class UnetLearner(Learner):
         number, grasp, sensor = self.train.where[item]
         return f"{self.train.rows.object_ids[number]} grasp {grasp} sensor {sensor}"
 
-    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+    def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> tuple[Tensor, Tensor]:
+        """Read training touches; nothing is drawn."""
+        return self.train.read(items)
+
+    def loss(self, batch: tuple[Tensor, Tensor]) -> Tensor:
         """Compute the chosen loss of some training touches, in sensor widths squared."""
-        return self._loss(*self._predict(self.train, items))
+        return self._loss(*self._predict(*batch))
 
     def validate(self) -> dict[str, float]:
         """Compute the chosen loss over the validation touches, and the RMS error of all their masked pixels, µm."""
         loss = squares = pixels = 0.0
         for start in range(0, len(self.valid), self.settings.batch_size):
             items = range(len(self.valid))[start : start + self.settings.batch_size]
-            predicted, depth, mask = self._predict(self.valid, items)
+            predicted, depth, mask = self._predict(*self.valid.read(items))
             loss += len(items) * float(self._loss(predicted, depth, mask))
             error = (predicted - visible_depth(depth, self.valid.sensor.w))[mask].double()
             squares += float(error.square().sum())
@@ -110,13 +114,12 @@ class UnetLearner(Learner):
         rms = (squares / max(pixels, 1)) ** 0.5
         return {"loss": loss / len(self.valid), "depth_rms_um": rms * MICROMETRES}
 
-    def _predict(self, touches: Touches, items: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
+    def _predict(self, readings: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Predict depth: predicted and true (B, H, W), m, and the mask (B, H, W)."""
         parameter = next(self.module.parameters())
-        readings, depth = touches.batch(items, parameter.device, parameter.dtype)
-        untouched = torch.tensor(touches.untouched, device=parameter.device)
+        readings, untouched = readings.to(parameter.device), torch.tensor(self.train.untouched, device=parameter.device)
         mask = contact_mask(readings, untouched, self.settings.mask_threshold)
-        return self.module(network_input(readings, parameter.dtype)) * touches.sensor.w, depth, mask
+        return self.module(network_input(readings, parameter.dtype)) * self.train.sensor.w, depth.to(parameter), mask
 
     def _loss(self, predicted: Tensor, depth: Tensor, mask: Tensor) -> Tensor:
         compute = masked_depth_loss if self.settings.loss == "depth" else projected_chamfer_loss

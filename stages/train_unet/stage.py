@@ -23,6 +23,7 @@ class TrainUnet(DatasetStage):
     name = "train-unet"
     summary = "A U-Net that predicts each sensor's depth map from its reading."
     settings_type = UnetSettings
+    trains = True
 
     def inputs(self, settings: UnetSettings) -> tuple[Artifact, ...]:
         """Name what is read: tactile images, depths, and which sensors touched; no surface, no camera image."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
@@ -185,16 +185,17 @@ def stages() -> list[Given]:
     ]
 
 
-def objects(count: int) -> list[Object]:
-    """Balls named a, b, …, bottles and knives in turn, all in the test split."""
-    return [Object(chr(ord("a") + number), ("bottle", "knife")[number % 2], {"number": number}, "test") for number in range(count)]
+def objects(count: int, splits: Sequence[str] = ("test",)) -> list[Object]:
+    """Balls named a, b, …, bottles and knives in turn, in these splits in turn."""
+    turns = [(("bottle", "knife")[number % 2], splits[number % len(splits)]) for number in range(count)]
+    return [Object(chr(ord("a") + number), kind, {"number": number}, split) for number, (kind, split) in enumerate(turns)]
 
 
-def make_data(data: Path, count: int) -> None:
+def make_data(data: Path, count: int, splits: Sequence[str] = ("test",)) -> None:
     """Write every artifact of a number of balls; the pieces are made here, which spares the start of five worker processes."""
     for stage in stages():
         request: Any = Request(
-            stage=stage, settings=Settings(), manifest="balls", objects=objects(count), preset="draft", seed=0, data=data
+            stage=stage, settings=Settings(), manifest="balls", objects=objects(count, splits), preset="draft", seed=0, data=data
         )
         pack(request, stage.row)
 

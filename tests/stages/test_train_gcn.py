@@ -21,7 +21,7 @@ from pipeline.models.reconstruction import Reconstructor
 from pipeline.rng import torch_generator
 from pipeline.training.loop import read_metrics
 from stages.train_gcn.items import Items
-from stages.train_gcn.learner import GcnLearner
+from stages.train_gcn.learner import Batch, GcnLearner
 from stages.train_gcn.settings import GcnSettings
 from stages.train_gcn.stage import TrainGcn
 from tests.stages.tiny_dataset import manifest, run_stage
@@ -49,7 +49,7 @@ def overfit(data: Path, steps: int, points: int) -> tuple[float, float]:
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     for step in range(steps):
         optimizer.zero_grad()
-        learner.loss([0], torch_generator(0, step)).backward()
+        learner.loss(learner.read([0], [torch_generator(0, step)])).backward()
         optimizer.step()
         schedule.step()
     with torch.no_grad():
@@ -103,10 +103,10 @@ def die_midway(data: Path) -> None:
     learned = GcnLearner.loss
     steps = iter(range(100))
 
-    def loss(self: GcnLearner, items: list[int], generator: torch.Generator) -> torch.Tensor:
+    def loss(self: GcnLearner, batch: Batch) -> torch.Tensor:
         if next(steps) == 3:
             os.kill(os.getpid(), signal.SIGKILL)
-        return learned(self, items, generator)
+        return learned(self, batch)
 
     GcnLearner.loss = loss  # type: ignore[method-assign]
     run_stage(
@@ -159,7 +159,7 @@ def test_a_network_that_has_diverged_is_refused(data):
     learner = GcnLearner(network, items, items, settings, 0)
     with torch.no_grad():
         network.gcn.last.bias.fill_(torch.inf)
-    for compute in (lambda: learner.loss([0, 1], torch_generator(0, "x")), learner.validate):
+    for compute in (lambda: learner.loss(learner.read([0, 1], [torch_generator(0, item) for item in "ab"])), learner.validate):
         with pytest.raises(InvalidInput, match="vertices hold NaN or infinity"):
             compute()
 

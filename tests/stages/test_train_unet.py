@@ -66,7 +66,7 @@ def learner(touches: Touches, **changes: Any) -> UnetLearner:
 def test_items_are_the_sensors_that_touched(touches: Touches) -> None:
     assert len(touches) == 4 * GRASPS_EACH * (SENSORS - 1)
     assert (touches.where[:, 2] < SENSORS - 1).all()
-    readings, depth = touches.batch([0, 5], torch.device("cpu"), torch.float32)
+    readings, depth = touches.read([0, 5])
     for item, index in enumerate(touches.where[[0, 5]]):
         assert (readings[item].numpy() == touches.rows.arrays["reading"][tuple(index)]).all()
         assert (depth[item].numpy() == touches.rows.arrays["depth"][tuple(index)]).all()
@@ -77,7 +77,6 @@ def test_items_are_the_sensors_that_touched(touches: Touches) -> None:
 def test_the_loss_falls_and_its_measures_agree(touches: Touches, loss: Literal["depth", "chamfer"]) -> None:
     trained = learner(touches, loss=loss, width=4)
     optimizer = torch.optim.Adam(trained.module.parameters(), lr=0.01)
-    generator = torch.Generator().manual_seed(0)
 
     def validate() -> dict[str, float]:
         trained.module.eval()
@@ -89,7 +88,7 @@ def test_the_loss_falls_and_its_measures_agree(touches: Touches, loss: Literal["
     for _ in range(40):
         trained.module.train()
         optimizer.zero_grad()
-        trained.loss(range(len(touches)), generator).backward()
+        trained.loss(touches.read(range(len(touches)))).backward()
         optimizer.step()
     last = validate()
     assert last.keys() == {"loss", "depth_rms_um"}
@@ -115,7 +114,7 @@ def test_a_network_that_has_diverged_is_refused(touches: Touches) -> None:
     with torch.no_grad():
         next(trained.module.parameters()).fill_(torch.nan)
     with pytest.raises(InvalidInput, match="the network has diverged"):
-        trained.loss([0, 1], torch.Generator())
+        trained.loss(touches.read([0, 1]))
 
 
 @pytest.fixture(scope="module")

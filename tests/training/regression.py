@@ -16,9 +16,14 @@ from pipeline.training.learner import Learner
 from pipeline.training.loop import train
 from pipeline.training.settings import TrainingSettings
 
+Batch = tuple[list[int], Tensor]
+"""Items, and the noise that is drawn for each."""
+
 
 class Regression(Learner):
-    """y = 3 x + 1, with noise drawn anew each step; `kill_at` is a step at which the process dies, `poison` an item that is NaN.
+    """y = 3 x + 1, with noise drawn for each item and epoch; `poison` is an item that is NaN.
+
+    `kill_at` is a step at which the process dies, or of several processes the second.
 
     A `plain` one has neither noise nor batch norm: its gradient is the mean of its items'.
     """
@@ -37,12 +42,16 @@ class Regression(Learner):
     def describe(self, item: int) -> str:
         return f"point-{item}"
 
-    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
-        if self.steps == self.kill_at:
+    def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
+        return list(items), torch.stack([torch.randn(1, generator=generator, dtype=torch.float32) for generator in generators])
+
+    def loss(self, batch: Batch) -> Tensor:
+        if self.steps == self.kill_at and os.environ.get("LOCAL_RANK", "1") == "1":
             os.kill(os.getpid(), signal.SIGKILL)
         self.steps += 1
-        x = self.x[list(items)].to(next(self.module.parameters()))
-        noise = self.noise * torch.randn(x.shape, generator=generator).to(x)
+        items, drawn = batch
+        x = self.x[items].to(next(self.module.parameters()))
+        noise = self.noise * drawn.to(x)
         if self.poison in items:
             noise = noise * torch.nan
         return (self.module(x) - 3 * x - 1 - noise).square().mean()
@@ -59,9 +68,9 @@ class Scripted(Regression):
         super().__init__(plain=True)
         self.training, self.validation, self.validated = training, validation, 0
 
-    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
+    def loss(self, batch: Batch) -> Tensor:
         told = self.training[self.validated] if self.training else 1.0
-        return 0 * super().loss(items, generator) + told
+        return 0 * super().loss(batch) + told
 
     def validate(self) -> dict[str, float]:
         self.validated += 1

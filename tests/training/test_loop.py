@@ -96,21 +96,3 @@ def test_missing_device_is_a_stage_error(tmp_path):
 def test_error_of_one_of_two_processes_is_a_stage_error(tmp_path):
     with pytest.raises(StageError, match=r"loss is nan .* in epoch 1.*point-"):
         fit(Regression(poison=17), tmp_path, devices=2)
-
-
-def test_two_processes_repeat_to_the_bit(tmp_path):
-    learner, again = Regression(), Regression()
-    facts = fit(learner, tmp_path / "once", devices=2, epochs=30)
-    fit(again, tmp_path / "again", devices=2, epochs=30)
-    assert facts["hardware"]["processes"] == 2
-    assert validated(learner) == pytest.approx(facts["best"]["loss"])
-    assert facts["best"]["loss"] < 0.5 * read_metrics(tmp_path / "once")[0]["loss"]
-    assert same(learner.module.state_dict(), again.module.state_dict())
-
-
-def test_two_processes_take_the_steps_of_one(tmp_path):
-    one, two = Regression(plain=True), Regression(plain=True)
-    fit(one, tmp_path / "one")
-    fit(two, tmp_path / "two", devices=2)
-    for name, value in one.module.state_dict().items():
-        torch.testing.assert_close(two.module.state_dict()[name], value, rtol=1e-3, atol=1e-4)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,7 @@ from torch import Tensor
 from pipeline.errors import StageError
 from pipeline.kernels.metrics.chamfer import chamfer
 from pipeline.training.loop import read_metrics
-from tests.training.regression import Regression, fit, settings
+from tests.training.regression import Batch, Regression, fit, settings
 
 
 class Perfect(Regression):
@@ -23,16 +22,16 @@ class Perfect(Regression):
         super().__init__(plain=True)
         self.later = later
 
-    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
-        nothing = 0 * super().loss(items, generator)
+    def loss(self, batch: Batch) -> Tensor:
+        nothing = 0 * super().loss(batch)
         return nothing + (self.later if self.steps > len(self) / settings().batch_size else 0)
 
 
 class Steep(Regression):
     """A finite loss whose gradient is none: the root of 0."""
 
-    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
-        return 1 + (0 * super().loss(items, generator)).sqrt()
+    def loss(self, batch: Batch) -> Tensor:
+        return 1 + (0 * super().loss(batch)).sqrt()
 
 
 class Refused(Regression):
@@ -42,8 +41,8 @@ class Refused(Regression):
         super().__init__(plain=True)
         self.where = where
 
-    def loss(self, items: Sequence[int], generator: torch.Generator) -> Tensor:
-        return super().loss(items, generator) + self._distance("loss")
+    def loss(self, batch: Batch) -> Tensor:
+        return super().loss(batch) + self._distance("loss")
 
     def validate(self) -> dict[str, float]:
         return {"loss": super().validate()["loss"] + float(self._distance("validation"))}

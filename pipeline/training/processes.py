@@ -1,0 +1,118 @@
+"""The processes of a training: those that are started here, and those that torchrun or srun started."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import torch.distributed
+
+from pipeline.engine.peers import peers
+from pipeline.engine.versions import processor
+from pipeline.errors import StageError
+from pipeline.store.directory import LOGS
+from pipeline.store.record import processor_kind
+from pipeline.training.device import device_of
+from pipeline.training.settings import TrainingSettings
+
+if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date need not spend
+    from lightning_fabric import Fabric
+
+GO_ON = "run the same command again: it goes on from its last checkpoint"
+
+SILENCE = timedelta(minutes=10)
+"""After which a process that is there but does not answer is given up: longer than a checkpoint or the reading of a list of items takes.
+One that was killed is noticed at once."""
+
+LET_GO_FIRST = 3.0
+"""Seconds for which the other processes hold back their end after one was killed: what started them then tells of that one."""
+
+
+def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
+    """Make what runs a training in the processes that the settings ask for.
+
+    Raises
+    ------
+    StageError
+        The device cannot be used, or other processes were started than the settings ask for.
+    """
+    from lightning_fabric import Fabric
+    from lightning_fabric.loggers.tensorboard import TensorBoardLogger
+    from lightning_fabric.plugins.environments.lightning import LightningEnvironment
+    from lightning_fabric.plugins.environments.torchelastic import TorchElasticEnvironment
+    from lightning_fabric.strategies.ddp import DDPStrategy
+
+    together = peers()
+    _check_count(settings, name)
+    try:
+        start: Literal["popen", "spawn"] = "popen" if together else "spawn"  # popen starts nothing where they were started before
+        several = settings.devices * settings.num_nodes > 1
+        return Fabric(
+            accelerator=device_of(settings.accelerator).type,
+            strategy=DDPStrategy(start_method=start, timeout=SILENCE) if several else "auto",
+            devices=settings.devices,
+            num_nodes=settings.num_nodes,
+            precision=settings.precision,
+            plugins=TorchElasticEnvironment() if together else LightningEnvironment(),  # in a job of Slurm, too
+            loggers=TensorBoardLogger(folder, name=LOGS, version=""),
+        )
+    except (RuntimeError, ValueError, ImportError) as error:
+        raise StageError(f"accelerator {settings.accelerator}, {settings.devices} devices, {settings.precision}: {error}") from error
+
+
+def _check_count(settings: TrainingSettings, name: str) -> None:
+    together, nodes, devices = peers(), settings.num_nodes, settings.devices
+    if together is None:
+        if nodes > 1:
+            raise StageError(f"{name}: num_nodes is {nodes}, and one process was started; use torchrun or srun on each node")
+    elif (together.on_node, together.count) != (devices, devices * nodes):
+        raise StageError(
+            f"{name}: {together.launcher} started {together.count} processes, {together.on_node} on this node, and the settings ask for "
+            f"{devices * nodes} (devices {devices} x num_nodes {nodes}); make them equal"
+        )
+
+
+@contextmanager
+def no_process_left() -> Iterator[None]:
+    """End the processes that were started meanwhile when this one is told to stop: it would wait for them."""
+    before = set(multiprocessing.active_children())
+    try:
+        yield
+    except KeyboardInterrupt:  # SIGTERM, too
+        for child in set(multiprocessing.active_children()) - before:
+            child.terminate()
+        raise
+
+
+@contextmanager
+def lost_peers_as_words(fabric: Fabric, name: str) -> Iterator[None]:
+    """Say that another process of the training is gone, once what started it has had time to tell why."""
+    try:
+        yield
+    except RuntimeError as error:
+        if fabric.world_size == 1 or not is_lost_connection(error):
+            raise
+        time.sleep(LET_GO_FIRST)
+        reason = str(error).strip().splitlines()[0]
+        raise StageError(
+            f"{name}: process {fabric.global_rank} of {fabric.world_size} lost the others ({reason}); see what they say, and {GO_ON}"
+        ) from error
+
+
+def is_lost_connection(error: RuntimeError) -> bool:
+    """Whether an error is that of a connection between processes, which gloo raises without a type of its own."""
+    words = ("onnection closed", "onnection reset", "roken pipe", "imed out", "onnection refused")
+    return isinstance(error, torch.distributed.DistError) or ("gloo" in str(error) and any(word in str(error) for word in words))
+
+
+def processors_of(fabric: Fabric) -> list[str]:
+    """Name the kinds of processors that take part."""
+    kinds: list[str | None] = [processor_kind(processor())] * fabric.world_size
+    if fabric.world_size > 1:
+        torch.distributed.all_gather_object(kinds, kinds[0])
+    return sorted({kind for kind in kinds if kind})

@@ -1,0 +1,83 @@
+"""Trainings of several processes: the losses of one, an end in words when one is killed, and nothing left behind."""
+
+from __future__ import annotations
+
+import multiprocessing
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from pipeline.console import console_on
+from pipeline.engine.stage import DatasetJob, DatasetStage
+from pipeline.errors import StageError
+from pipeline.training.loop import read_metrics
+from stages.train_gcn.stage import TrainGcn
+from stages.train_unet.stage import TrainUnet
+from tests.stages import ball_dataset
+from tests.training.regression import Regression, fit
+
+EXACT: dict[str, Any] = {"precision": "64-true", "threads": 1, "accelerator": "cpu"}
+"""In float64 what Adam divides by is far above rounding: what is left between curves is a matter of what is computed."""
+
+
+def assert_same_curves(one: Path, two: Path) -> None:
+    curves = [read_metrics(folder) for folder in (one, two)]
+    assert len(curves[0]) > 1
+    for single, double in zip(*curves, strict=True):
+        assert double == pytest.approx(single, rel=1e-6)
+
+
+def test_three_processes_have_the_losses_of_one_where_parts_are_uneven_or_empty(tmp_path: Path) -> None:
+    learners = [Regression(), Regression()]
+    for learner, devices in zip(learners, (1, 3), strict=True):  # 48 items: parts of 16, 15 and 15, then of 1, 1 and none
+        facts = fit(learner, tmp_path / str(devices), devices=devices, batch_size=46, epochs=3, **EXACT)
+        assert facts["hardware"]["processes"] == devices
+        assert len(facts["hardware"]["processors"]) == facts["hardware"]["nodes"] == 1
+    assert_same_curves(tmp_path / "1", tmp_path / "3")
+    weights = [learner.module.state_dict() for learner in learners]
+    assert weights[0].keys() == weights[1].keys()
+    for name, value in weights[0].items():
+        torch.testing.assert_close(weights[1][name], value, rtol=1e-5, atol=1e-6, check_dtype=False)
+
+
+@pytest.fixture(scope="module")
+def balls(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    data = tmp_path_factory.mktemp("balls")
+    ball_dataset.make_data(data, 3, ("train", "train", "valid"))
+    return data
+
+
+UNET = {"width": 2, "epochs": 2, "batch_size": 7}
+GCN = {"configuration": "occluded-touch", "gcn_layers": 3, "gcn_features": 12, "encoder_width": 0.125, "loss_points": 100}
+GCN |= {"items": 3, "validation_items": 2, "epochs": 2, "batch_size": 5}
+
+
+@pytest.mark.parametrize(("stage", "values"), [(TrainUnet(), UNET), (TrainGcn(), GCN)], ids=["unet", "gcn"])
+def test_two_processes_have_the_losses_of_one_with_batch_norm(
+    balls: Path, tmp_path: Path, stage: DatasetStage, values: dict[str, Any]
+) -> None:
+    for devices in (1, 2):
+        folder = tmp_path / str(devices)
+        folder.mkdir()
+        settings = stage.settings_type.model_validate(values | EXACT | {"devices": devices})
+        stage.make(DatasetJob(balls, folder, settings, 0, {}, console_on(sys.stdout)))
+    assert_same_curves(tmp_path / "1", tmp_path / "2")
+
+
+def test_a_killed_process_ends_the_training_and_it_goes_on_to_the_same_weights(tmp_path: Path) -> None:
+    whole, resumed = Regression(), Regression()
+    fit(whole, tmp_path / "whole", devices=2)
+    with pytest.raises(StageError, match="regression: process 1 of 2 was ended by SIGKILL; run the same command again"):
+        fit(Regression(kill_at=9), tmp_path / "killed", devices=2)
+    assert not multiprocessing.active_children()
+    fit(resumed, tmp_path / "killed", devices=2)
+    for name, value in whole.module.state_dict().items():
+        assert torch.equal(resumed.module.state_dict()[name], value)
+
+
+def test_more_nodes_than_were_started_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(StageError, match="num_nodes is 2, and one process was started; use torchrun or srun on each node"):
+        fit(Regression(), tmp_path, num_nodes=2)
