@@ -22,7 +22,7 @@ def tables(data: Path, samples: Samples, workers: int) -> Iterator[str]:
     """Write every table, line by line."""
     made = {shard.record.stage: one for one in _collections(data) for shard in one.shards}
     by_stage = {stage: [one for one in samples if one["stage"] == stage] for stage in made}
-    yield from _table(
+    yield from markdown(
         (
             "stage",
             "objects",
@@ -38,11 +38,11 @@ def tables(data: Path, samples: Samples, workers: int) -> Iterator[str]:
         ),
         [_rates(stage, made[stage], by_stage[stage], workers) for stage in made if by_stage[stage]],
     )
-    yield from _table(
+    yield from markdown(
         ("stage", "samples", "main MB, first → last quarter", "workers MB, first → last quarter", "all, most MB", "open files, most"),
         [_memory(stage, some) for stage, some in by_stage.items() if some],
     )
-    yield from _table(("stage", "failures", "reason", "such as"), list(_failures(made)))
+    yield from markdown(("stage", "failures", "reason", "such as"), list(_failures(made)))
     for stage, collection in made.items():
         times = seconds(collection)
         middle = median(times.values())
@@ -114,7 +114,8 @@ def _failures(made: dict[str, Collection]) -> Iterator[tuple[str, ...]]:
             yield stage, str(len(names)), reason, ", ".join(names[:5])
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Write a table, after an empty line."""
     yield ""
     for line in (head, ["---"] * len(head), *rows):
         yield "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |"
