@@ -17,7 +17,7 @@ from typing import Any
 
 import psutil
 
-from benchmarks.big_run_tables import tables
+from benchmarks.big_run_tables import samples_beside, tables
 from benchmarks.provenance import provenance
 
 STAGES = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
@@ -78,7 +78,7 @@ def main() -> None:
     parser.add_argument("--shards", type=int, default=4)
     parser.add_argument("--tables", action="store_true", help="run nothing, write the tables of the last run")
     given = parser.parse_args()
-    log = given.data.with_name(f"{given.data.name}.samples.jsonl")
+    log = samples_beside(given.data)
     if not given.tables:
         if given.data.exists():
             parser.error(f"{given.data} is there; a run that continues another takes less: name another --data, or delete it")

@@ -18,6 +18,11 @@ WORST = 20
 Samples = Sequence[dict[str, Any]]
 
 
+def samples_beside(data: Path) -> Path:
+    """The file with the samples of the run that made a data directory."""
+    return data.absolute().with_name(f"{data.absolute().name}.samples.jsonl")
+
+
 def tables(data: Path, samples: Samples, workers: int) -> Iterator[str]:
     """Write every table, line by line."""
     made = {shard.record.stage: one for one in _collections(data) for shard in one.shards}

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import argparse
 import heapq
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.big_run_tables import markdown, seconds
+from benchmarks.big_run_tables import markdown, samples_beside, seconds
 from pipeline.store.directory import DataDirectory
 
 COUNTS = (25, 1731, 1_000_000)
@@ -22,8 +23,8 @@ COUNTS = (25, 1731, 1_000_000)
 NODES, CORES = 100, 8
 START = 15.0
 """Seconds from the start of a task to its first object: Python, libraries, the stage's session."""
-MEAN_HOURS_TO_FAILURE = 200.0
-"""Of one node: worse than machines are, as preemptible ones may be."""
+MEAN_HOURS_TO_FAILURE = 20.0
+"""Of one node: far worse than machines are, as preemptible ones may be."""
 REPLACED_AFTER = 600.0
 """Seconds until a node that failed is there again, and its task elsewhere."""
 
@@ -56,15 +57,24 @@ class Schedule:
 
 
 def rates_of(data: Path) -> list[Rates]:
-    """Read what the stages of a data directory took; what a shard has once is counted to its objects."""
+    """Read what the stages of a data directory took; what a shard has once is counted to its objects.
+
+    Records have the seconds by the clock, which other programs lengthen. They are scaled to the processor's time of the whole
+    stage, its start and packing with it, where `benchmarks.big_run` has sampled that beside the data directory.
+    """
     directory, found = DataDirectory(data), []
+    log = samples_beside(data)
+    samples = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
     for artifact in directory.artifacts():
         collection = directory.collection(artifact)
         taken = seconds(collection)
         files = [path.stat().st_size for shard in collection.shards for path in shard.path.rglob("*") if path.is_file()]
         count = len(collection)
         stage = collection.shards[0].record.stage
-        found.append(Rates(stage, np.array(list(taken.values())), sum(files) / 1e3 / count, len(files) / count))
+        times = np.array(list(taken.values()))
+        if cpu := max((one["cpu"] for one in samples if one["stage"] == stage), default=0):
+            times *= cpu / times.sum()
+        found.append(Rates(stage, times, sum(files) / 1e3 / count, len(files) / count))
     return found
 
 
