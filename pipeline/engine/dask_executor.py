@@ -27,6 +27,7 @@ CRASHES = 2
 LOCAL = {
     "distributed.scheduler.allowed-failures": CRASHES - 1,
     "distributed.scheduler.worker-ttl": None,  # native code may keep a worker silent for long; `object_seconds` limits it
+    "distributed.worker.profile.enabled": False,  # what it notes of a second takes 0.1 MB, and 1000 of them are kept
     "distributed.comm.timeouts.connect": "60s",
 }
 

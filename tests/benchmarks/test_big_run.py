@@ -45,7 +45,7 @@ def test_rates_memory_and_failures_are_those_of_samples_and_records(data):
     text = "\n".join(tables(data, SAMPLES, workers=2))
     slowest = max(seconds(DataDirectory(data).collection(SURFACES)).values())
     assert f"| sample-surfaces | 2 | 1 | 45 | 60 | {3600 * 2 / 90:.0f} | {3600 * 2 / 60:.0f} |" in text
-    assert "| sample-surfaces | 4 | 300 → 600 | 400 → 400 | 1400 | 9 |" in text
+    assert "| sample-surfaces | 4 | 400 → 600 | 400 → 400 | 1400 | 9 |" in text
     assert "| sample-surfaces | 1 | OBJECT.obj holds no triangle mesh" in text
     assert f"{slowest:.3g}"[:4] in text
 

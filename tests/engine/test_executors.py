@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+import dask
 import pytest
 
 from pipeline.engine import dask_executor
@@ -144,6 +145,8 @@ def test_workers_that_stay_see_inputs_that_were_made_again(tmp_path):
         for samples in (50, 60):
             run(request(tmp_path, settings={"samples": samples}))
             assert run_plan(plan_of(request(tmp_path, TakeMean(), executor=executor)), CONSOLE).made == 5
+        profiling = executor._connect().run(dask.config.get, "distributed.worker.profile.enabled")
+        assert [*profiling.values()] == [False]  # else a worker grows by 0.1 MB per second
 
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
