@@ -13,6 +13,8 @@ from rich.markup import escape
 
 from pipeline.console import errors
 from pipeline.errors import PipelineError
+from pipeline.store.record import first_line
+from pipeline.store.storage import is_machine_fault
 
 KEPT = "what is finished is kept, run the same command to continue"
 
@@ -44,7 +46,9 @@ def failures_as_words() -> Iterator[None]:
         fail(f"{ended}; {str(stop) or KEPT}", status=128 + number)
     except typer.Exit:
         raise
-    except Exception:
+    except Exception as error:
+        if is_machine_fault(error):  # of object storage: its own kind of exception
+            fail(f"object storage: {first_line(error)}; see that its address and credentials are in the environment")
         errors.print(escape(traceback.format_exc().rstrip()))
         fail("this is a bug in vt-pipeline; please report it with the traceback above. What is finished is kept")
     finally:

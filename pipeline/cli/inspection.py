@@ -12,6 +12,7 @@ from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
 from pipeline.console import console, say
 from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import place
 from stages.registry import STAGES, load_stage
 
 
@@ -32,11 +33,11 @@ def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", h
     """Say what is in a data directory: objects, failures with their reasons, models, digests; and what of it is on Slurm."""
     from pipeline.reports import status as report
 
-    account = report.read_account(data)
+    account = report.read_account(place(data))
     if as_json:
         typer.echo(account.to_json())
     elif not (account.artifacts or account.folders or account.damaged or account.jobs):
-        say(f"{data.resolve()}: nothing has been made here")
+        say(f"{place(data).resolve()}: nothing has been made here")
     else:
         report.show(account, console)
     if account.damaged:
@@ -74,13 +75,13 @@ def validate(
     """Check every shard against its schema and digests, and every model's files; ends with status 1 when one is not as it should be."""
     from pipeline.store.validate import problems_below
 
-    found = problems_below(data, strict=strict)
+    found = problems_below(place(data), strict=strict)
     for path, lines in found.items():
         console.print(f"{escape(str(path))}: {'[green]valid[/]' if not lines else '[red]not valid[/]'}")
         for line in lines:
             say(f"  {line}")
     if not found:
-        fail(f"{data.resolve()} holds no records; looked for ARTIFACT/NNNN-of-NNNN.json")
+        fail(f"{place(data).resolve()} holds no records; looked for ARTIFACT/NNNN-of-NNNN.json")
     if any(found.values()):
         raise typer.Exit(1)
 
@@ -108,7 +109,8 @@ def summary(
     from pipeline.reports import touch_tables
     from pipeline.reports.contact_sheet import contact_sheets
 
-    say(str(data.resolve()))
-    touch_tables.show(tally(data), sensors_of(data), console)
-    for path in contact_sheets(data, most):
+    directory = place(data)
+    say(str(directory.resolve()))
+    touch_tables.show(tally(directory), sensors_of(directory), console)
+    for path in contact_sheets(directory, most):
         say(f"contact sheet: {path}")

@@ -28,6 +28,7 @@ from pipeline.engine.run import make_plans
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StageError
 from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import exists, place, written_to
 from pipeline.tuning import sweep as sweeps
 from stages.registry import STAGES, load_stage, resolve
 
@@ -75,8 +76,8 @@ def sweep(
 def predict(
     out: Annotated[Path, typer.Argument(help="Mesh file to write: .obj, .ply or .glb. Metres, world frame; GLB is y up.")],
     configuration: Annotated[str, typer.Option(help="Which model under MODELS/gcn.")] = "occluded-touch",
-    data: Annotated[Path | None, typer.Option(help="Data directory; with --object, instead of files.")] = None,
-    models: Annotated[Path | None, typer.Option(help="Folder of trained models; by default DATA/models.")] = None,
+    data: Annotated[str | None, typer.Option(help="Data directory; with --object, instead of files.")] = None,
+    models: Annotated[str | None, typer.Option(help="Folder of trained models; by default DATA/models.")] = None,
     object_id: Annotated[str | None, typer.Option("--object", help="An object of the data directory.")] = None,
     grasps: Annotated[list[int] | None, typer.Option("--grasp", min=0, help="Of its grasps, from 0; several times for several.")] = None,
     image: Annotated[Path | None, typer.Option(help="8-bit RGB file from the camera the model was trained with.")] = None,
@@ -90,13 +91,14 @@ def predict(
 
     if surface not in ("apart", "joined", "both"):
         fail(f"--surface {surface}: it is apart, joined or both")
-    if (folder := models or (data / "models" if data else None)) is None:
+    directory = place(data) if data else None
+    if (folder := place(models) if models else directory and directory / "models") is None:
         fail("name a folder of models with --models, or a data directory with --data")
     made = prediction.predict(
         out,
         folder,
         configuration,
-        data=data,
+        data=directory,
         object_id=object_id,
         grasps=grasps or [0],
         image=image,
@@ -125,12 +127,13 @@ def report(
     folder = directory.whole_folder("evaluation")
     show(folder, console)
     show_orderings(orderings(folder), console)
-    trained = [name for name in ("models/unet", *directory.folder("evaluation").models) if directory.folder_record(name).exists()]
+    trained = [name for name in ("models/unet", *directory.folder("evaluation").models) if exists(directory.folder_record(name))]
     show_training({Path(name).name: directory.folder(name).facts for name in trained}, console)
-    draw_curves({Path(name).name: directory.whole_folder(name) for name in trained}, data / "learning-curves.png")
-    say(f"learning curves: {data / 'learning-curves.png'}")
-    shown = draw_gallery(data, data / "reconstructions.png", most)
-    say(f"reconstructions of {len(shown)} objects: {data / 'reconstructions.png'}")
+    with written_to(directory.root) as folder:
+        draw_curves({Path(name).name: directory.whole_folder(name) for name in trained}, folder / "learning-curves.png")
+        shown = draw_gallery(directory.root, folder / "reconstructions.png", most)
+    say(f"learning curves: {directory.root / 'learning-curves.png'}")
+    say(f"reconstructions of {len(shown)} objects: {directory.root / 'reconstructions.png'}")
 
 
 def _grid(options: list[str]) -> dict[str, list[Any]]:

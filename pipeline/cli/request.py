@@ -16,14 +16,18 @@ from pipeline.config.presets import load_presets
 from pipeline.engine.executor import Deferred, Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
+from pipeline.store.storage import place
 from stages.registry import resolve
 
 S = TypeVar("S", bound=Stage)
 
-DataArgument = Annotated[Path, typer.Argument(help="Data directory.")]
+DataArgument = Annotated[str, typer.Argument(help="Data directory, or s3://BUCKET/PREFIX.")]
 ManifestOption = Annotated[str, typer.Option(help="A built-in manifest, or the path of a YAML file.")]
 PresetOption = Annotated[str, typer.Option(help=f"One of {', '.join(load_presets())}.")]
-DataOption = Annotated[Path | None, typer.Option(help="Data directory; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET.")]
+DataOption = Annotated[
+    str | None,
+    typer.Option(help="Directory or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET."),
+]
 ObjectsOption = Annotated[Path | None, typer.Option(help="Folder of meshes, for manifests that name none.")]
 SetOption = Annotated[list[str] | None, typer.Option("--set", help="STAGE.SETTING=VALUE, or SETTING=VALUE wherever there is one.")]
 SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.")]
@@ -41,13 +45,14 @@ def make_request(
     manifest: str,
     preset: str,
     *,
-    data: Path | None,
+    data: str | None,
     objects: Path | None,
     assignments: Sequence[str] | None,
     seed: int | None,
 ) -> Request[S]:
     """Turn what the shared options say into a request."""
-    if (where := data or _default_place(manifest, objects) / preset).is_file():
+    where = place(data or _default_place(manifest, objects) / preset)
+    if isinstance(where, Path) and where.is_file():
         fail(f"--data {where} is a file; name a folder")
     described = load_manifest(manifest)
     return Request(

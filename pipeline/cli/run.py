@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -29,6 +28,7 @@ from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as run_stage
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import DatasetStage
+from pipeline.store.storage import Place
 from pipeline.tuning.explain import explain_plan
 from pipeline.tuning.quote import quote
 from stages.registry import STAGES, load_stage
@@ -78,7 +78,7 @@ def run(
                 _print_explanation(plan)
 
 
-def _print_forecast(stage: str, path: Path, foreseen: Forecast) -> None:
+def _print_forecast(stage: str, path: Place, foreseen: Forecast) -> None:
     if not foreseen.missing:
         say(f"{stage} {path}: up to date, {foreseen.total} objects")
         return

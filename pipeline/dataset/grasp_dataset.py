@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ import torch
 from torch.utils.data import Dataset
 
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.store.storage import Place
 
 Item = dict[str, Any]
 
@@ -29,7 +29,7 @@ class GraspDataset(Dataset[Item]):
     torch.Size([4, 100, 100, 3])
     """
 
-    def __init__(self, data: str | Path, arrays: Sequence[str], split: str | None = "train") -> None:
+    def __init__(self, data: str | Place, arrays: Sequence[str], split: str | None = "train") -> None:
         self.rows = ObjectRows(data, [*arrays, "joint_angles"], split)  # which says how many grasps there are
         self.arrays = tuple(arrays)
         self.left_out = self.rows.left_out

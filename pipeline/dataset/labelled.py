@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import xarray
 
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import Shard
+from pipeline.store.storage import Place, place, zarr_store
 from schemas.catalogue import ARTIFACTS
 
 
-def open_artifact(data: str | Path, artifact: str) -> xarray.Dataset:
+def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     """Open all shards of an artifact as one labelled dataset; values are read when they are used.
 
     Parameters
@@ -39,7 +38,7 @@ def open_artifact(data: str | Path, artifact: str) -> xarray.Dataset:
     """
     if artifact not in ARTIFACTS:
         raise StoreError(f"there is no artifact {artifact}; there are {', '.join(ARTIFACTS)}")
-    collection = DataDirectory(Path(data)).collection(ARTIFACTS[artifact])
+    collection = DataDirectory(place(data)).collection(ARTIFACTS[artifact])
     collection.first  # noqa: B018 (an error where there is none)
     shards = [_opened(shard) for shard in collection.shards]
     if len(shards) == 1:
@@ -52,7 +51,7 @@ def open_artifact(data: str | Path, artifact: str) -> xarray.Dataset:
 def _opened(shard: Shard) -> xarray.Dataset:
     shard.check_arrays()
     with shard.errors_as_damage("it cannot be opened"):
-        plain = xarray.open_zarr(shard.path, consolidated=False, chunks=None)
+        plain = xarray.open_zarr(zarr_store(shard.path), consolidated=False, chunks=None)
         named: xarray.Dataset = plain.set_coords(["category", "split", "ok"]).set_index(object="object_id")
         for name in named.coords:
             named[name].load()

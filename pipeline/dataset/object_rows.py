@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import Shard
+from pipeline.store.storage import Place, place
 from schemas.base import Artifact
 from schemas.catalogue import artifact_of
 
@@ -56,8 +56,8 @@ class ObjectRows:
         No such array; an artifact has not been made, or from something else than is there now; no usable object.
     """
 
-    def __init__(self, data: str | Path, arrays: Sequence[str], split: str | None = "train", *, cache_bytes: int = CACHE_BYTES) -> None:
-        self.data, self.arrays, self.split = Path(data), tuple(arrays), split
+    def __init__(self, data: str | Place, arrays: Sequence[str], split: str | None = "train", *, cache_bytes: int = CACHE_BYTES) -> None:
+        self.data, self.arrays, self.split = place(data), tuple(arrays), split
         directory = DataDirectory(self.data)
         self._owner = {name: _owner(name) for name in self._needed()}
         self._collections = {artifact.name: directory.collection(artifact) for artifact in self._owner.values()}
@@ -168,6 +168,6 @@ def _owner(array: str) -> Artifact:
         raise StoreError(error.args[0]) from None
 
 
-def first_shard(data: Path, artifact: Artifact) -> Shard:
+def first_shard(data: Place, artifact: Artifact) -> Shard:
     """A shard of an artifact, for what all of them share; a `StoreError` where none has been made."""
     return DataDirectory(data).collection(artifact).first

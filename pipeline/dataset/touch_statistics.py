@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
 from pipeline.dataset.object_rows import ObjectRows, first_shard
+from pipeline.store.storage import Place
 from schemas.grasps import GRASPS
 
 SUPPLEMENT_SUCCESS = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6}
@@ -31,7 +31,7 @@ class Tally:
         return len(self.touched), len(touched), touched.size, 100 * touched.mean(), 100 * float(np.mean(self.tried))
 
 
-def tally(data: Path) -> dict[str, Tally]:
+def tally(data: Place) -> dict[str, Tally]:
     """Count the touches of every category in a data directory; failed objects are left out."""
     rows = ObjectRows(data, ["touch_success", "attempt_success", "attempts"], split=None)
     found: dict[str, Tally] = defaultdict(Tally)
@@ -43,6 +43,6 @@ def tally(data: Path) -> dict[str, Tally]:
     return dict(sorted(found.items()))
 
 
-def sensors_of(data: Path) -> list[str]:
+def sensors_of(data: Place) -> list[str]:
     """The names of the fingers that wear the sensors, in their order."""
     return [str(name) for name in first_shard(data, GRASPS).read("sensor")]

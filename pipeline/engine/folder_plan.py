@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
+import re
 import time
 from contextlib import suppress
 from functools import cached_property
@@ -17,8 +17,13 @@ from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.directory import hashes_of
+from pipeline.store.mirror import mirrored
 from pipeline.store.publish import publish_folder
 from pipeline.store.record import FolderRecord, read_record, sealed
+from pipeline.store.storage import Place, files_below, names_in, remove
+
+_WORK = re.compile("[0-9a-f]{16}")
+"""What a folder is called that is being filled; another one may be part of a longer name, as models/gcn/touch."""
 
 
 class FolderPlan(Plan[DatasetStage]):
@@ -39,12 +44,12 @@ class FolderPlan(Plan[DatasetStage]):
         self.directory.check_origins([*(collection.artifact.name for collection in self.inputs), *self.models])
 
     @property
-    def path(self) -> Path:
+    def path(self) -> Place:
         """The folder's name without its version."""
         return self.directory.root / self.name
 
     @property
-    def lock(self) -> Path:
+    def lock(self) -> Place:
         """Beside the work folders of this folder."""
         return self.directory.work(self.name) / "lock"
 
@@ -71,7 +76,7 @@ class FolderPlan(Plan[DatasetStage]):
             return False
         if self.request.check:
             return record.key == self.key and hashes_of(folder) == record.files
-        return record.key == self.key and all((folder / name).is_file() for name in record.files)
+        return record.key == self.key and record.files.keys() <= files_below(folder).keys()
 
     def forecast(self) -> Forecast:
         """What the stage says of itself."""
@@ -80,23 +85,24 @@ class FolderPlan(Plan[DatasetStage]):
 
     def make(self, console: Console) -> Result:
         """Fill the folder; killed at any moment and run again, the stage finds what it left in its work folder."""
-        work, began = self._work, time.perf_counter()
-        filled = work.with_suffix(".json")  # the record, from when the folder is filled until it is published
-        record = self._finished(work, filled) or self._fill(work, filled, console)
-        publish_folder(self.directory, self.name, work, record)
-        filled.unlink()
-        for other in work.parent.glob("*/"):  # what runs with other settings left half done
-            if not (other / "lock").exists():  # a folder whose name goes on, as models/gcn/touch
-                shutil.rmtree(other, ignore_errors=True)
+        began = time.perf_counter()
+        with mirrored(self._work) as work:
+            filled = work.with_suffix(".json")  # the record, from when the folder is filled until it is published
+            record = self._finished(work, filled) or self._fill(work, filled, console)
+            publish_folder(self.directory, self.name, work, record)
+            filled.unlink()
+        for folder in {self._work.parent, work.parent}:  # what is no longer needed, and what runs with other settings left half done
+            for name in filter(_WORK.fullmatch, names_in(folder)):
+                remove(folder / name)
         return Result(self.total, 0, time.perf_counter() - began)
 
     def help(self, console: Console) -> None:
         """Train together with the process that fills the folder; nothing is written."""
-        with suppress(HelpDone):
-            self.stage.make(self._job(self._work, console))
+        with mirrored(self._work, send=False) as work, suppress(HelpDone):
+            self.stage.make(self._job(work, console))
 
     @property
-    def _work(self) -> Path:
+    def _work(self) -> Place:
         return self.directory.work(self.name) / self.key[:16]
 
     def _job(self, work: Path, console: Console) -> DatasetJob:
@@ -105,7 +111,6 @@ class FolderPlan(Plan[DatasetStage]):
     def _fill(self, work: Path, filled: Path, console: Console) -> FolderRecord:
         began = time.perf_counter()
         self._verify_inputs(console)
-        work.mkdir(parents=True, exist_ok=True)
         if self.stage.trains and (together := peers()):
             together.tell(self.name, HELP)
         facts = self.stage.make(self._job(work, console))

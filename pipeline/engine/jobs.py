@@ -7,19 +7,18 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
 from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings
 from pipeline.engine.stage import ObjectStage, Task
 from pipeline.engine.versions import processor
 from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
-from pipeline.store.atomic import is_machine_fault
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory
+from pipeline.store.directory import DataDirectory, folder_digest
 from pipeline.store.pieces import Pieces
 from pipeline.store.record import Failure, processor_kind
 from pipeline.store.rows import Row, conform
+from pipeline.store.storage import Place, is_machine_fault
 
 MORE_MEMORY = "with more memory, or the mesh made smaller, run again with --retry"
 
@@ -35,13 +34,13 @@ class Job:
 
 @dataclass(frozen=True)
 class Work:
-    """What every process that does jobs of a run is told."""
+    """What every process that does jobs of a run is told; `models` are digests by name."""
 
     stage: ObjectStage
     settings: ObjectSettings
     seed: int
-    data: Path
-    models: Mapping[str, Path]
+    data: Place
+    models: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,11 @@ def session(work: Work) -> Iterator[Callable[[Job], Outcome]]:
     with ExitStack() as stack:
         try:
             inputs = {artifact.name: directory.collection(artifact) for artifact in work.stage.inputs(work.settings)}
-            process = stack.enter_context(work.stage.session(work.settings, work.models))
+            for name, wanted in work.models.items():
+                if folder_digest(directory.folder(name)) != wanted:
+                    raise StoreError(f"{directory.folder_path(name)} was replaced meanwhile; run again")
+            models = {name: directory.whole_folder(name) for name in work.models}
+            process = stack.enter_context(work.stage.session(work.settings, models))
         except Exception as error:
             raise _cannot_start(work.stage, error) from error
 

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from rich.console import Console
@@ -21,6 +20,7 @@ from pipeline.engine.versions import library_versions, processor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory, folder_digest
+from pipeline.store.storage import Place
 
 S = TypeVar("S", bound=Stage)
 
@@ -53,7 +53,7 @@ class Request(Generic[S]):
     objects: Sequence[Object]
     preset: str
     seed: int
-    data: Path
+    data: Place
     shards: int | None = None
     executor: Executor = field(default_factory=Serial)
     strict: bool = False
@@ -104,12 +104,12 @@ class Plan(ABC, Generic[S]):
 
     @property
     @abstractmethod
-    def path(self) -> Path:
+    def path(self) -> Place:
         """What is made, as messages name it."""
 
     @property
     @abstractmethod
-    def lock(self) -> Path:
+    def lock(self) -> Place:
         """The lock that whoever makes it holds."""
 
     @property

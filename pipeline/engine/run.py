@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, cast
 
 from rich.console import Console
@@ -14,9 +13,11 @@ from pipeline.engine.plan import Forecast, Request, Result
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.errors import StoreError
-from pipeline.store.atomic import is_machine_fault, one_writer
+from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory
+from pipeline.store.record import first_line
 from pipeline.store.reshard import shard_of
+from pipeline.store.storage import Place, is_machine_fault
 
 
 def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[ShardPlan | FolderPlan]:
@@ -42,7 +43,7 @@ def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Shar
         yield ShardPlan(cast(Request[ObjectStage], request), number, shards)
 
 
-def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[Path, Forecast]]:
+def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[Place, Forecast]]:
     """Say of each output what a run would do; where an input has not been made yet, what the stage says of itself."""
     try:
         yield from ((plan.path, plan.forecast()) for plan in make_plans(request, shard))
@@ -84,9 +85,13 @@ def _make(plan: ShardPlan | FolderPlan, console: Console) -> Result:
         with one_writer(plan.lock, plan.path):
             plan.look_again()  # the run that held the lock before may have made it
             return Result() if plan.up_to_date() else plan.make(console)
-    except OSError as error:
+    except StoreError:
+        plan.look_again()
+        if not plan.up_to_date():
+            raise
+        return Result()  # another run, on another machine, has made the same meanwhile
+    except Exception as error:
         if not is_machine_fault(error):
             raise
-        raise StoreError(
-            f"{plan.path} cannot be written: {error.strerror}; make room there, then run again: what is finished is kept"
-        ) from error
+        why = f"{error.strerror}; make room there" if isinstance(error, OSError) else f"{first_line(error)}; see that it is reachable"
+        raise StoreError(f"{plan.path} cannot be written: {why}, then run again: what is finished is kept") from error

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -30,6 +29,7 @@ from pipeline.store.record import Failure, RowRecord, ShardRecord, read_record
 from pipeline.store.reshard import shard_key, shard_of
 from pipeline.store.rows import Row, conform, row_digest
 from pipeline.store.shard import Shard
+from pipeline.store.storage import Place
 from pipeline.store.validate import problems_of
 from pipeline.store.write import RowToPack
 
@@ -62,12 +62,12 @@ class ShardPlan(Plan[ObjectStage]):
         self.members = [self._from_inputs(item) if self.inputs else self._from_source(item) for item in items]
 
     @property
-    def path(self) -> Path:
+    def path(self) -> Place:
         """The record's path without its suffix."""
         return self.directory.root / self.artifact.name / shard_name(self.number, self.shards)
 
     @property
-    def lock(self) -> Path:
+    def lock(self) -> Place:
         """Beside the pieces of the artifact."""
         return self.directory.shard_lock(self.artifact.name, self.number, self.shards)
 
@@ -239,7 +239,7 @@ class ShardPlan(Plan[ObjectStage]):
 
     def _process(self, missing: list[Member], console: Console) -> Result:
         """Process objects; a bug in one of them is told at the end, when the others are done."""
-        work = Work(self.stage, cast(ObjectSettings, self.settings), self.request.seed, self.request.data, self.models)
+        work = Work(self.stage, cast(ObjectSettings, self.settings), self.request.seed, self.request.data, self.model_digests)
         jobs, began = [member.job for member in missing], time.perf_counter()
         outcomes: list[Outcome] = []
         with Meter(console, self.stage.name, len(jobs), "objects") as meter:
@@ -280,7 +280,7 @@ class ShardPlan(Plan[ObjectStage]):
         rows = [self._row_to_pack(member, one) for member, one in known]
         publish_shard(self.directory, self.artifact, self.number, self.shards, record, rows, constants, attributes)
         self.look_again()
-        self.pieces.discard_all(member.item.object_id for member in self.members)
+        self.pieces.discard_all({member.item.object_id: member.job.key for member in self.members})
 
     def _labels(self) -> Row:
         """Labels of dimensions that the inputs have too."""

@@ -17,6 +17,7 @@ from pipeline.errors import StageError, StoreError
 from pipeline.store.atomic import one_writer, write_at_once
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import first_line
+from pipeline.store.storage import Place
 
 State = Literal["pending", "running", "done", "failed", "unknown"]
 
@@ -77,9 +78,10 @@ class JobState:
         return dict(Counter(task.state for task in self.tasks))
 
 
-def slurm_folder(data: Path) -> Path:
-    """Where scripts, logs, exit statuses and the list of jobs lie."""
-    return DataDirectory(data).work("slurm")
+def slurm_folder(data: Place) -> Path:
+    """Where scripts, logs, exit statuses and the list of jobs lie: with the data, or in the current folder if that is in object storage."""
+    folder = DataDirectory(data).work("slurm")
+    return folder if isinstance(folder, Path) else Path("slurm") / "-".join(data.parts[1:])
 
 
 def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob]:

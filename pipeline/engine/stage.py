@@ -18,6 +18,7 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.rng import numpy_rng
 from pipeline.store.rows import Row
+from pipeline.store.storage import Place
 from schemas.base import Artifact
 
 
@@ -125,7 +126,7 @@ class DatasetJob:
     `seed` and names, as `numpy_rng` takes them.
     """
 
-    data: Path
+    data: Place
     folder: Path
     settings: Any
     seed: int

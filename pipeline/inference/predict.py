@@ -27,6 +27,7 @@ from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import Place, names_in
 from pipeline.training.device import device_of
 from schemas.charts import CHARTS
 from stages.fit_charts.settings import ChartSettings
@@ -57,10 +58,10 @@ class Prediction:
 
 def predict(
     out: Path,
-    models: Path,
+    models: Place,
     configuration: str,
     *,
-    data: Path | None = None,
+    data: Place | None = None,
     object_id: str | None = None,
     grasps: Sequence[int] = (0,),
     image: Path | None = None,
@@ -116,10 +117,10 @@ def predict(
     return Prediction(_write(out, made, surface), made, observation.touched)
 
 
-def _load(folder: Path, configuration: str, device: torch.device) -> Reconstructor:
-    if not (folder / f"{configuration}.json").is_file():
-        there = ", ".join(sorted(path.stem for path in folder.glob("*.json"))) or "none"
-        raise StageError(f"{folder} has no model {configuration} (there: {there}); train it with train-gcn")
+def _load(folder: Place, configuration: str, device: torch.device) -> Reconstructor:
+    there = sorted(name.removesuffix(".json") for name in names_in(folder) if name.endswith(".json"))
+    if configuration not in there:
+        raise StageError(f"{folder} has no model {configuration} (there: {', '.join(there) or 'none'}); train it with train-gcn")
     return Reconstructor(DataDirectory(folder).whole_folder(configuration), device)
 
 
@@ -128,11 +129,11 @@ class _Observer:
     """Collects what a model is given; touch charts are fitted where none are stored."""
 
     model: Reconstructor
-    models: Path
+    models: Place
     device: torch.device
     seed: int
 
-    def of_object(self, data: Path, object_id: str, grasps: Sequence[int]) -> Observation:
+    def of_object(self, data: Place, object_id: str, grasps: Sequence[int]) -> Observation:
         if not grasps:
             raise StageError(f"{object_id}: name a grasp at least")
         config = self.model.config
@@ -191,7 +192,7 @@ class _Observer:
         return settings
 
 
-def _open_grasps(data: Path, arrays: Sequence[str], object_id: str, grasps: Sequence[int]) -> ObjectRows:
+def _open_grasps(data: Place, arrays: Sequence[str], object_id: str, grasps: Sequence[int]) -> ObjectRows:
     """Open these arrays of a data directory, in which there must be an object with these grasps.
 
     Raises

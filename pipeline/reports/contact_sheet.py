@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from pipeline.reports.second_view import GraspView, gel_squares, second_view, to
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import Place, exists, names_in, read_bytes, remove, written_to
 from schemas.catalogue import ARTIFACTS
 from stages.render_vision.renderer import Renderer
 
@@ -31,7 +33,7 @@ SHOWN = ("surfaces", "grasps", "vision", "touch")
 """The artifacts that a contact sheet shows."""
 
 
-def contact_sheets(data: Path, most: int) -> list[Path]:
+def contact_sheets(data: Place, most: int) -> list[Place]:
     """Draw the best grasp of at most `most` objects, spread evenly over the dataset; returns the pages' paths.
 
     Raises
@@ -50,16 +52,18 @@ def contact_sheets(data: Path, most: int) -> list[Path]:
     shown = [sound[place] for place in np.linspace(0, len(sound) - 1, min(most, len(sound))).astype(int)]
     key = digest.of_json([sources_hash(__name__), shown, [collection.digest() for collection in collections.values()]])
     stamp = data / "contact-sheet.key"
-    drawn = stamp.read_text().splitlines() if stamp.exists() else []
-    if drawn[:1] != [key] or not all((data / name).exists() for name in drawn[1:]):
-        drawn = [key, *(page.name for page in _draw(collections, shown, data / "contact-sheet.png"))]
-        stamp.write_text("\n".join(drawn) + "\n")
+    drawn = read_bytes(stamp).decode().splitlines() if exists(stamp) else []
+    if drawn[:1] != [key] or not all(exists(data / name) for name in drawn[1:]):
+        for old in names_in(data):
+            if fnmatch(old, "contact-sheet*.png"):
+                remove(data / old)
+        with written_to(data) as folder:
+            drawn = [key, *(page.name for page in _draw(collections, shown, folder / "contact-sheet.png"))]
+            (folder / stamp.name).write_text("\n".join(drawn) + "\n")
     return [data / name for name in drawn[1:]]
 
 
 def _draw(collections: Mapping[str, Collection], shown: list[str], path: Path) -> list[Path]:
-    for old in path.parent.glob(f"{path.stem}*{path.suffix}"):
-        old.unlink()
     attributes, grasps = {name: collection.first.attributes for name, collection in collections.items()}, collections["grasps"]
     with band_maker(attributes) as maker:
         bands = [maker.band(object_id, {name: c.view(object_id) for name, c in collections.items()}) for object_id in shown]

@@ -20,6 +20,7 @@ from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.vision.labels import Label
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import Place
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
@@ -33,7 +34,7 @@ SCENE = "supplement"
 """Whose camera looks where no images were made."""
 
 
-def draw_gallery(data: Path, path: Path, most: int) -> list[str]:
+def draw_gallery(data: Place, path: Path, most: int) -> list[str]:
     """Draw at most `most` test objects, spread evenly over the evaluation's, into a PNG at `path`; returns their names.
 
     Every model is shown with one grasp, those that feel also with the most that were evaluated; the number below is the

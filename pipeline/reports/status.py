@@ -18,6 +18,7 @@ from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory, folder_digest
 from pipeline.store.garbage import everything_unnamed
 from pipeline.store.pieces import Pieces
+from pipeline.store.storage import Place, files_below, names_in
 from schemas.catalogue import ARTIFACTS
 
 
@@ -77,7 +78,7 @@ class Account:
         return json.dumps(named | damaged | ({"slurm": jobs} if jobs else {}), indent=2)
 
 
-def read_account(data: Path) -> Account:
+def read_account(data: Place) -> Account:
     """Look at every artifact and folder of a data directory, in the pipeline's order.
 
     Raises
@@ -85,7 +86,7 @@ def read_account(data: Path) -> Account:
     StoreError
         There is no data directory.
     """
-    if not data.is_dir():
+    if not names_in(data) and not (isinstance(data, Path) and data.is_dir()):
         raise StoreError(f"{data.resolve()} is no data directory; `vt-pipeline run` makes one, --data names it")
     directory = DataDirectory(data)
     account = Account([], [], garbage=sum(map(_megabytes, everything_unnamed(directory))), damaged=[], jobs=[])
@@ -138,8 +139,8 @@ def _folder(directory: DataDirectory, name: str) -> FolderAccount:
     return FolderAccount(name, record.stage, size, record.seconds, folder_digest(record), record.facts, stale)
 
 
-def _megabytes(folder: Path) -> float:
-    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) / 1e6
+def _megabytes(folder: Place) -> float:
+    return sum(file.bytes for file in files_below(folder).values()) / 1e6
 
 
 def show(account: Account, console: Console) -> None:

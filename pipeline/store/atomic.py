@@ -1,33 +1,34 @@
-"""Publish files and folders at once, with one writer at a time."""
+"""Publish files and folders at once: by renaming on a disk, by conditional puts in object storage."""
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
+import obstore
 from filelock import FileLock, Timeout
+from obstore.exceptions import AlreadyExistsError, PreconditionError
 
 from pipeline.errors import StoreError
+from pipeline.store.storage import Place, bucket_of, cache_of, copy, files_below, key_of, read_bytes, remove_files
 
-MACHINE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE}
-"""What the system says when a disk is full, a quota used up, a disk read-only or broken, or when too many files are open."""
-
+CONFLICTS = 12
+"""How often a conditional put is tried that object storage refuses although nobody else has written: it answers so to a race."""
 
 TEMPORARY = ".tmp"
 """How the names of files end that are being written."""
 
 
-def is_machine_fault(error: Exception) -> bool:
-    """Whether an error is neither the object's nor ours, but that of the machine it was met on."""
-    return isinstance(error, OSError) and error.errno in MACHINE_FAULTS
-
-
-def write_at_once(path: Path, content: bytes) -> None:
+def write_at_once(path: Place, content: bytes) -> None:
     """Write a file so that readers see the old content or the new, never a part, whatever the machine does meanwhile."""
+    if not isinstance(path, Path):
+        obstore.put(bucket_of(path), key_of(path), content)
+        return
     path.parent.mkdir(parents=True, exist_ok=True)
     with temporary(path) as beside:
         with beside.open("wb") as file:
@@ -36,6 +37,54 @@ def write_at_once(path: Path, content: bytes) -> None:
             os.fsync(file.fileno())
         beside.replace(path)
     flush(path.parent)
+
+
+def version_of(path: Place) -> str | None:
+    """What object storage calls the current content of a file; None where there is no such file, and on a disk, where locks are held."""
+    if isinstance(path, Path):
+        return None
+    try:
+        return obstore.head(bucket_of(path), key_of(path))["e_tag"]
+    except FileNotFoundError:
+        return None
+
+
+def replace_version(path: Place, content: bytes, version: str | None) -> bool:
+    """Write a file at once, in object storage only if its current content still is `version`; returns whether `content` is there now.
+
+    The answer to a put may be lost, and its repetition is refused because of the first: what is there after a refusal is compared.
+
+    Raises
+    ------
+    StoreError
+        Object storage goes on to refuse, and nobody has written anything.
+    """
+    if isinstance(path, Path):
+        write_at_once(path, content)
+        return True
+    mode: Any = "create" if version is None else {"e_tag": version}
+    for attempt in range(CONFLICTS):
+        try:
+            obstore.put(bucket_of(path), key_of(path), content, mode=mode)
+            return True
+        except (AlreadyExistsError, PreconditionError):
+            if (current := version_of(path)) is not None and read_bytes(path) == content:
+                return True
+            if current != version:
+                return False
+            time.sleep(0.05 * 2 ** min(attempt, 6))
+    raise StoreError(f"{path} cannot be written: object storage refuses each of {CONFLICTS} conditional puts, though none has succeeded")
+
+
+def create(path: Place, content: bytes) -> None:
+    """Write a file at once, unless there is one."""
+    if not isinstance(path, Path):
+        replace_version(path, content, None)
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with temporary(path) as beside, suppress(FileExistsError):
+        beside.write_bytes(content)
+        os.link(beside, path)
 
 
 def flush(path: Path) -> None:
@@ -63,8 +112,18 @@ def temporary(path: Path) -> Iterator[Path]:
         beside.unlink(missing_ok=True)
 
 
-def move_folder(source: Path, target: Path) -> None:
-    """Rename a folder; one that no record names may be in the way, left by a killed run, and is removed."""
+def move_folder(source: Path, target: Place) -> None:
+    """Move a folder from this machine's disk to where readers will look for it; what a killed run left in its place is removed.
+
+    It is no longer needed at its source, and gone from there if that is on the same disk.
+    """
+    if not isinstance(target, Path):
+        names = files_below(source).keys()
+        copy(source, target, names)
+        if strangers := files_below(target).keys() - names:
+            remove_files(target, strangers)
+        return
+    flush_folder(source)
     target.parent.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(target, ignore_errors=True)
     source.replace(target)
@@ -72,17 +131,21 @@ def move_folder(source: Path, target: Path) -> None:
 
 
 @contextmanager
-def one_writer(lock: Path, what: Path) -> Iterator[None]:
+def one_writer(lock: Place, what: Place) -> Iterator[None]:
     """Hold a lock; the system frees it however its holder ends.
+
+    Object storage has no locks: there, only runs on the same machine are kept apart. Of two others that make the same, one publishes
+    first, and both have written the same.
 
     Raises
     ------
     StoreError
         Another run holds it.
     """
-    lock.parent.mkdir(parents=True, exist_ok=True)
+    here = lock if isinstance(lock, Path) else cache_of(lock)
+    here.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with FileLock(lock, timeout=0):
+        with FileLock(here, timeout=0):
             yield
     except Timeout:
         raise StoreError(f"{what} is being made by another run; wait for it to end") from None

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.record import Failure, RowRecord
 from pipeline.store.shard import RowView, Shard
+from pipeline.store.storage import Place
 from schemas.base import Artifact
 
 
 class Collection:
     """The objects of an artifact whose shards have been published."""
 
-    def __init__(self, folder: Path, artifact: Artifact, shards: Sequence[Shard]) -> None:
+    def __init__(self, folder: Place, artifact: Artifact, shards: Sequence[Shard]) -> None:
         self.folder = folder
         self.artifact = artifact
         self.shards = shards

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 from collections.abc import Container, Iterable, Iterator
-from contextlib import suppress
+from fnmatch import fnmatch
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
-from pipeline.store.atomic import temporary
+from pipeline.store.atomic import create
 from pipeline.store.collection import Collection
 from pipeline.store.record import FolderRecord, ShardRecord, first_line, read_record
 from pipeline.store.shard import Shard
+from pipeline.store.storage import Place, cache_of, copy, exists, files_below, in_threads, names_in, place, read_bytes
 from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
 
@@ -25,8 +25,11 @@ LOGS = "tensorboard"
 """A folder in a folder that holds times of day, and hence belongs to no digest."""
 
 
-FOLDER_RECORDS = ("evaluation.json", "models/**/*.json", "sweeps/**/*.json")
-"""Where the records of folders lie."""
+TREES = ("models", "sweeps")
+"""Folders that hold records of folders, and folders that do."""
+
+SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
+"""What the record of a shard is called."""
 
 _VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
 
@@ -46,8 +49,8 @@ class DataDirectory:
     that they name, and in `.work` what is being made.
     """
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    def __init__(self, root: str | Place) -> None:
+        self.root = place(root)
         self._collections: dict[str, Collection] = {}
 
     # ---- shards
@@ -55,10 +58,10 @@ class DataDirectory:
     def shards(self) -> int | None:
         """Into how many shards the objects are split; None before the first run."""
         path = self.root / DESCRIPTION
-        there = {path.stem.rpartition("-")[2] for path in self.root.glob("*/????-of-????.json")}
+        there = {path.stem.rpartition("-")[2] for path in self.shard_records()}
         remedy = f'write {{"shards": N}} into it, N as the records are named: {", ".join(sorted(there)) or "none is left"}'
         try:
-            shards = Description.model_validate_json(path.read_bytes()).shards
+            shards = Description.model_validate_json(read_bytes(path)).shards
         except FileNotFoundError:
             if len(there) > 1:
                 raise StoreError(f"{path} is missing; {remedy}") from None
@@ -87,22 +90,26 @@ class DataDirectory:
 
     def claim_shards(self, count: int) -> None:
         """Write down the number of shards, unless another run was first; a `StoreError` where that chose another number."""
-        self.root.mkdir(parents=True, exist_ok=True)
-        with temporary(self.root / DESCRIPTION) as beside, suppress(FileExistsError):
-            beside.write_text(Description(shards=count).model_dump_json())
-            os.link(beside, self.root / DESCRIPTION)
+        create(self.root / DESCRIPTION, Description(shards=count).model_dump_json().encode())
         self.settled_shards(count)
 
-    def shard_record(self, artifact: str, number: int, shards: int) -> Path:
+    def shard_record(self, artifact: str, number: int, shards: int) -> Place:
         """The path of a shard's record."""
         return self.root / artifact / f"{shard_name(number, shards)}.json"
+
+    def shard_records(self, *artifacts: str) -> list[Place]:
+        """The paths of all records of shards, of these artifacts or of all, whatever number of shards they are of."""
+        there = artifacts or sorted(name for name, is_folder in names_in(self.root).items() if is_folder)
+        folders = [self.root / name for name in there]
+        return [folder / name for folder in folders for name in sorted(names_in(folder)) if fnmatch(name, SHARD_RECORD)]
 
     def collection(self, artifact: Artifact) -> Collection:
         """The published shards of an artifact."""
         if artifact.name not in self._collections:
-            folder, count = self.root / artifact.name, self.shards() or 0
-            records = [path for number in range(count) if (path := self.shard_record(artifact.name, number, count)).exists()]
-            shards = [Shard(folder, artifact, read_record(path, ShardRecord)) for path in records]
+            folder, ending = self.root / artifact.name, f"-of-{self.shards() or 0:04d}"
+            records = [path for path in self.shard_records(artifact.name) if path.stem.endswith(ending)]
+            read = list(map(_read_shard_record, records)) if isinstance(folder, Path) else in_threads(_read_shard_record, records)
+            shards = [Shard(folder, artifact, record) for record in read]
             self._collections[artifact.name] = Collection(folder, artifact, shards)
         return self._collections[artifact.name]
 
@@ -112,45 +119,62 @@ class DataDirectory:
 
     # ---- folders
 
-    def folder_record(self, name: str) -> Path:
+    def folder_record(self, name: str) -> Place:
         """The path of the record of a folder that a dataset stage fills, such as `models/unet`."""
         return self.root / f"{name}.json"
 
     def folders(self) -> list[str]:
         """Names of the folders that were published."""
-        found = (path.relative_to(self.root) for pattern in FOLDER_RECORDS for path in self.root.glob(pattern))
-        return sorted(path.with_suffix("").as_posix() for path in found if not any(map(is_version, path.parts[:-1])))
+        trees = (f"{where}/{name}" for where in TREES for name in files_below(self.root / where))
+        found = ["evaluation.json"] if exists(self.root / "evaluation.json") else []
+        found += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
+        return sorted(path.removesuffix(".json") for path in found)
+
+    def record_folders(self) -> list[Place]:
+        """The folders that hold records, or held one that was deleted."""
+        found = {"", *ARTIFACTS}
+        for where in TREES:
+            for name in files_below(self.root / where):
+                parts = f"{where}/{name}".split("/")[:-1]
+                found.add("/".join(parts[: next((at for at, part in enumerate(parts) if is_version(part)), len(parts))]))
+        return [self.root / name for name in sorted(found)]
 
     def folder(self, name: str) -> FolderRecord:
         """The record of a folder; a `StoreError` where there is none."""
         return read_record(self.folder_record(name), FolderRecord)
 
-    def folder_path(self, name: str) -> Path:
+    def folder_path(self, name: str) -> Place:
         """The folder that the record names."""
         return (self.root / name).with_name(self.folder(name).location)
 
     def folder_problems(self, name: str) -> Iterator[str]:
         """Compare the files that the record of a folder names with what it says: a line for each that differs."""
-        record, folder = self.folder(name), self.folder_path(name)
-        there = hashes_of(folder)
-        again = f"delete {folder} and run {record.stage} again"
-        for file, written in record.files.items():
-            if there.get(file) != written:
-                yield f"{file} {'is missing' if file not in there else 'differs from what was written'}; {again}"
+        folder = self.folder_path(name)
+        return _departures(self.folder(name), folder, folder)
 
     def whole_folder(self, name: str) -> Path:
-        """The folder that the record names, to be read: a `StoreError` where a file of it is missing or was changed."""
-        if problem := next(self.folder_problems(name), None):
-            raise StoreError(f"{self.folder_path(name)}: {problem}")
-        return self.folder_path(name)
+        """The folder that the record names, to be read on this machine's disk, where one in object storage is copied to.
+
+        Raises
+        ------
+        StoreError
+            A file of it is missing or was changed.
+        """
+        record, folder = self.folder(name), self.folder_path(name)
+        local = folder if isinstance(folder, Path) else cache_of(folder)
+        if local != folder and hashes_of(local) != record.files:
+            copy(folder, local, files_below(folder).keys() & record.files)
+        if problem := next(_departures(record, local, folder), None):
+            raise StoreError(f"{folder}: {problem}")
+        return local
 
     # ---- what is being made
 
-    def work(self, name: str) -> Path:
+    def work(self, name: str) -> Place:
         """Where an artifact or folder is made until it is whole."""
         return self.root / ".work" / name
 
-    def shard_lock(self, artifact: str, number: int, shards: int) -> Path:
+    def shard_lock(self, artifact: str, number: int, shards: int) -> Place:
         """The lock of whoever makes a shard."""
         return self.work(artifact) / f"{shard_name(number, shards)}.lock"
 
@@ -216,6 +240,19 @@ class DataDirectory:
         return [*record.inputs, *record.models]
 
 
+def _read_shard_record(path: Place) -> ShardRecord:
+    return read_record(path, ShardRecord)
+
+
+def _departures(record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
+    """Compare the files of a folder, read there or as a copy, with what its record says: a line for each that differs."""
+    there = hashes_of(read)
+    for file, written in record.files.items():
+        if there.get(file) != written:
+            problem = "is missing" if file not in there else "differs from what was written"
+            yield f"{file} {problem}; delete {folder} and run {record.stage} again"
+
+
 def shard_name(number: int, shards: int) -> str:
     """What the record of a shard is called, and its groups begin with."""
     return f"{number:04d}-of-{shards:04d}"
@@ -241,12 +278,11 @@ def folder_digest(record: FolderRecord) -> str:
     return digest.of_json(record.files)
 
 
-def hashes_of(folder: Path) -> dict[str, str]:
+def hashes_of(folder: Place) -> dict[str, str]:
     """Compute the SHA-256 of every file below a folder that its digest is made of."""
-    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files_of(folder).items()}
+    return {name: hashlib.sha256(read_bytes(folder / name)).hexdigest() for name in files_of(folder)}
 
 
-def files_of(folder: Path) -> dict[str, Path]:
-    """List the files below a folder that its digest is made of, by name."""
-    named = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
-    return {name: path for name, path in named.items() if not name.startswith(f"{LOGS}/")}
+def files_of(folder: Place) -> list[str]:
+    """List the files below a folder that its digest is made of."""
+    return [name for name in sorted(files_below(folder)) if not name.startswith(f"{LOGS}/")]

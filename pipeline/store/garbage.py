@@ -2,61 +2,79 @@
 
 from __future__ import annotations
 
-import shutil
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.errors import StoreError
-from pipeline.store.atomic import TEMPORARY
-from pipeline.store.directory import DESCRIPTION, FOLDER_RECORDS, DataDirectory, is_version
+from pipeline.store.atomic import TEMPORARY, write_at_once
+from pipeline.store.directory import DESCRIPTION, DataDirectory, is_version
 from pipeline.store.record import read_content
-from schemas.catalogue import ARTIFACTS
+from pipeline.store.storage import Place, files_below, names_in, remove, remove_files
 
 GRACE_SECONDS = 3600.0
 """How long a group that was replaced is kept: readers that opened it may still be at work."""
 
+REPLACED = "replaced"
+"""A file that is written into a folder in object storage when it is replaced: its age is the folder's."""
 
-def unnamed(folder: Path) -> Iterator[Path]:
+
+def unnamed(folder: Place) -> Iterator[Place]:
     """Find the groups and folders directly in a folder that none of its records names, and files that were never finished."""
-    yield from folder.glob(f"*{TEMPORARY}")
-    named = {named_location(path) for path in folder.glob("*.json") if path.name != DESCRIPTION}
+    found = names_in(folder)
+    yield from (folder / name for name in sorted(found) if name.endswith(TEMPORARY))
+    versions = [name for name, is_folder in sorted(found.items()) if is_folder and is_version(name)]
+    # read after what is there was listed: what is published meanwhile is named, or was not listed
+    named = {named_location(folder / name) for name in names_in(folder) if name.endswith(".json") and name != DESCRIPTION}
     if None in named:  # a damaged record: what it named cannot be told
         return
-    yield from (path for path in sorted(folder.glob("*-*")) if path.is_dir() and is_version(path.name) and path.name not in named)
+    yield from (folder / name for name in versions if name not in named)
 
 
-def collect(folder: Path, older_than: float = GRACE_SECONDS) -> list[Path]:
+def collect(folder: Place, older_than: float = GRACE_SECONDS) -> list[Place]:
     """Remove what no record of a folder names and was replaced, or written, longer ago, s; returns what was removed."""
-    doomed = [path for path in unnamed(folder) if time.time() - path.stat().st_mtime > older_than]
+    doomed = [path for path in unnamed(folder) if time.time() - _written(path) > older_than]
     for path in doomed:
-        if path.is_dir():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)
+        remove(path)
     return doomed
 
 
-def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECONDS) -> list[Path]:
-    """Remove from a data directory all that no record names and was replaced, or written, longer ago, s; returns what was removed."""
-    return [path for folder in _folders(directory) for path in collect(folder, older_than)]
+def _written(path: Place) -> float:
+    """When something was written, or replaced, s since 1970."""
+    if isinstance(path, Path):
+        return path.stat().st_mtime
+    return max((file.written for file in files_below(path).values()), default=0.0)
 
 
-def everything_unnamed(directory: DataDirectory) -> list[Path]:
+def note_replaced(path: Place) -> None:
+    """Note that a folder is replaced now: its readers are given time, however old it is."""
+    if not isinstance(path, Path):
+        write_at_once(path / REPLACED, b"")
+    elif path.exists():
+        os.utime(path)
+
+
+def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECONDS) -> list[Place]:
+    """Remove from a data directory all that no record names and was replaced, or written, longer ago, s; returns what was removed.
+
+    In object storage, what runs left half done goes too: there they remove only what is their own.
+    """
+    removed = [path for folder in directory.record_folders() for path in collect(folder, older_than)]
+    work = directory.root / ".work"
+    if not isinstance(work, Path):
+        old = [name for name, file in files_below(work).items() if time.time() - file.written > older_than]
+        remove_files(work, old)
+        removed += [work / name for name in old]
+    return removed
+
+
+def everything_unnamed(directory: DataDirectory) -> list[Place]:
     """Find all in a data directory that no record names."""
-    return [path for folder in _folders(directory) for path in unnamed(folder)]
+    return [path for folder in directory.record_folders() for path in unnamed(folder)]
 
 
-def _folders(directory: DataDirectory) -> list[Path]:
-    """The folders that hold records, or held one that was deleted."""
-    root = directory.root
-    below = (path for pattern in FOLDER_RECORDS if "**" in pattern for path in root.glob(pattern.removesuffix("/*.json")))
-    return sorted(
-        {root, *(root / name for name in ARTIFACTS), *(one for one in below if not any(map(is_version, one.relative_to(root).parts)))}
-    )
-
-
-def named_location(path: Path) -> str | None:
+def named_location(path: Place) -> str | None:
     """What the record at `path` names; None where there is no record that can be read."""
     try:
         return str(read_content(path)["location"])

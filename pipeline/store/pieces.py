@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import json
-import shutil
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from pydantic import ValidationError
 
-from pipeline.store.atomic import temporary
+from pipeline.store.atomic import temporary, write_at_once
 from pipeline.store.record import Failure
 from pipeline.store.rows import Row, row_digest
+from pipeline.store.storage import Place, files_below, read_bytes, remove, remove_files
 
 UNREADABLE = (OSError, EOFError, zipfile.BadZipFile, KeyError, ValueError, ValidationError)
 """What reading a piece raises that is missing, or that a full disk or a crash of the machine cut short."""
@@ -38,10 +39,10 @@ class PieceFacts:
 class Pieces:
     """The pieces of one artifact: one file per object and key, each there only when it is whole."""
 
-    def __init__(self, work: Path) -> None:
+    def __init__(self, work: Place) -> None:
         self.folder = work / "pieces"
 
-    def path(self, object_id: str, key: str) -> Path:
+    def path(self, object_id: str, key: str) -> Place:
         """Where a piece lies."""
         return self.folder / object_id / f"{key}.npz"
 
@@ -51,20 +52,17 @@ class Pieces:
         """Write an object's row, or why there is none, with its digest."""
         shapes = {name: array.shape for name, array in row.items()}
         facts = PieceFacts(row_digest(row, failure, category), seconds, shapes, failure, processor)
-        path = self.path(object_id, key)
-        path.parent.mkdir(parents=True, exist_ok=True)
         described = {**facts.__dict__, "failure": failure and failure.model_dump(), "object_id": object_id, "key": key}
-        with temporary(path) as beside:
-            with beside.open("wb") as file:
-                named: dict[str, Any] = {f"row/{name}": array for name, array in row.items()}
-                np.savez(file, facts=np.array(json.dumps(described)), **named)
-            beside.replace(path)
+        named: dict[str, Any] = {f"row/{name}": array for name, array in row.items()}
+        buffer = BytesIO()
+        np.savez(buffer, facts=np.array(json.dumps(described)), **named)
+        _write(self.path(object_id, key), buffer.getvalue())
         return facts
 
     def facts(self, object_id: str, key: str) -> PieceFacts | None:
         """Read what is known of a piece; None where there is none that can be read, or where it is another object's."""
         try:
-            with self.path(object_id, key).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            with self._open(object_id, key) as opened, np.load(opened, allow_pickle=False) as file:
                 facts = json.loads(str(file["facts"]))
                 if (facts["object_id"], facts["key"]) != (object_id, key):
                     return None
@@ -77,21 +75,39 @@ class Pieces:
     def load(self, object_id: str, key: str, category: str, facts: PieceFacts) -> Row | None:
         """Read the row of a piece; None where it is not what `facts` says any more."""
         try:
-            with self.path(object_id, key).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            with self._open(object_id, key) as opened, np.load(opened, allow_pickle=False) as file:
                 row = {name.removeprefix("row/"): file[name] for name in file.files if name != "facts"}
         except UNREADABLE:
             return None
         return row if row_digest(row, facts.failure, category) == facts.digest else None
 
+    def _open(self, object_id: str, key: str) -> IO[bytes]:
+        path = self.path(object_id, key)
+        return path.open("rb") if isinstance(path, Path) else BytesIO(read_bytes(path))
+
     def discard(self, object_id: str, key: str) -> None:
         """Forget a piece."""
-        self.path(object_id, key).unlink(missing_ok=True)
+        remove(self.path(object_id, key))
 
-    def discard_all(self, object_ids: Iterable[str]) -> None:
-        """Forget every piece of these objects, whatever its key."""
-        for object_id in object_ids:
-            shutil.rmtree(self.folder / object_id, ignore_errors=True)
+    def discard_all(self, keys: Mapping[str, str]) -> None:
+        """Forget the pieces of these objects, given with their keys; on a disk, where this run holds the lock, those of other keys too."""
+        if isinstance(self.folder, Path):
+            for object_id in keys:
+                remove(self.folder / object_id)
+        else:
+            remove_files(self.folder, [f"{object_id}/{key}.npz" for object_id, key in keys.items()])
 
     def count(self) -> int:
         """Count the rows that wait to be packed."""
-        return sum(1 for _ in self.folder.glob("*/*.npz"))
+        return sum(name.endswith(".npz") for name in files_below(self.folder))
+
+
+def _write(path: Place, content: bytes) -> None:
+    """Write a piece at once; on a disk without waiting for it, since a piece that a power cut took is made again."""
+    if not isinstance(path, Path):
+        write_at_once(path, content)
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with temporary(path) as beside:
+        beside.write_bytes(content)
+        beside.replace(path)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from pipeline.store.atomic import flush_folder, move_folder, write_at_once
+from pipeline.errors import StoreError
+from pipeline.store.atomic import move_folder, replace_version, version_of
 from pipeline.store.directory import DataDirectory, shard_name, versioned
-from pipeline.store.garbage import collect, named_location
+from pipeline.store.garbage import collect, named_location, note_replaced
 from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord, sealed
 from pipeline.store.rows import Row
+from pipeline.store.storage import Place
 from pipeline.store.write import RowToPack, metadata_digests, write_group
 from schemas.base import Artifact
 
@@ -26,25 +29,49 @@ def publish_shard(
     rows: Sequence[RowToPack],
     constants: Row,
     attributes: Mapping[str, Any],
-) -> Path:
-    """Write the group of a shard, and publish its record with the group's name in it; returns the group's path."""
+) -> Place:
+    """Write the group of a shard, and publish its record with the group's name in it; returns the group's path.
+
+    Raises
+    ------
+    StoreError
+        The group cannot be written as its schema says; or, in object storage, another run has published something meanwhile.
+    """
     name = shard_name(number, shards)
     location = versioned(name, [record.key, [row.digest for row in record.rows]]) + ".zarr"
-    work, path = directory.work(artifact.name), directory.root / artifact.name / location
-    for unfinished in work.glob(f"{name}-*.zarr"):  # of a run that was killed
-        shutil.rmtree(unfinished, ignore_errors=True)
-    beside = work / location
-    write_group(beside, artifact, rows, constants, attributes)
-    written = {"location": location, "metadata": metadata_digests(beside, artifact)}
-    _publish(beside, path, directory.shard_record(artifact.name, number, shards), _completed(record, written))
+    path, record_path = directory.root / artifact.name / location, directory.shard_record(artifact.name, number, shards)
+    version = version_of(record_path)
+    with _workplace(directory.work(artifact.name)) as work:
+        for unfinished in work.glob(f"{name}-*.zarr"):  # of a run that was killed
+            shutil.rmtree(unfinished, ignore_errors=True)
+        beside = work / location
+        write_group(beside, artifact, rows, constants, attributes)
+        written = {"location": location, "metadata": metadata_digests(beside, artifact)}
+        _publish(beside, path, record_path, _completed(record, written), version)
     return path
 
 
-def publish_folder(directory: DataDirectory, name: str, beside: Path, record: FolderRecord) -> Path:
-    """Move a finished folder to a name of its own, and publish its record; returns the folder's path."""
+@contextmanager
+def _workplace(work: Place) -> Iterator[Path]:
+    """Give a folder on this machine's disk to write a group in: `work` itself, or for object storage a temporary one."""
+    if isinstance(work, Path):
+        yield work
+    else:
+        with tempfile.TemporaryDirectory(prefix="vt-pipeline-") as folder:
+            yield Path(folder)
+
+
+def publish_folder(directory: DataDirectory, name: str, beside: Path, record: FolderRecord) -> Place:
+    """Move a finished folder to a name of its own, and publish its record; returns the folder's path.
+
+    Raises
+    ------
+    StoreError
+        In object storage: another run has published something meanwhile.
+    """
     place = directory.folder_record(name)
     location = versioned(place.stem, [record.key, record.files])
-    _publish(beside, place.with_name(location), place, _completed(record, {"location": location}))
+    _publish(beside, place.with_name(location), place, _completed(record, {"location": location}), version_of(place))
     return place.with_name(location)
 
 
@@ -53,11 +80,12 @@ def _completed(record: R, fields: Mapping[str, Any]) -> R:
     return type(record).model_validate({**dict(record), **fields})
 
 
-def _publish(beside: Path, path: Path, record_path: Path, record: Provenance) -> None:
-    flush_folder(beside)
+def _publish(beside: Path, path: Place, record_path: Place, record: Provenance, version: str | None) -> None:
     move_folder(beside, path)
-    replaced = path.with_name(named_location(record_path) or path.name)
-    if replaced.exists():
-        os.utime(replaced)  # its readers are given time from now on, however old it is
-    write_at_once(record_path, sealed(record))
-    collect(path.parent)
+    replaced = named_location(record_path)
+    if replaced not in (None, path.name):
+        note_replaced(path.with_name(replaced))
+    if not replace_version(record_path, sealed(record), version):
+        raise StoreError(f"{record_path} was published by another run meanwhile; run again")
+    if isinstance(path, Path):  # object storage has no lock: there it is a command of its own
+        collect(path.parent)

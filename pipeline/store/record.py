@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
+from pipeline.store.storage import Place, read_bytes
 
 FORMAT: Final = 2
 """Of records; one more where an older version could misread them."""
@@ -142,7 +142,7 @@ def sealed(record: Provenance) -> bytes:
     return json.dumps({"checksum": digest.of_json(content), **content}, indent=1).encode()
 
 
-def read_record(path: Path, kind: type[R]) -> R:
+def read_record(path: Place, kind: type[R]) -> R:
     """Read a record.
 
     Raises
@@ -157,10 +157,10 @@ def read_record(path: Path, kind: type[R]) -> R:
         raise _damaged(path, error) from error
 
 
-def read_content(path: Path) -> dict[str, Any]:
+def read_content(path: Place) -> dict[str, Any]:
     """Read the fields of a record of any kind; errors are those of `read_record`."""
     try:
-        content = json.loads(path.read_bytes())
+        content = json.loads(read_bytes(path))
         found, checksum = content.get("format"), content.pop("checksum", None)
     except FileNotFoundError:
         raise StoreError(f"{path.with_suffix('')} has not been made; run the stage that makes it") from None
@@ -179,7 +179,7 @@ def read_content(path: Path) -> dict[str, Any]:
     raise _damaged(path, ValueError("its checksum is not that of its content"))
 
 
-def _damaged(path: Path, error: Exception) -> StoreError:
+def _damaged(path: Place, error: Exception) -> StoreError:
     return StoreError(f"{path}: the record is damaged ({first_line(error)}); delete it and run its stage again")
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from pathlib import Path
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
@@ -15,6 +14,7 @@ from pipeline.store.directory import DESCRIPTION, DataDirectory, Description
 from pipeline.store.publish import publish_shard
 from pipeline.store.record import RowRecord
 from pipeline.store.shard import Shard
+from pipeline.store.storage import Place, remove
 from pipeline.store.write import RowToPack
 
 
@@ -28,7 +28,7 @@ def shard_key(rows: Iterable[tuple[str, str]], number: int, shards: int, manifes
     return digest.of_json({"rows": [list(row) for row in rows], "shard": [number, shards], "manifest": manifest})
 
 
-def reshard(directory: DataDirectory, shards: int) -> Iterator[Path]:
+def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
     """Write every artifact's rows into another number of shards, then let readers see all of them at once; yields each group.
 
     Nothing is computed. Killed before its end, it has changed nothing that readers see.
@@ -47,7 +47,7 @@ def reshard(directory: DataDirectory, shards: int) -> Iterator[Path]:
         for artifact in directory.artifacts():
             for number in range(before):
                 locks.enter_context(one_writer(directory.shard_lock(artifact.name, number, before), directory.root / artifact.name))
-        _discard_records(root, shards)  # of a run of this command that was killed
+        _discard_records(directory, shards)  # of a run of this command that was killed
         for artifact in directory.artifacts():
             collection = directory.collection(artifact)
             _refuse_mixture(collection)
@@ -55,12 +55,13 @@ def reshard(directory: DataDirectory, shards: int) -> Iterator[Path]:
                 if members := [name for name in collection if shard_of(name, shards) == number]:
                     yield _write(directory, collection, members, number, shards)
         write_at_once(root / DESCRIPTION, Description(shards=shards).model_dump_json().encode())
-        _discard_records(root, before)
+        _discard_records(directory, before)
 
 
-def _discard_records(root: Path, shards: int) -> None:
-    for path in root.glob(f"*/????-of-{shards:04d}.json"):
-        path.unlink()
+def _discard_records(directory: DataDirectory, shards: int) -> None:
+    for path in directory.shard_records():
+        if path.stem.endswith(f"-of-{shards:04d}"):
+            remove(path)
 
 
 def _refuse_mixture(collection: Collection) -> None:
@@ -76,7 +77,7 @@ def _named_row(shard: Shard, object_id: str) -> RowRecord:
     return row.model_copy(update={"processor": shard.record.processor_of(row)})
 
 
-def _write(directory: DataDirectory, collection: Collection, members: Sequence[str], number: int, shards: int) -> Path:
+def _write(directory: DataDirectory, collection: Collection, members: Sequence[str], number: int, shards: int) -> Place:
     first, artifact = collection.first, collection.artifact
     rows = tuple(_named_row(collection.shard(name), name) for name in members)
     attributes = {**first.attributes, "failures": {row.object_id: row.failure.model_dump() for row in rows if row.failure}}

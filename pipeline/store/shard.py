@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,13 +20,17 @@ from pipeline.store import digest
 from pipeline.store.record import RowRecord, ShardRecord, first_line
 from pipeline.store.rows import Row, row_digest
 from pipeline.store.spec import array_departures, declared, numpy_dtype
+from pipeline.store.storage import Place, files_below, is_machine_fault, read_bytes, zarr_store
 from schemas.base import COMMON, Artifact
+
+_CHUNK = re.compile(r"/c(/[0-9]+)*$")
+"""How the path of a chunk ends that belongs to an array."""
 
 
 class Shard:
     """A shard, open for reading: the Zarr group that its record names."""
 
-    def __init__(self, folder: Path, artifact: Artifact, record: ShardRecord) -> None:
+    def __init__(self, folder: Place, artifact: Artifact, record: ShardRecord) -> None:
         self.path = folder / record.location
         self.artifact = artifact
         self.record = record
@@ -51,7 +56,7 @@ class Shard:
         """The opened group."""
         self._check_metadata("")
         with self.errors_as_damage("the group cannot be opened"):
-            return zarr.open_group(str(self.path), mode="r")
+            return zarr.open_group(zarr_store(self.path), mode="r")
 
     @cached_property
     def attributes(self) -> Mapping[str, Any]:
@@ -65,11 +70,16 @@ class Shard:
         """Refuse a `zarr.json` that changed: Zarr and readers compute with what it says."""
         path = self.path / name / "zarr.json"
         try:
-            found = hashlib.sha256(path.read_bytes()).hexdigest()
+            found = hashlib.sha256(read_bytes(path)).hexdigest()
         except OSError as error:
-            raise StoreError(f"{path} cannot be read ({error.strerror}); {self.remedy}") from error
+            raise StoreError(f"{path} cannot be read ({error.strerror or 'there is no such file'}); {self.remedy}") from error
         if found != self.record.metadata.get(name):
             raise StoreError(f"{path} differs from what was written; {self.remedy}")
+
+    @cached_property
+    def _sound_files(self) -> Counter[str]:
+        """Count the files that hold something, by the array that they are chunks of."""
+        return Counter(_CHUNK.sub("", name) for name, file in files_below(self.path).items() if file.bytes)
 
     @contextmanager
     def errors_as_damage(self, what: str) -> Iterator[None]:
@@ -79,6 +89,8 @@ class Shard:
         except StoreError:
             raise
         except Exception as error:
+            if is_machine_fault(error):
+                raise
             raise StoreError(f"{self.path}: {what} ({first_line(error)}); {self.remedy}") from error
 
     @property
@@ -104,9 +116,7 @@ class Shard:
             array: Any = self.group[name]
             files = math.prod(math.ceil(size / part) for size, part in zip(array.shape, array.shards or array.chunks, strict=True))
         if name not in self._checked:
-            chunks = self.path / name / "c"
-            sound = sum(path.is_file() and path.stat().st_size > 0 for path in [chunks, *chunks.rglob("*")])
-            if sound < files:
+            if (sound := self._sound_files[name]) < files:
                 raise StoreError(f"{self.path}: of {name} {files - sound} of {files} files are missing or empty; {self.remedy}")
             self._check_declaration(name, array)
             self._checked.add(name)

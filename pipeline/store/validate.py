@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 from pydantic_zarr.v3 import GroupSpec
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
-from pipeline.store.directory import DataDirectory, files_of, unversioned
+from pipeline.store.directory import DataDirectory, files_of, is_version, unversioned
 from pipeline.store.garbage import everything_unnamed
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
 from pipeline.store.spec import departures
+from pipeline.store.storage import Place, exists
 from schemas.base import COMMON, Artifact
 from schemas.catalogue import ARTIFACTS
 
 
-def problems_below(root: Path, *, strict: bool = False) -> dict[Path, list[str]]:
+def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str]]:
     """Check a data directory; a `strict` check also objects to artifacts that several kinds of processors computed.
 
     Returns
@@ -27,11 +27,11 @@ def problems_below(root: Path, *, strict: bool = False) -> dict[Path, list[str]]
     The problems by path of record; an empty list for each that has none.
     """
     directory = DataDirectory(root)
-    found: dict[Path, list[str]] = {}
+    found: dict[Place, list[str]] = {}
     for name in ARTIFACTS:
-        for path in sorted((root / name).glob("????-of-????.json")):
+        for path in (records := directory.shard_records(name)):
             found[path] = _lines(_record_problems(path, ARTIFACTS[name]))
-        if (root / name).is_dir():
+        if records:
             checks = [_origin_problems(directory, name), *([_mixed_processors(directory, name)] if strict else [])]
             if lines := [line for check in checks for line in _lines(check)]:
                 found[root / name] = lines
@@ -39,7 +39,7 @@ def problems_below(root: Path, *, strict: bool = False) -> dict[Path, list[str]]
         found[directory.folder_record(name)] = _lines(_folder_problems(directory, name))
     for path in everything_unnamed(directory):
         record = path.with_name(f"{unversioned(path.name)}.json")
-        if path.is_dir() and path.suffix != ".zarr" and not record.exists():  # resharding leaves groups without records for a while
+        if is_version(path.name) and path.suffix != ".zarr" and not exists(record):  # resharding leaves groups without records for a while
             found[record] = [f"the record of {path.name} is missing: a run was killed, or it was deleted; run its stage again"]
     return found
 
@@ -60,7 +60,7 @@ def problems_of(shard: Shard) -> list[str]:
     return _lines(_shard_problems(shard))
 
 
-def _record_problems(record: Path, artifact: Artifact) -> Iterator[str]:
+def _record_problems(record: Place, artifact: Artifact) -> Iterator[str]:
     yield from problems_of(Shard(record.parent, artifact, read_record(record, ShardRecord)))
 
 
@@ -128,6 +128,6 @@ def _folder_problems(directory: DataDirectory, name: str) -> Iterator[str]:
     """Whether a folder holds the files that its record says, and was made from what is there now."""
     yield from directory.folder_problems(name)
     record = directory.folder(name)
-    others = files_of(directory.folder_path(name)).keys() - record.files.keys()
+    others = set(files_of(directory.folder_path(name))) - record.files.keys()
     yield from (f"{file} was not written by {record.stage}" for file in sorted(others))
     directory.check_origins([name])

@@ -77,7 +77,7 @@ def explain_plan(plan: ShardPlan | FolderPlan) -> Explanation | None:
     """
     request, stage, count = plan.request, plan.stage, _counts_of(plan.stage)
     if isinstance(plan, FolderPlan):
-        folder = plan.directory.folder_path(plan.name)
+        folder = plan.directory.whole_folder(plan.name)
         counts = count(DatasetJob(request.data, folder, request.settings, request.seed, plan.models, console))
         return Explanation(f"{stage.name} {folder}: counted on its objects", total(counts))
     if not (tasks := processed_tasks(plan)):

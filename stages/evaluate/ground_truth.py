@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
 from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstructor
+from pipeline.store.storage import Place
 from stages.evaluate.reconstruction_cases import Case
 from stages.evaluate.settings import EvaluationSettings
 
@@ -42,7 +42,7 @@ class Truth:
         As `ObjectRows`.
     """
 
-    def __init__(self, data: Path, models: Sequence[Reconstructor], settings: EvaluationSettings) -> None:
+    def __init__(self, data: Place, models: Sequence[Reconstructor], settings: EvaluationSettings) -> None:
         self.rows = ObjectRows(data, arrays_of(models), SPLIT)
         self.count = settings.points
         if (available := self.rows.size("points", "point")) < self.count:

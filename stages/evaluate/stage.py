@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.store.directory import DataDirectory
 from pipeline.store.pieces import Pieces
+from pipeline.store.storage import remove
 from pipeline.training.device import device_of
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -84,7 +84,7 @@ class Evaluate(DatasetStage):
         write_evaluation(job.folder, tables | groups, attributes)
         show(job.folder, job.console)
         show_training(facts, job.console)
-        shutil.rmtree(Pieces(job.folder).folder)
+        remove(Pieces(job.folder).folder)
         return {"objects": len(truth), "left_out": len(truth.rows.left_out), "training": facts}
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from pipeline.engine.stage import DatasetJob
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
 from pipeline.rng import numpy_rng
+from pipeline.store.storage import Place
 from schemas.charts import STOP_RULES
 from stages.evaluate.evaluation_files import Arrays
 from stages.evaluate.ground_truth import Truth
@@ -59,7 +59,7 @@ def make_tables(job: DatasetJob, truth: Truth, models: Models, *, felt: Sequence
     return made
 
 
-def dataset(data: Path) -> TableArrays:
+def dataset(data: Place) -> TableArrays:
     """Make Table 1, one row per class and one for all."""
     found = tally(data)
     *counts, percent = np.array([entry.row()[:4] for entry in found.values()]).T  # (class,) each

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import isqrt
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -13,6 +12,7 @@ from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.metrics.chamfer import Target
 from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
+from pipeline.store.storage import Place
 
 TARGETS = 128
 """Objects whose points are kept with their search tree, half a megabyte each."""
@@ -31,7 +31,7 @@ class Items:
         Items per object, each beginning with another grasp.
     """
 
-    def __init__(self, data: Path, split: str, config: NetworkConfig, each: int) -> None:
+    def __init__(self, data: Place, split: str, config: NetworkConfig, each: int) -> None:
         self.rows = ObjectRows(data, arrays_of(config), split)
         self.config, self.each = config, each
         self._targets: dict[str, Target] = {}

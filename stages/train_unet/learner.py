@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -17,6 +16,7 @@ from pipeline.kernels.networks.image_tensors import network_input
 from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.sensor import Sensor
+from pipeline.store.storage import Place
 from pipeline.training.learner import Learner
 from stages.train_unet.settings import UnetSettings
 
@@ -57,7 +57,7 @@ class Touches:
         return reading, depth
 
 
-def load_touches(data: Path, split: str) -> Touches:
+def load_touches(data: Place, split: str) -> Touches:
     """Find the touches among a split's sensors.
 
     Raises

@@ -1,0 +1,205 @@
+"""Where data lies: a folder on a disk, or a prefix in object storage. Apart from `atomic.py`, what differs between the two is here.
+
+Credentials, region and endpoint of object storage are those of the client's environment: `AWS_ACCESS_KEY_ID`, `AWS_ENDPOINT_URL`, ….
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import timedelta
+from functools import lru_cache
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import Any, TypeVar
+
+import obstore
+from obstore.exceptions import BaseError
+from obstore.store import ObjectStore, from_url
+from upath import UPath
+from zarr.abc.store import Store
+from zarr.storage import LocalStore
+from zarr.storage import ObjectStore as ZarrObjectStore
+
+from pipeline.errors import InvalidInput
+
+PROTOCOLS = ("s3", "gs", "az")
+"""Of object storage with conditional puts: Amazon's and its like, Google's, Azure's."""
+
+THREADS = 16
+"""Requests under way at a time: each waits for the network, not for a core."""
+
+MACHINE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE}
+"""What the system says when a disk is full, a quota used up, a disk read-only or broken, or when too many files are open."""
+
+RETRY: Any = {"max_retries": 30, "retry_timeout": timedelta(minutes=3)}
+"""How long a request is repeated that a server does not answer, or answers with 5xx: it may be started again."""
+
+Place = Path | UPath
+"""A folder or file: `pathlib.Path` on a disk, `UPath` in object storage."""
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+
+@dataclass(frozen=True)
+class File:
+    """A stored file: its bytes, and when it was written, s since 1970."""
+
+    bytes: int
+    written: float
+
+
+def place(text: str | Place) -> Place:
+    """Name a place by a path or a URL.
+
+    Raises
+    ------
+    InvalidInput
+        The URL is of no object storage that can be written to.
+    """
+    protocol, separator, rest = str(text).partition("://")
+    if not separator:
+        return Path(str(text))
+    if protocol not in PROTOCOLS or not rest.strip("/"):
+        raise InvalidInput(
+            f"{text}: data lies in a folder, or in object storage: {', '.join(f'{one}://BUCKET/PREFIX' for one in PROTOCOLS)}"
+        )
+    return UPath(str(text).rstrip("/"))
+
+
+def is_machine_fault(error: Exception) -> bool:
+    """Whether an error is neither the object's nor ours, but that of the machine, or the object storage, it was met on."""
+    return isinstance(error, BaseError) or (isinstance(error, OSError) and error.errno in MACHINE_FAULTS)
+
+
+def read_bytes(path: Place) -> bytes:
+    """Read a file; a `FileNotFoundError` where there is none."""
+    if isinstance(path, Path):
+        return path.read_bytes()
+    return bytes(obstore.get(bucket_of(path), key_of(path)).bytes())
+
+
+def exists(path: Place) -> bool:
+    """Whether there is such a file; in object storage there are no folders."""
+    if isinstance(path, Path):
+        return path.exists()
+    try:
+        obstore.head(bucket_of(path), key_of(path))
+    except FileNotFoundError:
+        return False
+    return True
+
+
+def names_in(folder: Place) -> dict[str, bool]:
+    """List what is directly in a folder, by name: whether it is a folder; nothing where there is no such folder."""
+    if isinstance(folder, Path):
+        if not folder.is_dir():
+            return {}
+        with os.scandir(folder) as entries:
+            return {entry.name: entry.is_dir() for entry in entries}
+    found = obstore.list_with_delimiter(bucket_of(folder), f"{key_of(folder)}/")
+    files = {PurePosixPath(one["path"]).name: False for one in found["objects"]}
+    return files | {PurePosixPath(prefix).name: True for prefix in found["common_prefixes"]}
+
+
+def files_below(folder: Place) -> dict[str, File]:
+    """List all files below a folder, by their path below it; none where there is no such folder."""
+    if isinstance(folder, Path):
+        paths = ((Path(parent, name), os.stat(os.path.join(parent, name))) for parent, _, names in os.walk(folder) for name in names)
+        return {path.relative_to(folder).as_posix(): File(stat.st_size, stat.st_mtime) for path, stat in paths}
+    return {name: File(int(found["size"]), found["last_modified"].timestamp()) for name, found in _listed(folder)}
+
+
+def _listed(folder: UPath) -> Iterator[tuple[str, Any]]:
+    prefix = f"{key_of(folder)}/"
+    for part in obstore.list(bucket_of(folder), prefix=prefix):
+        yield from ((found["path"].removeprefix(prefix), found) for found in part)
+
+
+def remove(folder: Place) -> None:
+    """Remove a folder with everything in it, or a file, or nothing where there is none."""
+    if not isinstance(folder, Path):
+        remove_files(folder, [*files_below(folder), ""])
+    elif folder.is_dir():
+        shutil.rmtree(folder, ignore_errors=True)
+    else:
+        folder.unlink(missing_ok=True)
+
+
+def remove_files(folder: UPath, names: Iterable[str]) -> None:
+    """Remove files below a folder in object storage, given by their paths below it; one of "" is the folder's own name."""
+    if keys := [f"{key_of(folder)}/{name}".removesuffix("/") for name in names]:
+        obstore.delete(bucket_of(folder), keys)
+
+
+def cache_of(folder: Place) -> Path:
+    """Name the folder on this machine's disk that keeps a copy of one in object storage; below `XDG_CACHE_HOME`."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vt-pipeline"
+    return cache / hashlib.sha256(str(folder.parent).encode()).hexdigest()[:16] / folder.name
+
+
+def copy(source: Place, target: Place, names: Iterable[str]) -> None:
+    """Copy files, given by their paths below `source`, from a disk to object storage, from there to a disk, or within it."""
+    in_threads(lambda name: _copy_file(source / name, target / name), list(names))
+
+
+def _copy_file(source: Place, target: Place) -> None:
+    if isinstance(target, Path):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        beside = target.with_name(f"{target.name}.{os.getpid()}.tmp")
+        with beside.open("wb") as file:
+            for part in obstore.get(bucket_of(source), key_of(source)).stream():
+                file.write(part)
+        beside.replace(target)
+    elif isinstance(source, Path):
+        obstore.put(bucket_of(target), key_of(target), source)
+    else:
+        obstore.copy(bucket_of(target), key_of(source), key_of(target))
+
+
+@contextmanager
+def written_to(folder: Place) -> Iterator[Path]:
+    """Give a folder on this machine's disk to write files in: `folder` itself, or one that is copied to object storage at the end."""
+    if isinstance(folder, Path):
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
+    else:
+        with TemporaryDirectory(prefix="vt-pipeline-") as name:
+            yield Path(name)
+            copy(Path(name), folder, files_below(Path(name)))
+
+
+def in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:
+    """Call a function that waits for the network with each of some items, several at a time."""
+    with ThreadPoolExecutor(THREADS) as pool:
+        return list(pool.map(function, items))
+
+
+def zarr_store(path: Place) -> Store:
+    """Open what Zarr reads a group through."""
+    return LocalStore(path, read_only=True) if isinstance(path, Path) else ZarrObjectStore(_client(str(path)), read_only=True)
+
+
+def bucket_of(path: Place) -> ObjectStore:
+    """The client of a place's bucket."""
+    protocol, _, rest = str(path).partition("://")
+    return _client(f"{protocol}://{rest.partition('/')[0]}")
+
+
+def key_of(path: Place) -> str:
+    """The name of a place in its bucket."""
+    return str(path).partition("://")[2].partition("/")[2]
+
+
+@lru_cache(maxsize=64)
+def _client(url: str) -> ObjectStore:
+    """Make the client of a bucket, or of a prefix in it."""
+    client: ObjectStore = from_url(url, retry_config=RETRY)
+    return client

@@ -1,0 +1,218 @@
+"""Data in object storage: the same arrays, digests and guarantees as on a disk."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+from datetime import timedelta
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+
+from pipeline.engine.dask_executor import Dask
+from pipeline.engine.run import run as run_plan
+from pipeline.errors import InvalidInput, StageError, StoreError
+from pipeline.reports.status import read_account
+from pipeline.store import garbage, publish, storage
+from pipeline.store.atomic import create, replace_version, version_of, write_at_once
+from pipeline.store.directory import DataDirectory
+from pipeline.store.pieces import Pieces
+from pipeline.store.reshard import reshard
+from pipeline.store.storage import Place, files_below, place, read_bytes, remove
+from pipeline.store.validate import problems_below
+from pipeline.store.write import write_group
+from tests.engine.tiny_stages import CONSOLE, MEAN, Average, MakeNoise, TakeMean, digest, objects, plan_of, published, request, run
+from tests.object_storage import BUCKET, Answer, Proxy, clear, make_bucket, moto_server, proxy, use
+
+BRIEF = {"init_backoff": timedelta(milliseconds=10), "max_backoff": timedelta(milliseconds=50)}
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[str]:
+    with moto_server() as address:
+        make_bucket(address)
+        yield address
+
+
+@pytest.fixture
+def data(server, monkeypatch, tmp_path) -> Place:
+    """A prefix of its own in the bucket."""
+    use(monkeypatch, server, tmp_path / "cache")
+    return place(f"s3://{BUCKET}/{uuid4().hex}")
+
+
+@pytest.fixture
+def faults(data, server, monkeypatch, tmp_path) -> Iterator[Proxy]:
+    """A proxy through which `data` is reached from now on."""
+    with proxy(server) as made:
+        use(monkeypatch, made.address, tmp_path / "cache")
+        monkeypatch.setattr(storage, "RETRY", storage.RETRY | {"backoff": BRIEF})
+        yield made
+
+
+def all_three(data: Place, **changes) -> None:
+    for stage in (MakeNoise(), TakeMean(), Average()):
+        run(request(data, stage, **changes))
+
+
+def digests(data: Place) -> tuple[object, ...]:
+    return digest(data), digest(data, MEAN), DataDirectory(data).folder("models/average").files
+
+
+def test_digests_are_those_of_a_disk(data, tmp_path):
+    all_three(tmp_path / "disk")
+    run(request(data, executor=Dask(2), shards=3))
+    all_three(data)
+    assert digests(data) == digests(tmp_path / "disk")
+    assert not any(problems_below(data).values())
+    before = files_below(data)
+    all_three(data)
+    assert files_below(data) == before, "a second run writes nothing"
+    assert not [name for name in before if name.startswith(".work")]
+
+
+def test_another_number_of_shards(data):
+    all_three(data)
+    before = digests(data)
+    assert all(files_below(group) for group in reshard(DataDirectory(data), 3))
+    assert digests(data) == before
+    assert [run(request(data, stage)) for stage in (MakeNoise(), TakeMean(), Average())] == [0, 0, 0]
+
+
+def test_what_is_damaged_is_found_and_made_again(data):
+    run(request(data))
+    before, (group,) = digest(data), [shard.path for shard in published(data).shards]
+    content = read_bytes(group / "values/c/0/0/0")
+    write_at_once(group / "values/c/0/0/0", content[:100] + bytes([content[100] ^ 1]) + content[101:])
+    assert [lines for lines in problems_below(data).values() if lines]
+    run(request(data, check=True))
+    assert not any(problems_below(data).values())
+    assert digest(data) == before
+    remove(group / "values/c/0/0/0")
+    assert run(request(data)), "a file that is missing is missed"
+
+
+def test_a_run_that_ends_early_is_continued_on_another_machine(data, tmp_path):
+    run(request(data, items=objects(3, b="bad")))
+    assert read_account(data).artifacts[0].failures == {"b": {"stage": "make-noise", "reason": "it is bad; make it good"}}
+    with pytest.raises(InvalidInput, match="it is bad"):
+        run(request(data, items=objects(4, c="bad"), strict=True))
+    clear(tmp_path / "cache")
+    assert run(request(data, items=objects(4, c="bad"))) == 1, "what was finished before is kept, in object storage"
+
+
+def test_a_folder_half_filled_is_continued_on_another_machine(data, tmp_path):
+    run(request(data))
+    with pytest.raises(StageError, match="no more"):
+        run_plan(plan_of(request(data, Average(dies=True))), CONSOLE)
+    clear(tmp_path / "cache")
+    run_plan(plan_of(request(data, Average())), CONSOLE)
+    assert DataDirectory(data).folder("models/average").facts == {"resumed": True}
+    assert not [name for name in files_below(data) if name.startswith(".work")]
+
+
+def test_a_model_is_read_from_a_copy_that_is_compared_with_its_record(data, tmp_path):
+    all_three(data)
+    run(request(data, Average(reads=("models/average",))))
+    for kept in (tmp_path / "cache").rglob("mean.json"):
+        kept.write_text("{}")
+    assert DataDirectory(data).whole_folder("models/average").joinpath("mean.json").read_text() != "{}"
+    write_at_once(DataDirectory(data).folder_path("models/average") / "mean.json", b"{}")
+    clear(tmp_path / "cache")
+    with pytest.raises(StoreError, match=r"mean\.json differs from what was written; delete s3://"):
+        DataDirectory(data).whole_folder("models/average")
+
+
+def test_of_two_runs_the_one_that_comes_late_publishes_nothing_else(data, monkeypatch, tmp_path):
+    late, early = (request(data, items=objects(3), settings={"samples": samples}) for samples in (40, 50))
+
+    def write_late(*arguments, **options):
+        monkeypatch.setattr(publish, "write_group", write_group)
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another machine"))
+        run(early)
+        write_group(*arguments, **options)
+
+    monkeypatch.setattr(publish, "write_group", write_late)
+    with pytest.raises(StoreError, match="was published by another run meanwhile; run again"):
+        run(late)
+    assert published(data).first.read("values").shape == (3, 50, 3)
+    run(late)
+    assert published(data).first.read("values").shape == (3, 40, 3)
+
+
+def test_two_runs_that_make_the_same_both_succeed(data, monkeypatch, tmp_path):
+    def write_late(*arguments, **options):
+        monkeypatch.setattr(publish, "write_group", write_group)
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another machine"))
+        assert not run(request(data)), "rows that are finished are shared"
+        write_group(*arguments, **options)
+
+    monkeypatch.setattr(publish, "write_group", write_late)
+    run(request(data))
+    assert not any(problems_below(data).values())
+
+
+def test_a_conditional_put_succeeds_once_and_is_recognised_when_its_answer_was_lost(data, faults):
+    record = data / "record.json"
+    create(record, b"first")
+    create(record, b"second")
+    assert read_bytes(record) == b"first"
+    version = version_of(record)
+    assert replace_version(record, b"third", version)
+    assert not replace_version(record, b"fourth", version)
+    lost = iter([Answer(500, late=True)])
+    faults.fault = lambda method, path: next(lost, None) if method == "PUT" else None
+    assert replace_version(record, b"fifth", version_of(record)), "done, and refused when it was repeated"
+    assert read_bytes(record) == b"fifth"
+
+
+@pytest.mark.parametrize("status", [409, 412])
+def test_a_conflict_that_nobody_has_won_is_tried_again(data, faults, status):
+    refusals = iter([Answer(status)] * 3)
+    faults.fault = lambda method, path: next(refusals, None) if method == "PUT" else None
+    assert replace_version(data / "record.json", b"mine", None)
+    assert read_bytes(data / "record.json") == b"mine"
+
+
+@pytest.mark.parametrize("status", [500, 503])
+def test_a_server_that_fails_now_and_then_changes_nothing(data, faults, tmp_path, status):
+    answers = itertools.cycle([Answer(status, late=True), None, None, Answer(status), None, None, None])
+    faults.fault = lambda method, path: next(answers)
+    for where in (data, tmp_path / "disk"):
+        run(request(where))
+    assert digest(data) == digest(tmp_path / "disk")
+
+
+def test_a_server_that_is_gone_is_told_in_words(data, faults, monkeypatch):
+    run(request(data))
+    monkeypatch.setattr(storage, "RETRY", storage.RETRY | {"max_retries": 1})
+    storage._client.cache_clear()
+    plan = plan_of(request(data, settings={"samples": 9}))
+    faults.fault = lambda method, path: Answer(503)
+    with pytest.raises(StoreError, match=r"s3://.*/noise/0000-of-0001 cannot be written: .*503.*; see that it is reachable"):
+        run_plan(plan, CONSOLE)
+    faults.fault = lambda method, path: None
+    run(request(data, settings={"samples": 9}))
+    assert not any(problems_below(data).values())
+
+
+def test_garbage_is_what_no_record_names_and_is_old(data, monkeypatch):
+    run(request(data))
+    run(request(data, settings={"samples": 9}))
+    (replaced,) = garbage.everything_unnamed(DataDirectory(data))
+    assert garbage.collect_everything(DataDirectory(data)) == [], "it was replaced just now"
+    later = time.time() + 2 * garbage.GRACE_SECONDS
+    monkeypatch.setattr(garbage.time, "time", lambda: later)
+    assert garbage.collect_everything(DataDirectory(data)) == [replaced]
+    assert not files_below(replaced)
+    Pieces(DataDirectory(data).work("noise")).save("a", "0", "", {}, seconds=0.0)
+    assert len(garbage.collect_everything(DataDirectory(data))) == 1, "a row that no run has packed"
+    assert not any(problems_below(data).values())
+
+
+def test_places_that_cannot_be_are_refused():
+    with pytest.raises(InvalidInput, match=r"ftp://x/y: data lies in a folder, or in object storage: s3://BUCKET/PREFIX"):
+        place("ftp://x/y")
+    assert place("data/toy") == Path("data/toy")

@@ -1,0 +1,188 @@
+"""Servers of object storage for tests: moto in this process, SeaweedFS as a process of its own, and a proxy that answers with faults."""
+
+from __future__ import annotations
+
+import http.client
+import logging
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+
+from pipeline.store import storage
+
+BUCKET = "bucket"
+SECONDS = 60
+
+
+@contextmanager
+def moto_server() -> Iterator[str]:
+    """Run moto's server in threads of this process; yields its address."""
+    from moto.server import ThreadedMotoServer
+
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    yield f"http://{host}:{port}"
+    server.stop()
+
+
+class SeaweedServer:
+    """SeaweedFS's S3 on one machine; `kill` leaves what it stored."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.ports = [_free_port() for _ in range(4)]
+        self.address = f"http://127.0.0.1:{self.ports[3]}"
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        """Start it, and wait until it answers."""
+        master, volume, filer, s3 = self.ports
+        (self.folder / "stored").mkdir(parents=True, exist_ok=True)
+        ports = [f"-master.port={master}", f"-volume.port={volume}", f"-filer.port={filer}", f"-s3.port={s3}"]
+        ports += [f"-{name}.port.grpc={_free_port()}" for name in ("master", "volume", "filer", "s3")]
+        command = [Path(sys.executable).parent / "weed", "server", f"-dir={self.folder}/stored", "-s3", "-ip=127.0.0.1", *ports]
+        with (self.folder / "log").open("ab") as log:
+            self.process = subprocess.Popen([*command, "-master.volumeSizeLimitMB=64"], stdout=log, stderr=log)
+        wait_until(lambda: _answers(self.address) and _answers(f"http://127.0.0.1:{master}/dir/assign"))
+
+    def kill(self) -> None:
+        """Kill it as a machine is lost."""
+        assert self.process is not None
+        self.process.kill()
+        self.process.wait()
+
+
+def wait_until(happens: Callable[[], bool]) -> None:
+    """Wait; an AssertionError where it does not happen within a minute."""
+    deadline = time.monotonic() + SECONDS
+    while not happens():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
+def _answers(url: str) -> bool:
+    try:
+        urllib.request.urlopen(url, timeout=5).close()
+    except urllib.error.HTTPError as error:
+        return error.code < 500 and error.code != 404
+    except OSError:
+        return False
+    return True
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+def make_bucket(address: str) -> None:
+    """Make the bucket."""
+    wait_until(lambda: _answers_put(f"{address}/{BUCKET}"))
+
+
+def _answers_put(url: str) -> bool:
+    try:
+        urllib.request.urlopen(urllib.request.Request(url, method="PUT"), timeout=5).close()
+    except OSError:
+        return False
+    return True
+
+
+def use(monkeypatch: pytest.MonkeyPatch, address: str, cache: Path) -> None:
+    """Let this process, and those it starts, reach a server as a person would: through the environment."""
+    named = {"AWS_ENDPOINT_URL": address, "AWS_ACCESS_KEY_ID": "anyone", "AWS_SECRET_ACCESS_KEY": "anything"}
+    for name, value in (named | {"AWS_REGION": "us-east-1", "AWS_ALLOW_HTTP": "true", "XDG_CACHE_HOME": str(cache)}).items():
+        monkeypatch.setenv(name, value)
+    storage._client.cache_clear()
+
+
+@dataclass
+class Proxy:
+    """A server before another one: `fault` may answer a request (method, path) itself, with a status, or after the server has had it.
+
+    Attributes
+    ----------
+    seen
+        Every request.
+    """
+
+    address: str
+    fault: Callable[[str, str], Answer | None] = lambda method, path: None
+    seen: list[tuple[str, str]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A status in place of the server's answer; `late` once the server has done what was asked."""
+
+    status: int
+    late: bool = False
+
+
+@contextmanager
+def proxy(target: str) -> Iterator[Proxy]:
+    """Run a proxy before a server."""
+    host = target.removeprefix("http://")
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def handle_any(self) -> None:
+            body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
+            made.seen.append((self.command, self.path))
+            answer = made.fault(self.command, self.path)
+            if answer is None or answer.late:
+                connection = http.client.HTTPConnection(host, timeout=30)
+                connection.request(self.command, self.path, body, dict(self.headers))
+                response = connection.getresponse()
+                status, headers, content = response.status, response.getheaders(), response.read()
+                connection.close()
+            if answer is not None:
+                status, headers, content = answer.status, [], b""
+            self.send_response(status)
+            for name, value in headers:
+                if name.lower() not in ("transfer-encoding", "connection", "content-length", "date", "server"):
+                    self.send_header(name, value)
+            length = dict((name.lower(), value) for name, value in headers).get("content-length") if self.command == "HEAD" else None
+            self.send_header("Content-Length", length or str(len(content)))
+            self.end_headers()
+            if self.command != "HEAD":
+                self.wfile.write(content)
+
+        do_GET = do_PUT = do_POST = do_HEAD = do_DELETE = handle_any
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    made = Proxy(f"http://127.0.0.1:{server.server_address[1]}")
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield made
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def clear(folder: Path) -> None:
+    """Forget what this machine keeps of object storage: as on another machine."""
+    shutil.rmtree(folder, ignore_errors=True)
+    os.makedirs(folder)

@@ -1,0 +1,87 @@
+"""Every stage with its data in object storage, by the command line: what is made is what is made on a disk, whatever the server does."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from pipeline.dataset.grasp_dataset import GraspDataset
+from pipeline.dataset.labelled import open_artifact
+from pipeline.store.storage import exists, names_in, place
+from stages.registry import STAGES
+from tests.object_storage import BUCKET, SeaweedServer, make_bucket, moto_server, use
+from tests.test_pipeline import digests, made, manifest, run_of, vt  # noqa: F401 (fixtures)
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def seaweed(tmp_path_factory) -> Iterator[SeaweedServer]:
+    server = SeaweedServer(tmp_path_factory.mktemp("seaweed"))
+    server.start()
+    make_bucket(server.address)
+    yield server
+    server.kill()
+
+
+@pytest.fixture(scope="module", params=["moto", "seaweed"])
+def address(request) -> Iterator[str]:
+    if request.param == "seaweed":
+        yield request.getfixturevalue("seaweed").address
+    else:
+        with moto_server() as address:
+            make_bucket(address)
+            yield address
+
+
+def test_every_stage_makes_what_it_makes_on_a_disk(address, manifest, made, monkeypatch, tmp_path):  # noqa: F811
+    use(monkeypatch, address, tmp_path / "cache")
+    data = f"s3://{BUCKET}/four"
+    for stage in STAGES:
+        vt(*run_of(stage, manifest, data, "--workers", "2", "--shards", "3"))
+    assert digests(data) == digests(made)
+    for stage in STAGES:
+        assert "up to date" in vt(*run_of(stage, manifest, data))
+    assert vt("validate", data).count(": valid") == 5 * 3 + 3 - 5 * _empty(data)
+    assert names_in(place(data) / ".work") == {}
+    here, there = (GraspDataset(where, ["reading", "local_points"], split=None) for where in (made, data))
+    assert all(np.array_equal(here[item][name], there[item][name]) for item in (0, 7) for name in ("reading", "local_points"))
+    assert open_artifact(data, "touch").depth.equals(open_artifact(made, "touch").depth)
+    vt("summary", data)
+    vt("report", data, "--most", "1")
+    vt("predict", tmp_path / "out.obj", "--data", data, "--object", "duck")
+    assert all(exists(place(data) / name) for name in ("contact-sheet.png", "learning-curves.png", "reconstructions.png"))
+    assert "0 removed" in vt("collect-garbage", data)
+
+
+def _empty(data: str) -> int:
+    """How many of three shards no object is in."""
+    return 3 - sum(name.endswith(".json") for name in names_in(place(data) / "surfaces"))
+
+
+def test_a_server_that_is_killed_and_started_again_is_waited_for(seaweed, manifest, made, monkeypatch, tmp_path):  # noqa: F811
+    use(monkeypatch, seaweed.address, tmp_path / "cache")
+    data, stages = f"s3://{BUCKET}/killed", [name for name in STAGES if name.startswith(("sample", "simulate"))]
+    away = threading.Event()
+
+    def kill_and_start() -> None:
+        while not away.wait(8):
+            seaweed.kill()
+            time.sleep(3)
+            seaweed.start()
+
+    killer = threading.Thread(target=kill_and_start)
+    killer.start()
+    try:
+        for stage in stages:
+            vt(*run_of(stage, manifest, data, "--executor", "serial"))
+    finally:
+        away.set()
+        killer.join()
+    artifacts = ("surfaces", "grasps", "touch")
+    assert {name: digests(data)[name] for name in artifacts} == {name: digests(made)[name] for name in artifacts}
+    assert "not valid" not in vt("validate", data)
