@@ -6,6 +6,7 @@ import copy
 import json
 import math
 import platform
+import re
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -24,7 +25,7 @@ from pipeline.rng import numpy_rng, torch_generator
 from pipeline.training import checkpoint
 from pipeline.training.batch_norm import share_batch_norm
 from pipeline.training.learner import Learner
-from pipeline.training.processes import GO_ON, lost_peers_as_words, make_fabric, no_process_left, processors_of
+from pipeline.training.processes import GO_ON, end_with_parent, lost_peers_as_words, make_fabric, no_process_left, processors_of
 from pipeline.training.read_ahead import read_ahead
 from pipeline.training.settings import TrainingSettings
 
@@ -72,7 +73,7 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
         with no_process_left():
             facts: dict[str, Any] = fabric.launch(begin, learner, settings, folder=folder, seed=seed, name=name)
     except ProcessRaisedException as error:  # what one of several processes raised, as text
-        raise StageError(str(error).strip().splitlines()[-1].removeprefix("pipeline.errors.StageError: ")) from error
+        raise StageError(re.sub(r"^pipeline\.errors\.\w+: ", "", str(error).strip().splitlines()[-1])) from error
     except ProcessExitedException as error:
         raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {GO_ON}") from error
     finally:
@@ -90,6 +91,7 @@ def _how_it_ended(error: ProcessExitedException) -> str:
 
 def _begin(fabric: Fabric, learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> dict[str, Any]:
     torch.set_num_threads(settings.threads)
+    end_with_parent()
     with lost_peers_as_words(fabric, name):
         return _Training(fabric, learner, settings, folder=folder, seed=seed, name=name).run()
 
@@ -156,11 +158,11 @@ class _Training:
     def learn(self, meter: Meter) -> None:
         """Take the steps that are left of an epoch."""
         progress, size = self.progress, self.settings.batch_size
-        order = numpy_rng(self.seed, self.name, "order", progress.epoch).permutation(len(self.learner)).tolist()
-        batches = [order[start:][:size] for start in range(progress.step * size, len(order), size)]
+        order = numpy_rng(self.seed, self.name, "order", progress.epoch).permutation(len(self.learner))
+        parts = (self.part(order[start:][:size].tolist()) for start in range(progress.step * size, len(order), size))
         self.learner.module.train()
         saved = time.perf_counter()
-        for part, content in read_ahead(self.read, [self.part(batch) for batch in batches]):
+        for part, content in read_ahead(self.read, parts):
             progress.sums += self.step(part, content)
             progress.step += 1
             if self.fabric.is_global_zero:

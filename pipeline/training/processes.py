@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -87,6 +89,17 @@ def no_process_left() -> Iterator[None]:
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
         raise
+
+
+def end_with_parent() -> None:
+    """End a process that was started here when the one that started it has been killed.
+
+    The system then sends SIGINT, as torch asked it to, and a job in a shell's background would ignore that.
+    """
+    if parent := multiprocessing.parent_process():
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        if os.getppid() != parent.pid:  # it was killed before
+            os.kill(os.getpid(), signal.SIGINT)
 
 
 @contextmanager

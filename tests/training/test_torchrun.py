@@ -1,10 +1,11 @@
-"""A training that torchrun starts: the first process makes the model, the others help, and none is left when one is killed."""
+"""Trainings of several processes as commands: the first process makes the model, the others help, and none is left when one is killed."""
 
 from __future__ import annotations
 
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -59,6 +60,12 @@ def train_alone(data: Path) -> list[float]:
     return losses(data)
 
 
+def wait_for_checkpoint(data: Path, job: subprocess.Popen[str]) -> None:
+    while not list(data.glob(".work/models/gcn/none/*/checkpoint.safetensors")):
+        assert job.poll() is None
+        time.sleep(0.05)
+
+
 def ranks(data: Path) -> dict[str, int]:
     """The processes of a training, by rank."""
     found = {}
@@ -72,6 +79,22 @@ def ranks(data: Path) -> dict[str, int]:
     return found
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGKILL, -9)])
+def test_processes_end_with_the_command_that_started_them(data: Path, number: int, status: int) -> None:
+    ignoring = ["sh", "-c", 'trap "" INT; exec "$@"', "sh"]  # as a job in the background
+    job = subprocess.Popen([*ignoring, sys.executable, *command(data, devices=2, epochs=100_000)], stderr=subprocess.DEVNULL, text=True)
+    wait_for_checkpoint(data, job)
+    started = [int(child) for child in Path(f"/proc/{job.pid}/task/{job.pid}/children").read_text().split()]
+    assert len(started) >= 2
+    job.send_signal(number)
+    began = time.monotonic()
+    assert job.wait(60) == status
+    while any(Path(f"/proc/{child}").exists() for child in started):
+        assert time.monotonic() - began < 60
+        time.sleep(0.1)
+
+
 def test_two_processes_of_torchrun_make_one_model_with_the_losses_of_one(data: Path) -> None:
     output = finish(start("--nproc-per-node=2", *command(data, devices=2)))
     assert output.count("made from 3 objects") == 1
@@ -82,7 +105,10 @@ def test_two_processes_of_torchrun_make_one_model_with_the_losses_of_one(data: P
 @pytest.mark.slow
 def test_two_nodes_have_the_losses_of_one_and_find_it_up_to_date_afterwards(data: Path) -> None:
     def agents() -> str:
-        meeting = ("--nnodes=2", "--nproc-per-node=1", "--rdzv-backend=c10d", "--rdzv-endpoint=localhost:29517", f"--rdzv-id={os.getpid()}")
+        with socket.socket() as free:
+            free.bind(("localhost", 0))
+            where = f"--rdzv-endpoint=localhost:{free.getsockname()[1]}"
+        meeting = ("--nnodes=2", "--nproc-per-node=1", "--rdzv-backend=c10d", where, "--rdzv-id=test")
         return finish(*(start(*meeting, *command(data, num_nodes=2)) for _ in range(2)))
 
     assert agents().count("made from 3 objects") == 1
@@ -104,9 +130,7 @@ def test_a_killed_process_ends_the_job_and_it_goes_on_to_the_same_weights(data: 
     (data / "models" / "gcn" / "none.json").unlink()
 
     job = start("--nproc-per-node=2", *command(data, devices=2, epochs=40))
-    while not list(data.glob(".work/models/gcn/none/*/checkpoint.safetensors")):
-        assert job.poll() is None
-        time.sleep(0.05)
+    wait_for_checkpoint(data, job)
     os.kill(ranks(data)["1"], signal.SIGKILL)
     began = time.monotonic()
     output = finish(job, status=1)
