@@ -2,7 +2,7 @@
 #
 #   MANIFEST=toy      which objects: toy, procedural, four-classes, pybullet-objects, household, directory, warehouse, or a YAML file
 #   PRESET=draft      draft, standard or paper
-#   DATA=...          data directory; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET
+#   DATA=...          data directory, or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET
 #   OBJECTS=...       folder of meshes, for manifests that name none
 #   SET="..."         settings: SET="simulate-grasps.attempts=20 simulate-touch.tracer=sphere"
 #   SHARDS=...        shards the objects are split into; by default the number that the dataset has, 1 for a new one
@@ -21,7 +21,14 @@ VENV     ?= .venv
 PYTHON   ?= python3.11
 
 # The number of shards: as asked for, else as the dataset says of itself, else 1.
+ifneq ($(findstring ://,$(DATA)),)
+ifeq ($(wildcard $(VENV)/installed),)
+$(error DATA is in object storage, and nothing is installed yet that could look there: run `make setup` first)
+endif
+KNOWN    := $(shell $(VENV)/bin/python -c 'from pipeline.store.directory import DataDirectory; print(DataDirectory("$(DATA)").shards() or "")')
+else
 KNOWN    := $(shell sed -n 's/.*"shards": *\([0-9]*\).*/\1/p' $(DATA)/dataset.json 2>/dev/null)
+endif
 COUNT    := $(or $(SHARDS),$(KNOWN),1)
 NUMBERS  := $(shell seq 0 $$(($(COUNT) - 1)) 2>/dev/null)
 ifeq ($(NUMBERS),)
@@ -38,7 +45,7 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help docs setup system household dataset summary train train-unet evaluate report reproduce test test-slow test-cpus test-slurm lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
+.PHONY: help docs setup system household dataset summary train train-unet evaluate report reproduce test test-slow test-cpus test-slurm test-storage lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
 FORCE:
 
 help:  ## list the targets
@@ -147,6 +154,9 @@ test-slow: lint  ## run the same tests at full size
 test-slurm: $(VENV)/installed-dev  ## install Slurm, start one of one node, and run all stages on it; as root (under 10 minutes on 2 cores)
 	@missing=$$($(call missing,slurm-wlm munge)); $(install)
 	@$(BIN)/pytest -n 0 tests/slurm/real_slurm.py
+
+test-storage: $(VENV)/installed-dev  ## run all stages with their data on two servers of object storage, one killed again and again (4 minutes on 2 cores)
+	@$(BIN)/pytest -n 0 -m slow tests/test_object_storage.py
 
 bench: $(VENV)/installed-dev  ## measure every stage beside its raw limit, in one run
 	@for name in surfaces grasps vision touch chamfer unet charts gcn; do $(BIN)/python -m benchmarks.$$name || exit 1; done
