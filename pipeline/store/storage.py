@@ -11,7 +11,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import lru_cache
@@ -29,8 +29,8 @@ from zarr.storage import ObjectStore as ZarrObjectStore
 
 from pipeline.errors import InvalidInput
 
-PROTOCOLS = ("s3", "gs", "az")
-"""Of object storage with conditional puts: Amazon's and its like, Google's, Azure's."""
+PROTOCOLS = ("s3", "gs")
+"""Of object storage with conditional puts: Amazon's and its like, Google's."""
 
 THREADS = 16
 """Requests under way at a time: each waits for the network, not for a core."""
@@ -112,8 +112,12 @@ def names_in(folder: Place) -> dict[str, bool]:
 def files_below(folder: Place) -> dict[str, File]:
     """List all files below a folder, by their path below it; none where there is no such folder."""
     if isinstance(folder, Path):
-        paths = ((Path(parent, name), os.stat(os.path.join(parent, name))) for parent, _, names in os.walk(folder) for name in names)
-        return {path.relative_to(folder).as_posix(): File(stat.st_size, stat.st_mtime) for path, stat in paths}
+        found = {}
+        for path in (Path(parent, name) for parent, _, names in os.walk(folder) for name in names):
+            with suppress(FileNotFoundError):  # it was removed since it was listed, or is a link to nothing
+                stat = path.stat()
+                found[path.relative_to(folder).as_posix()] = File(stat.st_size, stat.st_mtime)
+        return found
     return {name: File(int(found["size"]), found["last_modified"].timestamp()) for name, found in _listed(folder)}
 
 
