@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
-from pipeline.store.storage import exists, names_in, place
+from pipeline.store.storage import exists, files_below, names_in, place
 from stages.registry import STAGES
 from tests.object_storage import BUCKET, SeaweedServer, make_bucket, moto_server, use
 from tests.test_pipeline import digests, made, manifest, run_of, vt  # noqa: F401 (fixtures)
@@ -47,7 +47,7 @@ def test_every_stage_makes_what_it_makes_on_a_disk(address, manifest, made, monk
     for stage in STAGES:
         assert "up to date" in vt(*run_of(stage, manifest, data))
     assert vt("validate", data).count(": valid") == 5 * 3 + 3 - 5 * _empty(data)
-    assert names_in(place(data) / ".work") == {}
+    assert files_below(place(data) / ".work") == {}
     here, there = (GraspDataset(where, ["reading", "local_points"], split=None) for where in (made, data))
     assert all(np.array_equal(here[item][name], there[item][name]) for item in (0, 7) for name in ("reading", "local_points"))
     assert open_artifact(data, "touch").depth.equals(open_artifact(made, "touch").depth)

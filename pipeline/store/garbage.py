@@ -24,12 +24,17 @@ def unnamed(folder: Place) -> Iterator[Place]:
     """Find the groups and folders directly in a folder that none of its records names, and files that were never finished."""
     found = names_in(folder)
     yield from (folder / name for name in sorted(found) if name.endswith(TEMPORARY))
-    versions = [name for name, is_folder in sorted(found.items()) if is_folder and is_version(name)]
+    versions = [name for name, is_folder in sorted(found.items()) if is_folder and is_version(name) and not _is_empty(folder / name)]
     # read after what is there was listed: what is published meanwhile is named, or was not listed
     named = {named_location(folder / name) for name in names_in(folder) if name.endswith(".json") and name != DESCRIPTION}
     if None in named:  # a damaged record: what it named cannot be told
         return
     yield from (folder / name for name in versions if name not in named)
+
+
+def _is_empty(path: Place) -> bool:
+    """Whether nothing is left of a folder in object storage: some servers list it a while longer."""
+    return not isinstance(path, Path) and not files_below(path)
 
 
 def collect(folder: Place, older_than: float = GRACE_SECONDS) -> list[Place]:

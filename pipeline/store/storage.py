@@ -38,7 +38,7 @@ THREADS = 16
 MACHINE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE}
 """What the system says when a disk is full, a quota used up, a disk read-only or broken, or when too many files are open."""
 
-RETRY: Any = {"max_retries": 30, "retry_timeout": timedelta(minutes=3)}
+RETRY: Any = {"max_retries": 10_000, "retry_timeout": timedelta(minutes=3)}
 """How long a request is repeated that a server does not answer, or answers with 5xx: it may be started again."""
 
 Place = Path | UPath
