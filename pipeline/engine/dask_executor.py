@@ -98,7 +98,7 @@ class Dask(Executor):
             else:
                 self._cluster = _local_cluster(self._count)
                 self._client = Client(self._cluster, set_as_default=False)
-                self._client.register_plugin(dask_worker.IgnoreInterrupts())
+                self._client.register_plugin(dask_worker.LocalWorker())
         return self._client
 
     def _workers(self, client: Client) -> int:

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -42,6 +43,26 @@ class DiesOpening(MakeNoise):
             os.kill(os.getpid(), signal.SIGKILL)
         with super().session(settings, models) as process:
             yield process
+
+
+class NotesItsEnd(MakeNoise):
+    """Leaves a file when its session is closed, called by whether the thread is the one that opened it."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder = folder
+
+    @contextmanager
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+        opener = threading.get_ident()
+        with super().session(settings, models) as process:
+            yield process
+        (self.folder / ("closed there" if threading.get_ident() == opener else "closed elsewhere")).touch()
+
+
+def test_workers_close_what_they_opened_in_the_thread_that_opened_it(tmp_path):
+    run(request(tmp_path / "data", stage=NotesItsEnd(tmp_path), executor=Dask()))
+    assert [path.name for path in tmp_path.glob("closed*")] == ["closed there"]
 
 
 def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
