@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import time
@@ -60,10 +61,10 @@ def processes_of(pid: int) -> dict[str, Any]:
 def size_of(data: Path) -> dict[str, int]:
     """Count the bytes and files below a folder, while others write there."""
     sizes = []
-    for path in data.rglob("*"):
-        with suppress(OSError):
-            if path.is_file():
-                sizes.append(path.stat().st_size)
+    for folder, _, names in os.walk(data):  # which goes on where a folder has been moved
+        for name in names:
+            with suppress(OSError):
+                sizes.append(os.stat(os.path.join(folder, name)).st_size)
     return {"bytes": sum(sizes), "files": len(sizes)}
 
 

@@ -20,7 +20,7 @@ from pipeline.store import digest
 from pipeline.store.record import RowRecord, ShardRecord, first_line
 from pipeline.store.rows import Row, row_digest
 from pipeline.store.spec import array_departures, declared, numpy_dtype
-from pipeline.store.storage import Place, files_below, is_machine_fault, read_bytes, zarr_store
+from pipeline.store.storage import File, Place, files_below, is_machine_fault, read_bytes, zarr_store
 from schemas.base import COMMON, Artifact
 
 _CHUNK = re.compile(r"/c(/[0-9]+)*$")
@@ -77,9 +77,14 @@ class Shard:
             raise StoreError(f"{path} differs from what was written; {self.remedy}")
 
     @cached_property
+    def _files(self) -> dict[str, File]:
+        """All files of the group, by their path below it."""
+        return files_below(self.path)
+
+    @cached_property
     def _sound_files(self) -> Counter[str]:
         """Count the files that hold something, by the array that they are chunks of."""
-        return Counter(_CHUNK.sub("", name) for name, file in files_below(self.path).items() if file.bytes)
+        return Counter(_CHUNK.sub("", name) for name, file in self._files.items() if file.bytes)
 
     @contextmanager
     def errors_as_damage(self, what: str) -> Iterator[None]:
@@ -151,15 +156,17 @@ class Shard:
             self.array(name)
 
     def is_complete(self) -> bool:
-        """Whether every file of every array is there."""
+        """Whether every file of every array is there and holds something."""
+        there = {_CHUNK.sub("", name).removesuffix("/zarr.json") for name in self._files}
+        ragged = {name for name in there if name.count("/") == 2}
         try:
             self.check_arrays()
-            for row in self.record.rows:
-                for name in RowView(self, row.object_id).ragged():
+            for name in ragged:
+                if not self._sound_files[name]:  # else it is whole: a ragged array is one file, or none where its size is 0
                     self.array(name)
         except StoreError:
             return False
-        return True
+        return all(file.bytes for file in self._files.values()) and all(f"{name}/zarr.json" in self._files for name in ragged)
 
     def view(self, object_id: str) -> RowView:
         """An object's row, read array by array when asked for."""

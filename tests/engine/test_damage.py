@@ -63,6 +63,15 @@ def test_a_piece_with_a_flipped_bit_is_found_when_it_is_packed_and_made_again(tm
     assert run(request(tmp_path)) == 1
 
 
+@pytest.mark.parametrize("damage", [Path.unlink, lambda file: file.write_bytes(b"")], ids=["missing", "empty"])
+@pytest.mark.parametrize("name", ["zarr.json", "c/0"])
+def test_a_ragged_array_without_one_of_its_files_is_not_up_to_date(tmp_path, damage, name):
+    run(request(tmp_path))
+    assert plan_of(request(tmp_path)).up_to_date()
+    damage(group(tmp_path) / "lists" / "c" / "numbers" / name)
+    assert not plan_of(request(tmp_path)).up_to_date()
+
+
 @pytest.mark.parametrize("damage", [Path.unlink, lambda chunk: chunk.write_bytes(b"")], ids=["missing", "empty"])
 def test_a_chunk_that_is_missing_or_empty_is_not_read_as_zeros(tmp_path, damage):
     run(request(tmp_path))
