@@ -173,9 +173,13 @@ def _computed(rates: Sequence[Rates]) -> list[str]:
         gigabytes = count * sum(one.kilobytes for one in rates) / 1e6
         files = count * sum(one.files for one in rates)
         money = [hours * CORE_HOUR, gigabytes * GB_MONTH, files / 1e6 * MILLION_PUTS]
-        times = [f"{value:.1f} h" for value in (hours / 2, hours / NODES / CORES)]
+        times = [_duration(value) for value in (hours / 2, hours / NODES / CORES)]
         rows.append((f"{count:,}", f"{hours:,.1f}", *times, f"{gigabytes:,.1f}", f"{files:,.0f}", *(f"{value:,.2f}" for value in money)))
     return list(markdown(head, rows))
+
+
+def _duration(hours: float) -> str:
+    return f"{hours:,.1f} h" if hours >= 1 else f"{60 * hours:.1f} min"
 
 
 def _scheduled(rates: Sequence[Rates], objects: int) -> list[str]:
