@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import t as student
@@ -177,7 +176,7 @@ def unet(made: Made, reference: Path) -> Errors:
     """Compare the predicted depths of test objects with the true ones, where the sensors touched."""
     touches = load_touches(made.data, "test")
     model = load_touch_model(DataDirectory(made.data).folder_path("models/unet"), "cpu")
-    readings, depth = (tensor.numpy() for tensor in touches.batch(range(len(touches)), torch.device("cpu"), torch.float32))
+    readings, depth = (tensor.numpy() for tensor in touches.read(range(len(touches))))
     contact = depth < touches.sensor.w
     mask = model.mask(readings)
     predicted = model.depth(readings)
