@@ -1,0 +1,143 @@
+"""What no distance between point clouds sees of a reconstructed surface: whether it is crumpled, too large, open, or crosses itself.
+
+Vertices are (V, 3) float64, finite, m; faces (F, 3) integers, F at least 1.
+"""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from pipeline.errors import InvalidInput
+
+Points = NDArray[np.float64]
+Faces = NDArray[np.integer]
+
+
+def surface_area(vertices: Points, faces: Faces) -> float:
+    """Compute the area of a surface, m²; parts that overlap count each."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def dihedral_angles(vertices: Points, faces: Faces) -> NDArray[np.float64]:
+    """Compute the angles between the normals of neighbouring faces: 0 on a plane, 180 where a surface folds back onto itself.
+
+    Returns
+    -------
+    (E,) degrees, one for each edge that two faces share; faces without area have no normal, and their edges no angle.
+    """
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    sound = (mesh.area_faces > 0)[mesh.face_adjacency].all(axis=1)
+    first, second = np.moveaxis(mesh.face_normals[mesh.face_adjacency[sound]], 1, 0)
+    return np.asarray(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, second), axis=1), (first * second).sum(axis=1))))
+
+
+def seam_gaps(vertices: Points, position: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Compute how far vertices are apart that were one point of the surface before it was deformed.
+
+    Parameters
+    ----------
+    vertices
+        (V, 3) m.
+    position
+        (V,): vertices with the same number were one point.
+
+    Returns
+    -------
+    (S,) m: for each point that several vertices share, the largest distance between two of them.
+    """
+    order = np.argsort(position, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(position[order])) + 1)
+    shared = [vertices[group] for group in groups if len(group) > 1]
+    return np.array([np.linalg.norm(one[:, None] - one, axis=2).max() for one in shared])
+
+
+def normal_consistency(points: Points, normals: Points, other_points: Points, other_normals: Points) -> float:
+    """Compute how well the normals of two surfaces agree: 1 where they are parallel everywhere, 0.5 by chance.
+
+    Parameters
+    ----------
+    points, other_points
+        (N, 3) and (M, 3), drawn from the surfaces, m.
+    normals, other_normals
+        The unit normals there, of either sign.
+
+    Returns
+    -------
+    The mean absolute cosine between the normal of each point and that of the other surface's nearest point, mean of both directions.
+    """
+    return (_agreement(points, normals, other_points, other_normals) + _agreement(other_points, other_normals, points, normals)) / 2
+
+
+def _agreement(points: Points, normals: Points, others: Points, other_normals: Points) -> float:
+    nearest = cKDTree(others).query(points)[1]
+    return float(np.abs((normals * other_normals[nearest]).sum(axis=1)).mean())
+
+
+def is_watertight(faces: Faces) -> bool:
+    """Whether each edge is shared by exactly two faces."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
+
+
+def crossing_faces(vertices: Points, faces: Faces) -> NDArray[np.bool_]:
+    """Find the faces that cross another one; neighbours, which share a vertex, are not looked at.
+
+    Returns
+    -------
+    (F,) bool. Faces that only touch, or that overlap in one plane, may be found or not.
+    """
+    corners = vertices[faces]  # (F, 3, 3)
+    centers = corners.mean(axis=1)
+    radii = np.linalg.norm(corners - centers[:, None], axis=2).max(axis=1)
+    near = cKDTree(centers).query_pairs(2 * radii.max(), output_type="ndarray")
+    first, second = near.T
+    apart = np.linalg.norm(centers[first] - centers[second], axis=1) > radii[first] + radii[second]
+    neighbours = (faces[first][:, :, None] == faces[second][:, None]).any(axis=(1, 2))
+    first, second = near[~apart & ~neighbours].T
+    cross = _pierces(corners[first], corners[second]) | _pierces(corners[second], corners[first])
+    found = np.zeros(len(faces), bool)
+    found[first[cross]] = found[second[cross]] = True
+    return found
+
+
+def _pierces(triangles: Points, others: Points) -> NDArray[np.bool_]:
+    """Whether a side of each triangle, (N, 3, 3), goes through the inside of the other one."""
+    origin, side, across = others[:, None, 0], others[:, None, 1] - others[:, None, 0], others[:, None, 2] - others[:, None, 0]
+    start, way = triangles, np.roll(triangles, -1, axis=1) - triangles  # (N, 3, 3): the sides
+    normal = np.cross(side, across)
+    steepness = (way * normal).sum(axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a side in the plane pierces nothing
+        along = ((origin - start) * normal).sum(axis=2) / steepness
+        offset = np.cross(start - origin, way)
+        u, v = -(across * offset).sum(axis=2) / steepness, (side * offset).sum(axis=2) / steepness
+        return np.asarray(((along > 0) & (along < 1) & (u > 0) & (v > 0) & (u + v < 1)).any(axis=1))
+
+
+def intersection_over_union(first: tuple[Points, Faces], second: tuple[Points, Faces], points: Points) -> float:
+    """Compute how much of what two closed surfaces enclose they share, from points spread evenly over a box around both.
+
+    Parameters
+    ----------
+    first, second
+        Vertices and faces. What has a winding number above one half is inside: small gaps do little.
+    points
+        (N, 3) m.
+
+    Returns
+    -------
+    The share of the points in either that are in both.
+
+    Raises
+    ------
+    InvalidInput
+        No point is in either.
+    """
+    inside = [igl.fast_winding_number(vertices, faces.astype(np.int64), points) > 0.5 for vertices, faces in (first, second)]
+    if not (either := (inside[0] | inside[1]).sum()):
+        raise InvalidInput(f"none of {len(points)} points is inside either surface: take more of them, or surfaces that are closed")
+    return float((inside[0] & inside[1]).sum() / either)

@@ -1,0 +1,85 @@
+"""Measures of a surface's looks, against shapes whose answers are known."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.metrics.surface_quality import (
+    crossing_faces,
+    dihedral_angles,
+    intersection_over_union,
+    is_watertight,
+    normal_consistency,
+    seam_gaps,
+    surface_area,
+)
+
+BOX = trimesh.creation.box((2.0, 3.0, 4.0))
+BALL = trimesh.creation.icosphere(subdivisions=3)
+
+
+def test_area_and_angles_of_a_box():
+    assert surface_area(BOX.vertices, BOX.faces) == pytest.approx(2 * (6 + 8 + 12))
+    angles = np.sort(dihedral_angles(BOX.vertices, BOX.faces))  # six diagonals in the sides, twelve edges
+    assert angles == pytest.approx([0.0] * 6 + [90.0] * 12, abs=1e-9)
+
+
+def test_a_fold_is_180_and_a_face_without_area_has_no_angle():
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, 0.9, 0], [2, 0, 0]], float)
+    assert dihedral_angles(vertices, np.array([[0, 1, 2], [1, 0, 3]])) == pytest.approx([180.0])
+    assert len(dihedral_angles(vertices, np.array([[0, 1, 2], [1, 0, 4]]))) == 0
+
+
+def test_seams_are_measured_where_vertices_were_one_point():
+    vertices = np.array([[0, 0, 0], [0, 0, 3], [1, 1, 1], [0, 4, 0], [5, 5, 5], [5, 5, 5]], float)
+    assert seam_gaps(vertices, np.array([7, 7, 1, 7, 2, 2])) == pytest.approx([0.0, 5.0])
+
+
+def test_normals_agree_with_themselves_of_either_sign_and_by_half_with_chance(rng):
+    points, found = trimesh.sample.sample_surface(BALL, 4000, seed=0)
+    normals = BALL.face_normals[found]
+    assert normal_consistency(points, normals, points, -normals) == pytest.approx(1.0)
+    random = rng.standard_normal((4000, 3))
+    random /= np.linalg.norm(random, axis=1, keepdims=True)
+    assert normal_consistency(points, normals, points, random) == pytest.approx(0.5, abs=0.02)
+    turned = np.cross(normals, np.roll(normals, 1, axis=1))
+    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+    assert normal_consistency(points, normals, points, turned) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_surface_with_a_hole_is_not_watertight():
+    assert is_watertight(BALL.faces)
+    assert not is_watertight(BALL.faces[1:])
+    assert not is_watertight(np.concatenate([BALL.faces, BALL.faces[:1]])), "an edge of three faces"
+
+
+def test_two_balls_cross_where_exact_predicates_say_so():
+    near, far = BALL.copy(), BALL.copy()
+    near.apply_translation([0.3, 0.2, 0.1])
+    far.apply_translation([2.5, 0, 0])
+    for other, some in ((near, True), (far, False)):
+        both = trimesh.util.concatenate([BALL, other])
+        found = crossing_faces(both.vertices, both.faces)
+        slow = np.zeros(len(both.faces), bool)
+        corners = both.vertices[both.faces]
+        for one in range(len(BALL.faces)):
+            for two in range(len(BALL.faces), len(both.faces)) if some and one % 16 == 0 else ():
+                crosses = igl.tri_tri_intersection_test_3d(*corners[one][:, None], *corners[two][:, None])
+                slow[one] |= bool(crosses[0])
+        assert found.any() == some
+        assert (found[: len(BALL.faces) : 16] == slow[: len(BALL.faces) : 16]).all()
+    assert not crossing_faces(BALL.vertices, BALL.faces).any()
+
+
+def test_shared_volume_of_two_boxes(rng):
+    other = BOX.copy()
+    other.apply_translation([1.0, 0, 0])
+    points = rng.uniform(-2.5, 2.5, (40_000, 3))
+    shared = intersection_over_union((BOX.vertices, BOX.faces), (other.vertices, other.faces), points)
+    assert shared == pytest.approx(1 / 3, abs=0.02)
+    with pytest.raises(InvalidInput, match="none of 5 points is inside either"):
+        intersection_over_union((BOX.vertices, BOX.faces), (other.vertices, other.faces), points[:5] + 100)
