@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from schemas.base import Array
 
-VERSION = 1
+VERSION = 2
 
 Dims = tuple[str, ...]
 
@@ -54,6 +54,16 @@ _BY_CATEGORY: Dims = ("configuration", "category")
 _CASE: Dims = ("object", "first_grasp", "grasps_given")
 _SITE: Dims = ("object", "first_grasp", "sensor", "ring")
 
+QUALITY = {
+    "area_ratio": _share(("object",), "Area of the reconstruction over that of the true surface, which is 1 for a smooth one."),
+    "dihedral": Array(("object",), "float64", "deg", "Median angle between the normals of neighbouring faces of the vision charts."),
+    "seam_gap": Array(("object",), "float64", "m", "Mean distance between vertices of vision charts that were one point of the sphere."),
+    "spike": Array(("object",), "float64", "m", "Distance to the true points that 99.9 % of the predicted points stay within."),
+    "normal_consistency": _share(("object",), "Mean absolute cosine between normals of nearest points, both directions; 0.5 by chance."),
+    "crossing": _share(("object",), "Share of the vision charts' faces that cross another one."),
+}
+"""How reconstructions look with one grasp, the first one: what Chamfer distance does not see."""
+
 TABLES = {
     "objects": _table(
         "The objects evaluated, and what a perfect reconstruction of each would measure.",
@@ -96,6 +106,23 @@ TABLES = {
         **_interval(_BY_CATEGORY),
         tau=_squared(("threshold",), "Squared distance up to which a point counts as matched, the clouds scaled by the setting `scale`."),
         f1=_share((*_BY_CATEGORY, "threshold"), "Mean F1 at the squared distance tau."),
+        median=_squared(_BY_CATEGORY, "The median over objects of the Chamfer distance."),
+    ),
+    "quality": _table(
+        "How reconstructions look, by configuration: means and medians over objects, with one grasp.",
+        configuration=_CONFIGURATION,
+        measure=_name("measure", "One of the arrays of that name in `values`."),
+        mean=_share(("configuration", "measure"), "In the unit of the array."),
+        median=_share(("configuration", "measure"), "In the unit of the array."),
+    ),
+    "baselines": _table(
+        "Chamfer distance of training objects that are given in place of a reconstruction: what a network has to beat.",
+        baseline=_name("baseline", "How the training object is chosen; see the guide to learning."),
+        category=_CATEGORY,
+        chamfer=_squared(("baseline", "category"), "The mean over objects."),
+        median=_squared(("baseline", "category"), "The median."),
+        low=_interval(("baseline", "category"))["low"],
+        high=_interval(("baseline", "category"))["high"],
     ),
     "charts": _table(
         "Touch charts of the objects evaluated: how far the fitted charts are from their clouds, by the rule that stopped the fit.",
@@ -124,6 +151,7 @@ TABLES = {
         recall=_share((*_CASE, "threshold"), "Share of true points within tau of the prediction, 2 tau."),
         f1=_share((*_CASE, "threshold"), "Their harmonic mean."),
         local_chamfer=_squared(_SITE, "Mean squared distance of the true points in a ring to the prediction, given this grasp alone."),
+        **QUALITY,
         local_points=_count(_SITE, "True points in the ring around a sensor that touched; where there are none, there is no value."),
     ),
     "predictions": _table(

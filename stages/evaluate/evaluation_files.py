@@ -87,6 +87,11 @@ def read_root(folder: Path) -> dict[str, Any]:
     return dict(_root(folder).attrs.asdict())
 
 
+def has_table(folder: Path, name: str) -> bool:
+    """Whether an evaluation folder has a group of that name; a `StoreError` where there is no finished one."""
+    return name in _root(folder)
+
+
 def read_table(folder: Path, name: str) -> Arrays:
     """Read the arrays of one group of an evaluation folder; a `StoreError` where there is no finished one, or no such group."""
     root = _root(folder)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
+from pipeline.kernels.metrics.cloud_distances import sampled_area
 from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.store.storage import Place
@@ -33,6 +34,8 @@ class Truth:
         (object, grasp, sensor, 4, 4) and (object, grasp, sensor) bool: the touch sites.
     width
         Of the sensor, m.
+    seen
+        Whether a model is shown an image.
 
     Raises
     ------
@@ -51,6 +54,7 @@ class Truth:
             )
         self.poses, self.touched = self.stack("sensor_pose"), self.stack("touch_success")
         self.width = self.rows.sensor().width
+        self.seen = any(model.image for model in models)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -68,13 +72,21 @@ class Truth:
         """Read (count, 3) points of S^obj of an object, world frame, m: drawn independently, hence the first are a fair sample."""
         return self.rows.read("points", self.rows.object_ids[row])[: self.count].astype(np.float64)
 
+    def normals(self, row: int) -> NDArray[np.float64]:
+        """Read the (count, 3) outward unit normals at `points`."""
+        return self.rows.read("normals", self.rows.object_ids[row])[: self.count].astype(np.float64)
+
+    def area(self, row: int) -> float:
+        """Compute the area of an object's surface, m², as its points show it."""
+        return sampled_area(self.points(row))
+
     def view(self, model: Reconstructor, row: int, case: Case) -> Observation:
         """Read what a model is shown of an object."""
         return stored_observation(self.rows, self.rows.object_ids[row], case.grasps or (case.first,), model.config)
 
 
 def arrays_of(models: Sequence[Reconstructor]) -> list[str]:
-    """List the arrays that these models' evaluation reads; of `touch` a small one, for the sensor's description in the attributes."""
+    """List the arrays that these models' evaluation reads; `untouched` for the sensor's description in the attributes."""
     images = sorted({model.image for model in models if model.image is not None})
     charts = ["vertices", "residual", "iterations", "stop_rule"] if any(model.touch for model in models) else []
-    return ["points", "sensor_pose", "touch_success", "untouched", *images, *charts]
+    return ["points", "normals", "depth", "sensor_pose", "touch_success", "untouched", *images, *charts]

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.console import Meter
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
+from pipeline.kernels.metrics.surface_quality import crossing_faces, dihedral_angles, normal_consistency, seam_gaps, surface_area
 from pipeline.kernels.metrics.touch_site_rings import ring_means, ring_of
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.rng import numpy_rng
@@ -36,9 +38,12 @@ def measure(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> d
             if not np.isfinite(made.vertices).all():
                 what = " ".join(map(str, identity))
                 raise StageError(f"the reconstruction of {what} holds NaN or infinity; was the model trained to the end?")
-            sampled, _ = sample_triangles(made.vertices[made.faces], truth.count, numpy_rng(job.seed, "evaluate", *identity))
+            sampled, face = sample_triangles(made.vertices[made.faces], truth.count, numpy_rng(job.seed, "evaluate", *identity))
             apart = cloud_distances(sampled, truth.points(row))
             _note(values, row, case, apart, settings)
+            if case is cases[0]:
+                for key, value in quality_of(made, sampled, made.faces[face], apart, truth, row).items():
+                    values[key][row] = value
             if numbers[case.given] == 1:
                 _note_rings(values, row, case, apart, truth)
             vertices.append(made.vertices[: made.vision].astype(np.float32))
@@ -70,6 +75,24 @@ def _reconstructions(
         batch = work[start : start + batch_size]
         made = model.reconstruct([truth.view(model, row, case) for row, case in batch])
         yield from ((row, case, one) for (row, case), one in zip(batch, made, strict=True))
+
+
+def quality_of(
+    made: Reconstruction, sampled: NDArray[np.float64], faces: NDArray[np.int64], apart: CloudDistances, truth: Truth, row: int
+) -> dict[str, float]:
+    """Measure how a reconstruction looks, from points drawn from it and the faces they are on; see the schema's `QUALITY`."""
+    vision = made.faces[(made.faces < made.vision).all(axis=1)]
+    a, b, c = np.moveaxis(made.vertices[faces], 1, 0)
+    across = np.cross(b - a, c - a)
+    normals = across / np.linalg.norm(across, axis=1, keepdims=True)  # a face with a point on it has an area
+    return {
+        "area_ratio": surface_area(made.vertices, made.faces) / truth.area(row),
+        "dihedral": float(np.median(dihedral_angles(made.vertices, vision))),
+        "seam_gap": float(seam_gaps(made.vertices[: made.vision], made.position).mean()),
+        "spike": float(np.sqrt(np.quantile(apart.predicted, 0.999))),
+        "normal_consistency": normal_consistency(sampled, normals, truth.points(row), truth.normals(row)),
+        "crossing": float(crossing_faces(made.vertices, vision, made.position).mean()),
+    }
 
 
 def _room(truth: Truth, numbers: list[int], rings: int) -> Arrays:

@@ -14,10 +14,20 @@ from pipeline.console import print_table
 from pipeline.dataset.touch_statistics import SUPPLEMENT_SUCCESS
 from pipeline.kernels.metrics.bootstrap import LEVEL
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from stages.evaluate.evaluation_files import Arrays, read_root, read_table
+from stages.evaluate.evaluation_files import Arrays, has_table, read_root, read_table
 from stages.evaluate.supplement_figures import BEST_EPOCH, TABLE_2, TABLE_3
 
 NONE = "–"
+
+QUALITY_UNITS = {
+    "area_ratio": ("area, % of the true one", 100),
+    "dihedral": ("dihedral angle, °", 1),
+    "seam_gap": ("seams, mm", 1e3),
+    "spike": ("99.9 % within, mm", 1e3),
+    "normal_consistency": ("normals agree, %", 100),
+    "crossing": ("faces that cross, %", 100),
+}
+"""How a measure is called in print, and the factor to the unit there."""
 
 Rows = Iterator[Sequence[object]]
 
@@ -52,6 +62,13 @@ def show(folder: Path, console: Console) -> None:
     first, second = table["tau"]
     title = f"squared distance τ = {first:g} / 2τ = {second:g} m² of clouds scaled by {settings['scale']:g}, with one grasp"
     print_table(console, ("model", *classes), _f1(table), f"F1, %, at {title}")
+    if has_table(folder, "baselines"):
+        table = read_table(folder, "baselines")
+        title = f"Baselines: Chamfer distance × {TABLE_3_FACTOR:.0f} of a training object that is looked up: mean (interval), median"
+        print_table(console, ("chosen", *classes), _baselines(table), title)
+    table = read_table(folder, "quality")
+    title = "Surfaces with one grasp, mean / median over objects"
+    print_table(console, ("model", *(label for label, _ in QUALITY_UNITS.values())), _quality(table), title)
     if felt:
         columns = ("stopped by", "charts", "RMS residual, mean, µm", "worst, µm", "iterations")
         title = "Touch charts of these objects: distance of the cloud to its chart"
@@ -80,7 +97,21 @@ def _grasps(table: Arrays) -> Rows:
 def _modalities(table: Arrays) -> Rows:
     for row, name in enumerate(table["configuration"]):
         yield name, *_intervals(table, "chamfer", row, ".3f", TABLE_3_FACTOR), f"{table['chamfer'][row, -1]:.3e}"
+        yield _dim("  median", *(f"{TABLE_3_FACTOR * median:.3f}" for median in table["median"][row]), NONE)
     yield _dim("sampling floor", *(f"{TABLE_3_FACTOR * floor:.3f}" for floor in table["floor"]), f"{table['floor'][-1]:.3e}")
+
+
+def _baselines(table: Arrays) -> Rows:
+    for row, name in enumerate(table["baseline"]):
+        cells = zip(_intervals(table, "chamfer", row, ".3f", TABLE_3_FACTOR), table["median"][row], strict=True)
+        yield name, *(f"{cell}\n{TABLE_3_FACTOR * median:.3f}" for cell, median in cells)
+
+
+def _quality(table: Arrays) -> Rows:
+    factors = [QUALITY_UNITS[str(name)][1] for name in table["measure"]]
+    for row, name in enumerate(table["configuration"]):
+        pairs = zip(factors, table["mean"][row], table["median"][row], strict=True)
+        yield name, *(f"{factor * mean:.3g} / {factor * median:.3g}" for factor, mean, median in pairs)
 
 
 def _f1(table: Arrays) -> Rows:

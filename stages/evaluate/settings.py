@@ -40,5 +40,8 @@ class EvaluationSettings(Settings):
         changes="definition",
     )
     rings: int = setting(5, "Table 2's rings, one sensor width after the other", ge=1, changes="definition")
+    looked_up: int = setting(
+        200, "training objects among which the baselines look, spread evenly: each test object is compared with each of them", ge=1
+    )
     batch_size: int = setting(16, "as in training; more needs more memory, and sums may differ in their last bit with it", ge=1)
     accelerator: str = setting("auto", "a GPU where there is one", changes="speed")

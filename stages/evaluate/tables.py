@@ -14,10 +14,12 @@ from pipeline.dataset.touch_charts import is_surface
 from pipeline.dataset.touch_statistics import tally
 from pipeline.engine.stage import DatasetJob
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
-from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
+from pipeline.kernels.metrics.cloud_distances import sampling_floor
 from pipeline.rng import numpy_rng
 from pipeline.store.storage import Place
 from schemas.charts import STOP_RULES
+from schemas.evaluation import QUALITY
+from stages.evaluate.baselines import retrieved
 from stages.evaluate.evaluation_files import Arrays
 from stages.evaluate.ground_truth import Truth
 from stages.evaluate.measure import THRESHOLDS
@@ -39,7 +41,7 @@ ALL = "all"
 def make_tables(job: DatasetJob, truth: Truth, models: Models, *, felt: Sequence[str], facts: Facts) -> dict[str, TableArrays]:
     """Make every table of the schema; those of touch only for the configurations that take it, `felt`."""
     settings: EvaluationSettings = job.settings
-    areas = [sampled_area(truth.points(row)) for row in range(len(truth))]
+    areas = [truth.area(row) for row in range(len(truth))]
     objects = {
         "object_id": truth.rows.object_ids,
         "category": truth.rows.categories,
@@ -52,7 +54,10 @@ def make_tables(job: DatasetJob, truth: Truth, models: Models, *, felt: Sequence
         "table_2": rings(models, job.seed),
         "modalities": modalities(models, objects, settings.tau * np.array(THRESHOLDS), job.seed),
         "training": training(facts),
+        "quality": quality(models),
     }
+    if known := retrieved(truth, job):
+        made["baselines"] = baselines(known, objects, job.seed)
     if felt:
         made["table_3"] = grasps({name: models[name] for name in felt}, job.seed)
         made["charts"] = charts(*map(truth.stack, ("residual", "iterations", "stop_rule")))
@@ -112,8 +117,7 @@ def grasps(models: Models, seed: int) -> TableArrays:
 
 def modalities(models: Models, objects: TableArrays, tau: NDArray[np.float64], seed: int) -> TableArrays:
     """Compare the models with one grasp, by class and overall; `objects` is the group of that name."""
-    category = np.array(objects["category"])
-    members = {str(name): category == name for name in np.unique(category)} | {ALL: np.full(len(category), True)}
+    members = _members(objects)
     samples = {name: {kind: per_object(values, 1)[member] for kind, member in members.items()} for name, values in models.items()}
     f1 = [values["f1"][:, :, 0].mean(axis=1) for values in models.values()]  # (object, threshold) each
     return {
@@ -124,7 +128,32 @@ def modalities(models: Models, objects: TableArrays, tau: NDArray[np.float64], s
         "tau": tau,
         **_means("chamfer", samples, partial(numpy_rng, seed, "modalities")),
         "f1": [[values[member].mean(axis=0) for member in members.values()] for values in f1],
+        "median": [[np.median(values) for values in row.values()] for row in samples.values()],
     }
+
+
+def quality(models: Models) -> TableArrays:
+    """Summarise how the reconstructions of the models look."""
+    figures = np.array([[values[name] for name in QUALITY] for values in models.values()])  # (configuration, measure, object)
+    return {"configuration": [*models], "measure": [*QUALITY], "mean": figures.mean(axis=-1), "median": np.median(figures, axis=-1)}
+
+
+def baselines(found: Mapping[str, NDArray[np.float64]], objects: TableArrays, seed: int) -> TableArrays:
+    """Summarise the (object,) Chamfer distances of what is looked up, by class and overall; `objects` is the group of that name."""
+    members = _members(objects)
+    samples = {name: {kind: distances[member] for kind, member in members.items()} for name, distances in found.items()}
+    return {
+        "baseline": [*found],
+        "category": [*members],
+        **_means("chamfer", samples, partial(numpy_rng, seed, "baselines")),
+        "median": [[np.median(values) for values in row.values()] for row in samples.values()],
+    }
+
+
+def _members(objects: TableArrays) -> dict[str, NDArray[np.bool_]]:
+    """Which objects are of each class, and of all."""
+    category = np.array(objects["category"])
+    return {str(name): category == name for name in np.unique(category)} | {ALL: np.full(len(category), True)}
 
 
 def _means(name: str, samples: Mapping[str, Mapping[Any, NDArray[np.float64]]], rng: Callable[..., np.random.Generator]) -> Arrays:

@@ -110,7 +110,10 @@ def vision(task: Task) -> Row:
     rng = task.rng("image")
     shape = (GRASPS_AN_OBJECT, CAMERA.resolution, CAMERA.resolution)
     images = rng.integers(0, 256, (1 + GRASPS_AN_OBJECT, *shape[1:], 3), dtype=np.uint8)
-    return {"unoccluded": images[0], "occluded": images[1:], "segmentation": np.zeros((1 + shape[0], *shape[1:]), np.uint8)}
+    row, col = np.indices(shape[1:]) - CAMERA.resolution / 2
+    segmentation = np.zeros((1 + shape[0], *shape[1:]), np.uint8)
+    segmentation[0] = np.hypot(row, col) < 400 * radius_of(task)  # not to scale, but larger for larger balls
+    return {"unoccluded": images[0], "occluded": images[1:], "segmentation": segmentation}
 
 
 def touch(task: Task) -> Row:

@@ -11,21 +11,25 @@ from rich.console import Console
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
+from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from pipeline.kernels.metrics.bootstrap import Interval
-from pipeline.kernels.metrics.cloud_distances import nearest_squared
+from pipeline.kernels.metrics.cloud_distances import nearest_squared, sampling_floor
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.reports.orderings import Verdict, orderings, show_orderings
 from pipeline.store.directory import DataDirectory, hashes_of
 from pipeline.store.pieces import Pieces
+from stages.evaluate.baselines import retrieved
 from stages.evaluate.evaluation_files import read_root, read_table, write_evaluation
+from stages.evaluate.ground_truth import Truth
 from stages.evaluate.printed_tables import show
 from stages.evaluate.reconstruction_cases import make_cases
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import PIECE, Evaluate
+from stages.evaluate.tables import baselines
 from tests.stages import ball_dataset as spheres
 
 COUNT = 3
@@ -95,6 +99,41 @@ def test_a_sphere_that_stays_one_has_the_chamfer_distance_of_two_spheres(evaluat
     assert (values["chamfer"] == values["chamfer"][:, :1]).all()
 
 
+def test_the_looks_of_a_sphere_are_those_of_a_sphere(evaluation):
+    values = read_table(evaluation[0], "values/none")
+    assert values["area_ratio"] == pytest.approx([(flat_radius() / radius) ** 2 for radius in (0.1, 0.12, 0.14)], rel=0.15)
+    assert (values["dihedral"] < 15).all()
+    assert values["seam_gap"] == pytest.approx([0.0] * COUNT)
+    assert values["spike"] == pytest.approx([0.25 - radius for radius in (0.1, 0.12, 0.14)], abs=0.01)
+    assert (values["normal_consistency"] > 0.95).all()
+    assert (values["crossing"] == 0).all()
+    table = read_table(evaluation[0], "quality")
+    assert table["median"][list(table["configuration"]).index("none"), list(table["measure"]).index("spike")] == np.median(values["spike"])
+    moved = read_table(evaluation[0], "values/occluded")
+    assert (moved["seam_gap"] > 0).all()
+    assert (moved["dihedral"] > values["dihedral"]).all()
+
+
+def test_what_is_looked_up_is_a_training_object(tmp_path):
+    balls = {"a": "train", "b": "test", "c": "test", "d": "train", "e": "test"}  # of radius 0.1, 0.12, …
+    spheres.make_data(tmp_path, len(balls), ("train", "test", "test"))
+    spheres.make_model(tmp_path, "unoccluded")
+    model = Reconstructor(DataDirectory(tmp_path).whole_folder("models/gcn/unoccluded"))
+    settings = EvaluationSettings(points=500)
+    truth = Truth(tmp_path, [model], settings)
+    assert truth.rows.object_ids == [name for name, split in balls.items() if split == "test"]
+    found = retrieved(truth, DatasetJob(tmp_path, tmp_path, settings, 0, {}, Console()))
+    floors = [sampling_floor(truth.area(row), truth.count) for row in range(3)]
+    for how, apart in {"by truth": 0.02, "by touch": 0.02, "by silhouette": 0.02}.items():
+        assert found[how] == pytest.approx([2 * apart**2 + floor for floor in floors], rel=0.2), how
+    assert found["typical"] == pytest.approx(
+        [2 * apart**2 + floor for apart, floor in zip((0.02, 0.04, 0.08), floors, strict=True)], rel=0.2
+    )
+    table = baselines(found, {"category": truth.rows.categories}, seed=0)
+    assert table["category"] == ["bottle", "knife", "all"]
+    assert np.array(table["median"])[0, -1] == np.median(found["typical"])
+
+
 def test_a_figure_is_that_of_its_reconstruction_by_hand(data, evaluation):
     folder, _ = evaluation
     prediction, values = (read_table(folder, f"{group}/occluded-touch") for group in ("predictions", "values"))
@@ -115,7 +154,7 @@ def test_every_table_is_there_and_printed(evaluation):
     folder, printed = evaluation
     assert {path.name for path in folder.iterdir()} == {"tables.zarr", "metrics.json"}
     metrics = json.loads((folder / "metrics.json").read_text())
-    assert set(metrics["tables"]) == {"objects", "table_1", "table_2", "table_3", "modalities", "charts", "training"}
+    assert set(metrics["tables"]) == {"objects", "table_1", "table_2", "table_3", "modalities", "charts", "training", "quality"}
     assert metrics["tables"]["modalities"]["category"] == ["bottle", "knife", "all"]
     assert metrics["tables"]["table_1"]["successful"] == pytest.approx([0.75] * 3)
     table = read_table(folder, "table_3")

@@ -84,8 +84,15 @@ def is_watertight(faces: Faces) -> bool:
     return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
 
 
-def crossing_faces(vertices: Points, faces: Faces) -> NDArray[np.bool_]:
+def crossing_faces(vertices: Points, faces: Faces, position: NDArray[np.integer] | None = None) -> NDArray[np.bool_]:
     """Find the faces that cross another one; neighbours, which share a vertex, are not looked at.
+
+    Parameters
+    ----------
+    vertices, faces
+        The surface.
+    position
+        (V,): vertices with the same number were one point, and make neighbours too; by default all are different.
 
     Returns
     -------
@@ -97,7 +104,8 @@ def crossing_faces(vertices: Points, faces: Faces) -> NDArray[np.bool_]:
     near = cKDTree(centers).query_pairs(2 * radii.max(), output_type="ndarray")
     first, second = near.T
     apart = np.linalg.norm(centers[first] - centers[second], axis=1) > radii[first] + radii[second]
-    neighbours = (faces[first][:, :, None] == faces[second][:, None]).any(axis=(1, 2))
+    names = faces if position is None else position[faces]
+    neighbours = (names[first][:, :, None] == names[second][:, None]).any(axis=(1, 2))
     first, second = near[~apart & ~neighbours].T
     cross = _pierces(corners[first], corners[second]) | _pierces(corners[second], corners[first])
     found = np.zeros(len(faces), bool)
