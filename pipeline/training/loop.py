@@ -27,6 +27,7 @@ from pipeline.training.batch_norm import share_batch_norm
 from pipeline.training.learner import Learner
 from pipeline.training.processes import GO_ON, end_with_parent, lost_peers_as_words, make_fabric, no_process_left, processors_of
 from pipeline.training.read_ahead import read_ahead
+from pipeline.training.schedule import rate_at
 from pipeline.training.settings import TrainingSettings
 
 if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date need not spend
@@ -184,8 +185,8 @@ class _Training:
     def step(self, part: Part, content: Callable[[], Any]) -> float:
         """Take one step of Adam on this process's part of a batch; return the loss of the whole batch."""
         fabric, progress, items = self.fabric, self.progress, part.items
-        for norm in self.norms:
-            norm.share = float(part.share > 0)
+        for batch_norm in self.norms:
+            batch_norm.share = float(part.share > 0)
         self.optimizer.zero_grad()
         try:
             loss = self.learner.loss(content())
@@ -198,10 +199,21 @@ class _Training:
         weighted = part.share * fabric.world_size * loss  # its mean over the processes is the batch's mean
         fabric.backward(weighted)
         gradients = [parameter.grad for parameter in self.module.parameters() if parameter.grad is not None]
-        self.check_size(items, "gradient's norm", float(torch.nn.utils.get_total_norm(gradients)), limit=math.inf)
+        norm = torch.nn.utils.get_total_norm(gradients)
+        self.check_size(items, "gradient's norm", float(norm), limit=math.inf)
+        if self.settings.gradient_limit is not None:
+            torch.nn.utils.clip_grads_with_norm_(self.module.parameters(), self.settings.gradient_limit, norm)
+        self.set_rate()
         self.optimizer.step()
         mean: Any = fabric.all_reduce(weighted.detach())
         return float(mean)
+
+    def set_rate(self) -> None:
+        """Set the learning rate of this step; it follows from the step alone, so a training that is resumed goes on with it."""
+        settings, progress = self.settings, self.progress
+        share = rate_at(progress.epoch * self.steps + progress.step, settings.epochs * self.steps, settings.schedule)
+        for group in self.adam.param_groups:
+            group["lr"] = settings.learning_rate * share
 
     def check_size(self, items: Sequence[int], what: str, value: float, *, limit: float) -> None:
         """Stop at a value that no later step mends."""

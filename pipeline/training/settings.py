@@ -5,12 +5,17 @@ from __future__ import annotations
 from typing import Literal
 
 from pipeline.config.settings import Settings, setting
+from pipeline.training.schedule import Schedule
 
 
 class TrainingSettings(Settings):
     """How a network is trained; what a stage trains derives its settings from these."""
 
     learning_rate: float = setting(1e-4, "Adam's", gt=0)
+    schedule: Schedule = setting(
+        "constant", "cosine: the rate rises over the first twentieth of all steps, then falls to 0 along half a cosine"
+    )
+    gradient_limit: float | None = setting(None, "norm to which a longer gradient is shortened before each step; null leaves it", gt=0)
     batch_size: int = setting(16, "items a step", ge=1)
     epochs: int = setting(100, "at most", ge=1)
     patience: int | None = setting(None, "epochs without a better validation loss after which training stops; null never does", ge=1)

@@ -8,8 +8,9 @@ import pytest
 import torch
 
 from pipeline.errors import StageError
-from pipeline.training import checkpoint
+from pipeline.training import checkpoint, loop
 from pipeline.training.loop import read_metrics
+from pipeline.training.schedule import rate_at
 from tests.training.regression import Regression, Scripted, fit, run
 
 
@@ -47,6 +48,37 @@ def test_weights_follow_from_the_seed_to_the_bit(tmp_path):
     first, again, other = (run(tmp_path / name, seed) for name, seed in (("a", 0), ("b", 0), ("c", 1)))
     assert same(first, again)
     assert not same(first, other)
+
+
+def test_a_cosine_rises_over_a_twentieth_and_falls_to_nothing():
+    rates = [rate_at(step, 200, "cosine") for step in range(200)]
+    assert rates[:10] == pytest.approx([0.1 * (step + 1) for step in range(10)])
+    assert rates[10] == 1
+    assert rates[105] == pytest.approx(0.5)
+    assert 0 < rates[-1] < 1e-3
+    assert rates[10:] == sorted(rates[10:], reverse=True)
+    assert [rate_at(step, 3, "cosine") for step in range(3)] == pytest.approx([1, 1, 0.5])
+    assert {rate_at(step, 9, "constant") for step in range(9)} == {1.0}
+
+
+def test_each_step_is_taken_at_its_rate(tmp_path, monkeypatch):
+    monkeypatch.setattr(loop, "rate_at", lambda step, steps, schedule: {(0, 1, "cosine"): 0.25}[step, steps, schedule])
+    learner = Regression(plain=True)
+    before = [parameter.detach().clone() for parameter in learner.module.parameters()]
+    fit(learner, tmp_path, epochs=1, batch_size=48, learning_rate=0.01, schedule="cosine")
+    moved = [float((now.detach() - then).abs().max()) for now, then in zip(learner.module.parameters(), before, strict=True)]
+    assert moved == pytest.approx([0.0025] * 4, rel=1e-3), "Adam's first step is as long as the rate, whatever the gradient"
+
+
+def test_a_long_gradient_is_shortened(tmp_path):
+    whole, limited = ({}, {})
+    for gradients, changes in ((whole, {}), (limited, {"gradient_limit": 0.5})):
+        learner = Regression(plain=True)
+        fit(learner, tmp_path / str(changes), epochs=1, batch_size=48, **changes)
+        gradients.update({name: parameter.grad for name, parameter in learner.module.named_parameters()})
+    norm = torch.nn.utils.get_total_norm(whole.values())
+    assert norm > 1
+    assert all(torch.allclose(limited[name], gradient * 0.5 / norm, rtol=1e-4) for name, gradient in whole.items())
 
 
 def test_best_epochs_weights_are_kept(tmp_path):
