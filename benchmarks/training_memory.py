@@ -1,6 +1,7 @@
 """`python -m benchmarks.training_memory DATA OUT`: peak memory of a training epoch over few objects and over many, and its seconds.
 
 The datasets are the objects of DATA again and again under other names; DATA has every artifact. Each training is a process of its own.
+DATA and OUT may be in object storage.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ import sys
 import time
 from collections.abc import Iterator
 from itertools import cycle, islice
-from pathlib import Path
 from typing import Any
 
 from benchmarks.provenance import provenance
@@ -24,6 +24,7 @@ from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import publish_shard
 from pipeline.store.reshard import shard_key, shard_of
+from pipeline.store.storage import Place, names_in, place, remove
 from pipeline.store.write import RowToPack
 from schemas.catalogue import ARTIFACTS
 from stages.registry import load_stage, resolve
@@ -44,7 +45,7 @@ def objects(count: int) -> list[Object]:
     return [Object(name, "copy", {}, "train" if number % VALID else "valid") for number, name in enumerate(names)]
 
 
-def replicate(source: Path, target: Path, count: int) -> None:
+def replicate(source: Place, target: Place, count: int) -> None:
     """Write a dataset of `count` objects."""
     directory, shards = DataDirectory(target), -(-count // OBJECTS_PER_SHARD)
     directory.claim_shards(shards)
@@ -69,7 +70,7 @@ def _write(directory: DataDirectory, collection: Collection, copies: list[tuple[
     publish_shard(directory, artifact, number, shards, record, packed, constants, first.attributes)
 
 
-def train(stage: str, data: Path, count: int) -> str:
+def train(stage: str, data: Place, count: int) -> str:
     """Train for an epoch in this process; what it took."""
     settings = resolve(stage, "draft", [*TRAININGS[stage], *(f"{stage}.{one}" for one in ("threads=1", "accelerator=cpu"))])
     request: Request[Any] = Request(load_stage(stage), settings, "copies", objects(count), "draft", 0, data)
@@ -84,23 +85,22 @@ def _peak() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
-def figures(source: Path, out: Path, counts: list[int]) -> Iterator[str]:
+def figures(source: Place, out: Place, counts: list[int]) -> Iterator[str]:
     """Write the datasets that are not there yet, and train over each."""
     for count in counts:
         data = out / str(count)
-        if not data.exists():
+        if not names_in(data):
             replicate(source, data, count)
         for stage in TRAININGS:
-            for model in (data / "models").glob("**/*.json"):
-                model.unlink()
+            remove(data / "models")
             command = [sys.executable, "-m", "benchmarks.training_memory", str(data), str(out), "--train", stage, "--objects", str(count)]
             yield subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip().splitlines()[-1]
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=Path)
-    parser.add_argument("out", type=Path)
+    parser.add_argument("data", type=place)
+    parser.add_argument("out", type=place)
     parser.add_argument("--objects", type=int, nargs="+", default=[200, 2000])
     parser.add_argument("--train", choices=TRAININGS, help="train over DATA in this process")
     asked = parser.parse_args()
