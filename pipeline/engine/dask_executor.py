@@ -38,12 +38,15 @@ JOIN_SECONDS = 60
 LOOK_SECONDS = 10
 """Between two looks at which workers there are, while no object is finished."""
 
+BUNDLE_SECONDS = 2.0
+"""What a worker is given at once takes about so long: a hundred times the way to it and back."""
+
 NOBODY_ELSE = "127.0.0.1:0"
 """Where Dask's web servers listen: any free port, which other machines do not reach."""
 
 
 class Dask(Executor):
-    """Worker processes, one object at a time each; they may come and go. Nothing is started before the first job.
+    """Worker processes, one object after the other each; they may come and go. Nothing is started before the first job.
 
     Parameters
     ----------
@@ -64,30 +67,37 @@ class Dask(Executor):
         return max(1, len(self._connect().nthreads())) if self._scheduler else self._count
 
     def run(self, work: Work, jobs: Sequence[Job]) -> Iterator[Outcome]:
-        """Do jobs: each worker has one at a time, so that it is known which one a crash is to be blamed on."""
+        """Do jobs: each worker has a bundle at a time; after a crash its jobs are tried alone, to know which one is to blame."""
         client = self._connect()
         # Each run opens sessions of its own: those of the last one know its inputs.
         packed = pickle.dumps((uuid.uuid4(), keys.code_hash(work.stage), work))
         self._open_sessions(client, packed, work.stage.name)
-        limit, waiting = work.settings.object_seconds, deque(jobs)
-        running: dict[Future, tuple[Job, float]] = {}
-        while waiting or running:
+        limit, waiting, suspects = work.settings.object_seconds, deque(jobs), deque[Job]()
+        done, seconds = 0, 0.0
+        running: dict[Future, tuple[list[Job], float]] = {}
+        while waiting or suspects or running:
             workers = self._workers(client)
-            while waiting and len(running) < workers:
-                job = waiting.popleft()
-                future = client.submit(dask_worker.do, packed, job, limit, key=f"{work.stage.name}-{job.key}", pure=False)
-                running[future] = (job, time.monotonic())
+            while (waiting or suspects) and len(running) < workers:
+                size = _bundle_size(done / max(seconds, 1e-3), len(waiting) / workers)
+                bundle = [suspects.popleft()] if suspects else [waiting.popleft() for _ in range(size)]
+                future = client.submit(dask_worker.do, packed, bundle, limit, key=f"{work.stage.name}-{uuid.uuid4()}", pure=False)
+                running[future] = (bundle, time.monotonic())
             with client.as_current(), suppress(TimeoutError, CancelledError):
                 wait([*running], timeout=LOOK_SECONDS, return_when="FIRST_COMPLETED")
             for future in [future for future in running if future.done()]:
-                job, began = running.pop(future)
+                bundle, began = running.pop(future)
                 if future.cancelled():  # the scheduler was started again, and knows of nothing
-                    waiting.append(job)
+                    waiting.extend(bundle)
                     continue
                 try:
-                    yield future.result()
+                    outcomes: list[Outcome] = future.result()
                 except KilledWorker:
-                    yield give_up(work, job, _why(time.monotonic() - began, limit))
+                    if len(bundle) > 1:
+                        suspects.extend(bundle)
+                        continue
+                    outcomes = [give_up(work, bundle[0], _why(time.monotonic() - began, limit))]
+                done, seconds = done + len(outcomes), seconds + sum(outcome.seconds for outcome in outcomes)
+                yield from outcomes
 
     def _connect(self) -> Client:
         """Connect to the scheduler, or start workers on this machine."""
@@ -183,6 +193,14 @@ def _interrupts_ignored() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def _bundle_size(rate: float, share: float) -> int:
+    """How many jobs a worker is given at once, from how many it does per second, and its share of those that are left.
+
+    As many as take some seconds, so that waiting for the next ones does not count; fewer towards the end, so that all workers end together.
+    """
+    return max(1, int(min(BUNDLE_SECONDS * rate, share / 2)))
 
 
 def _why(seconds: float, limit: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 
 from distributed import Worker, WorkerPlugin
@@ -62,11 +62,13 @@ def close_session() -> None:
         context.__exit__(None, None, None)
 
 
-def do(packed: bytes, job: Job, seconds: float) -> Outcome:
-    """Do a job; the kernel ends this process when `seconds` have passed, in whatever native code it may be."""
-    process = open_session(packed)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+def do(packed: bytes, jobs: Sequence[Job], seconds: float) -> list[Outcome]:
+    """Do jobs; the kernel ends this process when one of them has taken `seconds`, in whatever native code it may be."""
+    process, outcomes = open_session(packed), []
     try:
-        return process(job)
+        for job in jobs:
+            signal.setitimer(signal.ITIMER_REAL, seconds)
+            outcomes.append(process(job))
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
+    return outcomes

@@ -83,6 +83,19 @@ def test_an_object_that_never_ends_is_given_up_with_its_worker_and_the_others_go
     assert published(tmp_path).failure("c") is None
 
 
+def test_of_a_bundle_that_dies_only_the_objects_to_blame_fail(tmp_path):
+    items = objects(16, h="crash", j="hang")
+    run(request(tmp_path, items=items, settings={"object_seconds": 1.0}, executor=Dask()))
+    failed = {item.object_id: failure.reason for item in items if (failure := published(tmp_path).failure(item.object_id))}
+    assert failed.keys() == {"h", "j"}
+    assert "it took longer than object_seconds = 1, 2 times" in failed["j"]
+
+
+@pytest.mark.parametrize(("rate", "share", "size"), [(0.0, 100, 1), (0.1, 100, 1), (7, 100, 14), (1e6, 100, 50), (1e6, 1.5, 1)])
+def test_bundles_take_about_two_seconds_and_leave_work_for_the_others(rate, share, size):
+    assert dask_executor._bundle_size(rate, share) == size
+
+
 def test_a_stage_that_cannot_start_fails_no_object(tmp_path):
     with pytest.raises(StageError, match="make-noise cannot start: OSError: no device; `vt-pipeline doctor`"):
         run(request(tmp_path, stage=MakeNoise(broken=True)))
