@@ -114,9 +114,14 @@ class Dask(Executor):
     def _workers(self, client: Client) -> int:
         """Count the workers; one that died takes some seconds to be replaced."""
         try:
-            if not (workers := client.nthreads()):
-                client.wait_for_workers(1, timeout=JOIN_SECONDS)
-                workers = client.nthreads()
+            deadline = time.monotonic() + JOIN_SECONDS
+            while not (workers := client.nthreads()):
+                if time.monotonic() > deadline:
+                    raise TimeoutError(f"none has joined for {JOIN_SECONDS} s")
+                if self._cluster is not None:  # what watches over a worker gives up where that dies as soon as it has joined
+                    self._cluster.scale(self._count)
+                with suppress(TimeoutError):
+                    client.wait_for_workers(1, timeout=LOOK_SECONDS)
             return len(workers)
         except OSError as error:
             raise StageError(f"Dask's scheduler or its workers are gone ({error}); what is finished is kept, run again") from error

@@ -130,6 +130,15 @@ def test_memory_that_runs_out_is_the_objects_failure_and_the_others_go_on(tmp_pa
     assert published(tmp_path).failure("c") is None
 
 
+def test_a_worker_that_nobody_watches_over_any_more_is_replaced(tmp_path):
+    plan = plan_of(request(tmp_path))
+    work, jobs = Work(plan.stage, plan.settings, 0, tmp_path, {}), [member.job for member in plan.members]
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": "1s"}), Dask() as executor:
+        assert len([*executor.run(work, jobs[:1])]) == 1
+        executor._cluster.sync(executor._cluster.workers[0].close)
+        assert len([*executor.run(work, jobs[1:])]) == 4
+
+
 class _Cluster:
     """A scheduler and a worker, each a process of its own as on a cluster."""
 
