@@ -31,7 +31,7 @@ from stages.registry import load_stage, resolve
 
 OBJECTS_PER_SHARD = 100
 VALID = 10
-"""One of so many objects is for validation."""
+"""Every tenth object is for validation."""
 TRAININGS = {
     "train-unet": ["width=1", "train-unet.epochs=1", "train-unet.batch_size=16"],
     "train-gcn": ["configuration=touch", "gcn_layers=2", "gcn_features=6", "train-gcn.epochs=1", "items=1", "loss_points=100"],

@@ -20,7 +20,8 @@ SECONDS = 30.0
 def mirrored(folder: Place, *, send: bool = True) -> Iterator[Path]:
     """Give a folder to work in: `folder` itself on a disk, else one on this machine's disk that begins and stays like it.
 
-    A run that is killed goes on from it, on another machine too. Without `send` it only begins like it.
+    A run that is killed goes on from it, on another machine too. What ends without an error has been published, and is not sent once more.
+    Without `send` the folder only begins like the other one.
     """
     if isinstance(folder, Path):
         folder.mkdir(parents=True, exist_ok=True)
@@ -42,12 +43,15 @@ def mirrored(folder: Place, *, send: bool = True) -> Iterator[Path]:
 
     sender = Thread(target=send_until_ended, daemon=True)
     sender.start()
+    unfinished = True
     try:
         yield local
+        unfinished = False
     finally:
         ended.set()
         sender.join()
-        _send_changed(local, folder, sent)
+        if unfinished:
+            _send_changed(local, folder, sent)
 
 
 def _send_changed(local: Path, folder: Place, sent: dict[str, File]) -> None:

@@ -15,7 +15,7 @@ from pipeline.kernels.vision.labels import Label
 from stages.evaluate.ground_truth import Truth
 
 POINTS = 1000
-"""Per object by which one is looked up: fifty times faster than all of them, and the same object but for ties."""
+"""Per object by which one is looked up; what is found is measured on all of them."""
 
 Clouds = list[NDArray[np.float64]]
 

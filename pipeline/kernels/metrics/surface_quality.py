@@ -80,8 +80,7 @@ def _agreement(points: Points, normals: Points, others: Points, other_normals: P
 
 def is_watertight(faces: Faces) -> bool:
     """Whether each edge is shared by exactly two faces."""
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
+    return bool(trimesh.graph.is_watertight(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))[0])
 
 
 def crossing_faces(vertices: Points, faces: Faces, position: NDArray[np.integer] | None = None) -> NDArray[np.bool_]:
