@@ -1,5 +1,12 @@
 """`python -m pipeline` is `vt-pipeline`."""
 
-from pipeline.cli import app
 
-app()
+def main() -> None:
+    """Run the command line; worker processes import this module again, and have no use for the rest."""
+    from pipeline.cli import app
+
+    app()
+
+
+if __name__ == "__main__":
+    main()

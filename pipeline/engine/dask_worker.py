@@ -18,15 +18,11 @@ _opened: tuple[bytes, AbstractContextManager[object], Callable[[Job], Outcome]] 
 
 
 class LocalWorker(WorkerPlugin):  # type: ignore[misc]  # which has no types
-    """Leaves Ctrl-C to the process that ends the workers, for those that are started in place of others too; closes what is open."""
+    """Leaves Ctrl-C to the process that ends the workers, for those that are started in place of others too."""
 
     def setup(self, worker: Worker) -> None:
         """Called in the main thread of each worker."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    async def teardown(self, worker: Worker) -> None:
-        """Called when a worker ends, not when it is killed."""
-        await worker.loop.run_in_executor(worker.executors["default"], close_session)
 
 
 def open_session(packed: bytes) -> Callable[[Job], Outcome]:
