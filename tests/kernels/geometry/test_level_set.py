@@ -1,0 +1,92 @@
+"""Closed meshes of fields, against shapes whose answers are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.level_set import level_set_mesh
+
+RADIUS, BALL = 0.1, 4 / 3 * np.pi * 0.1**3
+
+
+def ball(points: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(points - [1.0, 0, 0], axis=1) - RADIUS
+
+
+def mesh_of(field, low, high, spacing, **options) -> trimesh.Trimesh:
+    return trimesh.Trimesh(*level_set_mesh(field, np.array(low), np.array(high), spacing, **options), process=False)
+
+
+@pytest.mark.parametrize("halvings", [0, 1, 3])
+def test_a_signed_distance_gives_its_ball(halvings):
+    mesh = mesh_of(ball, [0.88, -0.12, -0.11], [1.13, 0.12, 0.12], 0.005, halvings=halvings)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.euler_number == 2
+    assert np.abs(ball(mesh.vertices)).max() < 0.005**2 / (2 * RADIUS)  # a chord's height
+    assert mesh.volume == pytest.approx(BALL, rel=0.005)
+
+
+def test_the_field_is_computed_near_the_surface_alone():
+    asked = []
+
+    def counted(points):
+        asked.append(len(points))
+        return ball(points)
+
+    everywhere, near = (mesh_of(counted, [0.8, -0.2, -0.2], [1.2, 0.2, 0.2], 0.005, halvings=halvings).vertices for halvings in (0, 3))
+    np.testing.assert_allclose(near, everywhere, atol=1e-12)
+    assert len(asked) == 5
+    assert sum(asked[1:]) < asked[0] / 4
+
+
+def test_any_field_gives_a_closed_mesh_that_stays_closed_in_float32():
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=(12, 12, 12)).round(1)  # a tenth of the differences, and many values, are 0
+    mesh = mesh_of(lambda points: noise[tuple(np.round(10 * points).astype(int).T)], [0, 0, 0], [1.1, 1.1, 1.1], 0.1, halvings=0)
+    assert (noise == 0).sum() > 20
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.volume == pytest.approx((noise < 0).sum() * 1e-3, rel=0.2)
+    welded = trimesh.Trimesh(mesh.vertices.astype(np.float32), mesh.faces)  # merges equal vertices
+    assert welded.is_watertight
+    assert len(welded.vertices) == len(mesh.vertices)
+
+
+def test_what_leaves_the_box_is_cut_off_and_closed():
+    half = mesh_of(ball, [1.0, -0.12, -0.12], [1.12, 0.12, 0.12], 0.004)
+    assert half.is_watertight
+    assert half.bounds[0, 0] == pytest.approx(1.0, abs=0.004)
+    assert half.volume == pytest.approx(BALL / 2, rel=0.08)  # half a cell more of the disc
+
+
+def test_a_steep_field_needs_its_slope():
+    def thin(points):  # as a signed distance of a plate 4 mm thick, times 50
+        return 50 * (np.abs(points[:, 0] - 0.0512) - 0.002)
+
+    box = ([0, 0, 0], [0.1, 0.1, 0.1])
+    assert mesh_of(thin, *box, 0.001, slope=50.0).volume == pytest.approx(4e-5, rel=0.15)
+    assert mesh_of(thin, *box, 0.001, slope=0.1).volume < 1e-5
+
+
+def test_an_empty_field_gives_an_empty_mesh():
+    vertices, faces = level_set_mesh(lambda points: np.ones(len(points)), np.zeros(3), np.ones(3), 0.1)
+    assert vertices.shape == faces.shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("field", "high", "spacing", "words"),
+    [
+        (ball, [1.0, 0.0, 1.0], 0.1, "has no inside"),
+        (ball, [1.0, 1.0, np.inf], 0.1, "has no inside"),
+        (ball, [1.0, 1.0, 1.0], -0.1, "has no inside"),
+        (ball, [1.0, 1.0, 1.0], 1e-4, r"1e\+12 cells, 134217728 at most"),
+        (lambda points: np.where(points[:, 0] > 0.5, np.nan, 1.0), [1.0, 1.0, 1.0], 0.5, "NaN or infinite at"),
+    ],
+)
+def test_what_is_no_field_in_a_box_is_an_error(field, high, spacing, words):
+    with pytest.raises(InvalidInput, match=words):
+        level_set_mesh(field, np.zeros(3), np.array(high), spacing)
