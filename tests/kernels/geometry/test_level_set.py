@@ -69,7 +69,7 @@ def test_a_steep_field_needs_its_slope():
 
     box = ([0, 0, 0], [0.1, 0.1, 0.1])
     assert mesh_of(thin, *box, 0.001, slope=50.0).volume == pytest.approx(4e-5, rel=0.15)
-    assert mesh_of(thin, *box, 0.001, slope=0.1).volume < 1e-5
+    assert len(mesh_of(thin, *box, 0.001, slope=0.1).faces) == 0  # between the points of the first, wide grid
 
 
 def test_an_empty_field_gives_an_empty_mesh():
