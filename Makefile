@@ -65,6 +65,8 @@ render-vision.%: simulate-grasps.%
 	@$(SHARD)
 simulate-touch.%: simulate-grasps.%
 	@$(SHARD)
+sample-distances.%: sample-surfaces.%
+	@$(SHARD)
 
 SURFACES  = $(addprefix sample-surfaces.,$(NUMBERS))
 IMAGES    = $(addprefix render-vision.,$(NUMBERS))
@@ -93,7 +95,7 @@ reproduce:  ## test the supplement's claims on 240 procedural objects: dataset, 
 	$(MAKE) --no-print-directory -j$$(nproc) report MANIFEST=four-classes PRESET=draft && \
 	echo "dataset: $$(((made - began) / 60)) min; training, evaluation and report: $$((($$(date +%s) - made) / 60)) min on $$(nproc) cores"
 
-.PRECIOUS: sample-surfaces.% simulate-grasps.% render-vision.% simulate-touch.% fit-charts.% train-gcn.%
+.PRECIOUS: sample-surfaces.% sample-distances.% simulate-grasps.% render-vision.% simulate-touch.% fit-charts.% train-gcn.%
 
 summary: $(IMAGES) $(TOUCHES)  ## the statistics and contact sheets alone
 	@$(BIN)/vt-pipeline summary $(DATA)

@@ -32,6 +32,7 @@ STAGES = {
     "simulate-grasps": Entry("stages.simulate_grasps", "SimulateGrasps", "GraspSettings"),
     "render-vision": Entry("stages.render_vision", "RenderVision", "VisionSettings"),
     "simulate-touch": Entry("stages.simulate_touch", "SimulateTouch", "TouchSettings"),
+    "sample-distances": Entry("stages.sample_distances", "SampleDistances", "DistanceSettings"),
     "train-unet": Entry("stages.train_unet", "TrainUnet", "UnetSettings"),
     "fit-charts": Entry("stages.fit_charts", "FitCharts", "ChartSettings"),
     "train-gcn": Entry("stages.train_gcn", "TrainGcn", "GcnSettings"),

@@ -1,0 +1,50 @@
+"""`sample-distances`: signed distances from points in space to every object's surface, which implicit networks learn from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.kernels.geometry.signed_distance import draw_around, signed_distances
+from pipeline.store.rows import Row
+from schemas.base import Artifact
+from schemas.distances import DISTANCES
+from schemas.surfaces import SURFACES
+from stages.sample_distances.settings import DistanceSettings
+
+
+class SampleDistances(ObjectStage):
+    """Draws points around every object, and measures how far they are from its surface."""
+
+    name = "sample-distances"
+    summary = "Draw points in space and measure their signed distance to the surface: for implicit networks."
+    output = DISTANCES
+    settings_type = DistanceSettings
+
+    def inputs(self, settings: DistanceSettings) -> tuple[Artifact, ...]:
+        """Name the meshes and the points on them."""
+        return (SURFACES,)
+
+    def cost(self, settings: DistanceSettings) -> Cost:
+        """Estimate a distance and a winding number per point."""
+        return Cost(seconds=0.05 * settings.queries / 16_384, kilobytes=240 * settings.queries / 16_384)
+
+    @contextmanager
+    def session(self, settings: DistanceSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+        """Keep nothing between objects."""
+        yield lambda task: _process(task, settings)
+
+
+def _process(task: Task, settings: DistanceSettings) -> Row:
+    view = task.inputs["surfaces"]
+    mesh, spread = read_mesh(view), (settings.least_spread, settings.most_spread)
+    surface, rng = view["points"].astype(np.float64), task.rng("sample-distances")
+    drawn = draw_around(surface, settings.queries, rng, near=settings.near, spread=spread, reach=settings.reach)
+    queries = drawn.astype(np.float32)
+    distances = signed_distances(queries.astype(np.float64), mesh.vertices, mesh.faces)
+    return {"query_points": queries, "signed_distance": distances.astype(np.float32)}

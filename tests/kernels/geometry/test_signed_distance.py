@@ -1,0 +1,66 @@
+"""Signed distances against closed forms, of closed meshes and open ones, and where the points are that they are measured at."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.signed_distance import draw_around, signed_distances
+from tests.references.box_distance import box_distance
+
+BALL = trimesh.creation.icosphere(subdivisions=5)
+SIDES = np.array([0.2, 0.4, 0.6])
+BOX = trimesh.creation.box(SIDES)
+
+
+def points(count: int, reach: float) -> np.ndarray:
+    return np.random.default_rng(0).uniform(-reach, reach, (count, 3))
+
+
+def test_distances_to_a_ball_are_its_radius_less():
+    asked = points(2000, 2.0)
+    found = signed_distances(asked, BALL.vertices, BALL.faces)
+    assert np.abs(found - (np.linalg.norm(asked, axis=1) - 1)).max() < 1e-3  # a chord's height
+    assert (found < 0).sum() > 100
+
+
+def test_distances_to_a_box_are_exact():
+    asked = points(2000, 0.5)
+    np.testing.assert_allclose(signed_distances(asked, BOX.vertices, BOX.faces), box_distance(asked, SIDES), atol=1e-12)
+
+
+def test_in_a_box_without_lid_the_solid_angle_decides():
+    """Seen from height h above or below its middle, the lid fills 4 asin(a b / sqrt((a² + h²) (b² + h²))): less than half of all around."""
+    faces = BOX.faces[BOX.triangles_center[:, 2] < 0.29]
+    assert len(faces) == 10
+    heights = np.array([-0.02, -1e-3, 1e-3, 0.02])
+    found = signed_distances(np.array([0, 0, 0.3]) + heights[:, None] * [0, 0, 1], BOX.vertices, faces)
+    np.testing.assert_allclose(found, np.sign(heights) * np.hypot(0.1, np.maximum(heights, 0)), atol=1e-9)
+
+
+def test_both_sides_of_a_sheet_are_outside_and_what_parts_share_is_inside():
+    sheet = signed_distances(np.array([[0.2, 0.2, 1e-3], [0.2, 0.2, -1e-3]]), np.eye(3) * [1, 1, 0], np.array([[0, 1, 2]]))
+    assert sheet == pytest.approx([1e-3, 1e-3])
+    two = trimesh.util.concatenate([BOX, BOX.copy().apply_translation([0.15, 0, 0])])
+    both = signed_distances(np.array([[0.075, 0, 0], [0.19, 0, 0], [0.26, 0, 0]]), two.vertices, two.faces)
+    assert both == pytest.approx([-0.025, -0.06, 0.01])
+
+
+def test_a_mesh_without_faces_is_refused():
+    with pytest.raises(InvalidInput, match="without faces"):
+        signed_distances(np.zeros((1, 3)), np.zeros((3, 3)), np.zeros((0, 3), int))
+
+
+def test_points_are_drawn_near_the_surface_and_around_it():
+    surface = BALL.vertices + [5.0, 0, 0]
+    drawn = draw_around(surface, 4000, np.random.default_rng(1), near=0.75, spread=(1e-3, 1e-2), reach=3.0) - [5.0, 0, 0]
+    apart = np.abs(np.linalg.norm(drawn, axis=1) - 1)
+    assert drawn.shape == (4000, 3)
+    assert np.abs(drawn).max() <= 3.0
+    # 3000 near, of which nearly none is 5 cm off; the shell of 5 cm to both sides has 0.6 % of the cube
+    assert abs((apart < 0.05).sum() - 3000 - 1000 * 1.26 / 216) < 20
+    assert 0.25 < (apart[apart < 0.05] < 1.5e-3).mean() < 0.45  # log-uniform: about a third
+    halves = [(apart[part] < 0.05).mean() for part in (slice(2000), slice(2000, None))]
+    assert halves[0] == pytest.approx(halves[1], abs=0.05)  # in random order
