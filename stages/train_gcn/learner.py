@@ -13,12 +13,13 @@ from pipeline.kernels.metrics.chamfer import Target, squared_distances
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
-from pipeline.models.observation import Observation, stack_observations
+from pipeline.models.observation import NetworkBatch, Observation, stack_observations
 from pipeline.models.reconstruction import assemble_surfaces
 from pipeline.rng import torch_generator
 from pipeline.training.learner import Learner
 from stages.train_gcn.items import Items
 from stages.train_gcn.settings import GcnSettings
+from stages.train_gcn.smoothness import Smoothness
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class GcnLearner(Learner):
         super().__init__(network)
         self._train, self._valid, self._settings, self._seed = train, valid, settings, seed
         self._network, self._camera = network, train.camera
+        self._smoothness = Smoothness(network, settings)
         self._fewest, self._most = (min(asked, train.grasps) for asked in (settings.min_grasps, settings.max_grasps))
 
     def __len__(self) -> int:
@@ -55,8 +57,9 @@ class GcnLearner(Learner):
         return Batch(observations, [self._train.target(item) for item in items], generators)
 
     def loss(self, batch: Batch) -> Tensor:
-        """Compute the mean Chamfer distance of the items."""
-        return self._chamfer(batch).mean()
+        """Compute the mean Chamfer distance of the items, and what their surfaces lack in smoothness."""
+        deformed, seen = self._deform(batch)
+        return self._chamfer(deformed, seen, batch).mean() + self._smoothness(deformed)
 
     def validate(self) -> dict[str, float]:
         """Compute the same with 1, 2, … grasps in turn, on points drawn the same in each epoch."""
@@ -67,13 +70,17 @@ class GcnLearner(Learner):
         for start in range(0, len(items), size):
             chosen = range(len(items))[start : start + size]
             observations = [items.view(item, self._fewest + item % items.each % choices, order) for item in chosen]
-            found.append(self._chamfer(Batch(observations, [items.target(item) for item in chosen], [generator] * len(chosen))))
+            batch = Batch(observations, [items.target(item) for item in chosen], [generator] * len(chosen))
+            found.append(self._chamfer(*self._deform(batch), batch))
         return {"loss": float(torch.cat(found).double().mean())}
 
-    def _chamfer(self, batch: Batch) -> Tensor:
-        """Compute (B,) the Chamfer distance of each item, m² x `TABLE_3_FACTOR`, of `loss_points` points each way to all the object's."""
+    def _deform(self, batch: Batch) -> tuple[Tensor, NetworkBatch]:
+        """Move the vision charts of a batch: (B, V, 3), and what the network was given."""
         seen = stack_observations(batch.observations, self._network.config, self._camera, like=next(self.module.parameters()))
-        deformed: Tensor = self.module(**vars(seen))
+        return self.module(**vars(seen)), seen
+
+    def _chamfer(self, deformed: Tensor, seen: NetworkBatch, batch: Batch) -> Tensor:
+        """Compute (B,) the Chamfer distance of each item, m² x `TABLE_3_FACTOR`, of `loss_points` points each way to all the object's."""
         surfaces = assemble_surfaces(self._network, deformed, seen)
         found = []
         for (vertices, faces), target, generator in zip(surfaces, batch.targets, batch.generators, strict=True):

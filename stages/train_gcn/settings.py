@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from pipeline.config.settings import setting
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, NetworkConfig
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, NetworkConfig, Seams, TouchEdges
 from pipeline.training.settings import TrainingSettings
 
 
@@ -24,6 +24,11 @@ class GcnSettings(TrainingSettings):
     encoder_width: float = setting(0.5, "share of the tables' channels, likewise", gt=0, le=2)
     mixed: float = setting(1 / 3, "share of features averaged over neighbours; the cited work has 1/10 as well", ge=0, le=1)
     passes: int = setting(3, "times the charts are deformed, with the same weights", ge=1)
+    seams: Seams = setting("open", "tied: vertices of neighbouring charts that coincide move as one, and the surface stays closed")
+    touch_edges: TouchEdges = setting("centres", "all: touch charts speak to every vision vertex, and are not spoken to")
+    edge_weight: float = setting(0.0, "of the mean squared edge length of the vision charts, m², beside a Chamfer distance in m²", ge=0)
+    laplacian_weight: float = setting(0.0, "of the mean squared difference of a vertex's displacement to its neighbours', likewise", ge=0)
+    bending_weight: float = setting(0.0, "of the mean of 1 - cos between neighbouring faces, beside a Chamfer distance as printed", ge=0)
     learning_rate: float = setting(3e-3, "a hundred times the supplement's, for trainings a hundred times shorter", gt=0)
     batch_size: int = setting(
         4, "four times the steps in the time that the supplement's 16 take, and a Chamfer distance a third smaller", ge=1

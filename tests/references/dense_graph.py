@@ -18,7 +18,9 @@ def square_faces(side: int) -> list[tuple[int, int, int]]:
     return faces
 
 
-def dense_mean(faces: np.ndarray, vertices: np.ndarray, centres: np.ndarray, side: int, counts: Sequence[int]) -> np.ndarray:
+def dense_mean(
+    faces: np.ndarray, vertices: np.ndarray, centres: np.ndarray, side: int, counts: Sequence[int], *, touch_edges: str = "centres"
+) -> np.ndarray:
     """(N, N) rows that sum to 1, from the vision charts' faces, vertices and centres."""
     size = sum(len(vertices) + count * side * side for count in counts)
     adjacency = np.eye(size)
@@ -36,7 +38,9 @@ def dense_mean(faces: np.ndarray, vertices: np.ndarray, centres: np.ndarray, sid
                 for a, b in permutations(face, 2):
                     adjacency[touch + a, touch + b] = 1
             middle = touch + (side * side - 1) // 2
-            for centre in centres:
+            if touch_edges == "all":
+                adjacency[first : first + len(vertices), middle] = 1
+            for centre in centres if touch_edges == "centres" else ():
                 adjacency[middle, first + centre] = adjacency[first + centre, middle] = 1
             touch += side * side
         first = touch

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy import sparse
 from torch import Tensor
 
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.charts.vision_charts import VisionCharts
 from pipeline.kernels.metrics.float_types import check_full_precision
+from pipeline.kernels.networks.network_configurations import TouchEdges
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +25,8 @@ class ChartGraph:
 
     Item b has its V vision vertices first, then `counts[b]` touch charts of side² vertices; then item b + 1 follows. Two vertices are
     neighbours where a chart's edge joins them, where they are vision vertices that coincide, or where one is the centre of a touch
-    chart and the other the centre of a vision chart. Each vertex is its own neighbour.
+    chart and the other the centre of a vision chart. Each vertex is its own neighbour. With touch edges to all vision vertices, the
+    centres of touch charts are neighbours of each vision vertex of their item instead, and have no vision vertex for a neighbour.
 
     Attributes
     ----------
@@ -37,6 +40,8 @@ class ChartGraph:
         Vertices of each item: V + counts[b] · side².
     vision_size
         V, the vision vertices of each item.
+    speakers
+        (T,) the centres of touch charts that all vision vertices of their item hear beside the neighbours in `adjacency`; None for none.
     """
 
     adjacency: Tensor
@@ -44,12 +49,23 @@ class ChartGraph:
     counts: list[int]
     sizes: list[int]
     vision_size: int
+    speakers: Tensor | None = None
 
     def average(self, features: Tensor) -> Tensor:
         """Average features (N, F) over the neighbours of each vertex, in the adjacency's precision: (N, F), of the features' type."""
         with torch.autocast(features.device.type, enabled=False):  # sparse products know no half precision on a CPU
-            summed: Tensor = _SymmetricProduct.apply(self.adjacency, features.to(self.adjacency.dtype))  # type: ignore[no-untyped-call]
+            full = features.to(self.adjacency.dtype)
+            summed: Tensor = _SymmetricProduct.apply(self.adjacency, full)  # type: ignore[no-untyped-call]
+            if self.speakers is not None:
+                summed = summed + self.heard(full[self.speakers])
             return (summed / self.degree).to(features.dtype)
+
+    def heard(self, spoken: Tensor) -> Tensor:
+        """Sum up what the touch charts of each item say, (T, F), for its vision vertices; 0 for the other vertices: (N, F)."""
+        heard = []
+        for part, size in zip(torch.split(spoken, self.counts), self.sizes, strict=True):
+            heard += [part.sum(dim=0).expand(self.vision_size, -1), part.new_zeros(size - self.vision_size, part.shape[1])]
+        return torch.cat(heard)
 
     def join(self, vision: Tensor, touch: Tensor) -> Tensor:
         """Arrange features of vision vertices (B, V, F) and of touch charts (T, side², F) as those of all vertices: (N, F)."""
@@ -79,7 +95,7 @@ class _SymmetricProduct(torch.autograd.Function):
         return None, matrix @ gradient
 
 
-def chart_graph(charts: VisionCharts, side: int, counts: Sequence[int], like: Tensor) -> ChartGraph:
+def chart_graph(charts: VisionCharts, side: int, counts: Sequence[int], like: Tensor, *, touch_edges: TouchEdges = "centres") -> ChartGraph:
     """Build the graph of a batch.
 
     Parameters
@@ -92,6 +108,8 @@ def chart_graph(charts: VisionCharts, side: int, counts: Sequence[int], like: Te
         Touch charts of each item, B numbers of at least 0.
     like
         A tensor of the device and type that the adjacency gets; float32 or float64.
+    touch_edges
+        Which vision vertices touch charts are joined to; see `NetworkConfig`.
 
     Returns
     -------
@@ -105,26 +123,43 @@ def chart_graph(charts: VisionCharts, side: int, counts: Sequence[int], like: Te
     if not counts or min(counts) < 0:
         raise ValueError(f"counts is {list(counts)}; a batch needs one item at least, each with 0 or more touch charts")
     check_full_precision("an adjacency", like)
-    items = [_item_adjacency(charts, side, count) for count in counts]
+    mutual = touch_edges == "centres"
+    items = [_item_adjacency(charts, side, count, mutual=mutual) for count in counts]
     matrix = sparse.block_diag(items, format="csr")
     parts = matrix.indptr, matrix.indices, matrix.data
     with warnings.catch_warnings():  # torch warns that its interface may change
         warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
         adjacency = torch.sparse_csr_tensor(*parts, matrix.shape, dtype=like.dtype, device=like.device, check_invariants=False)
     degree = torch.from_numpy(np.diff(matrix.indptr)).to(like)[:, None]
-    return ChartGraph(adjacency, degree, list(counts), [item.shape[0] for item in items], len(charts.vertices))
+    graph = ChartGraph(adjacency, degree, list(counts), [item.shape[0] for item in items], len(charts.vertices))
+    return graph if mutual else _heard_by_all(graph, charts, side)
 
 
-def _item_adjacency(charts: VisionCharts, side: int, count: int) -> sparse.csr_array:
-    """(n, n) with 1 where two vertices of one item are neighbours."""
+def _heard_by_all(graph: ChartGraph, charts: VisionCharts, side: int) -> ChartGraph:
+    """Give each vision vertex the centres of its item's touch charts for neighbours."""
+    first = np.cumsum([0, *graph.sizes[:-1]])
+    centres = [start + _touch_centres(charts, side, count) for start, count in zip(first, graph.counts, strict=True)]
+    speakers = torch.from_numpy(np.concatenate(centres)).to(graph.degree.device)
+    return replace(graph, speakers=speakers, degree=graph.degree + graph.heard(graph.degree.new_ones(len(speakers), 1)))
+
+
+def _touch_centres(charts: VisionCharts, side: int, count: int) -> NDArray[np.int64]:
+    """(count,) the middle vertex of each touch chart of one item."""
+    return len(charts.vertices) + side**2 * np.arange(count) + side**2 // 2
+
+
+def _item_adjacency(charts: VisionCharts, side: int, count: int, *, mutual: bool) -> sparse.csr_array:
+    """(n, n) with 1 where two vertices of one item are neighbours; with `mutual`, centres of touch and vision charts are."""
     square, square_faces = chart_square(side)
     first_vertices = len(charts.vertices) + len(square) * np.arange(count)  # (count,) of each touch chart
     touch_faces = (square_faces.numpy() + first_vertices[:, None, None]).reshape(-1, 3)
     faces = np.concatenate([charts.faces, touch_faces])
     sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    centres = np.stack(np.meshgrid(first_vertices + len(square) // 2, charts.centres), axis=-1).reshape(-1, 2)
+    pairs = np.concatenate([sides, charts.seams])
+    if mutual:
+        centres = np.stack(np.meshgrid(_touch_centres(charts, side, count), charts.centres), axis=-1).reshape(-1, 2)
+        pairs = np.concatenate([pairs, centres])
     size = len(charts.vertices) + count * len(square)
-    pairs = np.concatenate([sides, charts.seams, centres])
     rows, columns = np.concatenate([pairs, pairs[:, ::-1]]).T
     neighbours = sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(size, size)) + sparse.eye_array(size)
     neighbours.data[:] = 1  # sides of two faces were added up

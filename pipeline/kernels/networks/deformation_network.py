@@ -29,7 +29,8 @@ class DeformationNetwork(nn.Module):
     """Moves a sphere of vision charts so that, with the touch charts, it becomes the object's surface.
 
     One graph network moves the vertices `config.passes` times. It is given each vertex's position in radii of the sphere from its centre,
-    with touch the vertex's mask feature, and with an image the image features pooled at the vertex. Touch charts never move.
+    with touch the vertex's mask feature, and with an image the image features pooled at the vertex. Touch charts never move; with tied
+    seams, vision vertices that coincide keep doing so to the bit.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ class DeformationNetwork(nn.Module):
         start = torch.tensor(self.charts.vertices).to(self.gcn.last.weight)  # (V, 3) in radii from the centre
         vision = start.expand(len(counts), -1, -1)  # (B, V, 3)
         touch = (touch_vertices.to(start) - start.new_tensor(self.config.centre)) / self.config.radius  # (T, S, 3)
-        graph = chart_graph(self.charts, self.config.side, counts, like=start)
+        graph = chart_graph(self.charts, self.config.side, counts, like=start, touch_edges=self.config.touch_edges)
         mask = torch.where(touched, TOUCHED, NOT_TOUCHED).to(start)[:, None, None].expand(*touch.shape[:2], 1)  # (T, S, 1)
         step: Callable[[Tensor], Tensor] = partial(
             self._displacements,
@@ -105,7 +106,7 @@ class DeformationNetwork(nn.Module):
         if self.config.checkpointing and torch.is_grad_enabled():
             step = partial(checkpoint, step, use_reentrant=False, preserve_rng_state=False)
         for _ in range(self.config.passes):
-            vision = vision + step(vision)
+            vision = vision + self._tied(step(vision))
         return self._world(vision)
 
     def _displacements(
@@ -119,6 +120,16 @@ class DeformationNetwork(nn.Module):
             seen = [self._image_features(item, [map_[i : i + 1] for map_ in maps], cameras[i]) for i, item in items]
             parts.append(torch.cat(seen))
         return graph.vision_vertices(self.gcn(torch.cat(parts, dim=1), graph))
+
+    def merged(self, vertices: Tensor) -> Tensor:
+        """Compute the mean of what vertices that coincide have each, (B, V, F): (B, P, F) for the sphere's P distinct positions."""
+        position = torch.tensor(self.charts.position, device=vertices.device)  # (V,)
+        copies = torch.bincount(position)[:, None]  # (P, 1)
+        return vertices.new_zeros(len(vertices), len(copies), vertices.shape[2]).index_add(1, position, vertices) / copies
+
+    def _tied(self, displacements: Tensor) -> Tensor:
+        """Move vertices that coincide as one, if seams are tied: by the mean of their displacements (B, V, 3)."""
+        return displacements if self.config.seams == "open" else self.merged(displacements)[:, self.charts.position]
 
     def _image_features(self, positions: Tensor, maps: list[Tensor], camera: Tensor) -> Tensor:
         """(n, F) image features of one item's vertices."""

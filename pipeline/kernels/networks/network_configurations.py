@@ -12,6 +12,8 @@ from pipeline.kernels.charts.vision_charts import MOST_SPLITS
 from pipeline.kernels.networks.image_encoder import Norm
 
 ImageKind = Literal["occluded", "unoccluded"]
+Seams = Literal["open", "tied"]
+TouchEdges = Literal["centres", "all"]
 
 
 class NetworkConfig(BaseModel):
@@ -35,6 +37,11 @@ class NetworkConfig(BaseModel):
         Vision charts: 24 · 4^splits of them.
     side
         Vertices along a side of a touch chart.
+    seams
+        "tied": vision vertices that coincide move as one, by the mean of what the network says of each; "open": each for itself.
+    touch_edges
+        "all": each vision vertex has the centres of its item's touch charts for neighbours, which do not see it; "centres": the centres of
+        vision charts and of touch charts are each other's neighbours.
     centre, radius
         Where the sphere of vision charts starts, m, world. Networks see and move vertices in units of the radius from the centre.
     checkpointing
@@ -56,6 +63,8 @@ class NetworkConfig(BaseModel):
     passes: int = Field(default=3, ge=1, le=100)
     splits: int = Field(default=1, ge=0, le=MOST_SPLITS)
     side: int = Field(default=9, ge=3, le=MOST_SIDE)
+    seams: Seams = "open"
+    touch_edges: TouchEdges = "centres"
     centre: tuple[float, float, float] = (0.0, 0.0, 0.6)
     radius: float = Field(default=0.25, gt=0)
     checkpointing: bool = False

@@ -19,6 +19,15 @@ def test_mean_equals_dense_adjacency_of_a_loop_over_faces(splits: int, side: int
     np.testing.assert_allclose((graph.adjacency.to_dense() / graph.degree).numpy(), expected, rtol=1e-15)
 
 
+@pytest.mark.parametrize("counts", [[0], [2], [1, 0, 3]])
+def test_each_vision_vertex_hears_the_touch_charts_of_its_item_which_hear_none(counts: list[int]) -> None:
+    sphere = vision_charts(0)
+    graph = chart_graph(sphere, 3, counts, FLOAT64, touch_edges="all")
+    expected = dense_mean(sphere.faces, sphere.vertices, sphere.centres, 3, counts, touch_edges="all")
+    identity = torch.eye(sum(graph.sizes), dtype=torch.float64)
+    np.testing.assert_allclose(graph.average(identity).numpy(), expected, rtol=1e-15)
+
+
 def test_full_size_graph_has_the_supplements_degrees() -> None:
     sphere = vision_charts()
     graph = chart_graph(sphere, 9, [4, 20], FLOAT32)

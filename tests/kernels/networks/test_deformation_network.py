@@ -70,7 +70,7 @@ def slow_network(
                     for features, start, jump in zip(maps, (5.5, 15.5, 35.5, 75.5), (2, 4, 8, 16), strict=True)
                 ]
                 rows.append(np.concatenate([(vertex - centre) / config.radius, [kind], *pooled]))
-            dense = dense_mean(sphere.faces, sphere.vertices, sphere.centres, config.side, [count])
+            dense = dense_mean(sphere.faces, sphere.vertices, sphere.centres, config.side, [count], touch_edges=config.touch_edges)
             features = np.stack(rows)
             for layer in network.gcn.hidden:
                 linear = layer.linear
@@ -80,12 +80,16 @@ def slow_network(
                 features[:, :mixed] = dense @ features[:, :mixed]
                 features = np.maximum(features, 0)
             moved = features @ network.gcn.last.weight.detach().numpy().T + network.gcn.last.bias.detach().numpy()
-            vertices[item] = vertices[item] + config.radius * moved[: len(vertices[item])]
+            moved = moved[: len(vertices[item])]
+            if config.seams == "tied":
+                moved = np.stack([moved[sphere.position == number].mean(axis=0) for number in sphere.position])
+            vertices[item] = vertices[item] + config.radius * moved
     return np.stack(vertices)
 
 
-def test_network_equals_its_slow_twin() -> None:
-    network, given = small().eval(), inputs(COUNTS)
+@pytest.mark.parametrize("changes", [{}, {"seams": "tied"}, {"touch_edges": "all"}], ids=str)
+def test_network_equals_its_slow_twin(changes: dict[str, str]) -> None:
+    network, given = small(**changes).eval(), inputs(COUNTS)
     with torch.no_grad():
         fast = network(**given)
     assert fast.shape == (3, 456, 3)
@@ -103,6 +107,15 @@ def test_each_configuration_runs_and_has_gradients(name: str) -> None:
     for parameter in network.parameters():
         assert parameter.grad is not None
         assert torch.isfinite(parameter.grad).all()
+
+
+def test_tied_seams_stay_closed_to_the_bit() -> None:
+    network, sphere = small(seams="tied").float(), vision_charts(0)
+    vertices = network(**in_float32(inputs([2, 1]))).detach()
+    assert (vertices - vertices.mean(dim=1, keepdim=True)).norm(dim=-1).std() > 1e-3  # no sphere any more
+    for number in range(sphere.position.max() + 1):
+        copies = vertices[:, sphere.position == number]
+        assert torch.equal(copies, copies[:, :1].expand_as(copies))
 
 
 def test_sphere_stays_without_displacement() -> None:
