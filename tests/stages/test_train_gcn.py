@@ -13,6 +13,7 @@ import torch
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.kernels.metrics.chamfer import chamfer
 from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
+from pipeline.kernels.metrics.surface_regularisers import edge_length, neighbouring_vertices
 from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
@@ -73,6 +74,43 @@ def test_one_object_is_learned_to_one_and_a_half_times_its_floor_with_10000_poin
     reached, floor = overfit(tmp_path, steps=3000, points=10000)
     print(f"Chamfer {reached:.3g} m², floor {floor:.3g} m² with 10,000 points: {reached / floor:.2f} x")
     assert reached <= 1.5 * floor
+
+
+def loss_of(data: Path, **changes) -> float:
+    """The loss of an untrained network."""
+    settings = GcnSettings(configuration="none", gcn_layers=2, gcn_features=6, loss_points=100, items=1, **changes)
+    config = settings.network(side=9)
+    items = Items(data, "train", config, 1)
+    learner = GcnLearner(DeformationNetwork(config, torch_generator(0, "weights")), items, items, settings, 0)
+    with torch.no_grad():
+        return float(learner.loss(learner.read([0], [torch_generator(0, "step")])))
+
+
+def test_smoothness_adds_its_weighted_terms_to_the_loss_of_the_sphere_of_charts(data):
+    plain = loss_of(data)
+    edges = (loss_of(data, edge_weight=2.0) - plain) / (2 * 9000)  # the mean squared edge, m²
+    assert 0.005**2 < edges < 0.04**2  # 3456 edges of a sphere of radius 0.25 m
+    assert loss_of(data, edge_weight=4.0) - plain == pytest.approx(2 * 2 * 9000 * edges, rel=1e-3)
+    assert 0 < loss_of(data, bending_weight=1.0) - plain < 0.1  # of faces that are a few degrees apart
+    assert loss_of(data, laplacian_weight=1.0) > plain
+
+
+def test_edges_are_shorter_where_the_loss_asks_for_it(tmp_path, data):
+    def edge(weight: float) -> float:
+        settings = GcnSettings(configuration="none", gcn_layers=3, gcn_features=24, loss_points=200, items=1, seams="tied", edge_weight=weight)
+        config = settings.network(side=9)
+        items = Items(data, "train", config, 1)
+        network = DeformationNetwork(config, torch_generator(0, "weights"))
+        learner = GcnLearner(network, items, items, settings, 0)
+        optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
+        for step in range(30):
+            optimizer.zero_grad()
+            learner.loss(learner.read([0], [torch_generator(0, step)])).backward()
+            optimizer.step()
+        vertices = network(**vars(stack_observations([items.view(0, 1, np.array([0]))], config, camera=None, like=torch.zeros(()))))
+        return float(edge_length(network.merged(vertices), neighbouring_vertices(network.charts.position[network.charts.faces])))
+
+    assert edge(5.0) < 0.7 * edge(0.0)
 
 
 def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():

@@ -79,4 +79,5 @@ def bending(vertices: Tensor, faces: Tensor, pairs: Tensor) -> Tensor:
     across = torch.linalg.cross(b - a, c - a)  # (B, F, 3)
     normals = across / (across.square().sum(dim=-1, keepdim=True) + FLAT**2).sqrt()
     first, second = normals[:, pairs].unbind(dim=2)
-    return (1 - (first * second).sum(dim=-1)).mean(dim=-1)
+    bent: Tensor = 1 - (first * second).sum(dim=-1)
+    return bent.mean(dim=-1)

@@ -44,6 +44,8 @@ class DeformationNetwork(nn.Module):
         super().__init__()
         self.config = config
         self.charts = vision_charts(config.splits)
+        self.position: Tensor
+        self.register_buffer("position", torch.tensor(self.charts.position), persistent=False)
         self.encoder: ImageEncoder | None = None
         self.linear: nn.Linear | None = None
         pooled = 0
@@ -123,13 +125,12 @@ class DeformationNetwork(nn.Module):
 
     def merged(self, vertices: Tensor) -> Tensor:
         """Compute the mean of what vertices that coincide have each, (B, V, F): (B, P, F) for the sphere's P distinct positions."""
-        position = torch.tensor(self.charts.position, device=vertices.device)  # (V,)
-        copies = torch.bincount(position)[:, None]  # (P, 1)
-        return vertices.new_zeros(len(vertices), len(copies), vertices.shape[2]).index_add(1, position, vertices) / copies
+        copies = torch.bincount(self.position)[:, None]  # (P, 1)
+        return vertices.new_zeros(len(vertices), len(copies), vertices.shape[2]).index_add(1, self.position, vertices) / copies
 
     def _tied(self, displacements: Tensor) -> Tensor:
         """Move vertices that coincide as one, if seams are tied: by the mean of their displacements (B, V, 3)."""
-        return displacements if self.config.seams == "open" else self.merged(displacements)[:, self.charts.position]
+        return displacements if self.config.seams == "open" else self.merged(displacements)[:, self.position]
 
     def _image_features(self, positions: Tensor, maps: list[Tensor], camera: Tensor) -> Tensor:
         """(n, F) image features of one item's vertices."""
