@@ -97,7 +97,8 @@ def test_smoothness_adds_its_weighted_terms_to_the_loss_of_the_sphere_of_charts(
 
 def test_edges_are_shorter_where_the_loss_asks_for_it(tmp_path, data):
     def edge(weight: float) -> float:
-        settings = GcnSettings(configuration="none", gcn_layers=3, gcn_features=24, loss_points=200, items=1, seams="tied", edge_weight=weight)
+        small: dict = {"gcn_layers": 3, "gcn_features": 24, "loss_points": 200, "items": 1}
+        settings = GcnSettings(configuration="none", seams="tied", edge_weight=weight, **small)
         config = settings.network(side=9)
         items = Items(data, "train", config, 1)
         network = DeformationNetwork(config, torch_generator(0, "weights"))
@@ -107,7 +108,8 @@ def test_edges_are_shorter_where_the_loss_asks_for_it(tmp_path, data):
             optimizer.zero_grad()
             learner.loss(learner.read([0], [torch_generator(0, step)])).backward()
             optimizer.step()
-        vertices = network(**vars(stack_observations([items.view(0, 1, np.array([0]))], config, camera=None, like=torch.zeros(()))))
+        seen = stack_observations([items.view(0, 1, np.array([0]))], config, camera=None, like=torch.zeros(()))
+        vertices = network(**vars(seen)).detach()
         return float(edge_length(network.merged(vertices), neighbouring_vertices(network.charts.position[network.charts.faces])))
 
     assert edge(5.0) < 0.7 * edge(0.0)
