@@ -1,0 +1,146 @@
+"""One closed mesh around a surface that may be crumpled, open or cross itself; smoothing, and refinement, of closed meshes.
+
+Vertices are (V, 3) float64, finite; faces (F, 3) integers, F at least 1.
+"""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.level_set import level_set_mesh
+from pipeline.kernels.geometry.mesh import face_cross_products
+
+Points = NDArray[np.float64]
+Faces = NDArray[np.int64]
+
+INSIDE = 0.5
+"""Winding number, of either sign, above which a point is inside: a part that was turned inside out is inside as well."""
+KEPT = 0.2
+"""Share of the distance to the surface that is left where the wrap is laid onto it: sheets that touch stay two sides of one body."""
+SHRINK, GROW = 0.5, 0.505
+"""Taubin's factors: short bumps go, the volume stays (A Signal Processing Approach to Fair Surface Design, 1995)."""
+
+
+def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points, Faces]:
+    """Make one closed mesh of whatever triangles, as if a foil were shrunk around them.
+
+    Parameters
+    ----------
+    vertices, faces
+        The triangles. Gaps up to twice the spacing are closed exactly, wider holes where the winding number passes one half.
+    spacing
+        Edges of the mesh are about as long; features and tunnels that are narrower are lost.
+
+    Returns
+    -------
+    Vertices and faces of the largest part, normals outwards. What lies inside it, and apart from it, is dropped.
+
+    Raises
+    ------
+    InvalidInput
+        A vertex is NaN or infinite, or the surface is larger than a grid of this spacing can be.
+
+    Notes
+    -----
+    The level set of the distance at `spacing`, without what is enclosed, is closed and has a body wherever there are triangles, however
+    thin. Its vertices are then moved to the nearest points of the triangles, but for a fifth of their distance.
+    """
+    if not np.isfinite(vertices).all():
+        raise InvalidInput(f"{np.count_nonzero(~np.isfinite(vertices))} coordinates are NaN or infinite: nothing closes such a surface")
+    vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
+
+    def distance(points: Points) -> Points:
+        """Compute the distance from the shell of the triangles, negative in it and inside."""
+        apart: Points = np.sqrt(igl.point_mesh_squared_distance(points, vertices, faces)[0]) - spacing
+        if (free := apart > 0).any():
+            inside = np.abs(igl.fast_winding_number(vertices, faces, points[free])) > INSIDE
+            apart[free] = np.where(inside, -apart[free], apart[free])
+        return apart
+
+    margin = 2 * spacing
+    used = vertices[np.unique(faces)]
+    shell, sides = largest_part(*level_set_mesh(distance, used.min(axis=0) - margin, used.max(axis=0) + margin, spacing))
+    squared, _, nearest = igl.point_mesh_squared_distance(shell, vertices, faces)
+    onto = squared < (1.5 * spacing) ** 2  # others close a hole
+    shell[onto] = nearest[onto] + KEPT * (shell - nearest)[onto]
+    return shell, sides
+
+
+def largest_part(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
+    """Keep the part of a closed mesh that encloses most, and the vertices that it uses."""
+    label = igl.facet_components(np.ascontiguousarray(faces))[1]
+    volumes = np.bincount(label, weights=np.linalg.det(vertices[faces]))
+    used, renamed = np.unique(faces[label == np.argmax(volumes)], return_inverse=True)
+    return vertices[used], renamed.reshape(-1, 3)
+
+
+def smooth_mesh(vertices: Points, faces: Faces, rounds: int) -> Points:
+    """Smooth a mesh by Taubin's filter; returns its vertices."""
+    neighbours = neighbour_means(faces, len(vertices))
+    for _ in range(rounds):
+        for share in (SHRINK, -GROW):
+            vertices = vertices + share * (neighbours @ vertices - vertices)
+    return vertices
+
+
+def neighbour_means(faces: Faces, count: int) -> sparse.csr_array:
+    """Make the (V, V) matrix that replaces each vertex by the mean of its neighbours; one without a face stays."""
+    first, second = mesh_edges(faces)[0].T
+    alone = np.setdiff1d(np.arange(count), [first, second])
+    rows, columns = np.concatenate([first, second, alone]), np.concatenate([second, first, alone])
+    degree = np.bincount(rows, minlength=count)
+    return sparse.csr_array((1 / degree[rows], (rows, columns)), shape=(count, count))
+
+
+def vertex_normals(vertices: Points, faces: Faces) -> Points:
+    """Compute the unit normal at each vertex, from its faces by their areas; 0 where they have none."""
+    across = face_cross_products(vertices[faces])
+    total = np.stack([np.bincount(faces.ravel(), np.repeat(axis, 3), minlength=len(vertices)) for axis in across.T], axis=1)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.asarray(np.divide(total, length, out=np.zeros_like(total), where=length > 0))
+
+
+def split_edges(vertices: Points, faces: Faces, chosen: NDArray[np.bool_]) -> tuple[Points, Faces]:
+    """Split edges of a mesh in their middles, and the faces beside them: a closed mesh stays closed.
+
+    Parameters
+    ----------
+    vertices, faces
+        The mesh.
+    chosen
+        (E,) bool, of the edges as `mesh_edges` numbers them.
+    """
+    ends, edge = mesh_edges(faces)
+    middle = np.where(chosen, len(vertices) + np.cumsum(chosen) - 1, -1)
+    vertices = np.concatenate([vertices, vertices[ends[chosen]].mean(axis=1)])
+    split = chosen[edge]  # (F, 3)
+    number = split.sum(axis=1)
+    parts = [faces[number == 0]]
+    for count, table in SPLITS.items():
+        these = number == count
+        first = np.argmax(split[these], axis=1) if count == 1 else (np.argmin(split[these], axis=1) + 1) % 3  # its first split side
+        turned = (first[:, None] + np.arange(3)) % 3
+        corners = np.take_along_axis(faces[these], turned, axis=1)
+        middles = np.take_along_axis(middle[edge[these]], turned, axis=1)
+        parts.append(np.concatenate([corners, middles], axis=1)[:, table].reshape(-1, 3))
+    return vertices, np.concatenate(parts)
+
+
+SPLITS = {
+    1: [[0, 3, 2], [3, 1, 2]],
+    2: [[3, 1, 4], [0, 3, 4], [0, 4, 2]],
+    3: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
+}
+"""The faces that one becomes, by the number of its sides that are split: corners are 0, 1, 2, middles of the sides after them 3, 4, 5."""
+
+
+def mesh_edges(faces: Faces) -> tuple[Faces, Faces]:
+    """List the edges of a mesh: (E, 2) their ends, and (F, 3) the edge after each corner of each face."""
+    after = np.roll(faces, -1, axis=1)
+    count = int(faces.max()) + 1
+    unique, edge = np.unique(np.minimum(faces, after) * count + np.maximum(faces, after), return_inverse=True)
+    return np.stack(np.divmod(unique, count), axis=1), edge.reshape(-1, 3)

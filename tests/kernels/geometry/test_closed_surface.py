@@ -1,0 +1,167 @@
+"""Closed meshes of surfaces and touch charts, against ellipsoids that were touched where they were not expected to be."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
+from pipeline.kernels.geometry.closed_surface import closed_surface
+from pipeline.kernels.geometry.surface_attachment import attach_points
+from pipeline.kernels.geometry.surface_wrapping import mesh_edges, split_edges, vertex_normals
+from pipeline.kernels.metrics.surface_quality import dihedral_angles
+
+SPHERE = vision_charts(1)
+JOINED = np.zeros((SPHERE.position.max() + 1, 3))
+JOINED[SPHERE.position] = SPHERE.vertices
+FACES = SPHERE.position[SPHERE.faces]
+RADII = np.array([0.1, 0.1, 0.15])
+VOLUME = 4 / 3 * np.pi * RADII.prod()
+SQUARE, CHART_FACES = (array.numpy() for array in chart_square(9))
+NO_CHARTS = np.zeros((0, 81, 3))
+
+
+def chart(direction, outward: float = 0.0) -> np.ndarray:
+    """A patch of the ellipsoid, 17 mm wide, moved outwards, as a sensor would feel it that comes from that direction."""
+    away = np.array(direction, float) / np.linalg.norm(direction)
+    across = np.cross(away, [0.3, 0.5, 0.8])
+    across /= np.linalg.norm(across)
+    start = 0.0174 * (SQUARE[:, :1] * across + SQUARE[:, 1:2] * np.cross(-away, across)) / RADII
+    a, b, c = (away / RADII) @ (away / RADII), start @ (away / RADII), (start**2).sum(axis=1) - 1
+    return start * RADII + ((np.sqrt(b**2 - a * c) - b) / a + outward)[:, None] * away
+
+
+def closed(vertices, faces=FACES, charts=NO_CHARTS, resolution=40) -> trimesh.Trimesh:
+    mesh = trimesh.Trimesh(*closed_surface(vertices, faces, charts, CHART_FACES, resolution=resolution), process=False)
+    assert np.isfinite(mesh.vertices).all()
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.volume > 0
+    assert mesh.body_count == 1
+    assert farthest(charts, mesh) <= 5e-4
+    written = trimesh.Trimesh(mesh.vertices.astype(np.float32), mesh.faces)  # as files hold it; equal vertices become one
+    assert written.is_watertight
+    return mesh
+
+
+def farthest(charts, mesh) -> float:
+    points = np.reshape(charts, (-1, 3))
+    return float(np.sqrt(igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)[0]).max()) if len(points) else 0.0
+
+
+def test_an_ellipsoid_that_was_felt_2_mm_farther_out():
+    charts = np.array([chart(direction, 0.002) for direction in ((1, 0, 0), (-1, 0.2, 0), (0, 0, 1))])
+    assert np.sqrt(igl.point_mesh_squared_distance(charts[0], JOINED * RADII, FACES)[0]).min() > 1.5e-3
+    mesh = closed(JOINED * RADII, charts=charts, resolution=48)
+    assert mesh.euler_number == 2
+    assert mesh.volume == pytest.approx(VOLUME, rel=0.03)
+    away = np.linalg.norm(mesh.vertices[:, None] - charts.mean(axis=1), axis=2).min(axis=1) > 0.04
+    assert np.abs(np.linalg.norm(mesh.vertices[away] / RADII, axis=1) - 1).max() < 0.02
+    assert np.quantile(dihedral_angles(mesh.vertices, mesh.faces), 0.98) < 8
+
+
+def test_a_missing_chart_and_open_seams_are_closed():
+    there = SPHERE.faces[(SPHERE.faces // CHART_VERTICES != 5).all(axis=1)]  # of 96
+    vertices = 0.1 * SPHERE.vertices
+    shrunk = vertices.reshape(-1, CHART_VERTICES, 3)
+    middles = shrunk.mean(axis=1, keepdims=True)
+    mesh = closed((middles + 0.9 * (shrunk - middles)).reshape(-1, 3), there, resolution=48)  # seams of some 2 mm
+    assert mesh.euler_number == 2
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi * 1e-3, rel=0.06)
+
+
+def test_crumples_are_flattened():
+    crumpled = (JOINED + 0.05 * np.random.default_rng(0).normal(size=JOINED.shape)) * RADII
+    mesh = closed(crumpled)
+    assert np.median(dihedral_angles(crumpled, FACES)) > 30
+    assert np.median(dihedral_angles(mesh.vertices, mesh.faces)) < 8
+    assert mesh.volume == pytest.approx(VOLUME, rel=0.1)
+    assert mesh.area < trimesh.Trimesh(crumpled, FACES).area * 0.9
+
+
+@pytest.mark.parametrize(
+    ("charts", "volume"),
+    [
+        (chart((1, 0, 0), 0.05)[None], (1, 1.15)),
+        (chart((1, 0, 0), -0.03)[None], (0.8, 1.02)),
+        (np.stack([chart((1, 0, 0), 0.01), chart((1, 0.1, 0), -0.01)]), (0.9, 1.1)),  # they contradict each other
+        (np.tile([0.11, 0, 0], (1, 81, 1)), (1, 1.1)),
+        (np.tile(chart((0, 1, 0)), (2, 1, 1)), (0.98, 1.05)),
+        (chart((0, 1, 0))[None, ::-1], (0.95, 1.05)),  # its normals point outwards
+        (np.zeros((1, 81, 3)), (0.7, 1.05)),
+        (0.05 * np.random.default_rng(0).normal(size=(1, 81, 3)), (0.3, 1.3)),
+    ],
+    ids=["far outside", "deep inside", "contradicting", "a point", "twice", "inside out", "in the middle", "noise"],
+)
+def test_touches_are_believed_wherever_they_are(charts, volume):
+    low, high = volume
+    assert low < closed(JOINED * RADII, charts=charts, resolution=32).volume / VOLUME < high
+
+
+def test_both_sides_of_a_thin_body_that_is_elsewhere():
+    """A plate 6 mm thick, felt on both sides 8 mm beside where it was thought to be: each chart takes the side that faces its way."""
+    plate = trimesh.creation.box((0.2, 0.2, 0.006)).subdivide_to_size(0.02)
+    grid = 0.0174 * SQUARE
+    above, below = grid * [1, -1, 1] + [0, 0, 0.011], grid + [0, 0, 0.005]  # felt from above, z into the plate is down
+    mesh = closed(plate.vertices, np.asarray(plate.faces), np.stack([above, below]), resolution=60)
+    axis = np.array([[0, 0, z] for z in np.linspace(0.0055, 0.0105, 6)])
+    assert (igl.fast_winding_number(mesh.vertices, mesh.faces, axis) > 0.5).all()
+    outside = np.array([[0, 0, 0.003], [0, 0, 0.013]])
+    assert (igl.fast_winding_number(mesh.vertices, mesh.faces, outside) < 0.5).all()
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_any_size(size):
+    assert closed(JOINED * size).volume == pytest.approx(4 / 3 * np.pi * size**3, rel=0.05)
+
+
+def test_what_has_hardly_a_body_gets_a_thin_one():
+    assert closed(np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]]), np.array([[0, 1, 2]])).volume < 1e-5
+    assert closed(JOINED * [0.1, 0.1, 0]).volume < 2e-4
+    noise = np.random.default_rng(0).normal(size=JOINED.shape) * 0.1
+    assert closed(noise, charts=chart((1, 0, 0))[None]).volume > 0
+
+
+def test_surfaces_and_charts_that_are_none_are_errors():
+    gone = JOINED.copy()
+    gone[7, 1] = np.nan
+    for vertices, faces in ((gone, FACES), (JOINED, FACES[:0]), (JOINED * 0, FACES)):
+        with pytest.raises(InvalidInput, match="nothing closes it"):
+            closed_surface(vertices, faces, NO_CHARTS, CHART_FACES)
+    with pytest.raises(InvalidInput, match="no surface goes through them"):
+        closed_surface(JOINED, FACES, np.full((1, 81, 3), np.nan), CHART_FACES, resolution=16)
+
+
+def test_few_points_and_a_coarse_mesh_are_attached_too():
+    tetrahedron = trimesh.creation.icosahedron()
+    point = np.array([[0, 0, 1.5]])
+    mesh = trimesh.Trimesh(
+        *attach_points(tetrahedron.vertices, np.asarray(tetrahedron.faces), point, np.zeros((1, 3)), spacing=1.0, tolerance=1e-3),
+        process=False,
+    )
+    assert mesh.is_watertight
+    assert farthest(point, mesh) <= 1e-3
+
+
+def test_split_edges_keep_the_surface():
+    rng = np.random.default_rng(0)
+    ball = trimesh.creation.icosphere(2)
+    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
+    for share in (0.0, 0.2, 0.5, 1.0):
+        chosen = rng.random(len(mesh_edges(faces)[0])) < share
+        split = trimesh.Trimesh(*split_edges(vertices, faces, chosen), process=False)
+        assert len(split.vertices) == len(vertices) + chosen.sum()
+        assert len(split.faces) == len(faces) + 2 * chosen.sum()
+        assert split.is_watertight
+        assert split.volume == pytest.approx(ball.volume, rel=1e-12)
+        assert split.area == pytest.approx(ball.area, rel=1e-12)
+
+
+def test_normals_at_vertices():
+    ball = trimesh.creation.icosphere(3)
+    np.testing.assert_allclose(vertex_normals(ball.vertices, ball.faces), ball.vertices, atol=0.02)
+    assert (vertex_normals(np.zeros((3, 3)), np.array([[0, 1, 2]])) == 0).all()
