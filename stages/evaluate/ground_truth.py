@@ -77,8 +77,12 @@ class Truth:
         return self.rows.read("normals", self.rows.object_ids[row])[: self.count].astype(np.float64)
 
     def area(self, row: int) -> float:
-        """Compute the area of an object's surface, m², as its points show it."""
+        """Compute the area of an object's surface, m², as distances between points show it: two sides of thin parts count once."""
         return sampled_area(self.points(row))
+
+    def area_of_all_sides(self, row: int) -> float:
+        """Compute the area of an object's surface, m²."""
+        return sampled_area(self.points(row), self.normals(row))
 
     def view(self, model: Reconstructor, row: int, case: Case) -> Observation:
         """Read what a model is shown of an object."""

@@ -86,7 +86,7 @@ def quality_of(
     across = np.cross(b - a, c - a)
     normals = across / np.linalg.norm(across, axis=1, keepdims=True)  # a face with a point on it has an area
     return {
-        "area_ratio": surface_area(made.vertices, made.faces) / truth.area(row),
+        "area_ratio": surface_area(made.vertices, made.faces) / truth.area_of_all_sides(row),
         "dihedral": float(np.median(dihedral_angles(made.vertices, vision))),
         "seam_gap": float(seam_gaps(made.vertices[: made.vision], made.position).mean()),
         "spike": float(np.sqrt(np.quantile(apart.predicted, 0.999))),

@@ -15,6 +15,8 @@ from pipeline.errors import InvalidInput
 
 TABLE_3_FACTOR = 9000.0
 """Table 3's values are consistent with this multiple of the Chamfer distance in m² (anything from 5,000 to 12,000 would be)."""
+NEAR = 16
+"""Nearest points among which one is looked for on the same side of a surface."""
 
 
 def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -137,18 +139,20 @@ def sampling_floor(area: float, count: int) -> float:
     return 2 * area / (np.pi * count)
 
 
-def sampled_area(points: NDArray[np.floating]) -> float:
+def sampled_area(points: NDArray[np.floating], normals: NDArray[np.floating] | None = None) -> float:
     """Estimate the area of the surface from which `points` were drawn area-uniformly.
 
     Parameters
     ----------
     points
         (N, 3), m; N at least 2.
+    normals
+        (N, 3) unit normals there. Without them, two sides of a surface that are nearer than neighbouring points count once, as a nearest
+        distance has it (what `sampling_floor` asks for); with them, both do.
 
     Returns
     -------
-    m², accurate to 1/√N: the area over which the points, each against the others, would lie as far apart as they do. Where two sides of a
-    surface are nearer than neighbouring points it counts them once, as a nearest distance does: what `sampling_floor` asks for.
+    m², accurate to 1/√N: the area over which the points, each against the others on its side, would lie as far apart as they do.
 
     Raises
     ------
@@ -158,8 +162,14 @@ def sampled_area(points: NDArray[np.floating]) -> float:
     points = _cloud("points", points)
     if len(points) < 2:
         raise ValueError("one point says nothing of an area: two at least")
-    squared = cKDTree(points).query(points, k=2)[0][:, 1] ** 2
-    return float(np.pi * (len(points) - 1) * squared.mean())
+    distances, others = cKDTree(points).query(points, k=2 if normals is None else [*range(2, 2 + min(NEAR, len(points) - 1))])
+    if normals is None:
+        nearest = distances[:, 1]
+    else:
+        same_side = (normals[others] * normals[:, None]).sum(axis=2) > 0  # (N, near)
+        same_side[:, -1] = True  # all the others are on the other side: rare, and the last one is not too near
+        nearest = np.take_along_axis(distances, same_side.argmax(axis=1)[:, None], axis=1)[:, 0]
+    return float(np.pi * (len(points) - 1) * np.square(nearest).mean())
 
 
 def _cloud(name: str, points: NDArray[np.floating]) -> NDArray[np.float64]:

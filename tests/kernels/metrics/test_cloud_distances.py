@@ -85,6 +85,20 @@ def test_a_thin_sheet_counts_once_as_it_does_in_the_distances():
     assert cloud_distances(sheet, other).chamfer == pytest.approx(sampling_floor(sampled_area(sheet), 10_000), rel=0.05)
 
 
+@pytest.mark.parametrize("thickness", [1e-5, 1e-2, 0.3])
+def test_with_normals_both_sides_of_a_sheet_count_however_thin_it_is(thickness):
+    rng = np.random.default_rng(8)
+    sheet = np.concatenate([plane(5000, rng), plane(5000, rng, height=thickness)])
+    normals = np.repeat([[0.0, 0, -1], [0, 0, 1]], 5000, axis=0)
+    assert sampled_area(sheet, normals) == pytest.approx(2.0, rel=0.05)
+
+
+def test_with_normals_the_area_of_a_sphere_is_the_same():
+    points = sphere(0.2, 4000, np.random.default_rng(7))
+    assert sampled_area(points, points / 0.2) == pytest.approx(sampled_area(points), rel=1e-9)
+    assert sampled_area(points[:2], points[:2] / 0.2) == pytest.approx(sampled_area(points[:2]), rel=1e-9)
+
+
 def test_precision_counts_predicted_points_and_recall_true_ones():
     truth = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0.0]])
     predicted = np.array([[0, 0, 0.05], [0, 0, 0.2]])
