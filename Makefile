@@ -1,6 +1,6 @@
 # Makes datasets and trained models with vt-pipeline. `make` lists the targets and the variables below.
 #
-#   MANIFEST=toy      which objects: toy, procedural, four-classes, pybullet-objects, household, directory, warehouse, or a YAML file
+#   MANIFEST=toy      which objects: toy, procedural, four-classes, pybullet-objects, household, directory, warehouse, single-image, or a YAML file
 #   PRESET=draft      draft, standard or paper
 #   DATA=...          data directory, or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET
 #   OBJECTS=...       folder of meshes, for manifests that name none
@@ -45,7 +45,7 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help docs setup system household dataset summary train train-unet evaluate report reproduce test test-slow test-cpus test-slurm test-storage lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
+.PHONY: help docs setup system household dataset summary train train-unet evaluate train-single-image evaluate-single-image single-image renderings report reproduce test test-slow test-cpus test-slurm test-storage lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
 FORCE:
 
 help:  ## list the targets
@@ -79,7 +79,7 @@ fit-charts.%: train-unet
 	@$(SHARD)
 
 .SECONDEXPANSION:
-train-gcn.%: $$(SURFACES) $$(if $$(findstring occluded,$$*)$$(findstring image,$$*),$$(IMAGES)) $$(if $$(findstring touch,$$*),$$(CHARTS))
+train-gcn.%: $$(SURFACES) $$(if $$(findstring occluded,$$*),$$(IMAGES)) $$(if $$(findstring touch,$$*),$$(CHARTS))
 	@$(subst $@,train-gcn,$(RUN)) --set train-gcn.configuration=$*
 
 comma    := ,
@@ -95,10 +95,22 @@ reproduce:  ## test the supplement's claims on 240 procedural objects: dataset, 
 	$(MAKE) --no-print-directory -j$$(nproc) report MANIFEST=four-classes PRESET=draft && \
 	echo "dataset: $$(((made - began) / 60)) min; training, evaluation and report: $$((($$(date +%s) - made) / 60)) min on $$(nproc) cores"
 
-.PRECIOUS: sample-surfaces.% sample-distances.% simulate-grasps.% render-vision.% simulate-touch.% fit-charts.% train-gcn.%
+.PRECIOUS: sample-surfaces.% sample-distances.% read-renderings.% simulate-grasps.% render-vision.% simulate-touch.% fit-charts.% train-gcn.%
 
 summary: $(IMAGES) $(TOUCHES)  ## the statistics and contact sheets alone
 	@$(BIN)/vt-pipeline summary $(DATA)
+
+# ---- The supplement's last experiment (3.6): renderings of objects from all sides, one image each
+
+read-renderings.%: sample-surfaces.%
+	@$(SHARD)
+train-single-image: $(SURFACES) $(addprefix read-renderings.,$(NUMBERS))
+	@$(RUN)
+evaluate-single-image: train-single-image
+	@$(RUN)
+single-image: evaluate-single-image  ## reconstruct from single images (Table 4), of MANIFEST=single-image OBJECTS=FOLDER
+renderings: $(SURFACES)  ## write MANIFEST's objects as such a folder, data/renderings: meshes, and 24 images of each
+	@$(BIN)/python -m pipeline.reports.write_renderings $(DATA) data/renderings
 
 # ---- Installation
 

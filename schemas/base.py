@@ -39,6 +39,9 @@ class Array:
         return self.dims[:1] == ("object",)
 
 
+CHOSEN = ("grasp", "viewpoint")
+"""Second dimensions of which readers take one entry at a time: in large arrays each is a chunk of its own."""
+
 COMMON = {
     "object_id": Array(("object",), "string", "1", "The object's name, the same in every artifact."),
     "category": Array(("object",), "string", "1", "The object's class."),

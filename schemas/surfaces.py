@@ -12,6 +12,13 @@ SURFACES = Artifact(
             ("object", "point", "xyz"), "float32", "m", "S^obj: points drawn area-uniformly from the exterior surface, world frame."
         ),
         "normals": Array(("object", "point", "xyz"), "float32", "1", "Outward unit normals at `points`."),
+        "placement": Array(
+            ("object", "pose_row", "pose_column"),
+            "float64",
+            "m / unit of the file; m",
+            "How points of the source file, homogeneous, come into the world: turned upright, scaled, moved.",
+            optional=True,  # datasets have it that were made since single images are reconstructed
+        ),
         "watertight": Array(("object",), "bool", "1", "Every edge of the mesh has two faces."),
         "degenerate_faces": Array(("object",), "int32", "1", "Faces without area that the gate removed."),
         "duplicate_faces": Array(("object",), "int32", "1", "Repeated faces that the gate removed."),

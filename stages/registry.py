@@ -37,7 +37,13 @@ STAGES = {
     "fit-charts": Entry("stages.fit_charts", "FitCharts", "ChartSettings"),
     "train-gcn": Entry("stages.train_gcn", "TrainGcn", "GcnSettings"),
     "evaluate": Entry("stages.evaluate", "Evaluate", "EvaluationSettings"),
+    "read-renderings": Entry("stages.read_renderings", "ReadRenderings", "RenderingSettings"),
+    "train-single-image": Entry("stages.train_single_image", "TrainSingleImage", "SingleImageSettings"),
+    "evaluate-single-image": Entry("stages.evaluate_single_image", "EvaluateSingleImage", "SingleImageEvaluationSettings"),
 }
+
+GRASP_STAGES = [name for name in STAGES if "single-image" not in name and name != "read-renderings"]
+"""Those that any manifest can be run through; the others need one that names renderings."""
 
 
 def load_stage(name: str) -> ObjectStage | DatasetStage:

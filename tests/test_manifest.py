@@ -37,7 +37,7 @@ def warehouse(root: Path, **counts: int) -> Path:
 
 def test_every_built_in_manifest_loads():
     names = list(shipped_files("manifest"))
-    assert names == ["directory", "four-classes", "household", "procedural", "pybullet-objects", "toy", "warehouse"]
+    assert names == ["directory", "four-classes", "household", "procedural", "pybullet-objects", "single-image", "toy", "warehouse"]
     for name in names:
         assert load_manifest(name).name == name
 
@@ -78,6 +78,20 @@ def test_a_model_without_a_file_is_listed_and_fails_when_it_is_read(tmp_path):
     assert len(objects) == 3
     with pytest.raises(InvalidInput, match=r"model_normalized\.obj is not there"):
         fingerprint(next(item.source for item in objects if "half" in item.object_id))
+
+
+def test_renderings_lie_beside_the_meshes_and_decide_nothing_of_them(tmp_path):
+    single = load_manifest("single-image")
+    for place in ("ShapeNetCore.v1/04090263/abc/model.obj", "ShapeNetCore.v1/03624134/abc/model.obj"):
+        (tmp_path / place).parent.mkdir(parents=True)
+        (tmp_path / place).write_text(CUBE)
+    objects = single.objects(tmp_path)  # thirteen of its fifteen classes are not there
+    assert [item.object_id for item in objects] == ["knife-abc", "rifle-abc"]
+    assert objects[1].source["renderings"] == str(tmp_path / "ShapeNetRendering/04090263/abc/rendering")
+    assert fingerprint(objects[1].source) == fingerprint(objects[1].source | {"renderings": "elsewhere"})
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InvalidInput, match=r"no models of airplane in .*empty/ShapeNetCore.v1/02691156"):
+        single.objects(tmp_path / "empty")
 
 
 def test_the_supplements_counts_are_kept(tmp_path):
@@ -203,7 +217,9 @@ def test_what_is_wrong_in_a_file_is_named(tmp_path, change, reason):
 
 
 def test_an_unknown_manifest_lists_the_known():
-    with pytest.raises(InvalidInput, match="built in are directory, four-classes, household, procedural, pybullet-objects, toy, warehouse"):
+    with pytest.raises(
+        InvalidInput, match="built in are directory, four-classes, household, procedural, pybullet-objects, single-image, toy, warehouse"
+    ):
         load_manifest("moon")
 
 

@@ -15,7 +15,7 @@ from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import DatasetStage
-from stages.registry import STAGES, load_stage, resolve
+from stages.registry import GRASP_STAGES, load_stage, resolve
 
 ASSIGNMENTS = [
     *("sample-surfaces.points=1000", "simulate-grasps.attempts=5", "simulate-grasps.ik_samples=256", "render-vision.resolution=64"),
@@ -42,7 +42,7 @@ def children() -> dict[str, float]:
 @pytest.mark.slow
 def test_memory_and_open_files_stay_flat_over_300_objects_in_every_object_stage(tmp_path):
     objects = load_manifest("pybullet-objects").objects()[:300]
-    for name in STAGES:
+    for name in GRASP_STAGES:
         stage = load_stage(name)
         if isinstance(stage, DatasetStage) and name != "train-unet":  # whose model fit-charts reads
             continue

@@ -12,7 +12,7 @@ import pytest
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
 from pipeline.store.storage import exists, files_below, names_in, place
-from stages.registry import STAGES
+from stages.registry import GRASP_STAGES
 from tests.object_storage import BUCKET, SeaweedServer, make_bucket, moto_server, use
 from tests.test_pipeline import digests, made, manifest, run_of, vt  # noqa: F401 (fixtures)
 
@@ -41,10 +41,10 @@ def address(request) -> Iterator[str]:
 def test_every_stage_makes_what_it_makes_on_a_disk(address, manifest, made, monkeypatch, tmp_path):  # noqa: F811
     use(monkeypatch, address, tmp_path / "cache")
     data = f"s3://{BUCKET}/four"
-    for stage in STAGES:
+    for stage in GRASP_STAGES:
         vt(*run_of(stage, manifest, data, "--workers", "2", "--shards", "3"))
     assert digests(data) == digests(made)
-    for stage in STAGES:
+    for stage in GRASP_STAGES:
         assert "up to date" in vt(*run_of(stage, manifest, data))
     assert vt("validate", data).count(": valid") == 5 * 3 + 3 - 5 * _empty(data)
     assert files_below(place(data) / ".work") == {}
@@ -65,7 +65,7 @@ def _empty(data: str) -> int:
 
 def test_a_server_that_is_killed_and_started_again_is_waited_for(seaweed, manifest, made, monkeypatch, tmp_path):  # noqa: F811
     use(monkeypatch, seaweed.address, tmp_path / "cache")
-    data, stages = f"s3://{BUCKET}/killed", [name for name in STAGES if name.startswith(("sample", "simulate"))]
+    data, stages = f"s3://{BUCKET}/killed", [name for name in GRASP_STAGES if name.startswith(("sample", "simulate"))]
     away = threading.Event()
 
     def kill_and_start() -> None:

@@ -24,7 +24,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError
 from pipeline.reports.overview_picture import draw_overview
-from stages.registry import STAGES, load_stage
+from stages.registry import GRASP_STAGES, load_stage
 
 ROOT = Path(__file__).parents[1]
 ASSIGNMENTS = [
@@ -40,7 +40,7 @@ ASSIGNMENTS = [
     ),
     *("evaluate.grasps=[1,5]",),
 ]
-SHARDED = [name for name in STAGES if not isinstance(load_stage(name), DatasetStage)]
+SHARDED = [name for name in GRASP_STAGES if not isinstance(load_stage(name), DatasetStage)]
 SEEN = {"train-unet": 3, "train-gcn": 3}
 """How many of the four objects a dataset stage looks at."""
 
@@ -80,7 +80,7 @@ def digests(data: Path) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def made(manifest, tmp_path_factory) -> Path:
     data = tmp_path_factory.mktemp("data")
-    for stage in STAGES:
+    for stage in GRASP_STAGES:
         vt(*run_of(stage, manifest, data, "--workers", "2"))
     return data
 
@@ -94,13 +94,13 @@ def test_every_artifact_is_there_and_valid(made):
 
 def test_again_nothing_is_done_and_no_file_changes(manifest, made):
     before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
-    for stage in STAGES:
+    for stage in GRASP_STAGES:
         assert f"up to date, {SEEN.get(stage, 4)} objects" in vt(*run_of(stage, manifest, made))
     assert {path: path.stat().st_mtime_ns for path in made.rglob("*")} == before
 
 
 def test_killed_in_every_stage_and_run_again_the_digests_are_equal(manifest, made, tmp_path):
-    for stage in STAGES:
+    for stage in GRASP_STAGES:
         kept = ".work/models/**/checkpoint.safetensors" if stage.startswith("train") else ".work/*/pieces/*/*.npz"
         if stage != "evaluate":  # one model of one object: nothing to keep
             kill_midway(run_of(stage, manifest, tmp_path, "--workers", "1"), tmp_path, kept)
@@ -162,9 +162,9 @@ def test_a_changed_line_in_a_kernel_rebuilds_what_stands_on_it_and_nothing_else(
         shutil.copytree(ROOT / package, tmp_path / package)
     source = tmp_path / "pipeline/kernels/touch/tactile_image.py"
     source.write_text(source.read_text() + "\nCHANGED = True\n")
-    asked = [sys.executable, "-c", DRY_RUNS, json.dumps([run_of(stage, manifest, made, "--dry-run") for stage in STAGES])]
+    asked = [sys.executable, "-c", DRY_RUNS, json.dumps([run_of(stage, manifest, made, "--dry-run") for stage in GRASP_STAGES])]
     said = json.loads(subprocess.check_output(asked, env={**os.environ, "PYTHONPATH": str(tmp_path)}, cwd=tmp_path))
-    assert [stage for stage, words in zip(STAGES, said, strict=True) if "would " in words] == ["simulate-touch"]
+    assert [stage for stage, words in zip(GRASP_STAGES, said, strict=True) if "would " in words] == ["simulate-touch"]
 
 
 def test_grasps_are_read_as_tensors(made):

@@ -24,7 +24,7 @@ from benchmarks.faults.sandbox import Sandbox, digests
 from benchmarks.faults.trial import Trial, Verdict
 from benchmarks.forked import OK, answer, finish, fork, run
 from benchmarks.provenance import provenance
-from stages.registry import STAGES
+from stages.registry import GRASP_STAGES
 
 Fault = Callable[[Trial], Verdict]
 
@@ -90,7 +90,7 @@ def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int
     sandbox = Sandbox(root)
     sandbox.prepare()
     whole, seconds = root / "whole", {}
-    for stage in STAGES:
+    for stage in GRASP_STAGES:
         began = time.monotonic()
         end = run(lambda name=stage: sandbox.only(name).make(whole), root / "log")
         assert end.status == OK, end.output

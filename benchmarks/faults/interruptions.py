@@ -15,7 +15,7 @@ from pathlib import Path
 from benchmarks.faults.trial import Trial, Verdict
 from benchmarks.forked import HANGS, IN_WORDS, OK, End, finish, fork
 from pipeline.cli import app
-from stages.registry import STAGES
+from stages.registry import GRASP_STAGES
 
 MEGABYTE = 2**20
 
@@ -33,7 +33,7 @@ def killed(trial: Trial) -> Verdict:
 
 def worker_killed(trial: Trial) -> Verdict:
     """Kill −9 of a worker at a random moment; the run goes on."""
-    stage = str(trial.rng.choice([name for name in STAGES if "train" not in name and name != "evaluate"]))
+    stage = str(trial.rng.choice([name for name in GRASP_STAGES if "train" not in name and name != "evaluate"]))
     trial.copy(without=stage)
     process = fork(lambda: trial.sandbox.only(stage).make(trial.data, workers=2), trial.log)
     began = time.monotonic()

@@ -18,7 +18,7 @@ from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans
 from pipeline.engine.run import run as run_plan
 from pipeline.store.directory import DataDirectory, folder_digest
-from stages.registry import STAGES, load_stage, resolve
+from stages.registry import GRASP_STAGES, load_stage, resolve
 
 SETTINGS = (
     *("sample-surfaces.points=500", "simulate-grasps.attempts=4", "simulate-grasps.ik_samples=128", "simulate-grasps.grasps=2"),
@@ -41,7 +41,7 @@ class Sandbox:
     """A folder with the manifest and the mesh files of a small dataset, the stages that are run, and their settings."""
 
     root: Path
-    stages: tuple[str, ...] = tuple(STAGES)
+    stages: tuple[str, ...] = tuple(GRASP_STAGES)
     settings: tuple[str, ...] = SETTINGS
 
     @property
@@ -67,7 +67,7 @@ class Sandbox:
         splits = {"train": 1, "valid": 1, "test": 1}
         described = {"name": "small", "description": "for faults", "seed": 0, "splits": splits, "sources": sources}
         self.manifest.write_text(yaml.safe_dump(described))
-        for name in STAGES:
+        for name in GRASP_STAGES:
             load_stage(name)
 
     def only(self, *stages: str) -> Sandbox:

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.faults.sandbox import Sandbox, digests, remove
 from benchmarks.forked import IN_WORDS, OK, End, answer, run
 from pipeline.store.validate import problems_below
-from stages.registry import STAGES
+from stages.registry import GRASP_STAGES
 
 ATTEMPTS = 6
 """Runs within which what a message says to do must have mended the dataset."""
@@ -59,12 +59,12 @@ class Trial:
         """Copy the dataset, but for what this stage and those after it made."""
         shutil.rmtree(self.folder, ignore_errors=True)
         shutil.copytree(self.whole, self.data)
-        later = list(STAGES)[list(STAGES).index(without) :] if without else []
+        later = list(GRASP_STAGES)[list(GRASP_STAGES).index(without) :] if without else []
         remove(self.data, [self.sandbox.output(stage) for stage in later])
 
     def copy_without_a_stage(self) -> str:
         """Draw a stage, and copy the dataset but for what it and those after it made; the stage."""
-        stage = str(self.rng.choice(list(STAGES)))
+        stage = str(self.rng.choice(list(GRASP_STAGES)))
         self.copy(without=stage)
         return stage
 
@@ -73,7 +73,7 @@ class Trial:
         return run(work, self.log)
 
     def mended(
-        self, what: str, first: End, *, stages: tuple[str, ...] = tuple(STAGES), check: bool = False, retry: bool = False
+        self, what: str, first: End, *, stages: tuple[str, ...] = tuple(GRASP_STAGES), check: bool = False, retry: bool = False
     ) -> Verdict:
         """Do as the messages say until all is well; the verdict on it."""
         if first.status not in (OK, IN_WORDS):

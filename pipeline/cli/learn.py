@@ -32,6 +32,8 @@ from pipeline.store.storage import exists, place, written_to
 from pipeline.tuning import sweep as sweeps
 from stages.registry import STAGES, load_stage, resolve
 
+SINGLE = "evaluation-single-image"
+
 
 def sweep(
     stage: Annotated[str, typer.Argument(help="train-unet or train-gcn.")],
@@ -121,8 +123,14 @@ def report(
     from pipeline.reports.orderings import orderings, show_orderings
     from pipeline.reports.reconstruction_gallery import draw_gallery
     from stages.evaluate.printed_tables import show, show_training
+    from stages.evaluate_single_image.printed_table import show as show_single_image
 
     directory = DataDirectory(data)
+    if exists(directory.folder_record(SINGLE)):
+        directory.check_origins([SINGLE])
+        show_single_image(directory.whole_folder(SINGLE), console)
+        if not exists(directory.folder_record("evaluation")):
+            return
     directory.check_origins(["evaluation"])
     folder = directory.whole_folder("evaluation")
     show(folder, console)

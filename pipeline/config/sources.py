@@ -173,10 +173,19 @@ class Catalogue(Placed):
 
 
 class ShapeNet(Placed):
-    """A folder laid out as ShapeNetCore is: SYNSET/MODEL/models/model_normalized.obj, or SYNSET/MODEL/model.obj."""
+    """A folder laid out as ShapeNetCore is: SYNSET/MODEL/models/model_normalized.obj, or SYNSET/MODEL/model.obj.
+
+    Renderings, where a manifest names their folder, lie in SYNSET/MODEL/rendering below it.
+    """
 
     kind: Literal["shapenet"]
     path: Path | None = None
+    meshes: str = "."
+    """Folder of the synsets, from the folder given."""
+    renderings: str | None = None
+    """Folder of the renderings' synsets, from the folder given."""
+    classes_may_be_missing: bool = False
+    """Whether a synset without a folder is left out."""
     synsets: dict[str, Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]] = Field(min_length=1)
     counts: dict[str, int] | None = None
 
@@ -188,8 +197,10 @@ class ShapeNet(Placed):
 
     def each(self, root: Path | None) -> Iterator[Found]:
         """List every model of the named synsets, whose numbers must be those of `counts`; one without a file fails when it is read."""
-        folder = _folder(self.path or root, "a folder laid out as ShapeNetCore")
-        for category, synset in self.synsets.items():
+        given = _folder(self.path or root, "a folder laid out as ShapeNetCore")
+        folder = given / self.meshes
+        there = {category: synset for category, synset in self.synsets.items() if (folder / synset).is_dir()}
+        for category, synset in (there if there and self.classes_may_be_missing else self.synsets).items():
             files = {model.name: _model_file(model) for model in sorted((folder / synset).glob("*")) if model.is_dir()}
             whole = sum(file.is_file() for file in files.values())
             where = (folder / synset).resolve()
@@ -202,13 +213,16 @@ class ShapeNet(Placed):
                 )
             for name, file in files.items():
                 # its materials name ../images
-                yield Found(f"{category}-{_name(name)}", category, self.placed(file, folder / synset / name))
+                source = self.placed(file, folder / synset / name)
+                if self.renderings is not None:
+                    source["renderings"] = str(given / self.renderings / synset / name / "rendering")
+                yield Found(f"{category}-{_name(name)}", category, source)
 
 
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     """Describe an object's source wherever its files lie: a file is replaced by the hash of what it holds.
 
-    The materials and textures that it names count too.
+    The materials and textures that it names count too; renderings do not, which the stage counts that reads them.
 
     Raises
     ------
@@ -220,7 +234,7 @@ def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     file = Path(source["file"])
     companions = Companions(file, Path(source["root"]))
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in companions.items()}
-    stated = {name: value for name, value in source.items() if name != "root"}
+    stated = {name: value for name, value in source.items() if name not in ("root", "renderings")}
     return {**stated, "file": {"sha256": _sha256(file), "companions": digests}}
 
 

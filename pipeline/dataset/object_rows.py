@@ -17,7 +17,7 @@ from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, place
-from schemas.base import Artifact
+from schemas.base import CHOSEN, Artifact
 from schemas.catalogue import artifact_of
 
 CACHE_BYTES = 256 * 2**20
@@ -108,7 +108,7 @@ class ObjectRows:
         return int(self._collections[self._owner[array].name].first.array(array).shape[position])
 
     def read(self, array: str, object_id: str, grasp: int | None = None) -> np.ndarray:
-        """Read an object's part of an array, or of one of its grasps; whole where the array has no object dimension.
+        """Read an object's part of an array, or of one of its grasps or viewpoints; whole where the array has no object dimension.
 
         The result is shared with other readers: copy it to change it.
         """
@@ -119,7 +119,7 @@ class ObjectRows:
         dims = artifact.arrays[array].dims
         if dims[0] != "object":
             return self._cache.get((array,), lambda: shard.read(array))
-        by_grasp = grasp is not None and dims[1:2] == ("grasp",)
+        by_grasp = grasp is not None and len(dims) > 1 and dims[1] in CHOSEN
         chunks, position = shard.array(array).chunks, shard.position[object_id]
         if chunks[0] > 1:  # a chunk holds several objects
             first = position - position % chunks[0]

@@ -100,7 +100,8 @@ class ShardPlan(Plan[ObjectStage]):
         rows = {collection.artifact.name: collection.row(item.object_id) for collection in self.inputs}
         digests = {name: row.digest for name, row in rows.items()}
         failure = next((row.failure for row in rows.values() if row.failure), None)
-        return Member(item, self._job(item, digests, digests), failure)
+        files = [path for path in self.stage.files(item.source) if path.is_file()]  # of one that is missing the stage says so
+        return Member(item, self._job(item, {**digests, "files": keys.assets_digest(files)} if files else digests, digests), failure)
 
     def _job(self, item: Object, origin: Mapping[str, object], inputs: dict[str, str]) -> Job:
         return Job(item, keys.object_key(self.stage_key, item.object_id, item.category, origin), inputs)

@@ -89,6 +89,10 @@ class ObjectStage(Stage):
     def check_inputs(self, settings: Any, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Refuse inputs, by what their roots say, that these settings do not fit: an `InvalidInput` says how to make them fit."""
 
+    def files(self, source: Mapping[str, Any]) -> list[Path]:
+        """Files of an object's source that are read beside the inputs' rows; their content belongs to the key. By default none."""
+        return []
+
     def constants(self, settings: Any) -> Row:
         """The output's arrays that have no object dimension; labels of dimensions that an input has need not be given."""
         return {}

@@ -28,23 +28,28 @@ class Observation:
         (T, S, 3) float32 touch charts of all sensors of all grasps given, world, m; by default there is none.
     touched
         (T,) bool: whether the chart is that of a successful touch.
+    camera
+        (3, 4) projection matrix of world points, m, to pixels of the image, where each image has one of its own.
     """
 
     image: np.ndarray | None
     touch_vertices: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3), np.float32))
     touched: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    camera: np.ndarray | None = None
 
 
 def observed_arrays(config: NetworkConfig) -> tuple[str, ...]:
     """Name the arrays of a dataset that a network is given."""
-    return (*([config.image] if config.image else []), *(("vertices", "stop_rule") if config.touch else ()))
+    camera = ["rendering_camera"] if config.image == "rendering" else []
+    return (*([config.image] if config.image else []), *camera, *(("vertices", "stop_rule") if config.touch else ()))
 
 
 def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], config: NetworkConfig) -> Observation:
-    """Read what a network is given of a stored object: the image of the first of these grasps, and the charts of all."""
+    """Read what a network is given of a stored object: the image of the first of these grasps (or viewpoints), and the charts of all."""
     image = None if config.image is None else rows.read(config.image, object_id, grasps[0])
     if not config.touch:
-        return Observation(image)
+        camera = rows.read("rendering_camera", object_id, grasps[0]) if config.image == "rendering" else None
+        return Observation(image, camera=camera)
     vertices, stop_rule = (rows.read(name, object_id)[list(grasps)] for name in ("vertices", "stop_rule"))  # (grasp, sensor, …)
     return Observation(image, vertices.reshape(-1, *vertices.shape[2:]), is_surface(stop_rule).reshape(-1))
 
@@ -67,7 +72,9 @@ class NetworkBatch:
 
 
 def stack_observations(observations: Sequence[Observation], config: NetworkConfig, camera: Tensor | None, like: Tensor) -> NetworkBatch:
-    """Stack observations as tensors of the device and type of `like`; `camera` is the projection matrix (3, 4) of their images.
+    """Stack observations as tensors of the device and type of `like`.
+
+    `camera` is the projection matrix (3, 4) of their images, None where each has its own.
 
     Raises
     ------
@@ -83,6 +90,8 @@ def stack_observations(observations: Sequence[Observation], config: NetworkConfi
         pictures = [seen.image for seen in observations if seen.image is not None]
         if len(pictures) != len(observations) or len({picture.shape for picture in pictures}) != 1:
             raise InvalidInput("the network takes an image of each object, all of one size; some are missing or differ")
+        if camera is None:
+            camera = torch.from_numpy(np.stack([seen.camera for seen in observations if seen.camera is not None])).to(like.device)
         images = network_input(torch.from_numpy(np.stack(pictures)).to(like.device), like.dtype)
     if not config.touch:
         none = like.new_zeros(0, config.side**2, 3)

@@ -77,7 +77,8 @@ class _Description(BaseModel):
     @model_validator(mode="after")
     def _of_its_inputs(self) -> _Description:
         image, touch = self.network.image is not None, self.network.touch
-        if (self.camera is not None, self.resolution is not None, self.charts is not None) != (image, image, touch):
+        camera = image and self.network.image != "rendering"  # each rendering has its own
+        if (self.camera is not None, self.resolution is not None, self.charts is not None) != (camera, image, touch):
             raise ValueError("a network with an image has camera and resolution, one with touch has charts; the others have none")
         return self
 
@@ -92,7 +93,7 @@ class Reconstructor:
     config
         Its inputs and sizes.
     image
-        Which image it is given: None, "occluded" or "unoccluded".
+        Which image it is given: None, "occluded", "unoccluded" or "rendering".
     touch
         Whether it is given touch charts.
     chart_settings

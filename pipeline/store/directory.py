@@ -27,6 +27,8 @@ LOGS = "tensorboard"
 
 TREES = ("models", "sweeps")
 """Folders that hold records of folders, and folders that do."""
+EVALUATIONS = ("evaluation", "evaluation-single-image")
+"""Folders beside the artifacts."""
 
 SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
 """What the record of a shard is called."""
@@ -126,7 +128,7 @@ class DataDirectory:
     def folders(self) -> list[str]:
         """Names of the folders that were published."""
         trees = (f"{where}/{name}" for where in TREES for name in files_below(self.root / where))
-        found = ["evaluation.json"] if exists(self.root / "evaluation.json") else []
+        found = [f"{name}.json" for name in EVALUATIONS if exists(self.folder_record(name))]
         found += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
         return sorted(path.removesuffix(".json") for path in found)
 

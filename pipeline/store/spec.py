@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic_zarr.v3 import ArraySpec, GroupSpec
 
-from schemas.base import FIXED, Array, Artifact
+from schemas.base import CHOSEN, FIXED, Array, Artifact
 
 OBJECTS_PER_FILE = 64
 """Objects whose chunks share one file: few files, yet no more than these in memory while a shard is written."""
@@ -37,8 +37,8 @@ def numpy_dtype(array: Array) -> np.dtype[Any]:
 def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
     """How an array of this declaration and shape is laid out on disk.
 
-    zstd over shuffled bytes with a checksum, an object (or one grasp of it) a chunk, up to `OBJECTS_PER_FILE` objects a
-    file, so that one grasp is read without the others and a dataset is few files.
+    zstd over shuffled bytes with a checksum, an object (or one grasp or viewpoint of it) a chunk, up to `OBJECTS_PER_FILE` objects a
+    file, so that one of them is read without the others and a dataset is few files.
     """
     file_shape, chunk = _chunking(array, shape)
     bytes_codec = {"name": "vlen-utf8"} if array.dtype == "string" else {"name": "bytes", **_endian(array)}
@@ -73,7 +73,7 @@ def _chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tu
     file_shape = (objects, *whole[1:])
     if _ITEM[array.dtype] * math.prod(whole[1:]) <= SMALL_CHUNK:
         return file_shape, file_shape
-    if array.dims[1:2] == ("grasp",) and _ITEM[array.dtype] * math.prod(whole[2:]) > SMALL_CHUNK:
+    if len(array.dims) > 2 and array.dims[1] in CHOSEN and _ITEM[array.dtype] * math.prod(whole[2:]) > SMALL_CHUNK:
         return file_shape, (1, 1, *whole[2:])
     return file_shape, (1, *whole[1:])
 

@@ -10,6 +10,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StoreError
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
+from pipeline.kernels.metrics.retrieval import chamfer_matrix, mean_squared, silhouette_overlap
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.vision.labels import Label
 from stages.evaluate.ground_truth import Truth
@@ -45,29 +46,15 @@ def retrieved(truth: Truth, job: DatasetJob) -> dict[str, NDArray[np.float64]]:
     few, asked = [cloud[:POINTS] for cloud in clouds], [truth.points(row)[:POINTS] for row in range(len(truth))]
     trees = [cKDTree(cloud) for cloud in few]
     chosen = {
-        "typical": np.full(len(truth), np.argmin(_distances(few, few, trees).mean(axis=0))),
+        "typical": np.full(len(truth), np.argmin(chamfer_matrix(few, few).mean(axis=0))),
         **_by_silhouette(truth, job, names),
-        "by touch": np.array([np.argmin([_mean_squared(tree, touched) for tree in trees]) for touched in _touched(truth)]),
-        "by truth": _distances(asked, few, trees).argmin(axis=1),
+        "by touch": np.array([np.argmin([mean_squared(tree, touched) for tree in trees]) for touched in _touched(truth)]),
+        "by truth": chamfer_matrix(asked, few).argmin(axis=1),
     }
     return {
         how: np.array([cloud_distances(clouds[at][: truth.count], truth.points(row)).chamfer for row, at in enumerate(found)])
         for how, found in chosen.items()
     }
-
-
-def _mean_squared(tree: cKDTree, points: NDArray[np.float64]) -> float:
-    return float(np.square(tree.query(points)[0]).mean())
-
-
-def _distances(clouds: Clouds, others: Clouds, trees: list[cKDTree]) -> NDArray[np.float64]:
-    """Compute the Chamfer distance of each cloud to each of the others, given with their trees: (cloud, other), m²."""
-    return np.array(
-        [
-            [_mean_squared(tree, cloud) + _mean_squared(own, other) for other, tree in zip(others, trees, strict=True)]
-            for cloud, own in zip(clouds, map(cKDTree, clouds), strict=True)
-        ]
-    )
 
 
 def _touched(truth: Truth) -> Clouds:
@@ -86,9 +73,7 @@ def _by_silhouette(truth: Truth, job: DatasetJob, names: list[str]) -> dict[str,
         return {}
     images = ObjectRows(job.data, ["segmentation"], None)
     masks, asked = (
-        np.array([(images.read("segmentation", name)[0] == Label.OBJECT).ravel() for name in some], np.float32)
+        np.array([(images.read("segmentation", name)[0] == Label.OBJECT).ravel() for name in some])
         for some in (names, truth.rows.object_ids)
     )
-    both = asked @ masks.T  # (object, known)
-    either = asked.sum(axis=1)[:, None] + masks.sum(axis=1) - both
-    return {"by silhouette": np.argmax(both / np.maximum(either, 1), axis=1)}
+    return {"by silhouette": np.argmax(silhouette_overlap(asked, masks), axis=1)}

@@ -14,7 +14,7 @@ from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh
-from pipeline.kernels.geometry.normalise import normalise_mesh
+from pipeline.kernels.geometry.normalise import normalise_mesh, placement_of
 from pipeline.rng import numpy_rng
 from pipeline.store.rows import Row
 from pipeline.toy_objects import KINDS, generate
@@ -41,11 +41,12 @@ class SampleSurfaces(ObjectStage):
 
 
 def _process(task: Task, settings: SurfaceSettings) -> Row:
-    mesh, report = normalised_mesh(task, settings)
+    mesh, placement, report = normalised_mesh(task, settings)
     points, normals = sample_exterior(mesh, settings.points, task.rng("sample-surfaces"), directions=settings.directions)
     return {
         "points": points,
         "normals": normals,
+        "placement": placement,
         "watertight": np.array(report.watertight),
         "degenerate_faces": np.array(report.degenerate_faces, np.int32),
         "duplicate_faces": np.array(report.duplicate_faces, np.int32),
@@ -53,12 +54,12 @@ def _process(task: Task, settings: SurfaceSettings) -> Row:
     }
 
 
-def normalised_mesh(task: Task, settings: SurfaceSettings) -> tuple[Mesh, CleaningReport]:
-    """Clean and normalise an object's mesh; the report says what was removed."""
+def normalised_mesh(task: Task, settings: SurfaceSettings) -> tuple[Mesh, np.ndarray, CleaningReport]:
+    """Clean and normalise an object's mesh; the matrix (4, 4) says how it was placed, the report what was removed."""
     source = task.source
     mesh, report = clean_mesh(source_mesh(task), settings.max_faces)
-    up, metres_per_unit = source.get("up", "z"), source.get("metres_per_unit")
-    return normalise_mesh(mesh, up=up, diagonal=settings.diagonal, metres_per_unit=metres_per_unit), report
+    how = {"up": source.get("up", "z"), "diagonal": settings.diagonal, "metres_per_unit": source.get("metres_per_unit")}
+    return normalise_mesh(mesh, **how), placement_of(mesh, **how), report
 
 
 def source_mesh(task: Task) -> Mesh:

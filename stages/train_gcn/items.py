@@ -46,8 +46,8 @@ class Items:
 
     @property
     def camera(self) -> torch.Tensor | None:
-        """Read the (3, 4) projection matrix of the images; None without them."""
-        return None if self.config.image is None else torch.tensor(self.rows.read("camera", self.rows.object_ids[0]))
+        """Read the (3, 4) projection matrix of the images; None without them, or where each has its own."""
+        return None if self.config.image in (None, "rendering") else torch.tensor(self.rows.read("camera", self.rows.object_ids[0]))
 
     @property
     def resolution(self) -> list[int] | None:
@@ -71,22 +71,26 @@ class Items:
         return stored_observation(self.rows, self._object(item), self.grasps_of(item, count, others), self.config)
 
     def grasps_of(self, item: int, count: int, others: np.ndarray) -> list[int]:
-        """Choose the grasps of an item; see `view`."""
+        """Choose the grasps of an item, see `view`; or its viewpoint."""
         first = item % self.each % len(others)
+        if self.config.image == "rendering":  # fewer items than viewpoints see all of them in time
+            return [int(others[first])]
         return [first, *(grasp for grasp in others.tolist() if grasp != first)][:count]
 
     @property
     def grasps(self) -> int:
-        """Count the grasps of an object, as far as the network can tell."""
+        """Count the grasps, or viewpoints, of an object, as far as the network can tell."""
         if self.config.touch:
             return self.rows.size("vertices", "grasp")
+        if self.config.image == "rendering":
+            return self.rows.size("rendering", "viewpoint")
         return self.rows.size("occluded", "grasp") if self.config.image == "occluded" else 1
 
     def name(self, item: int) -> str:
         """Name an item for a message."""
-        return f"{self._object(item)} (first grasp {item % self.each % self.grasps})"
+        return self._object(item) + ("" if self.config.image == "rendering" else f" (first grasp {item % self.each % self.grasps})")
 
 
 def arrays_of(config: NetworkConfig) -> tuple[str, ...]:
     """Name the arrays that a network of this configuration is trained on."""
-    return ("points", *observed_arrays(config), *(["camera"] if config.image else []))
+    return ("points", *observed_arrays(config), *(["camera"] if config.image in ("occluded", "unoccluded") else []))

@@ -59,7 +59,18 @@ def test_an_object_that_is_modelled_is_keyed_by_the_code_that_makes_it():
 def test_a_change_rehashes_what_it_decides_and_nothing_else(tmp_path):
     expected = {
         "pipeline/toy_objects/knife.py": ["pipeline.toy_objects.knife"],
-        "pipeline/rng.py": [f"stages.{name}.stage" for name in ("evaluate", "fit_charts", "sample_surfaces", "train_gcn", "train_unet")],
+        "pipeline/rng.py": [
+            f"stages.{name}.stage"
+            for name in (
+                "evaluate",
+                "evaluate_single_image",
+                "fit_charts",
+                "sample_surfaces",
+                "train_gcn",
+                "train_single_image",
+                "train_unet",
+            )
+        ],
         "pipeline/store/shard.py": [],
         "pipeline/engine/run.py": [],
         "pipeline/kernels/geometry/exterior_sampling.py": ["stages.sample_surfaces.stage"],

@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 from pipeline.engine import slurm
-from stages.registry import STAGES
+from stages.registry import GRASP_STAGES
 from tests.slurm.one_node import one_node_slurm
 from tests.test_pipeline import ASSIGNMENTS, SHARDED, vt
 
@@ -53,7 +53,7 @@ def asked(tmp_path_factory) -> list[str]:
 def serial(asked, tmp_path_factory) -> dict[str, str]:
     """The digests of a run without Slurm and without shards."""
     data = tmp_path_factory.mktemp("serial")
-    for stage in STAGES:
+    for stage in GRASP_STAGES:
         for more in ([], ["--set", "train-gcn.configuration=none"], ["--set", "train-gcn.configuration=touch"]):
             if (stage == "train-gcn") == bool(more):
                 vt("run", stage, *asked, *more, "--data", data, "--executor", "serial")
@@ -92,7 +92,7 @@ def ended(states: dict[str, str]) -> bool:
 def test_all_stages_at_once_give_the_digests_of_a_serial_run(asked, serial, tmp_path):
     data = tmp_path / "it's 100% data"
     began = time.monotonic()
-    submit(asked, data, *STAGES)
+    submit(asked, data, *GRASP_STAGES)
     states = wait_until(data, ended)
     print(f"{len(states)} tasks took {time.monotonic() - began:.0f} s")
     assert set(states.values()) == {"done"}, vt("status", data)

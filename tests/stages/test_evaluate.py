@@ -264,7 +264,7 @@ def test_a_verdict_needs_an_interval_on_one_side_and_objects_enough(low, high, c
     ("settings", "error", "words"),
     [
         ({"points": 3000}, StageError, "2000 points"),
-        ({"configurations": ("single-image",)}, StoreError, "run the stage that makes it"),
+        ({"configurations": ("single-image",)}, ValueError, "single-image.*name some of none, touch"),
         ({"accelerator": "abacus"}, StageError, "abacus"),
     ],
 )

@@ -28,7 +28,7 @@ from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
-from stages.registry import STAGES, load_stage
+from stages.registry import GRASP_STAGES, load_stage
 from stages.sample_surfaces.settings import SurfaceSettings
 from tests.stages.tiny_dataset import ASSIGNMENTS, manifest
 
@@ -67,7 +67,7 @@ def explained(data) -> Explained:
         return explanation
 
     with patch.object(command, "explain_plan", explain_and_keep):
-        for stage in STAGES:
+        for stage in GRASP_STAGES:
             asked = ["run", stage, "--manifest", str(manifest), "--data", str(data), "--workers", "1", "--explain", *sets]
             result = CliRunner().invoke(app, asked)
             assert result.exit_code == 0, result.output
@@ -86,7 +86,7 @@ def rows(data: Path, artifact) -> Iterator:
 
 
 def test_every_stage_leaves_something_out_and_names_measured_shortcuts(explained):
-    assert list(explained) == list(STAGES)
+    assert list(explained) == list(GRASP_STAGES)
     named = {part.shortcut for parts in explained.values() for part in parts} - {""}
     measured = (*shortcuts_data.shortcuts(shortcuts_data.Bench(1, 8)), *shortcuts_learning.shortcuts(shortcuts_learning.Bench()))
     assert named <= {one.name for one in measured}

@@ -44,6 +44,27 @@ def normalise_mesh(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: flo
     InvalidInput
         There are no vertices, some are not finite, or all have one position.
     """
+    upright, centre, scale = _upright(mesh, up, diagonal, metres_per_unit)
+    vertices: NDArray[np.float64] = (upright - centre) * scale + POSITION
+    return replace(mesh, vertices=vertices)
+
+
+def placement_of(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float | None = None) -> NDArray[np.float64]:
+    """Compute what `normalise_mesh`, which has the same parameters, does to points.
+
+    Returns
+    -------
+    (4, 4) float64, homogeneous points of the file to the world, m: a rotation times one scale, and a translation.
+    """
+    _, centre, scale = _upright(mesh, up, diagonal, metres_per_unit)
+    placement = np.eye(4)
+    placement[:3, :3] = scale * _TO_Z_UP[up]
+    placement[:3, 3] = POSITION - scale * centre
+    return placement
+
+
+def _upright(mesh: Mesh, up: str, diagonal: float, metres_per_unit: float | None) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """The vertices turned upright, the centre of their bounding box, and what they are scaled by."""
     if not (len(mesh.vertices) and np.isfinite(mesh.vertices).all()):
         raise InvalidInput(f"of {len(mesh.vertices)} vertices some are NaN or infinite, or there are none; clean the mesh first")
     upright = mesh.vertices @ _TO_Z_UP[up].T
@@ -52,5 +73,4 @@ def normalise_mesh(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: flo
     if size == 0:
         raise InvalidInput(f"all {len(upright)} vertices are at {low}, so the mesh cannot be scaled to a size")
     scale = metres_per_unit if metres_per_unit is not None else diagonal / size
-    vertices: NDArray[np.float64] = (upright - (low + (high - low) / 2)) * scale + POSITION
-    return replace(mesh, vertices=vertices)
+    return upright, low + (high - low) / 2, scale

@@ -19,7 +19,7 @@ from stages.sample_surfaces.stage import normalised_mesh
 def explain(settings: SurfaceSettings, models: Mapping[str, Path], tasks: Sequence[Task]) -> Iterator[Count]:
     """Clean these objects' meshes again, and count how many points of their whole surfaces are exterior."""
     for task in tasks:
-        mesh, report = normalised_mesh(task, settings)
+        mesh, _, report = normalised_mesh(task, settings)
         yield Count("faces", len(mesh.faces), report.degenerate_faces, "without area")
         yield Count("faces", len(mesh.faces), report.duplicate_faces, "the same as another one")
         points, face = sample_triangles(mesh.triangles, settings.points, task.rng("sample-surfaces", "explain"))

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, NetworkConfig
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, SINGLE_IMAGE, NetworkConfig
 from tests.kernels.networks.test_perceptual_pooling import scene_camera, slow_pool
 from tests.references.dense_graph import dense_mean
 
@@ -96,10 +96,10 @@ def test_network_equals_its_slow_twin(changes: dict[str, str]) -> None:
     np.testing.assert_allclose(fast.numpy(), slow_network(network, **given), atol=1e-9)
 
 
-@pytest.mark.parametrize("name", list(CONFIGURATIONS))
+@pytest.mark.parametrize("name", [*CONFIGURATIONS, "single-image"])
 def test_each_configuration_runs_and_has_gradients(name: str) -> None:
     changes = {"gcn_layers": 3, "gcn_features": 9, "encoder_width": 0.1, "splits": 0, "side": 3}
-    config = CONFIGURATIONS[name].model_copy(update=changes)
+    config = CONFIGURATIONS.get(name, SINGLE_IMAGE).model_copy(update=changes)
     network = DeformationNetwork(config, torch.Generator().manual_seed(0)).double()
     vertices = network(**inputs([1, 2] if config.touch else [0, 0], config))
     assert vertices.shape == (2, 456, 3)

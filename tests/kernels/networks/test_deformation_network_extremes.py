@@ -14,7 +14,7 @@ from torch import Tensor
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, NetworkConfig
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, SINGLE_IMAGE, NetworkConfig
 from tests.kernels.degenerate_clouds import CLOUDS, OFFSETS, cloud
 from tests.kernels.networks.pictures import KINDS, network_images
 from tests.kernels.networks.test_deformation_network import SMALL, in_float32, inputs, small
@@ -77,7 +77,7 @@ def test_surface_moves_with_the_scene() -> None:
 )
 def test_float32_and_bfloat16_err_as_documented(name: str, single_bound: float, half_bound: float) -> None:
     """As the docstring says, m, at a quarter of the widths."""
-    config = CONFIGURATIONS[name].model_copy(update={"splits": 0, "side": 3, "encoder_width": 0.25, "gcn_features": 60})
+    config = CONFIGURATIONS.get(name, SINGLE_IMAGE).model_copy(update={"splits": 0, "side": 3, "encoder_width": 0.25, "gcn_features": 60})
     network = DeformationNetwork(config, torch.Generator().manual_seed(0)).double().eval()
     exactly = inputs([1] if config.touch else [0], config)
     single = in_float32(exactly)

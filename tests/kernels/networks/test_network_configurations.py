@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import pytest
+import torch
 from pydantic import ValidationError
 from torch import nn
 
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, NetworkConfig
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, SINGLE_IMAGE, NetworkConfig
 
+NETWORKS = {**CONFIGURATIONS, "single-image": SINGLE_IMAGE}
 # (name, image, touch, encoder, linear layer, graph network): parameters of Tables 6-11 in the specification's reading; "none" has no table.
 PARAMETERS = [
     ("none", None, False, 0, 0, 725_003),
@@ -15,8 +17,12 @@ PARAMETERS = [
     ("occluded", "occluded", False, 588_480, 0, 769_803),
     ("unoccluded-touch", "unoccluded", True, 588_480, 0, 971_003),
     ("unoccluded", "unoccluded", False, 491_040, 0, 1_191_253),
-    ("single-image", "unoccluded", False, 3_537_248, 224_250, 1_507_503),
+    ("single-image", "rendering", False, 3_537_248, 224_250, 1_507_503),
 ]
+
+
+TABLE_11 = ((16, 69), (32, 35), (64, 18), (128, 9), (256, 5))
+NOBODY = torch.zeros(0, dtype=torch.bool)
 
 
 def parameters(module: nn.Module | None) -> int:
@@ -25,7 +31,7 @@ def parameters(module: nn.Module | None) -> int:
 
 @pytest.mark.parametrize(("name", "image", "touch", "encoder", "linear", "gcn"), PARAMETERS)
 def test_inputs_and_parameters(name: str, image: str | None, touch: bool, encoder: int, linear: int, gcn: int) -> None:
-    config = CONFIGURATIONS[name]
+    config = NETWORKS[name]
     assert (config.image, config.touch) == (image, touch)
     network = DeformationNetwork(config)
     assert (parameters(network.encoder), parameters(network.linear), parameters(network.gcn)) == (encoder, linear, gcn)
@@ -33,11 +39,11 @@ def test_inputs_and_parameters(name: str, image: str | None, touch: bool, encode
 
 
 def test_every_configuration_is_listed() -> None:
-    assert [row[0] for row in PARAMETERS] == list(CONFIGURATIONS)
+    assert [row[0] for row in PARAMETERS] == list(NETWORKS)
 
 
 def test_graph_networks_of_the_tables() -> None:
-    sizes = {name: (config.gcn_layers, config.gcn_features) for name, config in CONFIGURATIONS.items()}
+    sizes = {name: (config.gcn_layers, config.gcn_features) for name, config in NETWORKS.items()}
     assert sizes == {
         "none": (20, 200),
         "touch": (15, 250),
@@ -49,8 +55,28 @@ def test_graph_networks_of_the_tables() -> None:
     }
 
 
+def test_table_11_to_the_layer() -> None:
+    """The shapes of rows (1) to (53); each of the three passes goes through rows (26) to (53)."""
+    network, found = DeformationNetwork(SINGLE_IMAGE).eval(), []
+    assert network.encoder is not None
+    for layer in (*network.encoder.layers, network.linear, *network.gcn.hidden, network.gcn.last):
+        assert isinstance(layer, nn.Module)
+        layer.register_forward_hook(lambda _module, given, made: found.append((tuple(given[0].shape), tuple(made.shape))))
+    camera = torch.tensor([[150.0, 0, 0, 0], [0, 150, 0, 0], [0, 0, 1, 1]])
+    with torch.no_grad():
+        network(images=torch.rand(1, 3, 137, 137), camera=camera, touch_vertices=torch.zeros(0, 81, 3), touched=NOBODY, counts=[0])
+    convolutions = [(1, channels, side, side) for channels, side in TABLE_11 for _ in range(5)]
+    assert [made for _, made in found[:25]] == convolutions
+    kinds = [[type(part) for part in layer] for layer in network.encoder.layers]
+    assert kinds == [[nn.Conv2d, nn.InstanceNorm2d, nn.ReLU]] * 25
+    assert found[25] == ((1824, 896), (1824, 250))
+    graph = found[26 : 26 + 25]
+    assert [given[-1] for given, _ in graph] == [253, *[250] * 24]
+    assert [made for _, made in graph] == [*[(1824, 250)] * 24, (1824, 3)]
+
+
 def test_through_json_and_back() -> None:
-    for config in CONFIGURATIONS.values():
+    for config in NETWORKS.values():
         assert NetworkConfig.model_validate_json(config.model_dump_json()) == config
 
 

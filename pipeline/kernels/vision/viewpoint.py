@@ -1,0 +1,84 @@
+"""The viewpoints of 3D-R2N2's renderings, and the cameras that they mean.
+
+The renderings are Blender's, of ShapeNetCore meshes as their files have them: y up, about the origin, in units of the file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FOCAL, SENSOR = 35.0, 32.0
+"""mm: focal length and width of the renderings' camera. The field of view in the metadata was not rendered with."""
+
+FARTHEST = 1.75
+"""Distance of the camera from the origin where the distance ratio is 1, units of the file."""
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where a rendering was made from: a line of `rendering_metadata.txt`.
+
+    Attributes
+    ----------
+    azimuth, elevation
+        Degrees; azimuth 0 is +x, 90 is +z, elevation 90 straight above.
+    in_plane
+        Rotation about the viewing direction, degrees: 0 in all the renderings there are.
+    distance
+        Over `FARTHEST`.
+    field_of_view
+        Degrees; written, and never used.
+    """
+
+    azimuth: float
+    elevation: float
+    in_plane: float
+    distance: float
+    field_of_view: float
+
+
+def viewpoint_camera(viewpoint: Viewpoint, resolution: int) -> NDArray[np.float64]:
+    """Compute the projection matrix of a rendering.
+
+    Parameters
+    ----------
+    viewpoint
+        Azimuth, elevation and distance; the camera looks at the origin, without roll.
+    resolution
+        Pixels per side.
+
+    Returns
+    -------
+    (3, 4) float64, homogeneous points of the mesh file (y up, its units) to (column, row, 1) times depth; pixel centres at 1/2. Depth is in
+    units of the file.
+    """
+    a, e = np.deg2rad([viewpoint.azimuth, viewpoint.elevation])
+    backward = np.array([np.cos(a) * np.cos(e), np.sin(e), np.sin(a) * np.cos(e)])  # from the origin to the camera
+    right = np.array([np.sin(a), 0.0, -np.cos(a)])
+    up = np.cross(backward, right)
+    frame = np.stack([right, -up, -backward])  # columns, rows and depth
+    to_camera = np.column_stack([frame, [0.0, 0.0, FARTHEST * viewpoint.distance]])  # the camera is straight behind the origin
+    focal = FOCAL / SENSOR * resolution
+    intrinsic = np.array([[focal, 0, resolution / 2], [0, focal, resolution / 2], [0, 0, 1]])
+    return np.asarray(intrinsic @ to_camera, np.float64)
+
+
+def placed_camera(camera: NDArray[np.float64], placement: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the projection matrix that shows a placed object as a camera shows its file.
+
+    Parameters
+    ----------
+    camera
+        (3, 4) points of the mesh file to pixels.
+    placement
+        (4, 4) points of the mesh file to the world: turned, scaled by one factor, moved.
+
+    Returns
+    -------
+    (3, 4) float64, world points, m, to pixels; its depth is in m.
+    """
+    scale = np.cbrt(np.linalg.det(placement[:3, :3]))
+    return np.asarray(scale * camera @ np.linalg.inv(placement), np.float64)

@@ -1,0 +1,63 @@
+"""`read-renderings`: the cited renderings of every object, with their cameras in its world (supplement 3.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.config.rendering_folder import PIXELS, read_renderings, rendering_files
+from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.errors import InvalidInput
+from pipeline.kernels.vision.viewpoint import placed_camera, viewpoint_camera
+from pipeline.store.rows import Row
+from schemas.base import Artifact
+from schemas.renderings import RENDERINGS
+from schemas.surfaces import SURFACES
+from stages.read_renderings.settings import RenderingSettings
+
+
+class ReadRenderings(ObjectStage):
+    """Reads images of the objects that others rendered."""
+
+    name = "read-renderings"
+    summary = "Images of every object from several sides, with their cameras, from a folder laid out as ShapeNetRendering."
+    output = RENDERINGS
+    settings_type = RenderingSettings
+
+    def inputs(self, settings: RenderingSettings) -> tuple[Artifact, ...]:
+        """Name the surfaces, which say how each object was placed."""
+        return (SURFACES,)
+
+    def files(self, source: Mapping[str, Any]) -> list[Path]:
+        """List the images and their metadata."""
+        return rendering_files(Path(source["renderings"])) if "renderings" in source else []
+
+    def cost(self, settings: RenderingSettings) -> Cost:
+        """Decode, and compress again."""
+        return Cost(seconds=0.3, kilobytes=200)
+
+    @contextmanager
+    def session(self, settings: RenderingSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+        """Keep nothing between objects."""
+        yield lambda task: _read(task, settings)
+
+
+def _read(task: Task, settings: RenderingSettings) -> Row:
+    surface = task.inputs["surfaces"]
+    if "renderings" not in task.source:
+        raise InvalidInput("its manifest names no renderings; take the manifest single-image, or give a shapenet source `renderings`")
+    if "placement" not in surface:
+        raise InvalidInput("its surface was made before placements were stored; run sample-surfaces again")
+    images, viewpoints = read_renderings(Path(task.source["renderings"]))
+    opacity = images[..., 3:] / 255  # (viewpoint, row, col, 1)
+    if not (opacity >= 0.5).any(axis=(1, 2, 3)).all():
+        raise InvalidInput(f"{task.source['renderings']}: an image shows nothing; download the model's renderings again")
+    return {
+        "rendering": np.rint(opacity * images[..., :3] + (1 - opacity) * settings.background).astype(np.uint8),
+        "silhouette": opacity[..., 0] >= 0.5,
+        "rendering_camera": np.stack([placed_camera(viewpoint_camera(one, PIXELS), surface["placement"]) for one in viewpoints]),
+    }

@@ -1,0 +1,163 @@
+"""The supplement's last experiment on a folder that this project writes: layout, cameras, training, Table 4."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from embreex import rtcore_scene
+from embreex.mesh_construction import TriangleMesh
+from rich.console import Console
+
+from pipeline.config.manifest import Manifest, load_manifest
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.metrics.cloud_distances import cloud_distances
+from pipeline.reports.write_renderings import write_dataset
+from pipeline.store.directory import DataDirectory
+from schemas.surfaces import SURFACES
+from stages.evaluate_single_image.printed_table import show
+from stages.evaluate_single_image.table_4 import PUBLISHED, figures_of, means_by_class
+from stages.registry import load_stage, resolve
+from stages.train_single_image.settings import SingleImageSettings
+from tests.stages.tiny_dataset import manifest, run_stage
+
+SMALL = [
+    *(f"train-single-image.{text}" for text in ("gcn_layers=3", "gcn_features=12", "encoder_width=0.1", "epochs=2", "loss_points=200")),
+    *("train-single-image.items=2", "train-single-image.validation_items=1", "evaluate-single-image.points=500"),
+    *("evaluate-single-image.views=2", "sample-surfaces.points=2000"),
+]
+QUIET = Console(file=io.StringIO())
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Three bottles as ShapeNetCore and 3D-R2N2's renderings have them."""
+    data, folder = tmp_path_factory.mktemp("made"), tmp_path_factory.mktemp("folder")
+    run_stage(data, "sample-surfaces", manifest(1, 1, 1))
+    assert write_dataset(str(data), folder) == 3
+    return folder
+
+
+@pytest.fixture(scope="module")
+def objects() -> Manifest:
+    return load_manifest("single-image").model_copy(update={"splits": manifest(1, 1, 1).splits})
+
+
+def run_on(folder: Path, data: Path, objects: Manifest, name: str) -> int:
+    """Run a stage; how many objects failed."""
+    (plan,) = make_plans(Request(load_stage(name), resolve(name, "draft", SMALL), objects.name, objects.objects(folder), "draft", 0, data))
+    return run(plan, QUIET).failed
+
+
+@pytest.fixture(scope="module")
+def data(folder, objects, tmp_path_factory) -> Path:
+    data = tmp_path_factory.mktemp("data")
+    for name in ("sample-surfaces", "read-renderings", "train-single-image", "evaluate-single-image"):
+        assert run_on(folder, data, objects, name) == 0
+    return data
+
+
+def seen_by(camera: np.ndarray, mesh: Mesh, pixels: int) -> np.ndarray:
+    """(R, R) bool: whether the ray through a pixel's centre, as a projection matrix has it, meets a mesh."""
+    rows, cols = np.indices((pixels, pixels)) + 0.5
+    directions = np.linalg.solve(camera[:, :3], np.stack([cols, rows, np.ones_like(rows)]).reshape(3, -1)).T.astype(np.float32)
+    origins = np.broadcast_to(-np.linalg.solve(camera[:, :3], camera[:, 3]), directions.shape).astype(np.float32)
+    scene = rtcore_scene.EmbreeScene()
+    TriangleMesh(scene, mesh.vertices[mesh.faces].astype(np.float32))
+    hit = scene.run(origins, np.ascontiguousarray(directions), query="INTERSECT", output=True)
+    return np.asarray(hit["primID"] >= 0).reshape(pixels, pixels)
+
+
+def test_projection_with_the_metadata_meets_the_rendered_silhouette(data):
+    rows = ObjectRows(data, ["silhouette", "rendering_camera", "rendering"], None)
+    surfaces = DataDirectory(data).collection(SURFACES)
+    for number in range(10):
+        name = rows.object_ids[number % 3]
+        drawn, camera = (rows.read(array, name, number) for array in ("silhouette", "rendering_camera"))
+        expected = seen_by(camera, read_mesh(surfaces.view(name)), 137)
+        assert (drawn & expected).sum() / (drawn | expected).sum() >= 0.99
+        assert (rows.read("rendering", name, number)[~drawn] == 255).all()
+
+
+def test_folder_has_the_cited_layout(folder):
+    models = [path.relative_to(folder / "ShapeNetRendering") for path in folder.glob("ShapeNetRendering/*/*/rendering")]
+    assert sorted(str(path) for path in models) == [f"02876657/{number:04d}/rendering" for number in range(3)]
+    one = folder / "ShapeNetRendering" / models[0]
+    assert sorted(path.name for path in one.glob("*.png")) == [f"{number:02d}.png" for number in range(24)]
+    lines = [[float(word) for word in line.split()] for line in (one / "rendering_metadata.txt").read_text().splitlines()]
+    assert np.shape(lines) == (24, 5)
+    assert (folder / "ShapeNetCore.v1" / models[0].parent / "model.obj").is_file()
+
+
+def test_a_model_without_an_image_fails_alone_and_is_read_when_it_is_there(folder, objects, tmp_path):
+    run_on(folder, tmp_path, objects, "sample-surfaces")
+    image = next(folder.glob("ShapeNetRendering/*/*/rendering/05.png"))
+    content = image.read_bytes()
+    image.unlink()
+    try:
+        assert run_on(folder, tmp_path, objects, "read-renderings") == 1
+        (failure,) = ObjectRows(tmp_path, ["rendering"], None).left_out.values()
+        assert failure == f"read-renderings: {image} is missing; a model has rendering_metadata.txt and 24 images, 00.png to 23.png"
+    finally:
+        image.write_bytes(content)
+    assert run_on(folder, tmp_path, objects, "read-renderings") == 0
+    assert ObjectRows(tmp_path, ["rendering"], None).left_out == {}
+
+
+def test_objects_without_renderings_fail_with_the_way_out(tmp_path):
+    procedural = manifest(1, 1, 1)
+    run_stage(tmp_path, "sample-surfaces", procedural)
+    (plan,) = make_plans(
+        Request(load_stage("read-renderings"), resolve("read-renderings", "draft", []), "tiny", procedural.objects(), "draft", 0, tmp_path)
+    )
+    assert run(plan, QUIET).failed == 3
+    assert "take the manifest single-image" in next(iter(plan.failures().values())).reason
+
+
+def test_evaluation_has_the_published_rows_beside_ours_and_says_of_what(data):
+    console = Console(file=io.StringIO(), width=200)
+    evaluation = DataDirectory(data).whole_folder("evaluation-single-image")
+    show(evaluation, console)
+    printed = console.file.getvalue()  # type: ignore[attr-defined]
+    assert [name for name in PUBLISHED if name not in printed] == []
+    assert "of the manifest single-image: 1 test objects of 1 classes, 2 views each, learned from 1 objects" in " ".join(printed.split())
+    said = json.loads((evaluation / "metrics.json").read_text())
+    assert said["rows"].keys() == {"network", *(f"training object, {how}" for how in ("mean shape", "by silhouette", "by truth"))}
+    (values,) = said["values"]["network"].values()
+    assert np.shape(values) == (2, 3)
+    np.testing.assert_allclose(np.mean(values, axis=0), said["rows"]["network"]["mean"])
+    assert values[0] != values[1]  # another view, another reconstruction
+
+
+def test_figures_of_two_points_on_paper():
+    """In metres 0.01 and 0.02 apart; × 0.5 these are 0.005 and 0.01: squares 2.5e-5 and 1e-4."""
+    truth = np.array([[0.0, 0, 0], [1, 0, 0]])
+    apart = cloud_distances(np.array([[0.01, 0, 0], [1.02, 0, 0]]), truth)
+    chamfer, f1, twice = figures_of(apart, scale=0.5, tau=6e-5)
+    assert chamfer == pytest.approx(1000 * 0.25 * 2 * (1e-4 + 4e-4) / 2)
+    assert f1 == pytest.approx(50)  # one of two points each way
+    assert twice == pytest.approx(100)
+
+
+def test_mean_of_classes_counts_each_class_once():
+    figures = np.array([[[1.0], [3.0]], [[4.0], [4.0]], [[10.0], [10.0]]])  # (object, view, figure)
+    means = means_by_class(figures, ["a", "a", "b"])
+    assert {name: value.tolist() for name, value in means.items()} == {"a": [3.0], "b": [10.0], "mean": [6.5]}
+
+
+def test_paper_has_the_supplements_training():
+    settings = resolve("train-single-image", "paper", [])
+    assert isinstance(settings, SingleImageSettings)
+    assert (settings.learning_rate, settings.batch_size, settings.epochs, settings.items) == (1e-5, 64, 40, 24)
+    assert (settings.schedule, settings.gradient_limit, settings.patience, settings.encoder_kernel) == ("constant", None, None, 3)
+    assert (settings.edge_weight, settings.laplacian_weight, settings.bending_weight, settings.seams) == (0, 0, 0, "open")
+    network = settings.network(side=9)
+    assert (network.gcn_layers, network.gcn_features, network.encoder_layers, network.encoder_norm) == (25, 250, 25, "instance")
+    assert (network.encoder_linear, network.encoder_width, network.image) == (250, 1.0, "rendering")
