@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, cast, get_args
 
 import typer
 import yaml
@@ -85,14 +85,15 @@ def predict(
     image: Annotated[Path | None, typer.Option(help="8-bit RGB file from the camera the model was trained with.")] = None,
     readings: Annotated[list[Path] | None, typer.Option("--reading", help="A tactile image, one per sensor, as the poses.")] = None,
     poses: Annotated[Path | None, typer.Option(help=".json or .npz: poses (4 x 4, sensor frame to world, m), perhaps touched.")] = None,
-    surface: Annotated[str, typer.Option(help="apart (charts), joined, or both.")] = "both",
+    surface: Annotated[str, typer.Option(help="charts, joined (at their seams), both, or closed: one smooth watertight mesh.")] = "both",
+    resolution: Annotated[int, typer.Option(min=8, max=400, help="Of the closed mesh: edges along its longest side.")] = 128,
     seed: Annotated[int, typer.Option(min=0, help="Of the chart fitting.")] = 0,
 ) -> None:
     """Reconstruct an object from one grasp, or a few: from a data directory, or from files of one's own."""
     from pipeline.inference import predict as prediction
 
-    if surface not in ("apart", "joined", "both"):
-        fail(f"--surface {surface}: it is apart, joined or both")
+    if surface not in get_args(prediction.Surface):
+        fail(f"--surface {surface}: it is one of {', '.join(get_args(prediction.Surface))}")
     directory = place(data) if data else None
     if (folder := place(models) if models else directory and directory / "models") is None:
         fail("name a folder of models with --models, or a data directory with --data")
@@ -107,9 +108,15 @@ def predict(
         readings=readings or [],
         poses=poses,
         surface=cast(prediction.Surface, surface),
+        resolution=resolution,
         seed=seed,
     )
-    size = f"{len(made.reconstruction.vertices)} vertices, {len(made.reconstruction.faces)} faces, {made.touched.sum()} touches"
+    touches = f"{made.touched.sum()} touches" if made.touched.any() else "no touch, so that no place of it is certain"
+    if (mesh := made.closed) is not None:
+        color = f"{mesh.seen.mean():.0%} coloured by the image" if mesh.seen.any() else "no colour: no image shows any of it"
+        say(f"{made.files[0]}: closed, {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {touches}; {color}")
+        return
+    size = f"{len(made.reconstruction.vertices)} vertices, {len(made.reconstruction.faces)} faces, {touches}"
     for path in made.files:
         say(f"{path}: {size}")
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES
+from pipeline.models.closed_reconstruction import joined
 from pipeline.models.reconstruction import Reconstruction
 from pipeline.store.atomic import write_at_once
 
@@ -52,12 +53,15 @@ def write_joined(path: Path, made: Reconstruction) -> None:
     _write(path, [("vision", _mesh(*joined(made), VISION_COLORS[0])), *_touch_charts(made)])
 
 
-def joined(made: Reconstruction) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Join the vision charts to one closed surface: vertices (P, 3), one per distinct position, m, and faces (F, 3)."""
-    position = made.position
-    count = np.bincount(position)
-    vertices = np.stack([np.bincount(position, weights=axis) for axis in made.vertices[: made.vision].T], axis=1) / count[:, None]
-    return vertices, position[made.faces[(made.faces < made.vision).all(axis=1)]]
+def write_closed(
+    path: Path, vertices: NDArray[np.float64], faces: NDArray[np.int64], colors: NDArray[np.uint8], seen: NDArray[np.bool_]
+) -> None:
+    """Write one closed mesh, called closed, in the colour of each vertex, (V, 3), where it was `seen` and grey elsewhere.
+
+    Frames are those of `write_charts`.
+    """
+    painted = np.where(seen[:, None], np.insert(colors, 3, 255, axis=1), np.array(VISION_COLORS[0], np.uint8))
+    _write(path, [("closed", _mesh(vertices, faces, painted))])
 
 
 def _vision_charts(made: Reconstruction) -> Parts:
@@ -78,11 +82,13 @@ def _charts(made: Reconstruction, name: str, starts: range, colors: Sequence[Col
     return parts
 
 
-def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color) -> trimesh.Trimesh:
+def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color | NDArray[np.uint8]) -> trimesh.Trimesh:
     if not np.isfinite(vertices).all():
         bad = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
         raise StageError(f"{bad} of {len(vertices)} vertices hold NaN or infinity: no program opens such a mesh")
-    return trimesh.Trimesh(vertices, faces, vertex_colors=np.tile(np.array(color, np.uint8), (len(vertices), 1)), process=False)
+    return trimesh.Trimesh(
+        vertices, faces, vertex_colors=np.tile(np.array(color, np.uint8), (len(vertices) if np.ndim(color) == 1 else 1, 1)), process=False
+    )
 
 
 def check_output(path: Path) -> None:

@@ -19,9 +19,13 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError, StoreError
 from pipeline.inference.grasp_input_files import read_poses, read_readings
-from pipeline.inference.mesh_files import check_output, write_charts, write_joined
+from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
 from pipeline.kernels.charts.chart_fitting import fit_charts
+from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.touch.sensor import sensor_to_world
+from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.vertex_colors import foreground, seen_colors
+from pipeline.models.closed_reconstruction import closed
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.models.touch_model import TouchModel, load_touch_model
@@ -34,7 +38,7 @@ from stages.fit_charts.settings import ChartSettings
 
 TOUCHES = ("reading", "sensor_pose", "touch_success")
 """What charts are fitted to where none are stored."""
-Surface = Literal["apart", "joined", "both"]
+Surface = Literal["charts", "joined", "both", "closed"]
 
 
 @dataclass(frozen=True)
@@ -49,11 +53,34 @@ class Prediction:
         What is in them.
     touched
         (T,) bool of the sensors given: whose charts are part of it.
+    closed
+        The closed mesh, where one was asked for.
     """
 
     files: list[Path]
     reconstruction: Reconstruction
     touched: NDArray[np.bool_]
+    closed: ClosedMesh | None = None
+
+
+@dataclass(frozen=True)
+class ClosedMesh:
+    """One closed mesh of a reconstruction.
+
+    Attributes
+    ----------
+    vertices, faces
+        (V, 3) float64 in the world, m, and (F, 3) int64, normals outwards.
+    colors
+        (V, 3) uint8, from the image.
+    seen
+        (V,) bool: which vertices the image shows; the others have no colour.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    colors: NDArray[np.uint8]
+    seen: NDArray[np.bool_]
 
 
 def predict(
@@ -68,6 +95,7 @@ def predict(
     readings: Sequence[Path] = (),
     poses: Path | None = None,
     surface: Surface = "both",
+    resolution: int = RESOLUTION,
     accelerator: str = "auto",
     seed: int = 0,
 ) -> Prediction:
@@ -88,7 +116,10 @@ def predict(
         poses in that camera's world, see `read_poses`. Where the poses' file does not say which sensors touched, those did whose
         tactile image differs from an untouched one.
     surface
-        "apart", "joined" or "both".
+        "charts", "joined" or "both"; or "closed": one closed, smooth mesh within 0.5 mm of the touch charts, coloured where the image shows
+        it and grey elsewhere.
+    resolution
+        Edges of the closed mesh along the longest side of its box.
     accelerator
         Where the networks run, "auto" on a GPU where there is one.
     seed
@@ -114,7 +145,12 @@ def predict(
             raise StageError(f"object {object_id} of which data directory? Name it, or leave the object out")
         observation = observer.of_files(image, readings, poses)
     made = observer.model.reconstruct([observation])[0]
-    return Prediction(_write(out, made, surface), made, observation.touched)
+    if surface != "closed":
+        return Prediction(_write(out, made, surface), made, observation.touched)
+    shown = None if data is None or object_id is None else _shown(data, object_id, observer.model.image, grasps)
+    mesh = _close(made, observation.image, observer.model.camera, shown, resolution)
+    write_closed(out, mesh.vertices, mesh.faces, mesh.colors, mesh.seen)
+    return Prediction([out], made, observation.touched, mesh)
 
 
 def _load(folder: Place, configuration: str, device: torch.device) -> Reconstructor:
@@ -212,9 +248,31 @@ def _open_grasps(data: Place, arrays: Sequence[str], object_id: str, grasps: Seq
     return rows
 
 
+def _close(
+    made: Reconstruction,
+    image: NDArray[np.uint8] | None,
+    camera: NDArray[np.float64] | None,
+    shown: NDArray[np.bool_] | None,
+    resolution: int,
+) -> ClosedMesh:
+    """Close a reconstruction, and colour it; where nobody says where its image shows the object, what is no background does."""
+    vertices, faces = closed(made, resolution)
+    if image is None or camera is None:
+        return ClosedMesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8), np.zeros(len(vertices), bool))
+    return ClosedMesh(vertices, faces, *seen_colors(vertices, faces, image, camera, foreground(image) if shown is None else shown))
+
+
+def _shown(data: Place, object_id: str, image: str | None, grasps: Sequence[int]) -> NDArray[np.bool_] | None:
+    """Read where a stored image shows the object, and neither hand nor background."""
+    if image is None:
+        return None
+    labels = ObjectRows(data, ["segmentation"], split=None).read("segmentation", object_id)  # alone, then in each grasp
+    return np.asarray(labels[0 if image == "unoccluded" else 1 + grasps[0]] == Label.OBJECT)
+
+
 def _write(out: Path, made: Reconstruction, surface: Surface) -> list[Path]:
     beside = out.with_name(f"{out.stem}-joined{out.suffix}")
-    files = {"apart": {out: write_charts}, "joined": {out: write_joined}, "both": {out: write_charts, beside: write_joined}}[surface]
+    files = {"charts": {out: write_charts}, "joined": {out: write_joined}, "both": {out: write_charts, beside: write_joined}}[surface]
     for path, write in files.items():
         write(path, made)
     return list(files)

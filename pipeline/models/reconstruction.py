@@ -96,6 +96,8 @@ class Reconstructor:
         Which image it is given: None, "occluded", "unoccluded" or "rendering".
     touch
         Whether it is given touch charts.
+    camera
+        (3, 4) float64, the projection matrix of its images; None without an image.
     chart_settings
         The settings of `fit-charts` that its touch charts were fitted with; None without touch.
     """
@@ -105,6 +107,7 @@ class Reconstructor:
         self.configuration, self.config, self.chart_settings = said.configuration, said.network, said.charts
         self.image, self.touch = self.config.image, self.config.touch
         self.network = load_network(folder, lambda: DeformationNetwork(self.config), device)
+        self.camera = None if said.camera is None else np.array(said.camera)
         self._camera = None if said.camera is None else torch.tensor(said.camera, dtype=torch.float64, device=device)
         self._resolution = said.resolution and list(said.resolution)
 

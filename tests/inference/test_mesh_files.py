@@ -9,10 +9,11 @@ import pytest
 import trimesh
 
 from pipeline.errors import StageError
-from pipeline.inference.mesh_files import joined, write_charts, write_joined
+from pipeline.inference.mesh_files import write_charts, write_joined
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
+from pipeline.models.closed_reconstruction import joined
 from pipeline.models.reconstruction import Reconstruction
 from tests.stages import ball_dataset as spheres
 

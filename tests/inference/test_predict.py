@@ -2,6 +2,7 @@ import json
 import shutil
 from pathlib import Path
 
+import igl
 import numpy as np
 import pytest
 import torch
@@ -10,11 +11,12 @@ from PIL import Image
 
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
-from pipeline.inference.mesh_files import TOUCH_COLOR, joined
+from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS
 from pipeline.inference.predict import predict
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
+from pipeline.models.closed_reconstruction import joined
 from pipeline.models.touch_model import save_touch_model
 from pipeline.store.directory import DataDirectory
 from tests.engine.tiny_stages import publish
@@ -76,7 +78,7 @@ def test_a_stored_grasp_becomes_charts_and_a_joined_surface(data, tmp_path, suff
 
 @pytest.mark.parametrize("suffix", [".obj", ".glb"])
 def test_every_chart_has_its_name(data, tmp_path, suffix):
-    made = predict(tmp_path / f"ball{suffix}", data / "models", "touch", data=data, object_id="a", grasps=[0, 1], surface="apart")
+    made = predict(tmp_path / f"ball{suffix}", data / "models", "touch", data=data, object_id="a", grasps=[0, 1], surface="charts")
     assert [path.name for path in made.files] == [f"ball{suffix}"]
     if suffix == ".obj":
         names = [line.split()[1] for line in made.files[0].read_text().splitlines() if line.startswith(("o ", "g "))]
@@ -95,6 +97,33 @@ def test_the_joined_surface_is_closed(data, tmp_path):
     np.testing.assert_allclose(
         np.linalg.norm(surface.vertices - spheres.CENTRE, axis=1), 0.25, rtol=1e-6
     )  # nothing moved: averages of equals
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
+def test_the_closed_mesh_goes_through_the_touches_and_has_the_image_s_colours(data, tmp_path, suffix):
+    asked = {"data": data, "object_id": "a", "grasps": [2], "surface": "closed", "resolution": 24}
+    made = predict(tmp_path / f"ball{suffix}", data / "models", "occluded-touch", **asked)
+    mesh, shape = trimesh.load_scene(made.files[0], process=False).to_mesh(), made.reconstruction
+    assert made.files == [tmp_path / f"ball{suffix}"]
+    assert mesh.is_watertight
+    assert mesh.body_count == 1
+    assert mesh.volume > 0
+    upright = mesh.vertices[:, [0, 2, 1]] * [1, -1, 1] if suffix == ".glb" else np.asarray(mesh.vertices)
+    np.testing.assert_allclose(upright, made.closed.vertices, atol=1e-6)
+    felt = shape.vertices[shape.vision :]
+    assert len(felt) == FELT * spheres.SIDE**2
+    assert np.sqrt(igl.point_mesh_squared_distance(felt, upright, np.asarray(mesh.faces))[0]).max() <= 5e-4
+    colors = np.asarray(mesh.visual.vertex_colors)
+    assert (colors[~made.closed.seen] == VISION_COLORS[0]).all()
+    np.testing.assert_array_equal(colors[made.closed.seen, :3], made.closed.colors[made.closed.seen])
+
+
+def test_a_closed_mesh_of_a_network_that_sees_and_feels_nothing_is_grey(data, tmp_path):
+    made = predict(tmp_path / "ball.ply", data / "models", "none", data=data, object_id="a", surface="closed", resolution=16)
+    assert not made.closed.seen.any()
+    mesh = trimesh.load(made.files[0], process=False)
+    assert (np.asarray(mesh.visual.vertex_colors) == VISION_COLORS[0]).all()
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi * 0.25**3, rel=0.1)
 
 
 def test_files_give_what_the_store_gives(data, files, tmp_path):

@@ -1,0 +1,76 @@
+"""The colours that an image shows of a surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from embreex import rtcore_scene
+from embreex.mesh_construction import TriangleMesh
+from numpy.typing import NDArray
+
+from pipeline.kernels.geometry.surface_wrapping import vertex_normals
+from pipeline.kernels.vision.camera import project_points
+
+STEEPEST = 0.1
+"""Cosine between a normal and the way to the camera, below which a vertex is on the rim, and its pixel may show what is behind it."""
+OFFSET = 1e-3
+"""Distance of a ray's start from the surface over the surface's extent."""
+ALIKE = 6
+"""Levels of 255 in each colour by which a pixel of the background differs at most from the image's border."""
+
+
+def foreground(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Find the pixels of an image, (rows, cols, 3), that do not have the colour of most of its border: (rows, cols) bool."""
+    border = np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
+    return np.asarray((np.abs(image - np.median(border, axis=0)) > ALIKE).any(axis=2))
+
+
+def seen_colors(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], image: NDArray[np.uint8], matrix: NDArray[np.float64], shown: NDArray[np.bool_]
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Look up the colour of each vertex of a closed mesh in an image.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3) m, world frame, and (F, 3), normals outwards.
+    image
+        (rows, cols, 3) uint8.
+    matrix
+        (3, 4) the image's projection matrix, from `projection_matrix`.
+    shown
+        (rows, cols) bool: where the image shows the object, and no background or hand.
+
+    Returns
+    -------
+    colors
+        (V, 3) uint8: the colour of the pixel that a vertex is in; 0 where it was not seen.
+    seen
+        (V,) bool: whether the vertex faces the camera, nothing of the mesh is between them, and its pixel shows the object.
+    """
+    rows, cols = shown.shape
+    eye = -np.linalg.solve(matrix[:, :3], matrix[:, 3])
+    way = eye - vertices
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    places = project_points(matrix, vertices)
+    inside = ((places >= 0) & (places < [cols, rows])).all(axis=1)  # NaN behind the camera is not
+    seen = inside & ((vertex_normals(vertices, faces) * way).sum(axis=1) > STEEPEST)
+    col, row = places[seen].astype(np.int64).T
+    seen[seen] = shown[row, col]
+    seen[seen] = _free(vertices, faces, vertices[seen], way[seen])
+    colors = np.zeros((len(vertices), 3), np.uint8)
+    col, row = places[seen].astype(np.int64).T
+    colors[seen] = image[row, col]
+    return colors, seen
+
+
+def _free(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], points: NDArray[np.float64], ways: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Tell which rays from points of the mesh, in these directions, hit nothing of it; Embree traces in float32."""
+    centre, extent = vertices.mean(axis=0), float(np.ptp(vertices, axis=0).max())
+    scene = rtcore_scene.EmbreeScene()
+    mesh = TriangleMesh(scene, ((vertices - centre) / extent).astype(np.float32), faces.astype(np.int32))
+    origins = ((points - centre) / extent + OFFSET * ways).astype(np.float32)
+    hit = scene.run(origins, ways.astype(np.float32), query="OCCLUDED")  # 0 where something is hit
+    del mesh  # lives as long as the scene
+    return np.asarray(hit, bool)
