@@ -17,6 +17,28 @@ VISION = Artifact(
             "V_o: the object with the hand as it stood in each grasp, sRGB.",
             optional=True,
         ),
+        "further_unoccluded": Array(
+            ("object", "further_camera", "row", "col", "rgb"),
+            "uint8",
+            "1/255",
+            "The object alone from each of the scene's further cameras, sRGB.",
+            optional=True,
+        ),
+        "further_occluded": Array(
+            ("object", "grasp", "further_camera", "row", "col", "rgb"),
+            "uint8",
+            "1/255",
+            "The object with the hand from each of them, sRGB.",
+            optional=True,
+        ),
+        "further_camera": Array(("further_camera",), "string", "1", "Name of the camera in the scene file.", optional=True),
+        "further_projection": Array(
+            ("further_camera", "image_axis", "homogeneous"),
+            "float64",
+            "pixel; pixel / m",
+            "Projection of each further camera, as `camera`.",
+            optional=True,
+        ),
         "segmentation": Array(
             ("object", "view", "row", "col"),
             "uint8",

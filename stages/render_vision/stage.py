@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,9 @@ from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.vision.camera import projection_matrix
+from pipeline.kernels.vision.camera import Camera, projection_matrix
 from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Scene
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
@@ -58,39 +59,56 @@ class RenderVision(ObjectStage):
             raise InvalidInput(f"the files of hand {used} have changed since the grasps were made; run simulate-grasps again")
 
     def constants(self, settings: VisionSettings) -> Row:
-        """The camera's projection matrix."""
-        return {"camera": projection_matrix(load_scene(settings.scene).camera.with_resolution(settings.resolution))}
+        """The cameras' projection matrices."""
+        scene = load_scene(settings.scene)
+        found: Row = {"camera": projection_matrix(scene.camera.with_resolution(settings.resolution))}
+        if further := _further_cameras(scene, settings):
+            found["further_camera"] = np.array([camera.name for camera in scene.cameras])
+            found["further_projection"] = np.stack([projection_matrix(camera) for camera in further])
+        return found
 
     def attributes(self, settings: VisionSettings) -> dict[str, Any]:
         """The scene: its lamp, constant light and background are the project's choice, so they are stored with the data."""
         return {"scene": load_scene(settings.scene).model_dump(mode="json")}
 
     def cost(self, settings: VisionSettings) -> Cost:
-        """Six images, or one, with their segmentation."""
-        images, pixels = (6 if settings.occluded else 1), (settings.resolution / 256) ** 2
+        """Six images, or one, with their segmentation, per camera."""
+        images = (6 if settings.occluded else 1) * (1 + len(load_scene(settings.scene).cameras))
+        pixels = (settings.resolution / 256) ** 2
         return Cost(seconds=0.05 + 0.025 * images * pixels, kilobytes=15 * images * pixels)
 
     @contextmanager
     def session(self, settings: VisionSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         """Open one renderer per worker, with the hand's meshes in it."""
         hand = load_hand(settings.hand)
-        with Renderer(load_scene(settings.scene), settings.resolution) as renderer:
+        scene = load_scene(settings.scene)
+        further = _further_cameras(scene, settings)
+        with Renderer(scene, settings.resolution) as renderer:
             meshes = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in hand.visual_meshes]
 
             def process(task: Task) -> Row:
                 grasps = task.inputs["grasps"]
                 frames = forward_kinematics(hand, grasps["hand_pose"], grasps["joint_angles"])  # (grasp, link, 4, 4)
                 with renderer.added(task.mesh(), Label.OBJECT) as handle:
-                    return _render_grasps(renderer, (handle, np.eye(4)), meshes, frames if settings.occluded else frames[:0])
+                    return _render_grasps(renderer, (handle, np.eye(4)), meshes, frames if settings.occluded else frames[:0], further)
 
             yield process
 
 
-def _render_grasps(renderer: Renderer, posed_object: PosedMesh, hand: HandMeshes, frames: np.ndarray) -> Row:
+def _further_cameras(scene: Scene, settings: VisionSettings) -> list[Camera]:
+    return [camera.with_resolution(settings.resolution) for camera in scene.cameras]
+
+
+def _render_grasps(renderer: Renderer, posed_object: PosedMesh, hand: HandMeshes, frames: np.ndarray, further: Sequence[Camera]) -> Row:
     """Render the object alone, then with the hand at each of `frames` (grasp, link, 4, 4)."""
-    alone = renderer.render([posed_object])
-    grasped = [renderer.render([posed_object, *((handle, frame[link]) for link, handle in hand)]) for frame in frames]
-    row: Row = {"unoccluded": alone.rgb, "segmentation": np.stack([image.segmentation for image in (alone, *grasped)])}
-    if grasped:
-        row["occluded"] = np.stack([image.rgb for image in grasped])
+    shown = [[posed_object], *([posed_object, *((handle, frame[link]) for link, handle in hand)] for frame in frames)]
+    images = [renderer.render(meshes) for meshes in shown]
+    row: Row = {"unoccluded": images[0].rgb, "segmentation": np.stack([image.segmentation for image in images])}
+    if len(frames):
+        row["occluded"] = np.stack([image.rgb for image in images[1:]])
+    if further:
+        others = np.array([[renderer.render(meshes, camera).rgb for camera in further] for meshes in shown])
+        row["further_unoccluded"] = others[0]  # (camera, row, col, rgb)
+        if len(frames):
+            row["further_occluded"] = others[1:]
     return row

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from pipeline.kernels.vision.camera import Camera, Coordinate
 
@@ -32,14 +32,38 @@ class Lamp(BaseModel):
     color: tuple[UnitInterval, UnitInterval, UnitInterval]
 
 
+class NamedCamera(Camera):
+    """A camera beside the first one; names are the labels of its images."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")
+
+
+def _named_once(cameras: tuple[NamedCamera, ...]) -> tuple[NamedCamera, ...]:
+    names = [camera.name for camera in cameras]
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"two cameras are called {repeated[0]}; rename one")
+    return cameras
+
+
 class Scene(BaseModel):
-    """The surroundings of an object: a camera, one lamp, constant light (linear RGB) and the background's colour (sRGB, 0..1)."""
+    """The surroundings of an object.
+
+    Attributes
+    ----------
+    camera
+        The camera of the images that networks of grasps are shown.
+    cameras
+        Further cameras; by default there are none.
+    lamp, ambient, background
+        One lamp, constant light (linear RGB) and the background's colour (sRGB, 0..1).
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     name: str
     summary: str
     camera: Camera
+    cameras: Annotated[tuple[NamedCamera, ...], AfterValidator(_named_once)] = ()
     lamp: Lamp
     ambient: tuple[Intensity, Intensity, Intensity]
     background: tuple[UnitInterval, UnitInterval, UnitInterval]

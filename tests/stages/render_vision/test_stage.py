@@ -1,9 +1,13 @@
+import json
 import shutil
 
 import numpy as np
 import pytest
+import yaml
 
+from pipeline.config.description_file import description_path
 from pipeline.config.hand_file import load_hand
+from pipeline.config.scene_file import load_scene
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Task
@@ -46,7 +50,37 @@ def test_rows_have_the_shapes_and_types_of_the_schema() -> None:
         "segmentation": ((1 + GRASPS, 256, 256), "uint8"),
     }
     declared = {name for name, array in STAGE.output.arrays.items() if array.per_object} - set(COMMON)
-    assert set(row) == declared
+    assert set(row) == {name for name in declared if not name.startswith("further")}
+    assert set(STAGE.constants(VisionSettings())) == {"camera"}
+
+
+def test_further_cameras_of_a_scene_add_images_and_change_none(tmp_path) -> None:
+    described = yaml.safe_load(description_path("scene", "supplement").read_text())
+    first = described["camera"]
+    closer = first | {"position": [0.486, 0.2305, 0.787], "name": "closer"}
+    path = tmp_path / "two.yaml"
+    path.write_text(json.dumps(described | {"cameras": [first | {"name": "again"}, closer]}))
+    plain, several = VisionSettings(resolution=64), VisionSettings(resolution=64, scene=str(path))
+    (before,), (row,) = rows(plain, task("a", 0.1)), rows(several, task("a", 0.1))
+    assert all(before[name].tobytes() == row[name].tobytes() for name in before)
+    assert (row["further_unoccluded"][0] == row["unoccluded"]).all()
+    assert (row["further_occluded"][:, 0] == row["occluded"]).all()
+    constants = STAGE.constants(several)
+    assert constants["further_camera"].tolist() == ["again", "closer"]
+    assert (constants["further_projection"][0] == constants["camera"]).all()
+    for name, array in {**row, **constants}.items():
+        declared = STAGE.output.arrays[name]
+        assert array.ndim == len([dim for dim in declared.dims if dim != "object"]), name
+    covered = [(image != image[0, 0]).any(axis=-1).sum() for image in row["further_unoccluded"]]
+    assert covered[1] > 2.5 * covered[0]  # at half the distance four times as large, where it is not cut off
+
+
+def test_two_cameras_of_one_name_are_refused(tmp_path) -> None:
+    described = yaml.safe_load(description_path("scene", "supplement").read_text())
+    described["cameras"] = [described["camera"] | {"name": "a"}] * 2
+    (tmp_path / "twice.yaml").write_text(json.dumps(described))
+    with pytest.raises(InvalidInput, match="two cameras are called a; rename one"):
+        load_scene(tmp_path / "twice.yaml")
 
 
 def test_images_show_object_and_hand() -> None:
