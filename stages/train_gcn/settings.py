@@ -8,6 +8,7 @@ from pydantic import model_validator
 
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, NetworkConfig, Seams, TouchEdges
+from pipeline.training.schedule import Schedule
 from pipeline.training.settings import TrainingSettings
 
 
@@ -29,7 +30,13 @@ class GcnSettings(TrainingSettings):
     edge_weight: float = setting(0.0, "of the mean squared edge length of the vision charts, m², beside a Chamfer distance in m²", ge=0)
     laplacian_weight: float = setting(0.0, "of the mean squared difference of a vertex's displacement to its neighbours', likewise", ge=0)
     bending_weight: float = setting(0.0, "of the mean of 1 - cos between neighbouring faces, beside a Chamfer distance as printed", ge=0)
-    learning_rate: float = setting(3e-3, "a hundred times the supplement's, for trainings a hundred times shorter", gt=0)
+    learning_rate: float = setting(6e-3, "two hundred times the supplement's, for trainings a hundred times shorter", gt=0)
+    schedule: Schedule = setting(
+        "cosine", "the rate rises over the first twentieth of all steps, then falls to 0 along half a cosine; the supplement's is constant"
+    )
+    gradient_limit: float | None = setting(
+        5.0, "norm to which a longer gradient is shortened before each step: without it chance decides", gt=0
+    )
     batch_size: int = setting(
         4, "four times the steps in the time that the supplement's 16 take, and a Chamfer distance a third smaller", ge=1
     )

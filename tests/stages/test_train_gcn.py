@@ -21,6 +21,7 @@ from pipeline.models.observation import Observation, stack_observations
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.rng import torch_generator
 from pipeline.training.loop import read_metrics
+from stages.registry import resolve
 from stages.train_gcn.items import Items
 from stages.train_gcn.learner import Batch, GcnLearner
 from stages.train_gcn.settings import GcnSettings
@@ -74,6 +75,13 @@ def test_one_object_is_learned_to_one_and_a_half_times_its_floor_with_10000_poin
     reached, floor = overfit(tmp_path, steps=3000, points=10000)
     print(f"Chamfer {reached:.3g} m², floor {floor:.3g} m² with 10,000 points: {reached / floor:.2f} x")
     assert reached <= 1.5 * floor
+
+
+def test_the_supplements_loss_edges_and_steps_are_its_own():
+    paper = resolve("train-gcn", "paper", []).model_dump()
+    assert (paper["learning_rate"], paper["schedule"], paper["gradient_limit"], paper["batch_size"]) == (3e-5, "constant", None, 16)
+    assert (paper["seams"], paper["touch_edges"]) == ("open", "centres")
+    assert [paper[name] for name in ("edge_weight", "laplacian_weight", "bending_weight")] == [0, 0, 0]
 
 
 def loss_of(data: Path, **changes) -> float:
