@@ -8,7 +8,6 @@ from pydantic import model_validator
 
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.network_configurations import SINGLE_IMAGE, NetworkConfig
-from pipeline.training.schedule import Schedule
 from stages.train_gcn.settings import GcnSettings
 
 
@@ -19,8 +18,6 @@ class SingleImageSettings(GcnSettings):
     encoder_layers: Literal[12, 15, 18, 25] | None = setting(None, "the table's 25; the others are for images of 256 pixels")
     encoder_linear: int | None = setting(None, "features that the pooled ones become; null is the table's 250", ge=1)
     learning_rate: float = setting(3e-3, "for trainings of minutes; the supplement has 1e-5, for three days", gt=0)
-    schedule: Schedule = setting("cosine", "of short trainings the most accurate; the supplement names none")
-    gradient_limit: float | None = setting(5.0, "keeps short trainings at high rates from jumping; the supplement names none", gt=0)
     batch_size: int = setting(4, "more steps in the time; the supplement has 64", ge=1)
     epochs: int = setting(30, "minutes on a CPU; the supplement has at most 40, of more objects and all views", ge=1)
     patience: int | None = setting(None, "the supplement names none", ge=1)
