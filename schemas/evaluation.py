@@ -115,6 +115,14 @@ TABLES = {
         mean=_share(("configuration", "measure"), "In the unit of the array."),
         median=_share(("configuration", "measure"), "In the unit of the array."),
     ),
+    "closed_surfaces": _table(
+        "Reconstructions with one grasp as closed meshes, by configuration; only where the setting `closed_resolution` asks for them.",
+        configuration=_CONFIGURATION,
+        watertight=_share(("configuration",), "Share of the meshes each of whose edges has two faces."),
+        objects=_count(("configuration",), "Objects that are watertight, and so have an inside: mean and median are of them."),
+        mean=_share(("configuration",), "Mean over objects of the intersection over union; 0 where there is none."),
+        median=_share(("configuration",), "Its median."),
+    ),
     "baselines": _table(
         "Chamfer distance of training objects that are given in place of a reconstruction: what a network has to beat.",
         baseline=_name("baseline", "How the training object is chosen; see the guide to learning."),
@@ -154,6 +162,13 @@ TABLES = {
         **QUALITY,
         local_points=_count(_SITE, "True points in the ring around a sensor that touched; where there are none, there is no value."),
     ),
+    "closed": _table(
+        "One model's reconstructions with one grasp, the first one, as closed meshes.",
+        object_id=_OBJECTS["object_id"],
+        watertight=Array(("object",), "bool", "1", "Each edge of the mesh has two faces."),
+        has_inside=Array(("object",), "bool", "1", "The object's mesh is watertight."),
+        iou=_share(("object",), "Volume inside both mesh and object over that inside either; 0 where `has_inside` is false."),
+    ),
     "predictions": _table(
         "One model's vision charts for every object and choice of grasps; touch charts are those of the artifact `charts`.",
         object_id=_OBJECTS["object_id"],
@@ -164,4 +179,4 @@ TABLES = {
         position=_count(("vertex",), "Vertices with the same number lie on one seam and are one point of the joined surface."),
     ),
 }
-"""Every group by name; `values` and `predictions` hold one group per configuration."""
+"""Every group by name; `values`, `predictions` and `closed` hold one group per configuration."""

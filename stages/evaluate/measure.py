@@ -18,6 +18,7 @@ from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.rng import numpy_rng
 from pipeline.store.spec import numpy_dtype
 from schemas.evaluation import TABLES
+from stages.evaluate.closed_surfaces import ClosedSurfaces
 from stages.evaluate.evaluation_files import Arrays
 from stages.evaluate.ground_truth import Truth
 from stages.evaluate.reconstruction_cases import Case, make_cases
@@ -28,10 +29,11 @@ THRESHOLDS = (1.0, 2.0)
 
 
 def measure(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> dict[str, Arrays]:
-    """Measure the model called `name`: its groups below `values` and `predictions` (see the schema)."""
+    """Measure the model called `name`: its groups below `values`, `predictions` and `closed` (see the schema)."""
     settings: EvaluationSettings = job.settings
     numbers, cases = cases_of(model, truth.grasps, settings)
     values, vertices = _room(truth, numbers, settings.rings), []
+    closing = ClosedSurfaces(name, truth, job, settings.closed_resolution) if settings.closed_resolution else None
     with Meter(job.console, f"evaluate {name}", len(truth), "objects") as meter:
         for row, case, made in _reconstructions(model, truth, cases, settings.batch_size):
             identity = (truth.rows.object_ids[row], name, case.first, len(case.grasps))
@@ -44,6 +46,8 @@ def measure(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> d
             if case is cases[0]:
                 for key, value in quality_of(made, sampled, made.faces[face], apart, truth, row).items():
                     values[key][row] = value
+                if closing:
+                    closing.note(row, made)
             if numbers[case.given] == 1:
                 _note_rings(values, row, case, apart, truth)
             vertices.append(made.vertices[: made.vision].astype(np.float32))
@@ -57,7 +61,8 @@ def measure(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> d
         "faces": made.faces[(made.faces < made.vision).all(axis=1)],
         "position": made.position,
     }
-    return {f"values/{name}": values, f"predictions/{name}": predictions}
+    groups = {f"values/{name}": values, f"predictions/{name}": predictions}
+    return groups | ({f"closed/{name}": closing.values} if closing else {})
 
 
 def cases_of(model: Reconstructor, available: int, settings: EvaluationSettings) -> tuple[list[int], list[Case]]:

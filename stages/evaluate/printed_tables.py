@@ -69,6 +69,9 @@ def show(folder: Path, console: Console) -> None:
     table = read_table(folder, "quality")
     title = "Surfaces with one grasp, mean / median over objects"
     print_table(console, ("model", *(label for label, _ in QUALITY_UNITS.values())), _quality(table), title)
+    if has_table(folder, "closed_surfaces"):
+        columns = ("model", "watertight, %", "objects with an inside", "intersection over union, mean / median")
+        print_table(console, columns, _closed(read_table(folder, "closed_surfaces")), "Closed meshes of the surfaces with one grasp")
     if felt:
         columns = ("stopped by", "charts", "RMS residual, mean, µm", "worst, µm", "iterations")
         title = "Touch charts of these objects: distance of the cloud to its chart"
@@ -112,6 +115,13 @@ def _quality(table: Arrays) -> Rows:
     for row, name in enumerate(table["configuration"]):
         pairs = zip(factors, table["mean"][row], table["median"][row], strict=True)
         yield name, *(f"{factor * mean:.3g} / {factor * median:.3g}" for factor, mean, median in pairs)
+
+
+def _closed(table: Arrays) -> Rows:
+    for name, watertight, count, mean, median in zip(
+        *(table[key] for key in ("configuration", "watertight", "objects", "mean", "median")), strict=True
+    ):
+        yield name, f"{100 * watertight:.0f}", count, f"{mean:.3f} / {median:.3f}" if count else NONE
 
 
 def _f1(table: Arrays) -> Rows:

@@ -73,7 +73,8 @@ class Evaluate(DatasetStage):
             groups |= _measured(name, model, truth, job)
         facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
         felt = [name for name, model in models.items() if model.touch]
-        tables = make_tables(job, truth, {name: groups[f"values/{name}"] for name in models}, felt=felt, facts=facts)
+        shut = {name: groups[f"closed/{name}"] for name in models if f"closed/{name}" in groups}
+        tables = make_tables(job, truth, {name: groups[f"values/{name}"] for name in models}, felt=felt, facts=facts, shut=shut)
         attributes = {
             "settings": settings.results(),
             "seed": job.seed,
@@ -91,11 +92,12 @@ class Evaluate(DatasetStage):
 def _measured(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> dict[str, Arrays]:
     """Take a model's groups over from a killed run, or measure it and keep them for one."""
     pieces, found = Pieces(job.folder), {}
-    for group in (f"values/{name}", f"predictions/{name}"):
+    kinds = ("values", "predictions", *(["closed"] if job.settings.closed_resolution else []))
+    for group in (f"{kind}/{name}" for kind in kinds):
         facts = pieces.facts(group, PIECE)
         if facts and (kept := pieces.load(group, PIECE, "", facts)):
             found[group] = kept
-    if len(found) < 2:
+    if len(found) < len(kinds):
         found = measure(name, model, truth, job)
         for group, arrays in found.items():
             pieces.save(group, PIECE, "", arrays, seconds=0.0)

@@ -38,8 +38,10 @@ ALL = "all"
 """The class of every object, the stop rule of every chart."""
 
 
-def make_tables(job: DatasetJob, truth: Truth, models: Models, *, felt: Sequence[str], facts: Facts) -> dict[str, TableArrays]:
-    """Make every table of the schema; those of touch only for the configurations that take it, `felt`."""
+def make_tables(
+    job: DatasetJob, truth: Truth, models: Models, *, felt: Sequence[str], facts: Facts, shut: Models
+) -> dict[str, TableArrays]:
+    """Make every table of the schema; those of touch only for the configurations that take it, `felt`; `shut` has groups `closed`."""
     settings: EvaluationSettings = job.settings
     areas = [truth.area(row) for row in range(len(truth))]
     objects = {
@@ -58,6 +60,8 @@ def make_tables(job: DatasetJob, truth: Truth, models: Models, *, felt: Sequence
     }
     if known := retrieved(truth, job):
         made["baselines"] = baselines(known, objects, job.seed)
+    if shut:
+        made["closed_surfaces"] = closed_surfaces(shut)
     if felt:
         made["table_3"] = grasps({name: models[name] for name in felt}, job.seed)
         made["charts"] = charts(*map(truth.stack, ("residual", "iterations", "stop_rule")))
@@ -136,6 +140,18 @@ def quality(models: Models) -> TableArrays:
     """Summarise how the reconstructions of the models look."""
     figures = np.array([[values[name] for name in QUALITY] for values in models.values()])  # (configuration, measure, object)
     return {"configuration": [*models], "measure": [*QUALITY], "mean": figures.mean(axis=-1), "median": np.median(figures, axis=-1)}
+
+
+def closed_surfaces(models: Models) -> TableArrays:
+    """Summarise the closed meshes of the models' reconstructions, from their groups `closed`."""
+    shared = [values["iou"][values["has_inside"]] for values in models.values()]
+    return {
+        "configuration": [*models],
+        "watertight": [values["watertight"].mean() for values in models.values()],
+        "objects": [len(values) for values in shared],
+        "mean": [_mean(values) for values in shared],
+        "median": [np.median(values) if len(values) else 0.0 for values in shared],
+    }
 
 
 def baselines(found: Mapping[str, NDArray[np.float64]], objects: TableArrays, seed: int) -> TableArrays:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
+import trimesh
 
 from pipeline.config.manifest import Object
 from pipeline.config.sensor_file import load_sensor
@@ -72,13 +73,14 @@ def surfaces(task: Task) -> Row:
     directions = task.rng("points").normal(size=(2000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     flags = {name: np.array(0, np.int32) for name in ("degenerate_faces", "duplicate_faces")}
+    ball = trimesh.creation.icosphere(3, radius_of(task))
     mesh = {
-        "meshes/vertices": np.eye(3) + CENTRE,
-        "meshes/faces": np.arange(3, dtype=np.int32)[None],
-        "meshes/uv": np.zeros((3, 2), np.float32),
+        "meshes/vertices": np.asarray(ball.vertices) + CENTRE,
+        "meshes/faces": np.asarray(ball.faces, np.int32),
+        "meshes/uv": np.zeros((len(ball.vertices), 2), np.float32),
     }
     look = {
-        "meshes/face_material": np.zeros(1, np.int32),
+        "meshes/face_material": np.zeros(len(ball.faces), np.int32),
         "meshes/base_color": np.full((1, 4), 255, np.uint8),
         "meshes/material_texture": np.full(1, -1, np.int32),
     }

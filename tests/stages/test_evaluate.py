@@ -23,7 +23,7 @@ from pipeline.reports.orderings import Verdict, orderings, show_orderings
 from pipeline.store.directory import DataDirectory, hashes_of
 from pipeline.store.pieces import Pieces
 from stages.evaluate.baselines import retrieved
-from stages.evaluate.evaluation_files import read_root, read_table, write_evaluation
+from stages.evaluate.evaluation_files import has_table, read_root, read_table, write_evaluation
 from stages.evaluate.ground_truth import Truth
 from stages.evaluate.printed_tables import show
 from stages.evaluate.reconstruction_cases import make_cases
@@ -112,6 +112,22 @@ def test_the_looks_of_a_sphere_are_those_of_a_sphere(evaluation):
     moved = read_table(evaluation[0], "values/occluded")
     assert (moved["seam_gap"] > 0).all()
     assert (moved["dihedral"] > values["dihedral"]).all()
+
+
+def test_closed_meshes_are_measured_where_they_are_asked_for(data, evaluation):
+    assert not has_table(evaluation[0], "closed_surfaces")
+    names = ("none", "occluded-touch")
+    folder, printed = evaluate(data, "shut", configurations=names, grasps=(1,), closed_resolution=24)
+    table = read_table(folder, "closed_surfaces")
+    assert table["configuration"].tolist() == [*names]
+    assert (table["watertight"] == 1).all()
+    assert (table["objects"] == COUNT).all()
+    still, moved = (read_table(folder, f"closed/{name}")["iou"] for name in names)
+    assert still == pytest.approx([(radius / 0.25) ** 3 for radius in (0.1, 0.12, 0.14)], abs=0.02)  # balls in a larger one
+    assert table["mean"] == pytest.approx([still.mean(), moved.mean()])
+    assert table["median"] == pytest.approx([np.median(still), np.median(moved)])
+    assert "intersection over union" in printed
+    assert read_table(folder, "values/none")["spike"].tolist() == read_table(evaluation[0], "values/none")["spike"].tolist()
 
 
 def test_what_is_looked_up_is_a_training_object(tmp_path):
