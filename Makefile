@@ -8,7 +8,8 @@
 #   SHARDS=...        shards the objects are split into; by default the number that the dataset has, 1 for a new one
 #   WORKERS=0         processes per shard; 0 is one per core (1 where `make -j` runs several shards at a time)
 #   CONFIGURATIONS="none touch occluded occluded-touch unoccluded unoccluded-touch"
-#                     graph networks to train and evaluate; images or touches that none of them uses are not made
+#                     graph networks to train and evaluate; images or touches that none of them uses are not made;
+#                     implicit-touch, implicit-occluded, implicit-occluded-touch, implicit-unoccluded, implicit-unoccluded-touch too
 
 MANIFEST ?= toy
 PRESET   ?= draft
@@ -82,10 +83,14 @@ fit-charts.%: train-unet
 train-gcn.%: $$(SURFACES) $$(if $$(findstring occluded,$$*),$$(IMAGES)) $$(if $$(findstring touch,$$*),$$(CHARTS))
 	@$(subst $@,train-gcn,$(RUN)) --set train-gcn.configuration=$*
 
+train-implicit.%: $(addprefix sample-distances.,$(NUMBERS)) $$(if $$(findstring occluded,$$*),$$(IMAGES)) $$(if $$(findstring touch,$$*),$$(CHARTS))
+	@$(subst $@,train-implicit,$(RUN)) --set train-implicit.configuration=$*
+
 comma    := ,
 space    := $(subst ,, )
-train: $(addprefix train-gcn.,$(CONFIGURATIONS))  ## train the graph networks, and the U-Net for those that feel
-evaluate: train $(TOUCHES)  ## evaluate the graph networks on the test objects, beside the supplement's tables
+IMPLICIT  = $(filter implicit-%,$(CONFIGURATIONS))
+train: $(addprefix train-gcn.,$(filter-out implicit-%,$(CONFIGURATIONS))) $(addprefix train-implicit.,$(IMPLICIT))  ## train these networks, and the U-Net for those that feel
+evaluate: train $(TOUCHES)  ## evaluate these networks on the test objects, beside the supplement's tables
 	@$(RUN) --set 'evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]'
 report: evaluate  ## check the supplement's orderings; draw learning curves and reconstructions
 	@$(BIN)/vt-pipeline report $(DATA)
@@ -95,7 +100,7 @@ reproduce:  ## test the supplement's claims on 240 procedural objects: dataset, 
 	$(MAKE) --no-print-directory -j$$(nproc) report MANIFEST=four-classes PRESET=draft && \
 	echo "dataset: $$(((made - began) / 60)) min; training, evaluation and report: $$((($$(date +%s) - made) / 60)) min on $$(nproc) cores"
 
-.PRECIOUS: sample-surfaces.% sample-distances.% read-renderings.% simulate-grasps.% render-vision.% simulate-touch.% fit-charts.% train-gcn.%
+.PRECIOUS: sample-surfaces.% sample-distances.% read-renderings.% simulate-grasps.% render-vision.% simulate-touch.% fit-charts.% train-gcn.% train-implicit.%
 
 summary: $(IMAGES) $(TOUCHES)  ## the statistics and contact sheets alone
 	@$(BIN)/vt-pipeline summary $(DATA)

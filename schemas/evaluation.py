@@ -178,5 +178,15 @@ TABLES = {
         faces=Array(("face", "corner"), "int32", "1", "Rows of `vertices`."),
         position=_count(("vertex",), "Vertices with the same number lie on one seam and are one point of the joined surface."),
     ),
+    "meshes": _table(
+        "One implicit model's closed meshes for every object, with the first grasp and those that follow it; one mesh after the other.",
+        object_id=_OBJECTS["object_id"],
+        first_grasp=_count(("case",), "The first grasp given."),
+        grasps_given=_count(("case",), "How many were given, 0 where the model takes none."),
+        vertices=Array(("vertex", "xyz"), "float32", "m", "Of all meshes, case by case of each object; world frame."),
+        faces=Array(("face", "corner"), "int32", "1", "Of all meshes likewise: rows of the mesh's own vertices."),
+        vertex_count=_count(("object", "case"), "Vertices of each mesh."),
+        face_count=_count(("object", "case"), "Faces of each mesh."),
+    ),
 }
-"""Every group by name; `values`, `predictions` and `closed` hold one group per configuration."""
+"""Every group by name; `values`, `predictions`, `meshes` and `closed` hold one group per configuration."""

@@ -36,6 +36,7 @@ STAGES = {
     "train-unet": Entry("stages.train_unet", "TrainUnet", "UnetSettings"),
     "fit-charts": Entry("stages.fit_charts", "FitCharts", "ChartSettings"),
     "train-gcn": Entry("stages.train_gcn", "TrainGcn", "GcnSettings"),
+    "train-implicit": Entry("stages.train_implicit", "TrainImplicit", "ImplicitSettings"),
     "evaluate": Entry("stages.evaluate", "Evaluate", "EvaluationSettings"),
     "read-renderings": Entry("stages.read_renderings", "ReadRenderings", "RenderingSettings"),
     "train-single-image": Entry("stages.train_single_image", "TrainSingleImage", "SingleImageSettings"),

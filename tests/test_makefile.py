@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from pipeline.engine.stage import ObjectStage
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION, IMPLICIT_CONFIGURATIONS
 from stages.registry import STAGES, load_settings_type, load_stage
 
 ROOT = Path(__file__).parents[1]
@@ -52,11 +52,14 @@ def rules_of_stages(settings: Mapping[str, dict[str, Any]]) -> dict[str, list[st
     return {name: [makers[one] for one in found] for name, found in reads.items()}
 
 
-@pytest.mark.parametrize("configuration", CONFIGURATIONS)
+@pytest.mark.parametrize("configuration", EVERY_CONFIGURATION)
 def test_prerequisites_are_the_stages_inputs(configuration, tmp_path):
-    read = rules_of_stages({"train-gcn": {"configuration": configuration}, "evaluate": {"configurations": (configuration,)}})
+    chosen = {"train-gcn": "none", "train-implicit": "implicit-unoccluded"}
+    chosen["train-implicit" if configuration in IMPLICIT_CONFIGURATIONS else "train-gcn"] = configuration
+    trained = {name: {"configuration": one} for name, one in chosen.items()}
+    read = rules_of_stages(trained | {"evaluate": {"configurations": (configuration,)}})
     targets = {name: f"{name}.0" if isinstance(load_stage(name), ObjectStage) else name for name in STAGES}
-    targets["train-gcn"] = f"train-gcn.{configuration}"
+    targets |= {name: f"{name}.{one}" for name, one in chosen.items()}
     made = rules_of_makefile(*targets.values(), f"CONFIGURATIONS={configuration}", f"DATA={tmp_path}")
     for name in STAGES:
         assert stages_before(targets[name], made) == stages_before(name, read), name

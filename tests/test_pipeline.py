@@ -38,10 +38,10 @@ ASSIGNMENTS = [
         "evaluate.configurations=[occluded-touch]",
         "evaluate.points=1000",
     ),
-    *("evaluate.grasps=[1,5]",),
+    *("evaluate.grasps=[1,5]", "train-implicit.epochs=2", "train-implicit.features=8", "train-implicit.encoder_width=0.1"),
 ]
 SHARDED = [name for name in GRASP_STAGES if not isinstance(load_stage(name), DatasetStage)]
-SEEN = {"train-unet": 3, "train-gcn": 3}
+SEEN = {"train-unet": 3, "train-gcn": 3, "train-implicit": 3}
 """How many of the four objects a dataset stage looks at."""
 
 
@@ -87,7 +87,7 @@ def made(manifest, tmp_path_factory) -> Path:
 
 def test_every_artifact_is_there_and_valid(made):
     artifacts = {load_stage(name).output.name for name in SHARDED}
-    folders = {"models/unet", "models/gcn/occluded-touch", "evaluation"}
+    folders = {"models/unet", "models/gcn/occluded-touch", "models/implicit/implicit-unoccluded", "evaluation"}
     assert set(digests(made)) == artifacts | folders
     assert vt("validate", str(made)).count(": valid") == len(artifacts | folders)
 

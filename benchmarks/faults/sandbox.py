@@ -31,6 +31,7 @@ SETTINGS = (
     ),
     *("train-gcn.configuration=touch", "train-gcn.epochs=2", "train-gcn.gcn_layers=3", "train-gcn.gcn_features=8"),
     *("train-gcn.batch_size=4", "train-gcn.loss_points=100", "checkpoint_seconds=0"),
+    *("train-implicit.configuration=implicit-touch", "train-implicit.epochs=2", "train-implicit.features=8"),
     *("evaluate.configurations=[touch]", "evaluate.points=200", "evaluate.grasps=[1,2]"),
 )
 """As small as the stages allow: a fault is about what is written, not about how good it is."""

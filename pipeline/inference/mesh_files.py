@@ -65,6 +65,8 @@ def write_closed(
 
 
 def _vision_charts(made: Reconstruction) -> Parts:
+    if made.is_whole:
+        return [("surface", _mesh(made.vertices, made.faces, VISION_COLORS[0]))]
     return _charts(made, "vision_{:03d}", range(0, made.vision, CHART_VERTICES), VISION_COLORS)
 
 

@@ -29,6 +29,7 @@ from pipeline.models.closed_reconstruction import closed
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.models.touch_model import TouchModel, load_touch_model
+from pipeline.models.trained_networks import FAMILIES, family_of, load_reconstructor, model_name
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place, names_in
@@ -105,9 +106,9 @@ def predict(
     ----------
     out
         File to write, .obj, .ply or .glb. With `surface` "both" the charts go there, and the joined surface beside it under the
-        same name with -joined. Metres, world frame (in GLB turned to y up).
+        same name with -joined; an implicit network's one mesh goes there alone. Metres, world frame (in GLB turned to y up).
     models, configuration
-        A folder of models (DATA/models), and which of its gcn/ to use. Tactile images need its unet/ too.
+        A folder of models (DATA/models), and which of its gcn/ or implicit/ to use. Tactile images need its unet/ too.
     data, object_id, grasps
         From a data directory: an object, and the grasps to give; the occluded image is the first one's. Touch charts that are stored
         there are taken as they are.
@@ -133,12 +134,12 @@ def predict(
     """
     check_output(out)
     device = device_of(accelerator)
-    observer = _Observer(_load(models / "gcn", configuration, device), models, device, seed)
+    observer = _Observer(_load(models, configuration, device), models, device, seed)
     if data is not None:
         if object_id is None or image is not None or readings or poses is not None:
             raise StageError("from a data directory: name an object, and no files; from files: name no data directory")
         if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
-            DataDirectory(data).check_origins([f"models/gcn/{configuration}"])
+            DataDirectory(data).check_origins([model_name(configuration)])
         observation = observer.of_object(data, object_id, grasps)
     else:
         if object_id is not None:
@@ -153,11 +154,13 @@ def predict(
     return Prediction([out], made, observation.touched, mesh)
 
 
-def _load(folder: Place, configuration: str, device: torch.device) -> Reconstructor:
-    there = sorted(name.removesuffix(".json") for name in names_in(folder) if name.endswith(".json"))
+def _load(models: Place, configuration: str, device: torch.device) -> Reconstructor:
+    families = [models / family for family in FAMILIES]
+    there = sorted(name.removesuffix(".json") for folder in families for name in names_in(folder) if name.endswith(".json"))
     if configuration not in there:
-        raise StageError(f"{folder} has no model {configuration} (there: {', '.join(there) or 'none'}); train it with train-gcn")
-    return Reconstructor(DataDirectory(folder).whole_folder(configuration), device)
+        known = ", ".join(there) or "none"
+        raise StageError(f"{models} has no model {configuration} (there: {known}); train it with train-gcn or train-implicit")
+    return load_reconstructor(configuration, DataDirectory(models / family_of(configuration)).whole_folder(configuration), device)
 
 
 @dataclass(frozen=True)
@@ -271,6 +274,8 @@ def _shown(data: Place, object_id: str, image: str | None, grasps: Sequence[int]
 
 
 def _write(out: Path, made: Reconstruction, surface: Surface) -> list[Path]:
+    if made.is_whole:  # joined already
+        surface = "charts"
     beside = out.with_name(f"{out.stem}-joined{out.suffix}")
     files = {"charts": {out: write_charts}, "joined": {out: write_joined}, "both": {out: write_charts, beside: write_joined}}[surface]
     for path, write in files.items():

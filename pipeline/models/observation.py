@@ -13,7 +13,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.image_tensors import network_input
-from pipeline.kernels.networks.network_configurations import NetworkConfig
+from pipeline.kernels.networks.network_configurations import NetworkInputs
 
 
 @dataclass(frozen=True)
@@ -38,13 +38,13 @@ class Observation:
     camera: np.ndarray | None = None
 
 
-def observed_arrays(config: NetworkConfig) -> tuple[str, ...]:
+def observed_arrays(config: NetworkInputs) -> tuple[str, ...]:
     """Name the arrays of a dataset that a network is given."""
     camera = ["rendering_camera"] if config.image == "rendering" else []
     return (*([config.image] if config.image else []), *camera, *(("vertices", "stop_rule") if config.touch else ()))
 
 
-def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], config: NetworkConfig) -> Observation:
+def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], config: NetworkInputs) -> Observation:
     """Read what a network is given of a stored object: the image of the first of these grasps (or viewpoints), and the charts of all."""
     image = None if config.image is None else rows.read(config.image, object_id, grasps[0])
     if not config.touch:
@@ -71,7 +71,7 @@ class NetworkBatch:
     counts: list[int]
 
 
-def stack_observations(observations: Sequence[Observation], config: NetworkConfig, camera: Tensor | None, like: Tensor) -> NetworkBatch:
+def stack_observations(observations: Sequence[Observation], config: NetworkInputs, camera: Tensor | None, like: Tensor) -> NetworkBatch:
     """Stack observations as tensors of the device and type of `like`.
 
     `camera` is the projection matrix (3, 4) of their images, None where each has its own.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import torch
@@ -15,11 +15,13 @@ from torch import Tensor
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
-from pipeline.kernels.networks.network_configurations import NetworkConfig
+from pipeline.kernels.networks.implicit_configurations import ImplicitConfig
+from pipeline.kernels.networks.network_configurations import NetworkConfig, NetworkInputs
 from pipeline.models.model_files import load_network, read_description
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
 
 ImageRow = tuple[float, float, float, float]
+C = TypeVar("C", NetworkConfig, ImplicitConfig)
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,11 @@ class Reconstruction:
     position: np.ndarray
     side: int
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is one mesh, as implicit networks make it, in place of charts: none of its vertices coincided with another one."""
+        return len(self.position) == len(np.unique(self.position))
+
 
 def assemble_surfaces(network: DeformationNetwork, deformed: Tensor, batch: NetworkBatch) -> Iterator[tuple[Tensor, Tensor]]:
     """Join each item's vision charts, `deformed` (B, V, 3), and the charts of its successful touches.
@@ -65,17 +72,19 @@ def assemble_surfaces(network: DeformationNetwork, deformed: Tensor, batch: Netw
         yield torch.cat([vision, surface.reshape(-1, 3)]), torch.cat([vision_faces, faces])
 
 
-class _Description(BaseModel):
+class Description(BaseModel, Generic[C]):
+    """What a trained network's folder says of it."""
+
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     configuration: str
-    network: NetworkConfig
+    network: C
     camera: tuple[ImageRow, ImageRow, ImageRow] | None
     resolution: tuple[int, int] | None
     charts: dict[str, Any] | None
 
     @model_validator(mode="after")
-    def _of_its_inputs(self) -> _Description:
+    def _of_its_inputs(self) -> Description[C]:
         image, touch = self.network.image is not None, self.network.touch
         camera = image and self.network.image != "rendering"  # each rendering has its own
         if (self.camera is not None, self.resolution is not None, self.charts is not None) != (camera, image, touch):
@@ -102,11 +111,18 @@ class Reconstructor:
         The settings of `fit-charts` that its touch charts were fitted with; None without touch.
     """
 
+    config: NetworkInputs
+    has_charts = True
+    """Whether it deforms vision charts; else it makes meshes of its own."""
+
     def __init__(self, folder: Path, device: torch.device | str = "cpu") -> None:
-        said = read_description(folder, _Description)
+        said = read_description(folder, Description[NetworkConfig])
+        self._take(said, device)
+        self.network = load_network(folder, lambda: DeformationNetwork(said.network), device)
+
+    def _take(self, said: Description[Any], device: torch.device | str) -> None:
         self.configuration, self.config, self.chart_settings = said.configuration, said.network, said.charts
         self.image, self.touch = self.config.image, self.config.touch
-        self.network = load_network(folder, lambda: DeformationNetwork(self.config), device)
         self.camera = None if said.camera is None else np.array(said.camera)
         self._camera = None if said.camera is None else torch.tensor(said.camera, dtype=torch.float64, device=device)
         self._resolution = said.resolution and list(said.resolution)
@@ -122,11 +138,7 @@ class Reconstructor:
         ValueError
             There is no observation, or its arrays have other shapes or types than the network takes.
         """
-        batch = stack_observations(observations, self.config, self._camera, like=next(self.network.parameters()))
-        if batch.images is not None and list(batch.images.shape[2:]) != self._resolution:
-            raise InvalidInput(
-                f"{self.configuration} was trained on images of {self._resolution} pixels, these have {list(batch.images.shape[2:])}"
-            )
+        batch = self._batch(observations, like=next(self.network.parameters()))
         charts, deformed = self.network.charts, self.network(**vars(batch))
         return [
             Reconstruction(
@@ -134,7 +146,16 @@ class Reconstructor:
                 faces=faces.cpu().numpy(),
                 vision=len(charts.vertices),
                 position=charts.position,
-                side=self.config.side,
+                side=self.network.config.side,
             )
             for vertices, faces in assemble_surfaces(self.network, deformed, batch)
         ]
+
+    def _batch(self, observations: Sequence[Observation], like: Tensor) -> NetworkBatch:
+        """Stack observations, whose images must be as large as those of the training."""
+        batch = stack_observations(observations, self.config, self._camera, like=like)
+        if batch.images is not None and list(batch.images.shape[2:]) != self._resolution:
+            raise InvalidInput(
+                f"{self.configuration} was trained on images of {self._resolution} pixels, these have {list(batch.images.shape[2:])}"
+            )
+        return batch

@@ -20,7 +20,7 @@ from pipeline.reports.reconstruction_gallery import predicted_mesh, render_mesh
 from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
 from schemas.charts import CHARTS
-from stages.evaluate.evaluation_files import read_root, read_table
+from stages.evaluate.evaluation_files import read_root, read_surfaces
 
 
 def draw_overview(data: Path, object_id: str, path: Path) -> None:
@@ -28,7 +28,7 @@ def draw_overview(data: Path, object_id: str, path: Path) -> None:
     directory = DataDirectory(data)
     rows = {name: directory.collection(ARTIFACTS[name]).view(object_id) for name in SHOWN}
     evaluation = directory.whole_folder("evaluation")
-    table = read_table(evaluation, f"predictions/{list(read_root(evaluation)['configurations'])[-1]}")
+    table = read_surfaces(evaluation, list(read_root(evaluation)["configurations"])[-1])
     case = int(np.argmax(table["grasps_given"]))
     with band_maker({name: row.shard.attributes for name, row in rows.items()}) as maker:
         band = maker.band(object_id, rows)

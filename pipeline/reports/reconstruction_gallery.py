@@ -24,7 +24,7 @@ from pipeline.store.storage import Place
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
-from stages.evaluate.evaluation_files import Arrays, read_root, read_table
+from stages.evaluate.evaluation_files import Arrays, read_root, read_surfaces, read_table, surface_of
 from stages.render_vision.renderer import Renderer
 
 PIXELS = 200
@@ -43,7 +43,8 @@ def draw_gallery(data: Place, path: Path, most: int) -> list[str]:
     directory = DataDirectory(data)
     folder = directory.whole_folder("evaluation")
     names = list(read_root(folder)["configurations"])
-    predictions, values = ({name: read_table(folder, f"{group}/{name}") for name in names} for group in ("predictions", "values"))
+    values = {name: read_table(folder, f"values/{name}") for name in names}
+    predictions = {name: read_surfaces(folder, name) for name in names}
     objects = [str(name) for name in read_table(folder, "objects")["object_id"]]
     shown = [objects[place] for place in np.linspace(0, len(objects) - 1, min(most, len(objects))).astype(int)]
     surfaces, charts = (directory.collection(artifact) for artifact in (SURFACES, CHARTS))
@@ -76,9 +77,9 @@ def _cases(table: Arrays) -> list[int]:
 def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, case: int) -> Mesh:
     """Make a mesh of a prediction, an entry of a group `predictions`: in grey, with the touch charts that it was given in orange."""
     number = table["object_id"].tolist().index(object_id)
-    vertices, faces = [table["vertices"][number, case]], [table["faces"]]
+    vertices, faces = ([part] for part in surface_of(table, number, case))
     given, first = int(table["grasps_given"][case]), int(table["first_grasp"][case])
-    if given:
+    if given and "position" in table:  # touch charts are no part of a mesh
         row = fitted.view(object_id)
         charts, touched = row["vertices"], is_surface(row["stop_rule"])  # (grasp, sensor, S, 3), (grasp, sensor)
         grasps = [(first + step) % len(charts) for step in range(given)]

@@ -65,7 +65,7 @@ def _artifacts() -> Iterator[str]:
 
 def _tables() -> Iterator[str]:
     yield "## `evaluation`\n"
-    yield "One Zarr group per table in `tables.zarr`; `values` and `predictions` hold one group per configuration.\n"
+    yield "One Zarr group per table in `tables.zarr`; `values`, `predictions`, `meshes` and `closed` hold one group per configuration.\n"
     for name, table in TABLES.items():
         yield f"### `{name}`\n"
         yield f"{table.summary}\n"

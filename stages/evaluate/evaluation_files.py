@@ -99,3 +99,21 @@ def read_table(folder: Path, name: str) -> Arrays:
     if not isinstance(group, zarr.Group):
         raise StoreError(f"{root.store_path} has no group {name}; it has {', '.join(sorted(root.group_keys()))}")
     return {key: np.asarray(array[...]) for key, array in group.arrays()}
+
+
+def read_surfaces(folder: Path, configuration: str) -> Arrays:
+    """Read the surfaces of a configuration: its group below `predictions` or, of an implicit network, below `meshes`."""
+    group = "meshes" if has_table(folder, f"meshes/{configuration}") else "predictions"
+    return read_table(folder, f"{group}/{configuration}")
+
+
+def surface_of(surfaces: Arrays, number: int, case: int) -> tuple[np.ndarray, np.ndarray]:
+    """Take one object's surface in one case from what `read_surfaces` read: vertices (V, 3), m, and faces (F, 3)."""
+    if "position" in surfaces:
+        return surfaces["vertices"][number, case], surfaces["faces"]
+    place = (number, case)
+    at = int(np.ravel_multi_index(place, surfaces["vertex_count"].shape))
+    starts = (surfaces[key].ravel()[:at].sum() for key in ("vertex_count", "face_count"))
+    first, face = starts
+    vertices = surfaces["vertices"][first : first + surfaces["vertex_count"][place]]
+    return vertices, surfaces["faces"][face : face + surfaces["face_count"][place]]

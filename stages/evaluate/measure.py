@@ -29,10 +29,12 @@ THRESHOLDS = (1.0, 2.0)
 
 
 def measure(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> dict[str, Arrays]:
-    """Measure the model called `name`: its groups below `values`, `predictions` and `closed` (see the schema)."""
+    """Measure the model called `name`: its groups below `values`, `predictions` or `meshes`, and `closed` (see the schema)."""
     settings: EvaluationSettings = job.settings
     numbers, cases = cases_of(model, truth.grasps, settings)
-    values, vertices = _room(truth, numbers, settings.rings), []
+    values = _room(truth, numbers, settings.rings)
+    kept: list[Reconstruction] = []
+    kept_cases = cases if model.has_charts else [case for case in cases if case.first == 0]  # meshes are larger
     closing = ClosedSurfaces(name, truth, job, settings.closed_resolution) if settings.closed_resolution else None
     with Meter(job.console, f"evaluate {name}", len(truth), "objects") as meter:
         for row, case, made in _reconstructions(model, truth, cases, settings.batch_size):
@@ -50,19 +52,39 @@ def measure(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> d
                     closing.note(row, made)
             if numbers[case.given] == 1:
                 _note_rings(values, row, case, apart, truth)
-            vertices.append(made.vertices[: made.vision].astype(np.float32))
+            if case in kept_cases:
+                kept.append(made)
             if case is cases[-1]:
                 meter.advance()
-    predictions = {
+    surfaces = {
         "object_id": values["object_id"],
-        "first_grasp": np.array([case.first for case in cases]),
-        "grasps_given": np.array([len(case.grasps) for case in cases]),
-        "vertices": np.reshape(vertices, (len(truth), len(cases), -1, 3)),
-        "faces": made.faces[(made.faces < made.vision).all(axis=1)],
-        "position": made.position,
+        "first_grasp": np.array([case.first for case in kept_cases]),
+        "grasps_given": np.array([len(case.grasps) for case in kept_cases]),
+        **(_charts if model.has_charts else _meshes)(kept, (len(truth), len(kept_cases))),
     }
-    groups = {f"values/{name}": values, f"predictions/{name}": predictions}
+    groups = {f"values/{name}": values, f"{surfaces_group(model)}/{name}": surfaces}
     return groups | ({f"closed/{name}": closing.values} if closing else {})
+
+
+def surfaces_group(model: Reconstructor) -> str:
+    """Name the group below which a model's surfaces are."""
+    return "predictions" if model.has_charts else "meshes"
+
+
+def _charts(kept: Sequence[Reconstruction], shape: tuple[int, int]) -> Arrays:
+    made = kept[-1]
+    vertices = np.array([one.vertices[: one.vision] for one in kept], np.float32)
+    faces = made.faces[(made.faces < made.vision).all(axis=1)]
+    return {"vertices": vertices.reshape(*shape, -1, 3), "faces": faces, "position": made.position}
+
+
+def _meshes(kept: Sequence[Reconstruction], shape: tuple[int, int]) -> Arrays:
+    return {
+        "vertices": np.concatenate([one.vertices for one in kept]),
+        "faces": np.concatenate([one.faces for one in kept]),
+        "vertex_count": np.reshape([len(one.vertices) for one in kept], shape),
+        "face_count": np.reshape([len(one.faces) for one in kept], shape),
+    }
 
 
 def cases_of(model: Reconstructor, available: int, settings: EvaluationSettings) -> tuple[list[int], list[Case]]:
@@ -93,7 +115,7 @@ def quality_of(
     return {
         "area_ratio": surface_area(made.vertices, made.faces) / truth.area_of_all_sides(row),
         "dihedral": float(np.median(dihedral_angles(made.vertices, vision))),
-        "seam_gap": float(seam_gaps(made.vertices[: made.vision], made.position).mean()),
+        "seam_gap": 0.0 if made.is_whole else float(seam_gaps(made.vertices[: made.vision], made.position).mean()),
         "spike": float(np.sqrt(np.quantile(apart.predicted, 0.999))),
         "normal_consistency": normal_consistency(sampled, normals, truth.points(row), truth.normals(row)),
         "crossing": float(crossing_faces(made.vertices, vision, made.position).mean()),

@@ -7,8 +7,9 @@ from typing import Any
 
 from pipeline.config.manifest import SPLITS
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
 from pipeline.models.reconstruction import Reconstructor
+from pipeline.models.trained_networks import load_reconstructor, model_name
 from pipeline.store.directory import DataDirectory
 from pipeline.store.pieces import Pieces
 from pipeline.store.storage import remove
@@ -21,12 +22,10 @@ from schemas.touch import TOUCH
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import Arrays, write_evaluation
 from stages.evaluate.ground_truth import Truth
-from stages.evaluate.measure import measure
+from stages.evaluate.measure import measure, surfaces_group
 from stages.evaluate.printed_tables import show, show_training
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.tables import make_tables
-
-MODELS = "models/gcn"
 
 PIECE = "measured"
 """Name of the pieces that a killed run leaves; they lie in a folder of their key."""
@@ -41,13 +40,13 @@ class Evaluate(DatasetStage):
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
         """Name what the models are shown, and where the touch sites are."""
-        networks = [CONFIGURATIONS[name] for name in settings.configurations]
+        networks = [EVERY_CONFIGURATION[name] for name in settings.configurations]
         seen, felt = any(network.image for network in networks), any(network.touch for network in networks)
         return (SURFACES, GRASPS, TOUCH, *([VISION] if seen else []), *([CHARTS] if felt else []))
 
     def models(self, settings: EvaluationSettings) -> tuple[str, ...]:
         """Name the models."""
-        return tuple(f"{MODELS}/{name}" for name in settings.configurations)
+        return tuple(model_name(name) for name in settings.configurations)
 
     def splits(self, settings: EvaluationSettings) -> tuple[str, ...]:
         """Name all: measured are only objects that no training saw, but Table 1 counts all."""
@@ -66,7 +65,7 @@ class Evaluate(DatasetStage):
         settings: EvaluationSettings = job.settings
         device = device_of(settings.accelerator)
         folders = {Path(name).name: folder for name, folder in job.models.items()}
-        models = {name: Reconstructor(folder, device) for name, folder in folders.items()}
+        models = {name: load_reconstructor(name, folder, device) for name, folder in folders.items()}
         truth = Truth(job.data, list(models.values()), settings)
         groups: dict[str, Arrays] = {}
         for name, model in models.items():
@@ -92,7 +91,7 @@ class Evaluate(DatasetStage):
 def _measured(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> dict[str, Arrays]:
     """Take a model's groups over from a killed run, or measure it and keep them for one."""
     pieces, found = Pieces(job.folder), {}
-    kinds = ("values", "predictions", *(["closed"] if job.settings.closed_resolution else []))
+    kinds = ("values", surfaces_group(model), *(["closed"] if job.settings.closed_resolution else []))
     for group in (f"{kind}/{name}" for kind in kinds):
         facts = pieces.facts(group, PIECE)
         if facts and (kept := pieces.load(group, PIECE, "", facts)):

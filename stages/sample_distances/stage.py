@@ -32,7 +32,7 @@ class SampleDistances(ObjectStage):
 
     def cost(self, settings: DistanceSettings) -> Cost:
         """Estimate a distance and a winding number per point."""
-        return Cost(seconds=0.05 * settings.queries / 16_384, kilobytes=240 * settings.queries / 16_384)
+        return Cost(seconds=0.25 * settings.queries / 16_384, kilobytes=240 * settings.queries / 16_384)
 
     @contextmanager
     def session(self, settings: DistanceSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:

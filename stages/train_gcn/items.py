@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from math import isqrt
+from typing import Any
 
 import numpy as np
 import torch
+from pydantic import BaseModel
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.metrics.chamfer import Target
-from pipeline.kernels.networks.network_configurations import NetworkConfig
+from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.store.storage import Place
 
@@ -29,10 +31,12 @@ class Items:
         Says which image is seen, and whether touch is felt.
     each
         Items per object, each beginning with another grasp.
+    learned
+        Arrays that the loss needs.
     """
 
-    def __init__(self, data: Place, split: str, config: NetworkConfig, each: int) -> None:
-        self.rows = ObjectRows(data, arrays_of(config), split)
+    def __init__(self, data: Place, split: str, config: NetworkInputs, each: int, *, learned: tuple[str, ...] = ("points",)) -> None:
+        self.rows = ObjectRows(data, arrays_of(config, learned), split)
         self.config, self.each = config, each
         self._targets: dict[str, Target] = {}
 
@@ -56,19 +60,20 @@ class Items:
 
     def target(self, item: int) -> Target:
         """Read the object's points, (N, 3) float32, m, world."""
-        object_id = self._object(item)
+        object_id = self.object_of(item)
         if object_id not in self._targets:
             if len(self._targets) == TARGETS:
                 del self._targets[next(iter(self._targets))]  # the oldest
             self._targets[object_id] = Target(torch.tensor(self.rows.read("points", object_id)))
         return self._targets[object_id]
 
-    def _object(self, item: int) -> str:
+    def object_of(self, item: int) -> str:
+        """Name an item's object."""
         return self.rows.object_ids[item // self.each]
 
     def view(self, item: int, count: int, others: np.ndarray) -> Observation:
         """Read what the network is given: the item's own grasp, then `count` - 1 of the others in the order of `others`, a permutation."""
-        return stored_observation(self.rows, self._object(item), self.grasps_of(item, count, others), self.config)
+        return stored_observation(self.rows, self.object_of(item), self.grasps_of(item, count, others), self.config)
 
     def grasps_of(self, item: int, count: int, others: np.ndarray) -> list[int]:
         """Choose the grasps of an item, see `view`; or its viewpoint."""
@@ -86,11 +91,21 @@ class Items:
             return self.rows.size("rendering", "viewpoint")
         return self.rows.size("occluded", "grasp") if self.config.image == "occluded" else 1
 
+    def description(self, configuration: str, config: BaseModel) -> dict[str, Any]:
+        """Describe a network that was trained on these items, for its folder: what `Reconstructor` reads."""
+        return {
+            "configuration": configuration,
+            "network": config.model_dump(mode="json", exclude={"checkpointing"}),
+            "camera": None if self.camera is None else self.camera.tolist(),
+            "resolution": self.resolution,
+            "charts": self.rows.attributes("charts")["settings"] if self.config.touch else None,
+        }
+
     def name(self, item: int) -> str:
         """Name an item for a message."""
-        return self._object(item) + ("" if self.config.image == "rendering" else f" (first grasp {item % self.each % self.grasps})")
+        return self.object_of(item) + ("" if self.config.image == "rendering" else f" (first grasp {item % self.each % self.grasps})")
 
 
-def arrays_of(config: NetworkConfig) -> tuple[str, ...]:
-    """Name the arrays that a network of this configuration is trained on."""
-    return ("points", *observed_arrays(config), *(["camera"] if config.image in ("occluded", "unoccluded") else []))
+def arrays_of(config: NetworkInputs, learned: tuple[str, ...] = ("points",)) -> tuple[str, ...]:
+    """Name the arrays that a network of this configuration is trained on, those `learned` that its loss needs among them."""
+    return (*learned, *observed_arrays(config), *(["camera"] if config.image in ("occluded", "unoccluded") else []))

@@ -67,16 +67,6 @@ class TrainGcn(DatasetStage):
             job.console.print(f"{name}: images are of {pixels}: see render-vision.resolution")
         network = DeformationNetwork(config, torch_generator(job.seed, name, "weights"))
         facts = train(GcnLearner(network, learning, judging, settings, job.seed), settings, folder=job.folder, seed=job.seed, name=name)
-        save_model(
-            job.folder,
-            network,
-            {
-                "configuration": settings.configuration,
-                "network": config.model_dump(mode="json", exclude={"checkpointing"}),
-                "camera": None if learning.camera is None else learning.camera.tolist(),
-                "resolution": learning.resolution,
-                "charts": learning.rows.attributes("charts")["settings"] if config.touch else None,
-            },
-        )
+        save_model(job.folder, network, learning.description(settings.configuration, config))
         checkpoint.discard(job.folder)
         return facts

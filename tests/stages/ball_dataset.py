@@ -26,6 +26,7 @@ from pipeline.models.model_files import save_model
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.charts import CHARTS
+from schemas.distances import DISTANCES
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
@@ -86,6 +87,14 @@ def surfaces(task: Task) -> Row:
     }
     points = (CENTRE + radius_of(task) * directions).astype(np.float32)
     return {"points": points, "normals": directions.astype(np.float32), "watertight": np.array(True), **flags, **mesh, **look}
+
+
+def distances(task: Task) -> Row:
+    reach = task.rng("queries").uniform(-0.27, 0.27, (2000, 3))
+    return {
+        "query_points": (CENTRE + reach).astype(np.float32),
+        "signed_distance": (np.linalg.norm(reach, axis=1) - radius_of(task)).astype(np.float32),
+    }
 
 
 def each_sensor(function: Callable[[Task, int, int], np.ndarray], task: Task) -> np.ndarray:
@@ -186,6 +195,7 @@ def stages() -> list[Given]:
         Given(GRASPS, grasps, (SURFACES,), LABELS, {}),
         Given(VISION, vision, (GRASPS,), {"camera": projection_matrix(CAMERA)}, {}),
         Given(TOUCH, touch, (SURFACES, GRASPS), {"untouched": untouched_image(SENSOR)}, sensor),
+        Given(DISTANCES, distances, (SURFACES,), {}, {}),
         Given(CHARTS, charts, (TOUCH,), {"chart_faces": chart_square(SIDE)[1].numpy().astype(np.int32)}, {}),
     ]
 

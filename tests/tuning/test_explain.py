@@ -36,7 +36,7 @@ SETS = [
     *ASSIGNMENTS,
     *("train-unet.width=2", "train-unet.epochs=1", "fit-charts.max_iterations=5", "train-gcn.epochs=1", "train-gcn.gcn_layers=3"),
     *("train-gcn.gcn_features=12", "train-gcn.encoder_width=0.25", "train-gcn.loss_points=300", "evaluate.points=500"),
-    *("evaluate.configurations=[touch]", "configuration=touch", "simulate-grasps.attempts=5"),
+    *("evaluate.configurations=[touch]", "train-gcn.configuration=touch", "train-implicit.epochs=1", "simulate-grasps.attempts=5"),
 ]
 OBJECTS, SENSORS = 3, 20
 Explained = dict[str, list[Count]]

@@ -89,6 +89,8 @@ class ImageEncoder(nn.Module):
         Where the elements of each tapped map are centred.
     channels
         Channels of all tapped maps together.
+    deepest
+        Channels of the last one.
     """
 
     def __init__(self, plan: EncoderPlan, kernel: int = 3, norm: Norm = "batch", width: float = 1.0):
@@ -105,6 +107,7 @@ class ImageEncoder(nn.Module):
         self.layers = nn.ModuleList(layers)
         self.grids = tuple(grids[tap] for tap in plan.taps)
         self.channels = sum(channels[tap] for tap in plan.taps)
+        self.deepest = channels[plan.taps[-1]]
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """Compute the tapped maps.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Literal, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -14,6 +14,22 @@ from pipeline.kernels.networks.image_encoder import Norm
 ImageKind = Literal["occluded", "unoccluded", "rendering"]
 Seams = Literal["open", "tied"]
 TouchEdges = Literal["centres", "all"]
+
+
+class NetworkInputs(Protocol):
+    """What any network's configuration says of its inputs; see `NetworkConfig`."""
+
+    @property
+    def image(self) -> ImageKind | None:
+        """Name the image it sees, if any."""
+
+    @property
+    def touch(self) -> bool:
+        """Tell whether it is given touch charts."""
+
+    @property
+    def side(self) -> int:
+        """Count the vertices along a side of a touch chart."""
 
 
 class NetworkConfig(BaseModel):

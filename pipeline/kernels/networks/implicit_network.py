@@ -1,0 +1,160 @@
+"""An implicit network: the signed distance from any point in space to an object's surface, from what is seen and felt of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid
+from pipeline.kernels.networks.image_tensors import COLOURS
+from pipeline.kernels.networks.implicit_configurations import ImplicitConfig
+from pipeline.kernels.networks.perceptual_pooling import pool_features, project_to_pixels
+from pipeline.kernels.networks.touch_features import DESCRIBED, FELT, Touches, split_touches
+
+WINDOWS = 4
+"""The deepest map is averaged in 4 x 4 windows, of which a linear layer makes the global features of an image."""
+FIRST_STEP = 0.1
+"""Share of their usual size that the last weights of each residual block begin with."""
+
+LEAK = 0.05
+"""Slope that is added to the tanh of the predicted distances: a tanh alone is flat where most points are, and stops learning there."""
+
+
+@dataclass(frozen=True)
+class Code:
+    """What was seen and felt of B items.
+
+    Attributes
+    ----------
+    maps
+        (B, channels, rows, columns) of each map that queries pool, the image itself first; none without an image.
+    cameras
+        (B, 3, 4) projection matrices; None without an image.
+    overall
+        (B, G) global features.
+    touches
+        What was felt of each item; None without touch.
+    """
+
+    maps: list[Tensor]
+    cameras: Tensor | None
+    overall: Tensor
+    touches: list[Touches] | None
+
+
+class ImplicitNetwork(nn.Module):
+    """Predicts signed distances at query points.
+
+    A query takes the image features at the pixel where it is seen (Saito et al., PIFu, 2019), so that it knows whether it is seen to be
+    free; what was felt nearest to it; and global features of the image and of all touches. A residual network makes a distance of these.
+
+    Parameters
+    ----------
+    config
+        Inputs and sizes.
+    generator
+        Draws the initial weights: equal generators give equal networks. Torch's own if None.
+    """
+
+    def __init__(self, config: ImplicitConfig, generator: torch.Generator | None = None) -> None:
+        super().__init__()
+        self.config = config
+        width, overall, inputs = config.features, config.features // 2, 3
+        self.encoder: ImageEncoder | None = None
+        with torch.random.fork_rng(devices=[]):  # layers draw from torch's own generator; `_initialise` draws again from ours
+            if config.image is not None:
+                plan = ENCODER_PLANS[config.encoder_layers]
+                self.encoder = ImageEncoder(plan, config.encoder_kernel, config.encoder_norm, config.encoder_width)
+                self.seen = nn.Linear(self.encoder.deepest * WINDOWS**2, overall)
+                inputs += COLOURS + self.encoder.channels + overall
+            if config.touch:
+                self.felt = nn.Sequential(nn.Linear(DESCRIBED, overall), nn.ReLU(), nn.Linear(overall, overall))
+                inputs += FELT + overall
+            self.first, self.last = nn.Linear(inputs, width), nn.Linear(width, 1)
+            self.blocks = nn.ModuleList(
+                nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, width)) for _ in range(config.blocks)
+            )
+        self._initialise(generator)
+
+    def _initialise(self, generator: torch.Generator | None) -> None:
+        for name, parameter in self.named_parameters():
+            if parameter.ndim > 1:
+                nn.init.kaiming_normal_(parameter, nonlinearity="relu", generator=generator)
+            elif name.endswith("bias"):
+                nn.init.zeros_(parameter)
+        with torch.no_grad():
+            for weight in (
+                self.last.weight,
+                *(parameter for name, parameter in self.blocks.named_parameters() if name.endswith("3.weight")),
+            ):
+                weight.mul_(FIRST_STEP)
+
+    def forward(
+        self,
+        queries: Tensor,
+        *,
+        images: Tensor | None,
+        camera: Tensor | None,
+        touch_vertices: Tensor,
+        touched: Tensor,
+        counts: Sequence[int],
+    ) -> Tensor:
+        """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m; the other arguments are those of `encode`."""
+        code = self.encode(images=images, camera=camera, touch_vertices=touch_vertices, touched=touched, counts=counts)
+        return self.decode(code, queries)
+
+    def encode(
+        self, *, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]
+    ) -> Code:
+        """Encode a batch of B items, once for all queries.
+
+        Parameters
+        ----------
+        images, camera, touch_vertices, touched, counts
+            As `DeformationNetwork.forward` takes them.
+
+        Raises
+        ------
+        InvalidInput
+            An input is not finite, or an image leaves [0, 1].
+        ValueError
+            An input is missing or superfluous.
+        """
+        if (images is not None) != (self.encoder is not None) or (any(counts) and not self.config.touch):
+            raise ValueError(f"a network with image {self.config.image!r} and touch {self.config.touch} is given something else")
+        maps, cameras, overall, touches = [], None, [self.last.weight.new_zeros(len(counts), 0)], None
+        if self.encoder is not None and images is not None and camera is not None:
+            deep = self.encoder(images)
+            maps = [images, *deep]
+            cameras = camera.to(images).expand(len(images), 3, 4)
+            overall.append(self.seen(functional.adaptive_avg_pool2d(deep[-1], WINDOWS).flatten(1)))
+        if self.config.touch:
+            if not bool(torch.isfinite(touch_vertices).all()):
+                raise InvalidInput("touch_vertices has values that are not finite: leave out the items they come from")
+            touches = split_touches(self._unit(touch_vertices), touched, counts)
+            nothing = self.last.weight.new_zeros(1, self.config.features // 2)
+            overall.append(torch.stack([torch.cat([nothing, self.felt(one.described)]).amax(dim=0) for one in touches]))
+        return Code(maps, cameras, torch.cat(overall, dim=1), touches)
+
+    def decode(self, code: Code, queries: Tensor) -> Tensor:
+        """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m, about the band where they are larger."""
+        unit = self._unit(queries)
+        parts = [unit, code.overall[:, None].expand(-1, queries.shape[1], -1)]
+        if self.encoder is not None and code.cameras is not None:
+            parts.append(pool_features(code.maps, (MapGrid(), *self.encoder.grids), project_to_pixels(code.cameras, queries)))
+        if code.touches is not None:
+            parts.append(torch.stack([one.features(query) for one, query in zip(code.touches, unit, strict=True)]))
+        features: Tensor = self.first(torch.cat(parts, dim=2))
+        for block in self.blocks:
+            features = features + block(features)
+        last: Tensor = self.last(features.relu())[..., 0]
+        return self.config.band * (torch.tanh(last) + LEAK * last)
+
+    def _unit(self, points: Tensor) -> Tensor:
+        """Radii from the centre, from world, m."""
+        return (points.to(self.last.weight) - self.last.weight.new_tensor(self.config.centre)) / self.config.radius

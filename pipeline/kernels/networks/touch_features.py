@@ -1,0 +1,84 @@
+"""What was felt, and what was felt to be empty, as an implicit network is given it at points in space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+NEAREST = 9
+"""Features of the nearest point: offset and normal, the height above its tangent plane, and how close it is, at two scales."""
+FELT = 2 * NEAREST
+"""Features per query: of the nearest point that was touched, and of the nearest one that is known to be outside."""
+DESCRIBED = 7
+"""Numbers per point: position, normal, and whether it was touched."""
+SCALES = (0.04, 0.2)
+"""Radii of an object, 1 and 5 cm: closeness is exp(-distance / scale)."""
+
+
+@dataclass(frozen=True)
+class Touches:
+    """The vertices of an item's touch charts: P points with normals.
+
+    Attributes
+    ----------
+    points
+        (P, 3) in radii from the centre.
+    normals
+        (P, 3) unit normals, away from the object.
+    touched
+        (P,) bool: the others are of sensors that touched nothing, so that they lie outside.
+    """
+
+    points: Tensor
+    normals: Tensor
+    touched: Tensor
+
+    @property
+    def described(self) -> Tensor:
+        """Describe each point: (P, `DESCRIBED`)."""
+        return torch.cat([self.points, self.normals, self.touched.to(self.points)[:, None]], dim=1)
+
+    def features(self, queries: Tensor) -> Tensor:
+        """Describe what is nearest to queries (N, 3), in radii from the centre: (N, `FELT`); zeros where there is no such point."""
+        parts = [_nearest(queries, self.points[of], self.normals[of]) for of in (self.touched, ~self.touched)]
+        return torch.cat(parts, dim=1)
+
+
+def _nearest(queries: Tensor, points: Tensor, normals: Tensor) -> Tensor:
+    if not len(points):
+        return queries.new_zeros(len(queries), NEAREST)
+    with torch.no_grad():
+        nearest = torch.cdist(queries, points).argmin(dim=1)
+    offset, normal = queries - points[nearest], normals[nearest]
+    distance, height = offset.norm(dim=1, keepdim=True), (offset * normal).sum(dim=1, keepdim=True)
+    return torch.cat([offset, normal, height, *(torch.exp(-distance / scale) for scale in SCALES)], dim=1)
+
+
+def chart_normals(vertices: Tensor) -> Tensor:
+    """Compute unit normals at the vertices of touch charts, away from the object.
+
+    Parameters
+    ----------
+    vertices
+        (T, S, 3) charts of S = side² vertices, row by row as `chart_square` has them.
+
+    Returns
+    -------
+    (T, S, 3); zeros where a chart has no area.
+    """
+    side = round(vertices.shape[1] ** 0.5)
+    if not len(vertices):
+        return vertices
+    rows, columns = torch.gradient(vertices.reshape(-1, side, side, 3), dim=(1, 2))
+    across = torch.linalg.cross(rows, columns)  # -z of the sensor, which looks at the object
+    return torch.nn.functional.normalize(across, dim=-1, eps=1e-20).reshape(vertices.shape)
+
+
+def split_touches(vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> list[Touches]:
+    """Make each item's touches of the charts (T, S, 3) of all, in radii from the centre; `touched` (T,), `counts` charts of each item."""
+    normals, flags = chart_normals(vertices), touched[:, None].expand(vertices.shape[:2])
+    split = (torch.split(part, list(counts)) for part in (vertices, normals, flags))
+    return [Touches(points.reshape(-1, 3), normal.reshape(-1, 3), flag.reshape(-1)) for points, normal, flag in zip(*split, strict=True)]

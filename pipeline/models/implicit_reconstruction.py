@@ -1,0 +1,65 @@
+"""Trained implicit networks: from what is seen and felt of an object to a closed mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pipeline.kernels.geometry.level_set import level_set_mesh
+from pipeline.kernels.networks.implicit_configurations import ImplicitConfig
+from pipeline.kernels.networks.implicit_network import Code, ImplicitNetwork
+from pipeline.models.model_files import load_network, read_description
+from pipeline.models.observation import Observation
+from pipeline.models.reconstruction import Description, Reconstruction, Reconstructor
+
+QUERIES = 2**15
+"""Points whose distances are predicted at a time: some 100 MB of features."""
+MARGIN = 1.04
+"""The meshed cube reaches as many radii from the centre: beyond any object."""
+HALVINGS = 2
+"""The network is asked at four times the spacing, and at finer points where the surface may be."""
+
+
+class ImplicitReconstructor(Reconstructor):
+    """A trained implicit network, from its folder; attributes as those of `Reconstructor`."""
+
+    has_charts = False
+
+    def __init__(self, folder: Path, device: torch.device | str = "cpu") -> None:
+        said = read_description(folder, Description[ImplicitConfig])
+        self._take(said, device)
+        self.implicit = load_network(folder, lambda: ImplicitNetwork(said.network), device)
+
+    @torch.no_grad()
+    def reconstruct(self, observations: Sequence[Observation]) -> list[Reconstruction]:
+        """Reconstruct the surfaces of a batch of objects; see `Reconstructor.reconstruct`."""
+        found = []
+        for observation in observations:
+            code = self.implicit.encode(**vars(self._batch([observation], next(self.implicit.parameters()))))
+            vertices, faces = self._mesh(code)
+            every = np.arange(len(vertices))
+            found.append(Reconstruction(vertices, faces, vision=len(vertices), position=every, side=self.config.side))
+        return found
+
+    def _mesh(self, code: Code) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Mesh the zeros of one item's distances; where nothing is inside, the places that are nearest to being so."""
+
+        def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
+            queries = torch.from_numpy(points).to(code.overall)
+            parts = [self.implicit.decode(code, part[None])[0] for part in torch.split(queries, QUERIES)]
+            return np.asarray(torch.cat(parts).double().cpu().numpy())
+
+        config = self.implicit.config
+        centre, reach, spacing = np.array(config.centre), MARGIN * config.radius, config.spacing
+        box = centre - reach, centre + reach
+        vertices, faces = level_set_mesh(distances, *box, spacing, halvings=HALVINGS)
+        if len(faces):
+            return vertices, faces
+        coarse = spacing * 2**HALVINGS
+        grid = np.stack(np.meshgrid(*(np.arange(low, high, coarse) for low, high in zip(*box, strict=True)), indexing="ij"), axis=-1)
+        least = distances(grid.reshape(-1, 3)).min() + 1e-9
+        return level_set_mesh(lambda points: distances(points) - least, *box, coarse, halvings=0)

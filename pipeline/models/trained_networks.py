@@ -1,0 +1,29 @@
+"""Networks that reconstruct, by name: where each is, and how it is loaded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+
+from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS
+from pipeline.models.implicit_reconstruction import ImplicitReconstructor
+from pipeline.models.reconstruction import Reconstructor
+
+FAMILIES = ("gcn", "implicit")
+"""Folders of models of a data directory, by what is in them: networks that deform charts, and implicit ones."""
+
+
+def family_of(configuration: str) -> str:
+    """Name the family of a configuration's network."""
+    return "implicit" if configuration in IMPLICIT_CONFIGURATIONS else "gcn"
+
+
+def model_name(configuration: str) -> str:
+    """Name the folder of a configuration's model, below a data directory."""
+    return f"models/{family_of(configuration)}/{configuration}"
+
+
+def load_reconstructor(configuration: str, folder: Path, device: torch.device | str = "cpu") -> Reconstructor:
+    """Load the network of a configuration that its training left in a folder; a `StoreError` where there is none."""
+    return (ImplicitReconstructor if family_of(configuration) == "implicit" else Reconstructor)(folder, device)

@@ -1,0 +1,53 @@
+"""The settings of `train-implicit`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import model_validator
+
+from pipeline.config.settings import setting
+from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS, ImplicitConfig
+from pipeline.training.schedule import Schedule
+from pipeline.training.settings import TrainingSettings
+
+
+class ImplicitSettings(TrainingSettings):
+    """How signed distances are learned from what is seen and felt."""
+
+    configuration: str = setting("implicit-unoccluded", f"which network: {', '.join(IMPLICIT_CONFIGURATIONS)}", changes="definition")
+    features: int = setting(128, "of each layer of the decoder", ge=2)
+    blocks: int = setting(3, "residual blocks of the decoder, of two layers each", ge=0)
+    band: float = setting(0.03, "m beyond which distances count the same: more than the 28 mm at which meshing begins to look closer", gt=0)
+    spacing: float = setting(0.004, "of the grid of a reconstruction's mesh, m; half of it takes four times as long", ge=1e-3)
+    encoder_layers: Literal[12, 15, 18] = setting(12, "as in Table 10")
+    encoder_kernel: Literal[3, 5] = setting(5, "as `train-gcn`'s")
+    encoder_width: float = setting(0.25, "share of the tables' channels", gt=0, le=2)
+    learning_rate: float = setting(2e-3, "with the cosine schedule", gt=0)
+    schedule: Schedule = setting("cosine", "rises for a twentieth of all steps, then falls to 0: distances settle in its last third")
+    gradient_limit: float | None = setting(1.0, "norm to which a longer gradient is shortened before each step; null leaves it", gt=0)
+    batch_size: int = setting(4, "as `train-gcn`'s: steps count more than the size of a batch", ge=1)
+    epochs: int = setting(60, "minutes on a CPU, for some hundred objects", ge=1)
+    queries: int = setting(500, "points per item at which distances are learned", ge=1)
+    validation_queries: int = setting(4000, "points per validation item", ge=1)
+    min_grasps: int = setting(1, "fewest grasps an item is given; how many, between fewest and most, is drawn for every item", ge=1)
+    max_grasps: int = setting(5, "most grasps", ge=1)
+    items: int = setting(1, "items per object and epoch, each beginning with another grasp", ge=1)
+    validation_items: int = setting(1, "items per validation object, with 1, 2, … grasps", ge=1)
+
+    @model_validator(mode="after")
+    def _possible(self) -> ImplicitSettings:
+        if self.configuration not in IMPLICIT_CONFIGURATIONS:
+            raise ValueError(f"there is no configuration {self.configuration}; there are {', '.join(IMPLICIT_CONFIGURATIONS)}")
+        if self.min_grasps > self.max_grasps:
+            raise ValueError(f"min_grasps is {self.min_grasps}, max_grasps {self.max_grasps}; the fewest cannot be more than the most")
+        return self
+
+    @property
+    def named(self) -> ImplicitConfig:
+        """Look up the network of that name: what it sees and feels."""
+        return IMPLICIT_CONFIGURATIONS[self.configuration]
+
+    def network(self, side: int) -> ImplicitConfig:
+        """Describe the network of these settings, for touch charts of side x side vertices."""
+        return self.named.model_copy(update=self.model_dump(include=set(ImplicitConfig.model_fields)) | {"side": side})

@@ -1,0 +1,98 @@
+"""The implicit network: what it is given counts, and nothing else; and it learns a distance."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS, ImplicitConfig
+from pipeline.kernels.networks.implicit_network import ImplicitNetwork
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from tests.kernels.networks.test_deformation_network import inputs
+
+SMALL = ImplicitConfig(image="occluded", touch=True, encoder_width=0.1, features=16, blocks=2, side=3)
+COUNTS = [2, 0, 1]
+
+
+def small(**changes: Any) -> ImplicitNetwork:
+    return ImplicitNetwork(SMALL.model_copy(update=changes), torch.Generator().manual_seed(0)).double().eval()
+
+
+def given(counts: list[int] = COUNTS, **changes: Any) -> dict[str, Any]:
+    like = CONFIGURATIONS["occluded-touch"].model_copy(update={"side": 3, "encoder_layers": 12} | changes)
+    return inputs(counts, like)
+
+
+def queries(items: int, count: int = 20) -> torch.Tensor:
+    drawn = torch.rand(items, count, 3, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+    return 0.4 * drawn + torch.tensor([-0.2, -0.2, 0.4])
+
+
+def test_names_are_given_what_the_supplements_of_that_name_are():
+    for name, config in IMPLICIT_CONFIGURATIONS.items():
+        other = CONFIGURATIONS[name.removeprefix("implicit-")]
+        assert (config.image, config.touch) == (other.image, other.touch)
+
+
+def test_an_item_and_a_query_do_not_depend_on_the_others():
+    network, seen, asked = small(), given(), queries(3)
+    together = network(asked, **seen)
+    assert together.shape == (3, 20)
+    assert together.abs().max() < SMALL.band
+    firsts = [0, 2, 2, 3]
+    for item, count in enumerate(COUNTS):
+        charts = slice(firsts[item], firsts[item + 1])
+        alone = seen | {name: seen[name][charts] for name in ("touch_vertices", "touched")}
+        alone |= {"images": seen["images"][item, None], "counts": [count]}
+        torch.testing.assert_close(network(asked[item, None, 7:], **alone)[0], together[item, 7:])
+
+
+@pytest.mark.parametrize("changed", ["images", "touch_vertices", "touched"])
+def test_each_input_counts_for_its_own_item(changed):
+    network, seen, asked = small(), given([1, 1]), queries(2)
+    before = network(asked, **seen)
+    other = seen[changed].clone()
+    other[0] = ~other[0] if changed == "touched" else other[0] * 0.9
+    after = network(asked, **(seen | {changed: other}))
+    assert (after[0] != before[0]).any()
+    torch.testing.assert_close(after[1], before[1])
+
+
+def test_grasps_may_come_in_any_order():
+    network, seen, asked = small(), given([3]), queries(1)
+    turned = seen | {name: seen[name].flip(0) for name in ("touch_vertices", "touched")}
+    torch.testing.assert_close(network(asked, **turned), network(asked, **seen))
+
+
+def test_equal_generators_give_equal_networks():
+    first, second = small().state_dict(), small().state_dict()
+    assert all(torch.equal(value, second[name]) for name, value in first.items())
+
+
+def test_a_ball_that_was_touched_is_learned():
+    network = small(image=None, features=32, band=0.1).train()
+    seen = given([2], image=None)
+    asked = queries(1, 400)
+    truth = (asked - torch.tensor([0, 0, 0.6])).norm(dim=2) - 0.12
+    optimizer = torch.optim.Adam(network.parameters(), lr=5e-3)
+    for _ in range(60):
+        optimizer.zero_grad()
+        loss = (network(asked, **seen) - truth.clamp(-0.1, 0.1)).abs().mean()
+        loss.backward()
+        optimizer.step()
+    assert loss.item() < 0.3 * float(truth.clamp(-0.1, 0.1).abs().mean())
+
+
+def test_what_is_superfluous_missing_or_not_finite_is_refused():
+    seen, asked = given(), queries(3)
+    with pytest.raises(ValueError, match="image 'occluded' and touch True is given something else"):
+        small()(asked, **(seen | {"images": None, "camera": None}))
+    with pytest.raises(ValueError, match="touch False is given something else"):
+        small(touch=False)(asked, **seen)
+    broken = seen["touch_vertices"].clone()
+    broken[0, 0, 0] = torch.nan
+    with pytest.raises(InvalidInput, match="not finite"):
+        small()(asked, **(seen | {"touch_vertices": broken}))

@@ -1,0 +1,58 @@
+"""What an implicit network is told of touches, against a ball that charts lie on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.networks.touch_features import FELT, NEAREST, SCALES, chart_normals, split_touches
+
+RADIUS = 0.5
+
+
+def chart_on_ball(side: int = 5, size: float = 0.02) -> torch.Tensor:
+    """A chart of the sensor that looks down at the ball's highest point: its +z is the world's -z."""
+    flat = chart_square(side)[0] * size
+    above = torch.stack([flat[:, 0], -flat[:, 1], torch.full_like(flat[:, 0], RADIUS)], dim=1)
+    return RADIUS * torch.nn.functional.normalize(above, dim=1)
+
+
+def test_normals_point_away_from_the_object():
+    chart = chart_on_ball()
+    normals = chart_normals(chart[None])[0]
+    torch.testing.assert_close(normals, chart / RADIUS, atol=0.02, rtol=0)
+    torch.testing.assert_close(normals.norm(dim=1), torch.ones(25, dtype=torch.float64))
+    assert not chart_normals(torch.zeros(1, 9, 3)).any()
+
+
+def test_a_query_is_told_its_height_above_the_nearest_touch():
+    charts = torch.stack([chart_on_ball(), chart_on_ball() + torch.tensor([0.3, 0, 0])])
+    (item,) = split_touches(charts, torch.tensor([True, False]), [2])
+    heights = torch.tensor([-0.1, 0.0, 0.05, 0.2], dtype=torch.float64)
+    queries = torch.stack([torch.zeros(4), torch.zeros(4), RADIUS + heights], dim=1)
+    found = item.features(queries)
+    assert found.shape == (4, FELT)
+    touched, outside = found[:, :NEAREST], found[:, NEAREST:]
+    torch.testing.assert_close(touched[:, 6], heights)
+    torch.testing.assert_close(touched[:, :3], heights[:, None] * torch.tensor([0, 0, 1.0], dtype=torch.float64))
+    torch.testing.assert_close(touched[:, 7], torch.exp(-heights.abs() / SCALES[0]))
+    assert (outside[:, 0] < -0.28).all()  # the other chart is 0.3 away along x, and 0.02 wide
+
+
+def test_items_are_told_of_their_own_touches_only_and_nothing_where_there_is_none():
+    charts = torch.stack([chart_on_ball(), 2 * chart_on_ball()])
+    first, none, second = split_touches(charts, torch.tensor([True, True]), [1, 0, 1])
+    queries = torch.from_numpy(np.random.default_rng(0).normal(size=(6, 3)))
+    assert not none.features(queries).any()
+    assert none.described.shape == (0, 7)
+    assert not first.features(queries)[:, NEAREST:].any()
+    torch.testing.assert_close(2 * first.features(queries)[:, :3], second.features(2 * queries)[:, :3])
+
+
+@pytest.mark.parametrize("flag", [True, False])
+def test_points_are_described_by_place_normal_and_whether_they_were_touched(flag):
+    (item,) = split_touches(chart_on_ball()[None], torch.tensor([flag]), [1])
+    torch.testing.assert_close(item.described[:, :3], chart_on_ball())
+    assert (item.described[:, 6] == float(flag)).all()

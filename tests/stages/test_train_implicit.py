@@ -1,0 +1,125 @@
+"""Implicit networks from training to mesh file: what they learn of balls is measured, drawn and written as what charts are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from rich.console import Console
+
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.errors import InvalidInput, StageError
+from pipeline.inference.predict import predict
+from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS
+from pipeline.models.observation import Observation, observed_arrays, stored_observation
+from pipeline.models.trained_networks import load_reconstructor
+from pipeline.reports.reconstruction_gallery import predicted_mesh
+from pipeline.store.directory import DataDirectory
+from schemas.charts import CHARTS
+from stages.evaluate.evaluation_files import read_surfaces, read_table, surface_of
+from stages.registry import load_stage, resolve
+from stages.train_implicit.settings import ImplicitSettings
+from stages.train_implicit.stage import TrainImplicit
+from tests.stages import ball_dataset as spheres
+
+NAME = "implicit-touch"
+SPLITS = ("train", "train", "valid", "test")
+OBJECTS = spheres.objects(6, SPLITS)
+"""Balls of 10 to 20 cm radius; the one tested is of 16 cm."""
+TRUE_RADIUS = 0.16
+SETTINGS = (
+    *("train-implicit.configuration=implicit-touch", "train-implicit.features=32", "train-implicit.blocks=1", "train-implicit.epochs=150"),
+    *("train-implicit.queries=200", "train-implicit.validation_queries=500", "train-implicit.patience=null"),
+    *("train-implicit.band=0.1", "train-implicit.spacing=0.01", "train-implicit.learning_rate=0.01"),
+    *("evaluate.configurations=[implicit-touch]", "evaluate.points=500", "evaluate.grasps=[1,5]"),
+)
+
+
+def run_stage(data: Path, stage: str) -> None:
+    loaded = load_stage(stage)
+    request = Request(loaded, resolve(stage, "draft", SETTINGS), "balls", OBJECTS, "draft", 0, data)
+    (plan,) = make_plans(request)
+    run(plan, Console(record=True, width=200))
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("balls")
+    spheres.make_data(folder, 6, SPLITS)
+    for stage in ("train-implicit", "evaluate"):
+        run_stage(folder, stage)
+    return folder
+
+
+def folder_of(data: Path, name: str) -> Path:
+    return DataDirectory(data).whole_folder(name)
+
+
+def test_the_mesh_of_a_ball_that_was_touched_is_closed_and_nearly_as_large(data):
+    table = read_surfaces(folder_of(data, "evaluation"), NAME)
+    assert table["grasps_given"].tolist() == [1, 5]
+    for case in range(2):
+        mesh = trimesh.Trimesh(*surface_of(table, 0, case), process=False)
+        assert mesh.is_watertight
+        assert mesh.volume > 0
+        radii = np.linalg.norm(mesh.vertices - spheres.CENTRE, axis=1)
+        assert abs(np.median(radii) - TRUE_RADIUS) < 0.04
+    values = read_table(folder_of(data, "evaluation"), f"values/{NAME}")
+    assert values["seam_gap"].tolist() == [0.0]
+    assert values["chamfer"].max() < 2 * 0.06**2  # without a surface to speak of it is 0.05
+    assert 0.5 < values["area_ratio"][0] < 2
+
+
+def test_stored_meshes_are_those_that_the_model_makes(data):
+    model = load_reconstructor(NAME, folder_of(data, f"models/implicit/{NAME}"))
+    made = model.reconstruct([Observation(None, np.zeros((0, 9, 3), np.float32)), Observation(None, np.zeros((0, 9, 3), np.float32))])
+    assert np.array_equal(made[0].vertices, made[1].vertices)
+    assert len(made[0].faces)  # one that knows nothing answers something
+    assert made[0].is_whole
+    table = read_surfaces(folder_of(data, "evaluation"), NAME)
+    assert table["vertex_count"].sum() == len(table["vertices"])
+    assert table["face_count"].sum() == len(table["faces"])
+    assert all(surface_of(table, 0, case)[1].max() + 1 == table["vertex_count"][0, case] for case in range(2))
+
+
+def test_what_was_felt_decides_on_the_size(data):
+    model = load_reconstructor(NAME, folder_of(data, f"models/implicit/{NAME}"))
+    rows = ObjectRows(data, observed_arrays(model.config), "train")
+    made = model.reconstruct([stored_observation(rows, name, range(5), model.config) for name in ("a", "f")])
+    small, large = (np.median(np.linalg.norm(one.vertices - spheres.CENTRE, axis=1)) for one in made)  # of 10 and 20 cm
+    assert large > 1.4 * small
+
+
+def test_it_is_drawn_and_written_as_one_mesh(data, tmp_path):
+    table = read_surfaces(folder_of(data, "evaluation"), NAME)
+    drawn = predicted_mesh(DataDirectory(data).collection(CHARTS), "d", table, 1)
+    assert (len(drawn.vertices), len(drawn.faces)) == (table["vertex_count"][0, 1], table["face_count"][0, 1])
+    done = predict(tmp_path / "out.glb", data / "models", NAME, data=data, object_id="d", grasps=[0, 1])
+    for path in done.files:
+        scene = trimesh.load(path)
+        (mesh,) = scene.geometry.values()
+        assert mesh.is_watertight
+    predict(tmp_path / "closed.ply", data / "models", NAME, data=data, object_id="d", surface="closed", resolution=64)
+    assert trimesh.load(tmp_path / "closed.ply").is_watertight
+    with pytest.raises(StageError, match=r"no model touch \(there: implicit-touch\)"):
+        predict(tmp_path / "out.glb", data / "models", "touch", data=data, object_id="d")
+
+
+def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
+    reads = {name: {one.name for one in TrainImplicit().inputs(ImplicitSettings(configuration=name))} for name in IMPLICIT_CONFIGURATIONS}
+    assert reads["implicit-touch"] == {"distances", "charts"}
+    assert reads["implicit-occluded"] == reads["implicit-unoccluded"] == {"distances", "vision"}
+    assert reads["implicit-occluded-touch"] == reads["implicit-unoccluded-touch"] == {"distances", "vision", "charts"}
+
+
+@pytest.mark.parametrize(
+    ("assignment", "words"),
+    [("configuration=touch", "no configuration touch; there are implicit-touch"), ("min_grasps=6", "min_grasps is 6, max_grasps 5")],
+)
+def test_settings_that_make_no_network_are_refused(assignment, words):
+    with pytest.raises(InvalidInput, match=words):
+        resolve("train-implicit", "draft", [f"train-implicit.{assignment}"])
