@@ -235,6 +235,9 @@ def test_one_grasp_becomes_a_mesh_file(made, tmp_path):
     assert len(apart.vertices) >= 1824
     assert len(joined.vertices) == len(apart.vertices) - 1824 + 1154
     assert np.isfinite(apart.vertices).all()
+    said = vt("predict", str(tmp_path / "closed.ply"), *asked, "--surface", "closed", "--resolution", "32")
+    assert "closed.ply: closed, " in said
+    assert trimesh.load(tmp_path / "closed.ply", process=False).is_watertight
 
 
 def test_a_sweep_trains_every_point_once_and_ranks_them(manifest, made):

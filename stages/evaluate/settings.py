@@ -46,7 +46,7 @@ class EvaluationSettings(Settings):
     closed_resolution: int | None = setting(
         None,
         "edges along the longest side of a closed mesh of each object's reconstruction with one grasp, for its watertightness and "
-        "intersection over union; null makes none: with 64 edges one takes about a second, with 128 about four",
+        "intersection over union; null makes none: one takes 0.9 s with 64 edges, 2.3 s with 128",
         ge=8,
         le=400,
     )

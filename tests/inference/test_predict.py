@@ -8,7 +8,9 @@ import pytest
 import torch
 import trimesh
 from PIL import Image
+from typer.testing import CliRunner
 
+from pipeline.cli import app
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
 from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS
@@ -97,6 +99,17 @@ def test_the_joined_surface_is_closed(data, tmp_path):
     np.testing.assert_allclose(
         np.linalg.norm(surface.vertices - spheres.CENTRE, axis=1), 0.25, rtol=1e-6
     )  # nothing moved: averages of equals
+
+
+def test_the_command_says_what_the_closed_mesh_is_made_of(data, tmp_path):
+    asked = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--resolution", "16"]
+    wrong = CliRunner().invoke(app, [*asked, "--configuration", "none", "--surface", "shut"])
+    assert wrong.exit_code == 1
+    assert "it is one of charts, joined, both, closed" in " ".join(wrong.output.split())
+    guessed = CliRunner().invoke(app, [*asked, "--configuration", "none", "--surface", "closed"])
+    assert "no touch, so that no place of it is certain; no colour" in " ".join(guessed.output.split())
+    felt = CliRunner().invoke(app, [*asked, "--configuration", "touch", "--surface", "closed"])
+    assert f"faces, {FELT} touches; no colour" in " ".join(felt.output.split())
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
