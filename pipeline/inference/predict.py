@@ -149,7 +149,7 @@ def predict(
     if surface != "closed":
         return Prediction(_write(out, made, surface), made, observation.touched)
     shown = None if data is None or object_id is None else _shown(data, object_id, observer.model.image, grasps)
-    mesh = _close(made, observation.image, observer.model.camera, shown, resolution)
+    mesh = _close(made, observation, observer.model.camera, shown, resolution)
     write_closed(out, mesh.vertices, mesh.faces, mesh.colors, mesh.seen)
     return Prediction([out], made, observation.touched, mesh)
 
@@ -252,14 +252,12 @@ def _open_grasps(data: Place, arrays: Sequence[str], object_id: str, grasps: Seq
 
 
 def _close(
-    made: Reconstruction,
-    image: NDArray[np.uint8] | None,
-    camera: NDArray[np.float64] | None,
-    shown: NDArray[np.bool_] | None,
-    resolution: int,
+    made: Reconstruction, given: Observation, camera: NDArray[np.float64] | None, shown: NDArray[np.bool_] | None, resolution: int
 ) -> ClosedMesh:
     """Close a reconstruction, and colour it; where nobody says where its image shows the object, what is no background does."""
-    vertices, faces = closed(made, resolution)
+    charts = given.touch_vertices[given.touched]
+    vertices, faces = closed(made, resolution, charts.reshape(len(charts), made.side**2, 3))
+    image, camera = given.image, camera if given.camera is None else given.camera
     if image is None or camera is None:
         return ClosedMesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8), np.zeros(len(vertices), bool))
     return ClosedMesh(vertices, faces, *seen_colors(vertices, faces, image, camera, foreground(image) if shown is None else shown))
@@ -267,7 +265,7 @@ def _close(
 
 def _shown(data: Place, object_id: str, image: str | None, grasps: Sequence[int]) -> NDArray[np.bool_] | None:
     """Read where a stored image shows the object, and neither hand nor background."""
-    if image is None:
+    if image not in ("occluded", "unoccluded"):
         return None
     labels = ObjectRows(data, ["segmentation"], split=None).read("segmentation", object_id)  # alone, then in each grasp
     return np.asarray(labels[0 if image == "unoccluded" else 1 + grasps[0]] == Label.OBJECT)

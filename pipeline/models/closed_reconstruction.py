@@ -18,7 +18,13 @@ def joined(made: Reconstruction) -> tuple[NDArray[np.float64], NDArray[np.int64]
     return vertices, position[made.faces[(made.faces < made.vision).all(axis=1)]]
 
 
-def closed(made: Reconstruction, resolution: int = RESOLUTION) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Make one closed, smooth mesh of a reconstruction, through the vertices of its touch charts; see `closed_surface`."""
-    charts = made.vertices[made.vision :].reshape(-1, made.side**2, 3)
+def closed(
+    made: Reconstruction, resolution: int = RESOLUTION, charts: NDArray[np.floating] | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Make one closed, smooth mesh of a reconstruction, through the vertices of touch charts; see `closed_surface`.
+
+    These are its own, unless others (K, side², 3) are given: an implicit network's reconstruction holds none.
+    """
+    if charts is None:
+        charts = made.vertices[made.vision :].reshape(-1, made.side**2, 3)
     return closed_surface(*joined(made), charts, chart_square(made.side)[1].numpy(), resolution=resolution)
