@@ -23,7 +23,7 @@ from stages.evaluate.evaluation_files import read_table
 SHARED = ("surfaces", "grasps", "vision", "touch", "models/unet", "charts")
 SHORT = ("epochs=8", "loss_points=1000")
 """Minutes per training."""
-PLAIN = ("learning_rate=0.003", "schedule=constant", "gradient_limit=null", "seams=open", "touch_edges=centres", "encoder_layers=12")
+PLAIN = ("learning_rate=0.003", "schedule=constant", "gradient_limit=null", "seams=open", "edge_weight=0", "encoder_layers=12")
 FALLING = ("learning_rate=0.006", "schedule=cosine", "gradient_limit=5")
 CHOICES: dict[str, tuple[str, ...]] = {
     "plain": (),

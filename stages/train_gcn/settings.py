@@ -25,9 +25,14 @@ class GcnSettings(TrainingSettings):
     encoder_width: float = setting(0.5, "share of the tables' channels, likewise", gt=0, le=2)
     mixed: float = setting(1 / 3, "share of features averaged over neighbours; the cited work has 1/10 as well", ge=0, le=1)
     passes: int = setting(3, "times the charts are deformed, with the same weights", ge=1)
-    seams: Seams = setting("open", "tied: vertices of neighbouring charts that coincide move as one, and the surface stays closed")
+    seams: Seams = setting("tied", "vertices of neighbouring charts that coincide move as one: a closed surface; open: the supplement's")
     touch_edges: TouchEdges = setting("centres", "all: touch charts speak to every vision vertex, and are not spoken to")
-    edge_weight: float = setting(0.0, "of the mean squared edge length of the vision charts, m², beside a Chamfer distance in m²", ge=0)
+    edge_weight: float = setting(
+        0.05,
+        "of the mean squared edge length of the vision charts, m², beside a Chamfer distance in m²: a third of the surplus area; the "
+        "supplement has none",
+        ge=0,
+    )
     laplacian_weight: float = setting(0.0, "of the mean squared difference of a vertex's displacement to its neighbours', likewise", ge=0)
     bending_weight: float = setting(0.0, "of the mean of 1 - cos between neighbouring faces, beside a Chamfer distance as printed", ge=0)
     learning_rate: float = setting(6e-3, "two hundred times the supplement's, for trainings a hundred times shorter", gt=0)

@@ -42,7 +42,8 @@ def data(tmp_path_factory) -> Path:
 
 def overfit(data: Path, steps: int, points: int) -> tuple[float, float]:
     """Learn one object; the Chamfer distance reached and its sampling floor, m²."""
-    settings = GcnSettings(configuration="none", gcn_layers=6, gcn_features=48, loss_points=points, items=1, validation_items=1)
+    small: dict = {"gcn_layers": 6, "gcn_features": 48, "items": 1, "validation_items": 1}
+    settings = GcnSettings(configuration="none", loss_points=points, edge_weight=0, **small)
     config = settings.network(side=9)
     items = Items(data, "train", config, 1)
     network = DeformationNetwork(config, torch_generator(0, "weights"))
@@ -86,7 +87,7 @@ def test_the_supplements_loss_edges_and_steps_are_its_own():
 
 def loss_of(data: Path, **changes) -> float:
     """The loss of an untrained network."""
-    settings = GcnSettings(configuration="none", gcn_layers=2, gcn_features=6, loss_points=100, items=1, **changes)
+    settings = GcnSettings(configuration="none", gcn_layers=2, gcn_features=6, loss_points=100, items=1, **{"edge_weight": 0.0, **changes})
     config = settings.network(side=9)
     items = Items(data, "train", config, 1)
     learner = GcnLearner(DeformationNetwork(config, torch_generator(0, "weights")), items, items, settings, 0)
