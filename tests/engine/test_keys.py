@@ -67,6 +67,7 @@ def test_a_change_rehashes_what_it_decides_and_nothing_else(tmp_path):
                 "fit_charts",
                 "sample_surfaces",
                 "train_gcn",
+                "train_implicit",
                 "train_single_image",
                 "train_unet",
             )

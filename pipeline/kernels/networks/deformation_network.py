@@ -44,8 +44,6 @@ class DeformationNetwork(nn.Module):
         super().__init__()
         self.config = config
         self.charts = vision_charts(config.splits)
-        self.position: Tensor
-        self.register_buffer("position", torch.tensor(self.charts.position), persistent=False)
         self.encoder: ImageEncoder | None = None
         self.linear: nn.Linear | None = None
         pooled = 0
@@ -125,12 +123,19 @@ class DeformationNetwork(nn.Module):
 
     def merged(self, vertices: Tensor) -> Tensor:
         """Compute the mean of what vertices that coincide have each, (B, V, F): (B, P, F) for the sphere's P distinct positions."""
-        copies = torch.bincount(self.position)[:, None]  # (P, 1)
-        return vertices.new_zeros(len(vertices), len(copies), vertices.shape[2]).index_add(1, self.position, vertices) / copies
+        position = self._position(vertices.device)
+        copies = torch.bincount(position)[:, None]  # (P, 1)
+        return vertices.new_zeros(len(vertices), len(copies), vertices.shape[2]).index_add(1, position, vertices) / copies
 
     def _tied(self, displacements: Tensor) -> Tensor:
         """Move vertices that coincide as one, if seams are tied: by the mean of their displacements (B, V, 3)."""
-        return displacements if self.config.seams == "open" else self.merged(displacements)[:, self.position]
+        if self.config.seams == "open":
+            return displacements
+        return self.merged(displacements)[:, self._position(displacements.device)]
+
+    def _position(self, device: torch.device) -> Tensor:
+        """(V,) which distinct position of the sphere each vertex has; no buffer, for networks are loaded without what is not saved."""
+        return torch.tensor(self.charts.position, device=device)
 
     def _image_features(self, positions: Tensor, maps: list[Tensor], camera: Tensor) -> Tensor:
         """(n, F) image features of one item's vertices."""
