@@ -75,6 +75,15 @@ class Items:
         """Read what the network is given: the item's own grasp, then `count` - 1 of the others in the order of `others`, a permutation."""
         return stored_observation(self.rows, self.object_of(item), self.grasps_of(item, count, others), self.config)
 
+    def drawn_view(self, item: int, fewest: int, most: int, generator: torch.Generator) -> Observation:
+        """Read what the network is given, with `fewest` to `most` grasps: how many, and which beside the item's own, is drawn."""
+        count = int(torch.randint(fewest, most + 1, (), generator=generator))
+        return self.view(item, count, torch.randperm(self.grasps, generator=generator).numpy())
+
+    def view_in_turn(self, item: int, fewest: int, most: int) -> Observation:
+        """Read what the network is given: an object's items have `fewest` to `most` grasps in turn, in the order of the dataset."""
+        return self.view(item, fewest + item % self.each % (most - fewest + 1), np.arange(self.grasps))
+
     def grasps_of(self, item: int, count: int, others: np.ndarray) -> list[int]:
         """Choose the grasps of an item, see `view`; or its viewpoint."""
         first = item % self.each % len(others)

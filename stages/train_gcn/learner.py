@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -50,10 +49,8 @@ class GcnLearner(Learner):
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
         """Read the items, each with as many grasps as are drawn for it."""
-        observations = []
-        for item, generator in zip(items, generators, strict=True):
-            count = int(torch.randint(self._fewest, self._most + 1, (), generator=generator))
-            observations.append(self._train.view(item, count, torch.randperm(self._train.grasps, generator=generator).numpy()))
+        drawn = zip(items, generators, strict=True)
+        observations = [self._train.drawn_view(item, self._fewest, self._most, generator) for item, generator in drawn]
         return Batch(observations, [self._train.target(item) for item in items], generators)
 
     def loss(self, batch: Batch) -> Tensor:
@@ -64,12 +61,11 @@ class GcnLearner(Learner):
     def validate(self) -> dict[str, float]:
         """Compute the same with 1, 2, … grasps in turn, on points drawn the same in each epoch."""
         items, size = self._valid, self._settings.batch_size
-        order, choices = np.arange(items.grasps), self._most - self._fewest + 1
         generator = torch_generator(self._seed, "train-gcn", "validate")
         found = []
         for start in range(0, len(items), size):
             chosen = range(len(items))[start : start + size]
-            observations = [items.view(item, self._fewest + item % items.each % choices, order) for item in chosen]
+            observations = [items.view_in_turn(item, self._fewest, self._most) for item in chosen]
             batch = Batch(observations, [items.target(item) for item in chosen], [generator] * len(chosen))
             found.append(self._chamfer(*self._deform(batch), batch))
         return {"loss": float(torch.cat(found).double().mean())}

@@ -47,10 +47,8 @@ class ImplicitLearner(Learner):
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
         """Read the items, each with as many grasps as are drawn for it, and the points that are drawn for it."""
-        observations = []
-        for item, generator in zip(items, generators, strict=True):
-            count = int(torch.randint(self._fewest, self._most + 1, (), generator=generator))
-            observations.append(self._train.view(item, count, torch.randperm(self._train.grasps, generator=generator).numpy()))
+        drawn = zip(items, generators, strict=True)
+        observations = [self._train.drawn_view(item, self._fewest, self._most, generator) for item, generator in drawn]
         return Batch(observations, *_learned(self._train, items, self._settings.queries, generators))
 
     def loss(self, batch: Batch) -> Tensor:
@@ -63,12 +61,11 @@ class ImplicitLearner(Learner):
     def validate(self) -> dict[str, float]:
         """Compute the same with 1, 2, … grasps in turn, at points drawn the same in each epoch."""
         items, size = self._valid, self._settings.batch_size
-        order, choices = np.arange(items.grasps), self._most - self._fewest + 1
         generator = torch_generator(self._seed, "train-implicit", "validate")
         found = []
         for start in range(0, len(items), size):
             chosen = range(len(items))[start : start + size]
-            observations = [items.view(item, self._fewest + item % items.each % choices, order) for item in chosen]
+            observations = [items.view_in_turn(item, self._fewest, self._most) for item in chosen]
             learned = _learned(items, chosen, self._settings.validation_queries, [generator] * len(chosen))
             found.append(len(chosen) * float(self.loss(Batch(observations, *learned))))
         return {"loss": sum(found) / len(items)}
