@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -12,10 +13,14 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.config.description_file import description_path, read_description
-from pipeline.config.urdf import MOVING, read_urdf
+from pipeline.config.hand_joints import JointRoles, joint_roles, moved_links
+from pipeline.config.urdf import read_urdf
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.transforms import length
-from pipeline.kernels.hand.model import Finger, Hand, Joint
+from pipeline.kernels.hand.collision_shapes import collision_boxes
+from pipeline.kernels.hand.convex_parts import split_link
+from pipeline.kernels.hand.model import Finger, Hand
+from pipeline.kernels.hand.resting_contacts import overlapping_neighbours
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
@@ -51,6 +56,11 @@ class _HandFile(_Entry):
     sensor: str
     palm: _PalmEntry
     fingers: list[_FingerEntry] = Field(min_length=1)
+    frozen: dict[str, Coordinate] = {}
+    allowed_contacts: list[tuple[str, str]] = []
+    convex_parts: dict[str, Annotated[int, Field(ge=1, le=32)]] = {}
+    torque: float = Field(0.7, gt=0, le=1e6)
+    friction: float = Field(0.5, ge=0, le=100)
 
 
 def load_hand(name: str | Path) -> Hand:
@@ -71,45 +81,57 @@ def load_hand(name: str | Path) -> Hand:
     urdf = path.parent / os.path.expanduser(file.urdf)
     if not os.path.isfile(urdf):
         raise InvalidInput(f"{path}: there is no urdf {file.urdf!r} ({urdf}); give a path relative to the hand file, or an absolute one")
-    links, joints = read_urdf(urdf)
     try:
-        names = [joint for finger in file.fingers for joint in finger.joints]
-        moving = {joint.name: joint for joint in joints if joint.kind in MOVING}
-        chosen = [_find("moving joint", joint, moving) for joint in names]
-        if wrong := sorted(joint for joint in moving if names.count(joint) != 1):
-            raise InvalidInput(f"every moving joint must belong to one finger, but not so {', '.join(wrong)}")
-        numbers = {link.name: i for i, link in enumerate(links)}
-        if _find("palm link", file.palm.link, numbers) != 0:
-            raise InvalidInput(f"palm link {file.palm.link!r} is not the root, which is {links[0].name!r}")
-        return Hand(
-            name=file.name,
-            path=path,
-            urdf=urdf,
-            sensor=file.sensor,
-            links=links,
-            joints=joints,
-            joint_links=tuple(joint.child for joint in chosen),
-            joint_names=tuple(names),
-            lower=np.array([joint.lower for joint in chosen]),
-            upper=np.array([joint.upper for joint in chosen]),
-            fingers=tuple(_finger(entry, names, numbers, joints) for entry in file.fingers),
-            palm_facing=_unit(file.palm.facing, "palm: facing"),
-            palm_centre=np.array(file.palm.centre, np.float64),
-        )
+        return _without_resting_contacts(_assemble(file, path, urdf), file.allowed_contacts)
     except InvalidInput as error:
         raise InvalidInput(f"hand file {path} with {urdf.name}: {error}") from error
 
 
-def _finger(entry: _FingerEntry, joint_names: list[str], link_numbers: Mapping[str, int], joints: Iterable[Joint]) -> Finger:
+def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
+    links, joints = read_urdf(urdf, file.palm.link)
+    roles = joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen)
+    numbers = {link.name: i for i, link in enumerate(links)}
+    for name, count in file.convex_parts.items():
+        number = _find("link", name, numbers)
+        links = (*links[:number], split_link(links[number], count), *links[number + 1 :])
+    return Hand(
+        name=file.name,
+        path=path,
+        urdf=urdf,
+        sensor=file.sensor,
+        links=links,
+        joints=roles.joints,
+        joint_links=tuple(joint.child for joint in roles.independent),
+        joint_names=tuple(joint.name for joint in roles.independent),
+        lower=np.array([joint.lower for joint in roles.independent]),
+        upper=np.array([joint.upper for joint in roles.independent]),
+        fingers=tuple(_finger(entry, roles, numbers) for entry in file.fingers),
+        palm_facing=_unit(file.palm.facing, "palm: facing"),
+        palm_centre=np.array(file.palm.centre, np.float64),
+        followers=roles.followers,
+        frozen=roles.frozen,
+        torque=file.torque,
+        friction=file.friction,
+    )
+
+
+def _without_resting_contacts(hand: Hand, stated: Iterable[tuple[str, str]]) -> Hand:
+    """Allow the contacts that the hand file states, and those of neighbours that overlap at rest."""
+    numbers = {link.name: i for i, link in enumerate(hand.links)}
+    pairs = [(_find("link", one, numbers), _find("link", other, numbers)) for one, other in stated]
+    named = frozenset((min(pair), max(pair)) for pair in pairs)
+    return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | named)
+
+
+def _finger(entry: _FingerEntry, roles: JointRoles, link_numbers: Mapping[str, int]) -> Finger:
     tip = _find("sensor link", entry.sensor.link, link_numbers)
-    moved: set[int] = set()
-    for joint in joints:  # parents first
-        if joint.name in entry.joints or joint.parent in moved:
-            moved.add(joint.child)
+    names = [joint.name for joint in roles.independent]
+    own = tuple(names.index(joint) for joint in entry.joints if joint in names)
+    followers = [roles.joints[one.link - 1].name for one in roles.followers if one.entry in own]
+    moved = moved_links(roles.joints, [*entry.joints, *followers])
     if tip not in moved:
         raise InvalidInput(f"sensor link {entry.sensor.link!r} is not moved by the joints of finger {entry.name!r}")
-    own = tuple(joint_names.index(joint) for joint in entry.joints)
-    return Finger(entry.name, own, tuple(sorted(moved)), tip, _sensor_pose(entry))
+    return Finger(entry.name, own, tuple(moved), tip, _sensor_pose(entry))
 
 
 def _sensor_pose(entry: _FingerEntry) -> NDArray[np.float64]:

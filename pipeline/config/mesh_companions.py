@@ -6,6 +6,7 @@ They are what a mesh's key covers, and all that its reader may open.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from urllib.parse import unquote
 from pipeline.config.gltf_file import read_gltf
 from pipeline.errors import InvalidInput
 
-SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
+SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf")
 """Formats of mesh files that are read; archives are not among them."""
 
 MAX_BYTES = 256 * 2**20
@@ -73,6 +74,8 @@ class Companions(Mapping[str, bytes]):
         match file.suffix.lower():
             case ".gltf" | ".glb":
                 yield from _gltf_names(file)
+            case ".dae":
+                yield from (_decode(name) for name in re.findall(rb"<init_from>([^<]*)</init_from>", file.read_bytes()))
             case ".ply":
                 yield from _after(b"texturefile", file.read_bytes().partition(b"end_header")[0])
             case ".obj":

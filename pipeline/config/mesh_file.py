@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import zipfile
 from collections.abc import Sequence, Sized
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from pipeline.config.gltf_file import MAX_LEVELS, converted_pixels, levels, numbers_asked_for, parts_asked_for, read_gltf
-from pipeline.config.mesh_companions import SUFFIXES, Companions
+from pipeline.config.mesh_companions import MAX_BYTES, SUFFIXES, Companions
 from pipeline.config.textures import Textures, check_pixels
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Look, Mesh
@@ -95,6 +96,10 @@ def _check_contents(file: Path, companions: Companions) -> None:
         _check("numbers", numbers_asked_for(tree), MAX_NUMBERS, "decimate the mesh")
         check_pixels(converted_pixels(tree, binary, companions.__getitem__))
         return
+    if suffix == ".3mf":
+        with zipfile.ZipFile(file) as archive:
+            _check("bytes unpacked", sum(member.file_size for member in archive.infolist()), MAX_BYTES, "decimate the mesh")
+        return
     content = file.read_bytes()
     if suffix == ".obj":
         materials = len(set(re.findall(rb"usemtl ([^\n]*)", content)))
@@ -104,7 +109,7 @@ def _check_contents(file: Path, companions: Companions) -> None:
         _check("faces", sum(len(line[1].split()) - 2 for line in lines), MAX_FACES, "decimate the mesh")
     if suffix == ".stl":
         _check("solids", content.lower().count(b"endsolid"), MAX_PARTS, "join them")
-    if suffix in (".obj", ".off") or (suffix == ".ply" and b"ascii" in content[:100]):
+    if suffix in (".obj", ".off", ".dae") or (suffix == ".ply" and b"ascii" in content[:100]):
         _check("numbers", content.translate(BLANKS).count(b" "), MAX_NUMBERS, "decimate the mesh or write it as binary PLY")
 
 

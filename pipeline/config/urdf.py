@@ -1,39 +1,37 @@
-"""URDF files: the links and joints of a hand. The format: https://wiki.ros.org/urdf/XML."""
+"""URDF files: the links and joints of a hand. The format: https://wiki.ros.org/urdf/XML.
+
+yourdfpy and urchin read them too, but keep of an origin only the matrix that the C library's sine gives: its last digits are the
+processor's, and with them every pose that follows.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 from xml.etree.ElementTree import Element, ParseError, fromstring
 
 import numpy as np
-import trimesh
-from numpy.typing import NDArray
 
-from pipeline.config.mesh_file import load_mesh
+from pipeline.config.urdf_shapes import Color, named_color, numbers_of, origin_of, shape_of
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.mesh import Look, Mesh
-from pipeline.kernels.geometry.transforms import length, rotation_from_euler, transform_points
-from pipeline.kernels.hand.model import Joint, Link, Shape
+from pipeline.kernels.geometry.transforms import length
+from pipeline.kernels.hand.model import Joint, Link, Mimic, Shape
 
-Color = tuple[int, int, int]
 MOVING = ("revolute", "continuous", "prismatic")
-MAX_BYTES, MAX_PARTS, MAX_NUMBER = 10 * 2**20, 1000, 1e6
-"""What a URDF file may have: bytes; links, joints and shapes; metres or radians."""
-
-GREY: Color = (178, 178, 178)
-"""sRGB colour of a visual shape that names none."""
+MAX_BYTES, MAX_PARTS = 10 * 2**20, 1000
+"""What a URDF file may have: bytes; links, joints and shapes."""
 
 
-def read_urdf(path: Path) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
+def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
     """Read the links and joints of a URDF file, and the meshes that it names.
 
     Parameters
     ----------
     path
-        The file; mesh files are relative to it.
+        The file; mesh files are relative to it, or to a package (`package://`) around it.
+    root
+        Read only this link and what hangs from it; by default, the whole tree.
 
     Returns
     -------
@@ -48,17 +46,27 @@ def read_urdf(path: Path) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
         The file is no URDF tree, or uses what is not supported; the message names the file and the part.
     """
     try:
-        content = path.read_bytes()
-        _check_size(content)
-        root = fromstring(content)
-        materials = {material.get("name", ""): _color(material, {}) for material in root.findall("material")}
-        links = tuple(_link(element, path.parent, materials) for element in root.findall("link"))
+        robot = parse_urdf(path)
+        kept = _below(robot, root)
+        materials = {material.get("name", ""): named_color(material, {}) for material in robot.findall("material")}
+        links = tuple(_link(element, path.parent, materials) for element in robot.findall("link") if _name(element) in kept)
         numbers = {link.name: i for i, link in enumerate(links)}
-        return _in_tree_order(links, [_joint(element, numbers) for element in root.findall("joint")])
+        joints = [_joint(joint, numbers) for joint in robot.findall("joint") if root is None or _end(joint, "parent") in kept]
+        return _in_tree_order(links, joints)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from error
+
+
+def parse_urdf(path: Path) -> Element:
+    """Parse a URDF file; an `InvalidInput` says why it is none."""
+    try:
+        content = path.read_bytes()
+        _check_size(content)
+        return fromstring(content)
     except (OSError, ParseError, ValueError, LookupError) as error:  # the last two: its encoding is unknown
-        raise InvalidInput(f"{path}: not XML ({error}); a hand's `urdf` must be a URDF file, not xacro") from error
+        if isinstance(error, InvalidInput):
+            raise
+        raise InvalidInput(f"not XML ({error}); a hand's `urdf` must be a URDF file, not xacro") from error
 
 
 def _check_size(content: bytes) -> None:
@@ -71,33 +79,63 @@ def _check_size(content: bytes) -> None:
         raise InvalidInput(f"it has {parts} links, joints and shapes, {MAX_PARTS} are the most")
 
 
+def _below(robot: Element, root: str | None) -> Collection[str]:
+    """The names of a link and all that hang from it, of all links where none is given."""
+    names = [_name(link) for link in robot.findall("link")]
+    if root is None:
+        return names
+    if root not in names:
+        raise InvalidInput(f"there is no link {root!r}; there are {', '.join(sorted(names))}")
+    ends = [(_end(joint, "parent"), _end(joint, "child")) for joint in robot.findall("joint")]
+    below, found = [root], {root}
+    for link in below:  # grows as we go
+        new = [child for parent, child in ends if parent == link and child not in found]
+        below += new
+        found.update(new)
+    return found
+
+
+def _end(joint: Element, role: str) -> str:
+    end = joint.find(role)
+    return end.get("link", "") if end is not None else ""
+
+
 def _link(element: Element, folder: Path, materials: Mapping[str, Color]) -> Link:
-    visuals, collisions = (tuple(_shape(shape, folder, materials) for shape in element.findall(role)) for role in ("visual", "collision"))
-    return Link(_name(element), visuals, collisions)
+    def shapes(role: str) -> tuple[Shape, ...]:
+        return tuple(shape_of(shape, folder, materials) for shape in element.findall(role))
+
+    return Link(_name(element), shapes("visual"), shapes("collision"))
 
 
 def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
     name, kind = _name(element), element.get("type", "")
     if kind not in (*MOVING, "fixed"):
         raise InvalidInput(f"joint {name} is of type {kind!r}; supported are {', '.join((*MOVING, 'fixed'))}")
-    if element.find("mimic") is not None:
-        raise InvalidInput(f"joint {name} mimics another one, which is not supported; give it its own motor or make it fixed")
     ends = []
     for role in ("parent", "child"):
-        end = element.find(role)
-        link = end.get("link", "") if end is not None else ""
+        link = _end(element, role)
         if link not in numbers:
             raise InvalidInput(f"joint {name} has {role} link {link!r}, which is not among the file's links")
         ends.append(numbers[link])
-    axis = _numbers(element.find("axis") if kind in MOVING else None, "xyz", (1.0, 0.0, 0.0))  # exporters fix joints about 0 0 0
+    axis = numbers_of(element.find("axis") if kind in MOVING else None, "xyz", (1.0, 0.0, 0.0))  # exporters fix joints about 0 0 0
     if not axis.any():
         raise InvalidInput(f"joint {name} has the axis 0 0 0; give a direction")
-    lower, upper = (float(_numbers(element.find("limit"), key, (0.0,))[0]) for key in ("lower", "upper"))
+    lower, upper = (float(numbers_of(element.find("limit"), key, (0.0,))[0]) for key in ("lower", "upper"))
     if kind == "continuous":
         lower, upper = -np.pi, np.pi
     if kind in MOVING and not lower < upper:
         raise InvalidInput(f"joint {name} has limits {lower} … {upper}; the lower one must be the smaller")
-    return Joint(name, kind, ends[0], ends[1], _origin(element), axis / length(axis), lower, upper)
+    return Joint(name, kind, ends[0], ends[1], origin_of(element), axis / length(axis), lower, upper, _mimic(element))
+
+
+def _mimic(joint: Element) -> Mimic | None:
+    mimic = joint.find("mimic")
+    if mimic is None or joint.get("type") == "fixed":
+        return None
+    multiplier, offset = (float(numbers_of(mimic, key, (default,))[0]) for key, default in (("multiplier", 1.0), ("offset", 0.0)))
+    if multiplier == 0:
+        raise InvalidInput(f"joint {_name(joint)} mimics {mimic.get('joint')!r} with multiplier 0; make it fixed")
+    return Mimic(mimic.get("joint", ""), multiplier, offset)
 
 
 def _in_tree_order(links: tuple[Link, ...], joints: list[Joint]) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
@@ -118,76 +156,8 @@ def _in_tree_order(links: tuple[Link, ...], joints: list[Joint]) -> tuple[tuple[
     return tuple(links[i] for i in order), renumbered
 
 
-def _shape(element: Element, folder: Path, materials: Mapping[str, Color]) -> Shape:
-    origin, color = _origin(element), _color(element.find("material"), materials)
-    for part in element.findall("geometry/*"):
-        path, scale = None, (1.0, 1.0, 1.0)
-        body: Any
-        if part.tag == "box":
-            size = _sizes(part, size=3)
-            body = trimesh.creation.box(extents=size)
-        elif part.tag == "sphere":
-            size = _sizes(part, radius=1)
-            body = trimesh.creation.icosphere(subdivisions=3, radius=size[0])
-        elif part.tag == "cylinder":
-            size = _sizes(part, radius=1, length=1)
-            body = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=32)
-        elif part.tag == "mesh":
-            size = scale = tuple(_numbers(part, "scale", scale).tolist())
-            path = folder / part.get("filename", "").removeprefix("file://")
-            body = load_mesh(path)
-        else:
-            continue
-        vertices, faces = transform_points(origin, body.vertices * scale), np.asarray(body.faces, np.int32)
-        return Shape(part.tag, size, origin, Mesh(vertices, faces, Look.plain(len(vertices), len(faces), color)), path)
-    raise InvalidInput(f"a {element.tag} has no box, sphere, cylinder or mesh")
-
-
-def _sizes(element: Element, **counts: int) -> tuple[float, ...]:
-    """Read the positive numbers of some attributes, given how many each holds."""
-    sizes: list[float] = []
-    for key, count in counts.items():
-        numbers = _numbers(element, key, (0.0,) * count)
-        if not (numbers > 0).all():
-            raise InvalidInput(f"a {element.tag} has {key}={element.get(key)!r}; give positive metres")
-        sizes += numbers.tolist()
-    return tuple(sizes)
-
-
 def _name(element: Element) -> str:
     name = element.get("name")
     if not name:
         raise InvalidInput(f"a <{element.tag}> has no name")
     return name
-
-
-def _color(material: Element | None, known: Mapping[str, Color]) -> Color:
-    """Read the sRGB colour of a material, by its own element or by name."""
-    if material is None:
-        return GREY
-    color = material.find("color")
-    if color is None:
-        return known.get(material.get("name", ""), GREY)
-    red, green, blue, _ = (round(255 * part) for part in np.clip(_numbers(color, "rgba", (0.7, 0.7, 0.7, 1.0)), 0, 1).tolist())
-    return red, green, blue
-
-
-def _numbers(element: Element | None, key: str, default: tuple[float, ...]) -> NDArray[np.float64]:
-    """Read the finite numbers of an attribute, as many as its default has."""
-    if element is None or (text := element.get(key)) is None:
-        return np.array(default, np.float64)
-    try:
-        numbers = np.array([float(part) for part in text.split()], np.float64)
-    except ValueError:
-        numbers = np.array([np.nan])
-    if len(numbers) != len(default) or not (np.abs(numbers) <= MAX_NUMBER).all():
-        raise InvalidInput(f"<{element.tag} {key}={text!r}> must hold {len(default)} finite numbers, none beyond {MAX_NUMBER:g}")
-    return numbers
-
-
-def _origin(element: Element) -> NDArray[np.float64]:
-    origin = element.find("origin")
-    pose = np.eye(4)
-    pose[:3, :3] = rotation_from_euler(_numbers(origin, "rpy", (0.0, 0.0, 0.0)))  # fixed axes, as URDF says
-    pose[:3, 3] = _numbers(origin, "xyz", (0.0, 0.0, 0.0))
-    return pose

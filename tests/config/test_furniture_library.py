@@ -53,7 +53,9 @@ def library(tmp_path: Path) -> Path:
 def test_models_are_unpacked_with_their_companions_and_licences(library, tmp_path):
     number, left_out = unpack([library], tmp_path / "meshes")
     assert number == 2
-    assert left_out == ["Old chair (lib/chair/chair.3ds): .3ds cannot be read; convert it to one of .obj, .ply, .stl, .off, .glb, .gltf"]
+    assert left_out == [
+        "Old chair (lib/chair/chair.3ds): .3ds cannot be read; convert it to one of .obj, .ply, .stl, .off, .glb, .gltf, .dae, .3mf"
+    ]
     unpacked = {str(file.relative_to(tmp_path / "meshes")) for file in (tmp_path / "meshes").rglob("*") if file.is_file()}
     assert unpacked == {
         "catalogue.csv",

@@ -45,11 +45,20 @@ def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tm
         ("joint_2.0", "joint_99", "allegro_right.urdf: there is no moving joint 'joint_99'; there are joint_0.0"),
         ("link_3.0_tip", "link_3", "allegro_right.urdf: there is no sensor link 'link_3'"),
         ("link_3.0_tip", "link_7.0_tip", "'link_7.0_tip' is not moved by the joints of finger 'index'"),
-        ("joint_4.0", "joint_0.0", "every moving joint must belong to one finger, but not so joint_0.0"),
+        ("joint_4.0", "joint_0.0", "every moving joint must belong to one finger, or be frozen, but not so joint_0.0"),
+        ("joint_0.0, ", "", "joint_0.0 belong to no finger; list them under a finger's joints, or freeze them: {joint_0.0: 0}"),
+        (
+            "fingers:",
+            "frozen: {joint_0.0: 9}\nfingers:",
+            "every moving joint must belong to one finger, or be frozen, but not so joint_0.0",
+        ),
+        ("fingers:", "allowed_contacts: [[link_0.0, link_9]]\nfingers:", "there is no link 'link_9'"),
+        ("fingers:", "convex_parts: {link_9: 3}\nfingers:", "there is no link 'link_9'"),
         ("normal: [1, 0, 0]", "normal: [0, 1, 0]", "not perpendicular"),
         ("urdf: allegro_right.urdf", "urdf: nowhere.urdf", "there is no urdf 'nowhere.urdf'"),
         ("palm:", "palms:", "palms"),
-        ("link: base_link", "link: link_0.0", "is not the root"),
+        ("link: base_link", "link: link_99", "there is no link 'link_99'"),
+        ("link: base_link", "link: link_0.0", "there is no moving joint 'joint_0.0'; there are joint_1.0, joint_2.0, joint_3.0"),
     ],
 )
 def test_unusable_hand_file_is_refused_with_the_entry(hand: Hand, tmp_path: Path, old: str, new: str, message: str) -> None:

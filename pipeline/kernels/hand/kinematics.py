@@ -40,11 +40,12 @@ def forward_kinematics(hand: Hand, hand_pose: NDArray[np.float64], joint_angles:
     batch = np.broadcast_shapes(np.shape(hand_pose)[:-2], np.shape(joint_angles)[:-1])
     frames = np.empty((*batch, len(hand.links), 4, 4))
     frames[..., 0, :, :] = hand_pose
-    entry = {link: j for j, link in enumerate(hand.joint_links)}
+    values = {link: joint_angles[..., j] for j, link in enumerate(hand.joint_links)}
+    values |= {one.link: one.multiplier * joint_angles[..., one.entry] + one.offset for one in hand.followers}
     for joint in hand.joints:  # parents first
         frame = compose(frames[..., joint.parent, :, :], joint.origin)
-        if joint.child in entry:
-            frame = compose(frame, _joint_motion(joint.kind, joint.axis, joint_angles[..., entry[joint.child]]))
+        if joint.child in values:
+            frame = compose(frame, joint_motion(joint.kind, joint.axis, values[joint.child]))
         frames[..., joint.child, :, :] = frame
     return frames
 
@@ -86,8 +87,22 @@ def sensors_of_links(hand: Hand, link_frames: NDArray[np.float64]) -> NDArray[np
     return np.stack([compose(link_frames[..., finger.tip, :, :], finger.sensor_pose) for finger in hand.fingers], axis=-3)
 
 
-def _joint_motion(kind: str, axis: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 4, 4) displacement of a joint: Rodrigues' formula, or a slide along the axis."""
+def joint_motion(kind: str, axis: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the displacement of a joint: Rodrigues' formula, or a slide along the axis.
+
+    Parameters
+    ----------
+    kind
+        "prismatic", or a kind that turns.
+    axis
+        (3,) unit vector.
+    value
+        (...) rad, of a prismatic joint m.
+
+    Returns
+    -------
+    (..., 4, 4) float64.
+    """
     motion = np.broadcast_to(np.eye(4), (*np.shape(value), 4, 4)).copy()
     if kind == "prismatic":
         motion[..., :3, 3] = value[..., None] * axis

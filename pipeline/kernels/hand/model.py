@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -44,12 +45,21 @@ class Link:
     collisions: tuple[Shape, ...]
 
 
+@dataclass(frozen=True)
+class Mimic:
+    """How a joint follows another one: its value is `multiplier` times that joint's, plus `offset` (rad, of a prismatic joint m)."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
 @dataclass(frozen=True, eq=False)
 class Joint:
     """A joint from link number `parent` to link number `child`.
 
     `origin` (4, 4) is the child's frame in the parent's at rest, `axis` a unit vector in the child's frame; limits in rad, of a
-    prismatic joint in m.
+    prismatic joint in m; `mimic` says what it follows.
     """
 
     name: str
@@ -60,6 +70,17 @@ class Joint:
     axis: NDArray[np.float64]
     lower: float
     upper: float
+    mimic: Mimic | None = None
+
+
+@dataclass(frozen=True)
+class Follower:
+    """A moving link whose joint follows entry `entry` of the joint vector: its value is `multiplier` times that entry, plus `offset`."""
+
+    link: int
+    entry: int
+    multiplier: float
+    offset: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +127,15 @@ class Hand:
         (J,) link that each entry of the joint vector moves: entry j is `joints[joint_links[j] - 1]`.
     joint_names, lower, upper
         Of the J entries of the joint vector, finger by finger; limits in rad (m for a prismatic joint).
+    followers
+        Of the joints that mimic another one, and are no entries.
+    frozen
+        Angles, rad (m), of moving joints that no finger uses, by name; they are fixed joints in `joints`.
+    allowed_contacts
+        Pairs of links, the lower number first, whose overlap is no collision: those that the hand file allows, and neighbours that overlap
+        at rest.
+    torque, friction
+        Of every joint's motor, N m (N for a prismatic joint), and of the links' surfaces.
     fingers
         In sensor order.
     palm_facing, palm_centre
@@ -125,6 +155,11 @@ class Hand:
     fingers: tuple[Finger, ...]
     palm_facing: NDArray[np.float64]
     palm_centre: NDArray[np.float64]
+    followers: tuple[Follower, ...] = ()
+    frozen: Mapping[str, float] = field(default_factory=dict)
+    allowed_contacts: frozenset[tuple[int, int]] = frozenset()
+    torque: float = 0.7
+    friction: float = 0.5
 
     @property
     def link_fingers(self) -> NDArray[np.intp]:

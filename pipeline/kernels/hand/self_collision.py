@@ -37,6 +37,16 @@ def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> 
     return float(_pair_gaps(boxes, frames[None], _pairs(hand, boxes)).min(initial=np.inf))
 
 
+def rigid_bodies(hand: Hand) -> NDArray[np.intp]:
+    """Number the bodies of a hand, each by its first link: links that fixed joints connect are one. (L,) integers."""
+    moving = {*hand.joint_links, *(follower.link for follower in hand.followers)}
+    bodies = np.arange(len(hand.links))
+    for joint in hand.joints:  # parents first
+        if joint.child not in moving:
+            bodies[joint.child] = bodies[joint.parent]
+    return bodies
+
+
 def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
     """Tell which fingers keep a gap from their own links and from those that no finger moves.
 
@@ -120,9 +130,13 @@ def _blocked(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap
 
 def _pairs(hand: Hand, boxes: CollisionBoxes) -> Pairs:
     """Boxes that could meet, the one nearer the root first. Links joined by a joint touch by construction, and physics does not collide
-    them either; nor do links that no finger moves ever meet."""
+    them either; nor do links that no finger moves, or that are one body, ever meet."""
     meet = np.maximum.outer(hand.link_fingers, hand.link_fingers) >= 0  # (L, L)
     meet[[joint.parent for joint in hand.joints], [joint.child for joint in hand.joints]] = False
+    bodies = rigid_bodies(hand)
+    meet[bodies[:, None] == bodies] = False
+    for pair in hand.allowed_contacts:
+        meet[pair] = False
     first, second = np.nonzero(np.triu(meet, 1)[np.ix_(boxes.link, boxes.link)])
     return first, second
 
