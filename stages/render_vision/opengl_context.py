@@ -69,12 +69,15 @@ class OpenGLContext:
                 "Only render-vision needs it."
             ) from error
 
-    def render(self, scene: Any, flags: int, resolution: int, labels: dict[Any, int] | None = None) -> Any:
-        """Render a `pyrender.Scene`: (R, R, 3) uint8 colours, or each node's label where `labels` and the flag SEG are given."""
+    def render(self, scene: Any, flags: int, shape: tuple[int, int], labels: dict[Any, int] | None = None) -> Any:
+        """Render a `pyrender.Scene` with `shape` rows and columns.
+
+        Returns colours (R, C, 3) uint8, or each node's label where `labels` and the flag SEG are given; and depths (R, C) float32, m, 0
+        for the background.
+        """
         self._platform.make_current()
-        self.renderer.viewport_width = self.renderer.viewport_height = resolution
-        color, _ = self.renderer.render(scene, flags | self.pyrender.RenderFlags.OFFSCREEN, labels)
-        return color
+        self.renderer.viewport_height, self.renderer.viewport_width = shape
+        return self.renderer.render(scene, flags | self.pyrender.RenderFlags.OFFSCREEN, labels)
 
     def close(self) -> None:
         """Free the context."""

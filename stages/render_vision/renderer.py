@@ -28,13 +28,16 @@ class RenderedImage:
     Attributes
     ----------
     rgb
-        (R, R, 3) uint8, sRGB, antialiased.
+        (R, C, 3) uint8, sRGB, antialiased.
     segmentation
-        (R, R) uint8 of `Label`: the surface that the ray through the pixel's centre meets first.
+        (R, C) uint8 of `Label`: the surface that the ray through the pixel's centre meets first.
+    depth
+        (R, C) float32: how far along the viewing direction that is, m; +inf for the background.
     """
 
     rgb: NDArray[np.uint8]
     segmentation: NDArray[np.uint8]
+    depth: NDArray[np.float32]
 
 
 MeshHandle = Any
@@ -105,7 +108,7 @@ class Renderer(AbstractContextManager["Renderer"]):
         meshes
             Handles, each with its pose in the world, (4, 4).
         camera
-            Replaces the scene's camera; its resolution is the image's.
+            Replaces the scene's camera; its shape is the image's.
         lamp
             Replaces the position of the scene's lamp, world frame, m.
         """
@@ -122,9 +125,11 @@ class Renderer(AbstractContextManager["Renderer"]):
             self._scene.set_pose(handle, pose)
         self._scene.nodes_in_order = [handle for handle, _ in meshes]
         flags = self._gl.RenderFlags
-        rgb = self._context.render(self._scene, flags.NONE, camera.resolution)
-        segmentation = self._context.render(self._scene, flags.SEG, camera.resolution, self._labels)[..., 0]
-        return RenderedImage(np.ascontiguousarray(rgb, np.uint8), np.ascontiguousarray(segmentation, np.uint8))
+        rgb, _ = self._context.render(self._scene, flags.NONE, camera.shape)
+        labels, depth = self._context.render(self._scene, flags.SEG, camera.shape, self._labels)
+        segmentation = np.ascontiguousarray(labels[..., 0], np.uint8)
+        depth = np.where(segmentation == Label.BACKGROUND, np.float32(np.inf), depth).astype(np.float32)
+        return RenderedImage(np.ascontiguousarray(rgb, np.uint8), segmentation, depth)
 
 
 def _gl_camera(gl: Any, camera: Camera) -> Any:

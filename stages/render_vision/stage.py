@@ -107,8 +107,10 @@ def _render_grasps(renderer: Renderer, posed_object: PosedMesh, hand: HandMeshes
     if len(frames):
         row["occluded"] = np.stack([image.rgb for image in images[1:]])
     if further:
-        others = np.array([[renderer.render(meshes, camera).rgb for camera in further] for meshes in shown])
-        row["further_unoccluded"] = others[0]  # (camera, row, col, rgb)
+        others = [[renderer.render(meshes, camera) for camera in further] for meshes in shown]
+        row["further_unoccluded"] = np.array([image.rgb for image in others[0]])  # (camera, row, col, rgb)
         if len(frames):
-            row["further_occluded"] = others[1:]
+            row["further_occluded"] = np.array([[image.rgb for image in view] for view in others[1:]])
+        row["further_segmentation"] = np.array([[image.segmentation for image in view] for view in others])
+        row["further_depth"] = np.array([[image.depth for image in view] for view in others])
     return row

@@ -49,6 +49,11 @@ class Camera(BaseModel):
     centre: tuple[Pixels, Pixels]
     resolution: int = Field(gt=0, le=MAX_RESOLUTION)
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of its images."""
+        return self.resolution, self.resolution
+
     def with_resolution(self, resolution: int) -> Camera:
         """Return the camera with another number of pixels per side and the same field of view."""
         if resolution < 1:

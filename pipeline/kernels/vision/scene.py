@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from pipeline.kernels.vision.camera import Camera, Coordinate
+from pipeline.kernels.vision.camera import MAX_RESOLUTION, Camera, Coordinate
 
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
 Intensity = Annotated[float, Field(ge=0, le=1e6)]
@@ -32,16 +32,41 @@ class Lamp(BaseModel):
     color: tuple[UnitInterval, UnitInterval, UnitInterval]
 
 
+Side = Annotated[int, Field(ge=16, le=MAX_RESOLUTION)]
+
+
 class NamedCamera(Camera):
-    """A camera beside the first one; names are the labels of its images."""
+    """A camera beside the first one, with depth.
+
+    Attributes
+    ----------
+    name
+        Labels its images.
+    size
+        Columns and rows of its images; they are as stated, whatever the resolution of the others. By default square.
+    """
 
     name: str = Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")
+    resolution: int = Field(256, gt=0, le=MAX_RESOLUTION)
+    size: tuple[Side, Side] | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of its images."""
+        return (self.resolution, self.resolution) if self.size is None else (self.size[1], self.size[0])
+
+    def with_resolution(self, resolution: int) -> Camera:
+        """Return the camera with another number of pixels per side; one whose size is stated stays as it is."""
+        return super().with_resolution(resolution) if self.size is None else self
 
 
-def _named_once(cameras: tuple[NamedCamera, ...]) -> tuple[NamedCamera, ...]:
+def _fit_together(cameras: tuple[NamedCamera, ...]) -> tuple[NamedCamera, ...]:
     names = [camera.name for camera in cameras]
     if repeated := sorted({name for name in names if names.count(name) > 1}):
         raise ValueError(f"two cameras are called {repeated[0]}; rename one")
+    if len({camera.size for camera in cameras}) > 1:
+        sizes = ", ".join(f"{camera.name}: {camera.size or 'square'}" for camera in cameras)
+        raise ValueError(f"cameras have images of several sizes ({sizes}), and one array holds them; give all the same size")
     return cameras
 
 
@@ -53,7 +78,7 @@ class Scene(BaseModel):
     camera
         The camera of the images that networks of grasps are shown.
     cameras
-        Further cameras; by default there are none.
+        Further cameras, with depth; by default there are none.
     lamp, ambient, background
         One lamp, constant light (linear RGB) and the background's colour (sRGB, 0..1).
     """
@@ -63,7 +88,7 @@ class Scene(BaseModel):
     name: str
     summary: str
     camera: Camera
-    cameras: Annotated[tuple[NamedCamera, ...], AfterValidator(_named_once)] = ()
+    cameras: Annotated[tuple[NamedCamera, ...], AfterValidator(_fit_together)] = ()
     lamp: Lamp
     ambient: tuple[Intensity, Intensity, Intensity]
     background: tuple[UnitInterval, UnitInterval, UnitInterval]

@@ -9,9 +9,10 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import Camera, camera_pose, look_at, project_points, projection_matrix
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.primitives import flatten_texture
+from pipeline.kernels.vision.scene import NamedCamera
 from stages.render_vision.renderer import RenderedImage, Renderer
 from tests.kernels.vision.shapes import CENTRE, HERE, SCENE, ball, box, card, half_turned, turned_over
-from tests.references.ray_cast import cast
+from tests.references.ray_cast import cast, cast_depth
 
 
 def seen(renderer: Renderer, *meshes: Mesh, camera: Camera | None = None) -> RenderedImage:
@@ -56,6 +57,26 @@ def test_segmentation_is_a_ray_cast_at_pixel_centres(renderer, resolution) -> No
     differing = (truth != got).sum()
     assert set(np.unique(truth)) == {0, 1, 2}
     assert differing <= 2, f"{differing} pixels differ: silhouettes may differ by rounding in a pixel or two, not more"
+
+
+def test_depth_of_ten_views_is_that_of_rays_in_float64(renderer, rng) -> None:
+    """Cameras a metre away, not square; the mean error is 1.5 µm, the greatest 6 µm: the depth buffer has 24 bits."""
+    thing = half_turned(ball(0.17))
+    errors = []
+    for _ in range(10):
+        camera = NamedCamera.model_validate(SCENE.camera.model_dump() | {"name": "a", "size": (200, 120), "centre": (100, 60)})
+        direction = rng.standard_normal(3)
+        eye = CENTRE + direction / np.linalg.norm(direction)
+        view = seen(renderer, thing, camera=look_at(camera, tuple(eye), tuple(CENTRE)))
+        truth = cast_depth(look_at(camera, tuple(eye), tuple(CENTRE)), thing)
+        both = np.isfinite(truth) & (view.segmentation == Label.OBJECT)
+        assert view.rgb.shape == (120, 200, 3)
+        assert (both != (np.isfinite(truth) | (view.segmentation == Label.OBJECT))).sum() <= 2  # silhouettes
+        assert np.isposinf(view.depth[view.segmentation == Label.BACKGROUND]).all()
+        errors.append(np.abs(view.depth[both] - truth[both]))
+    errors = np.concatenate(errors)
+    assert errors.mean() < 3e-6
+    assert errors.max() < 2e-5
 
 
 def test_projection_matrix_agrees_with_the_segmentation(renderer) -> None:

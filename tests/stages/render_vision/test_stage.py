@@ -71,8 +71,25 @@ def test_further_cameras_of_a_scene_add_images_and_change_none(tmp_path) -> None
     for name, array in {**row, **constants}.items():
         declared = STAGE.output.arrays[name]
         assert array.ndim == len([dim for dim in declared.dims if dim != "object"]), name
+    assert (row["further_segmentation"][:, 0] == row["segmentation"]).all()
+    assert (np.isfinite(row["further_depth"]) == (row["further_segmentation"] > 0)).all()
+    assert row["further_depth"][0, 1].min() < row["further_depth"][0, 0].min() - 0.5  # half as far
     covered = [(image != image[0, 0]).any(axis=-1).sum() for image in row["further_unoccluded"]]
     assert covered[1] > 2.5 * covered[0]  # at half the distance four times as large, where it is not cut off
+
+
+def test_further_cameras_need_not_be_square(tmp_path) -> None:
+    described = yaml.safe_load(description_path("scene", "supplement").read_text())
+    wide = described["camera"] | {"name": "wide", "size": [96, 48], "centre": [48, 24]}
+    path = tmp_path / "wide.yaml"
+    path.write_text(json.dumps(described | {"cameras": [wide]}))
+    (row,) = rows(VisionSettings(resolution=64, scene=str(path)), task("a", 0.1))
+    assert row["unoccluded"].shape == (64, 64, 3)
+    assert row["further_occluded"].shape == (GRASPS, 1, 48, 96, 3)
+    assert row["further_depth"].shape == (1 + GRASPS, 1, 48, 96)
+    path.write_text(json.dumps(described | {"cameras": [wide, wide | {"name": "tall", "size": [48, 96]}]}))
+    with pytest.raises(InvalidInput, match="images of several sizes"):
+        load_scene(path)
 
 
 def test_two_cameras_of_one_name_are_refused(tmp_path) -> None:
