@@ -51,7 +51,7 @@ def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
     """Measure every grasp of a dataset, by object, with this number of points on hand and object."""
     surfaces, grasps = DataDirectory(data).collection(SURFACES), DataDirectory(data).collection(GRASPS)
     prepared = prepare_hand(GraspSettings())
-    hand, sensor = prepared.hand, prepared.sensor
+    hand, worn = prepared.hand, prepared.sensors
     found: dict[str, list[Seen]] = {}
     with Simulation(hand) as physics:
         for object_id in grasps:
@@ -66,7 +66,10 @@ def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
                 grasp = Grasp(pose, angles, row["sensor_pose"][g], touched, recorded, True)
                 depth = independent_depth(prepared, mesh, grasp, np.random.default_rng(g), points)
                 later, _ = physics.settle(pose, angles, angles, max_steps=MORE_STEPS, resting_speed=0.0)
-                after = [touch_success(ray_depth(faces, at, sensor), sensor) for at in sensor_poses(hand, pose, later)]
+                after = [
+                    touch_success(ray_depth(faces, at, sensor), sensor)
+                    for at, sensor in zip(sensor_poses(hand, pose, later), worn, strict=True)
+                ]
                 found.setdefault(object_id, []).append(
                     Seen(depth, recorded, touched, touched != np.array(after), bool(surface["watertight"]))
                 )

@@ -23,6 +23,14 @@ TOUCH = Artifact(
         "untouched": Array(
             ("row", "col", "rgb"), "uint8", "1/255", "The reading of a sensor that nothing touches: losses mask against it.", equation="2-5"
         ),
+        "untouched_of_sensor": Array(
+            ("sensor", "row", "col", "rgb"),
+            "uint8",
+            "1/255",
+            "Where the fingers wear different sensors: the untouched reading of each; `untouched` is the first's.",
+            equation="2-5",
+            optional=True,
+        ),
         "local_points": Array(
             ("object", "grasp", "sensor", "point", "xyz"),
             "float32",

@@ -69,7 +69,7 @@ class Bench:
 
     @property
     def sensor(self) -> Sensor:
-        return self.prepared_hand.sensor
+        return self.prepared_hand.sensors[0]
 
 
 def shortcuts(bench: Bench) -> list[Shortcut]:

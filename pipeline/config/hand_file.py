@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from pipeline.config.description_file import description_path, read_description
+from pipeline.config.description_file import description_path, read_description, shipped_files
 from pipeline.config.hand_joints import JointRoles, joint_roles, moved_links
 from pipeline.config.urdf import read_urdf
 from pipeline.errors import InvalidInput
@@ -36,6 +36,7 @@ class _SensorMount(_Entry):
     origin: Vector
     normal: Vector
     columns: Vector
+    file: str | None = None
 
 
 class _FingerEntry(_Entry):
@@ -53,7 +54,7 @@ class _PalmEntry(_Entry):
 class _HandFile(_Entry):
     name: str
     urdf: str
-    sensor: str
+    sensor: str | None = None
     palm: _PalmEntry
     fingers: list[_FingerEntry] = Field(min_length=1)
     frozen: dict[str, Coordinate] = {}
@@ -98,14 +99,13 @@ def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
         name=file.name,
         path=path,
         urdf=urdf,
-        sensor=file.sensor,
         links=links,
         joints=roles.joints,
         joint_links=tuple(joint.child for joint in roles.independent),
         joint_names=tuple(joint.name for joint in roles.independent),
         lower=np.array([joint.lower for joint in roles.independent]),
         upper=np.array([joint.upper for joint in roles.independent]),
-        fingers=tuple(_finger(entry, roles, numbers) for entry in file.fingers),
+        fingers=tuple(_finger(entry, roles, numbers, _worn(entry, file, path)) for entry in file.fingers),
         palm_facing=_unit(file.palm.facing, "palm: facing"),
         palm_centre=np.array(file.palm.centre, np.float64),
         followers=roles.followers,
@@ -123,7 +123,7 @@ def _without_resting_contacts(hand: Hand, stated: Iterable[tuple[str, str]]) -> 
     return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | named)
 
 
-def _finger(entry: _FingerEntry, roles: JointRoles, link_numbers: Mapping[str, int]) -> Finger:
+def _finger(entry: _FingerEntry, roles: JointRoles, link_numbers: Mapping[str, int], sensor: str) -> Finger:
     tip = _find("sensor link", entry.sensor.link, link_numbers)
     names = [joint.name for joint in roles.independent]
     own = tuple(names.index(joint) for joint in entry.joints if joint in names)
@@ -131,7 +131,15 @@ def _finger(entry: _FingerEntry, roles: JointRoles, link_numbers: Mapping[str, i
     moved = moved_links(roles.joints, [*entry.joints, *followers])
     if tip not in moved:
         raise InvalidInput(f"sensor link {entry.sensor.link!r} is not moved by the joints of finger {entry.name!r}")
-    return Finger(entry.name, own, tuple(moved), tip, _sensor_pose(entry))
+    return Finger(entry.name, own, tuple(moved), tip, _sensor_pose(entry), sensor)
+
+
+def _worn(entry: _FingerEntry, file: _HandFile, path: Path) -> str:
+    """The sensor of a finger, else that of the hand: a shipped one's name, or a path relative to the hand file."""
+    name = entry.sensor.file or file.sensor
+    if name is None:
+        raise InvalidInput(f"finger {entry.name!r} wears no sensor; name one in its sensor.file, or for all fingers in the hand's sensor")
+    return name if name in shipped_files("sensor") else str(path.parent / os.path.expanduser(name))
 
 
 def _sensor_pose(entry: _FingerEntry) -> NDArray[np.float64]:

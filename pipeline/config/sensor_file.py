@@ -2,12 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.config.description_file import description_path, read_description
+from pipeline.errors import InvalidInput
+from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 
 
 def load_sensor(name: str | Path) -> Sensor:
     """Read a sensor by the name of a shipped sensor or by path; an `InvalidInput` names the file and what is wrong with it."""
     return read_description("sensor", description_path("sensor", name), Sensor)
+
+
+def sensor_names(hand: Hand, override: str | None = None) -> tuple[str, ...]:
+    """Name the sensor that each finger wears, the hand file's, or `override` on all: a shipped one, or an absolute path."""
+    chosen = [override or finger.sensor for finger in hand.fingers]
+    return tuple(name if (path := Path(name).expanduser()).suffix != ".yaml" else str(path.absolute()) for name in chosen)
+
+
+def sensor_files(names: Sequence[str]) -> list[Path]:
+    """List the files that describe sensors, each once."""
+    return [description_path("sensor", name) for name in dict.fromkeys(names)]
+
+
+def load_worn_sensors(names: Sequence[str]) -> tuple[Sensor, ...]:
+    """Read the sensors of a hand's fingers.
+
+    Parameters
+    ----------
+    names
+        Finger by finger, as `load_sensor` takes them.
+
+    Returns
+    -------
+    As many sensors.
+
+    Raises
+    ------
+    InvalidInput
+        One cannot be read, or their images differ in rows or columns: one array holds those of all fingers.
+    """
+    known = {name: load_sensor(name) for name in names}
+    sizes = {name: sensor.shape for name, sensor in known.items()}
+    if len(set(sizes.values())) > 1:
+        said = ", ".join(f"{name} has {rows} x {cols}" for name, (rows, cols) in sizes.items())
+        raise InvalidInput(f"the sensors of one hand need the same rows and columns of pixels, but {said}; change them in copies")
+    return tuple(known[name] for name in names)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import ValidationError
 
 from pipeline.config.complaints import complaints
-from pipeline.errors import StoreError
+from pipeline.dataset.touch_sensors import touch_sensor, touch_sensors
+from pipeline.errors import InvalidInput, StoreError
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
@@ -25,6 +26,8 @@ CACHE_BYTES = 256 * 2**20
 
 DERIVED = ("local_points", "local_count")
 """Arrays that need not be stored: depth and sensor pose give them again, to the bit."""
+
+Described = TypeVar("Described")
 
 
 class ObjectRows:
@@ -95,9 +98,18 @@ class ObjectRows:
         return self._collections[artifact].first.attributes
 
     def sensor(self) -> Sensor:
-        """The sensor of the tactile images; a `StoreError` where `touch` says none."""
+        """The sensor of the tactile images; a `StoreError` where `touch` says none, or fingers wear different ones."""
+        return self._described(touch_sensor)
+
+    def sensors(self) -> tuple[Sensor, ...]:
+        """The sensor that each finger wears, or the one of all fingers, once; a `StoreError` where `touch` says none."""
+        return self._described(touch_sensors)
+
+    def _described(self, read: Callable[[Mapping[str, Any]], Described]) -> Described:
         try:
-            return Sensor.model_validate(self.attributes("touch").get("sensor"))
+            return read(self.attributes("touch"))
+        except InvalidInput as error:
+            raise StoreError(f"{self.data.resolve()}: {error}") from error
         except ValidationError as error:
             shard = self._collections["touch"].first
             raise StoreError(f"{shard.path}: its sensor cannot be used ({complaints(error)}); {shard.remedy}") from error
@@ -131,10 +143,12 @@ class ObjectRows:
         return np.asarray(row[grasp] if by_grasp else row)
 
     def _derive(self, array: str, object_id: str, grasp: int | None) -> np.ndarray:
-        sensor = self.sensor()
+        sensors = self.sensors()
         depth, pose = (self.read(name, object_id, grasp) for name in ("depth", "sensor_pose"))
         sites = depth.shape[:-2]  # ([grasp,] sensor)
-        found = [local_points(depth[site], pose[site], sensor)[DERIVED.index(array)] for site in np.ndindex(sites)]
+        found = [
+            local_points(depth[site], pose[site], sensors[site[-1] % len(sensors)])[DERIVED.index(array)] for site in np.ndindex(sites)
+        ]
         return np.stack(found).reshape(*sites, *np.shape(found[0]))
 
 

@@ -55,10 +55,13 @@ class ShardPlan(Plan[ObjectStage]):
         self.directory.check_origins(
             [*(collection.artifact.name for collection in self.inputs), *self.models], {item.object_id for item in items}
         )
-        if items:  # the inputs' rows of a shard are in the shard of the same number
-            roots = {collection.artifact.name: collection.shard(items[0].object_id).attributes for collection in self.inputs}
-            with description_errors(self.stage):
-                self.stage.check_inputs(self.settings, roots)
+        roots = {  # the rows of a shard come from those of the same number
+            collection.artifact.name: (collection.shard(items[0].object_id) if items else collection.first).attributes
+            for collection in self.inputs
+        }
+        with description_errors(self.stage):
+            self.settings = self.stage.settle(self.settings, roots)
+            self.stage.check_inputs(self.settings, roots)
         self.members = [self._from_inputs(item) if self.inputs else self._from_source(item) for item in items]
 
     @property

@@ -86,6 +86,10 @@ class ObjectStage(Stage):
 
     output: ClassVar[Artifact]
 
+    def settle(self, settings: Any, attributes: Mapping[str, Mapping[str, Any]]) -> Any:
+        """Fill in settings that follow the inputs where they are null, by what the inputs' roots say; by default there are none."""
+        return settings
+
     def check_inputs(self, settings: Any, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Refuse inputs, by what their roots say, that these settings do not fit: an `InvalidInput` says how to make them fit."""
 

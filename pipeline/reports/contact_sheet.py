@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatch
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 from pipeline.config.hand_file import load_hand
 from pipeline.config.scene_file import load_scene
 from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
 from pipeline.kernels.hand.kinematics import forward_kinematics
@@ -69,15 +70,15 @@ def _draw(collections: Mapping[str, Collection], shown: list[str], path: Path) -
         bands = [maker.band(object_id, {name: c.view(object_id) for name, c in collections.items()}) for object_id in shown]
     title = f"{attributes['grasps']['manifest']} · {grasps.first.record.preset}"
     note = f"the best grasp of {len(shown)} of {len(grasps)} objects; a filled dot is a touch"
-    return draw(bands, path, maker.sensor, title=title, note=note)
+    return draw(bands, path, maker.sensors, title=title, note=note)
 
 
 class BandMaker:
-    """Make bands for one hand and sensor in one scene; `band_maker` opens one."""
+    """Make bands for one hand with its sensors in one scene; `band_maker` opens one."""
 
-    def __init__(self, renderer: Renderer, *, scene: Scene, hand: Hand, sensor: Sensor) -> None:
+    def __init__(self, renderer: Renderer, *, scene: Scene, hand: Hand, sensors: Sequence[Sensor]) -> None:
         """Take the hand's shapes into the renderer."""
-        self.renderer, self.scene, self.hand, self.sensor = renderer, scene, hand, sensor
+        self.renderer, self.scene, self.hand, self.sensors = renderer, scene, hand, sensors
         self.shapes = [(link, renderer.add(mesh, Label.HAND), mesh) for link, mesh in hand.visual_meshes]
 
     def band(self, object_id: str, rows: Mapping[str, Mapping[str, np.ndarray]]) -> Band:
@@ -86,7 +87,8 @@ class BandMaker:
         touched, depths, poses, hand_pose = grasps["touch_success"][0], touch["depth"][0], grasps["sensor_pose"][0], grasps["hand_pose"][0]
         mesh, colors = read_mesh(rows["surfaces"]), finger_colors(len(touched))
         frames = forward_kinematics(self.hand, hand_pose, grasps["joint_angles"][0])  # (L, 4, 4)
-        patches = [touch_patch(depths[number], poses[number], self.sensor, colors[number]) for number in np.flatnonzero(touched)]
+        sites = zip(depths, poses, self.sensors, colors, strict=True)
+        patches = [touch_patch(*one) for one, contact in zip(sites, touched, strict=True) if contact]
         unoccluded = vision["unoccluded"]
         occluded = vision["occluded"][0] if "occluded" in list(vision) else np.full_like(unoccluded, 255)
         with self.renderer.added(mesh, Label.OBJECT) as handle:
@@ -95,7 +97,7 @@ class BandMaker:
                 hand=[(shape, surface, frames[link]) for link, shape, surface in self.shapes],
                 patches=[patch for patch in patches if patch is not None],
                 palm=hand_pose[:3, :3] @ self.hand.palm_facing,
-                squares=gel_squares(poses, self.sensor),
+                squares=gel_squares(poses, self.sensors),
                 colors=colors,
             )
             held, felt = second_view(self.renderer, self.scene, len(unoccluded), view)
@@ -112,7 +114,9 @@ class BandMaker:
 
 @contextmanager
 def band_maker(attributes: Mapping[str, Mapping[str, Any]]) -> Iterator[BandMaker]:
-    """Open a `BandMaker` for the scene, the hand and the sensor in the artifacts' attributes, for as long as the context lasts."""
+    """Open a `BandMaker` for the scene, the hand and the sensors in the artifacts' attributes, for as long as the context lasts."""
     scene, hand = load_scene(attributes["vision"]["settings"]["scene"]), load_hand(attributes["grasps"]["settings"]["hand"])
+    worn = touch_sensors(attributes["touch"])
+    sensors = worn if len(worn) > 1 else worn * len(hand.fingers)
     with Renderer(scene) as renderer:
-        yield BandMaker(renderer, scene=scene, hand=hand, sensor=Sensor.model_validate(attributes["touch"]["sensor"]))
+        yield BandMaker(renderer, scene=scene, hand=hand, sensors=sensors)

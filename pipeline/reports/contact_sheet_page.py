@@ -66,7 +66,7 @@ def finger_colors(count: int) -> list[Color]:
     return [COLORS[k % len(COLORS)] for k in range(count)]
 
 
-def draw(bands: Sequence[Band], path: Path, sensor: Sensor, *, title: str, note: str) -> list[Path]:
+def draw(bands: Sequence[Band], path: Path, sensors: Sequence[Sensor], *, title: str, note: str) -> list[Path]:
     """Draw the bands on as many pages as it takes, and return the PNG files written.
 
     Parameters
@@ -75,8 +75,8 @@ def draw(bands: Sequence[Band], path: Path, sensor: Sensor, *, title: str, note:
         One per object.
     path
         The first page's file; later pages are called NAME-2.png, NAME-3.png, ….
-    sensor
-        Gives the thickness of its gel and its range: the depth maps' colours.
+    sensors
+        Of the fingers; thickness of gel and range give the depth maps' colours.
     title, note
         The page's head: what this is, and a line of statistics.
 
@@ -92,7 +92,7 @@ def draw(bands: Sequence[Band], path: Path, sensor: Sensor, *, title: str, note:
     for number, page in enumerate(pages, start=1):
         file = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
         heading = title if len(pages) == 1 else f"{title}   {number} / {len(pages)}"
-        _page(page, sensor, heading, note).save(file, optimize=True)
+        _page(page, sensors, heading, note).save(file, optimize=True)
         written.append(file)
     return written
 
@@ -109,20 +109,20 @@ def depth_colors(depth: NDArray[np.floating], sensor: Sensor) -> NDArray[np.uint
     return np.round(colors).astype(np.uint8)
 
 
-def _page(bands: Sequence[Band], sensor: Sensor, title: str, note: str) -> Image.Image:
+def _page(bands: Sequence[Band], sensors: Sequence[Sensor], title: str, note: str) -> Image.Image:
     pictures, fingers = max(len(band.pictures) for band in bands), max(len(band.fingers) for band in bands)
     width = 2 * MARGIN + pictures * (PICTURE + GAP) + fingers * (TILE + GAP)
     page = Image.new("RGB", (width, HEAD + len(bands) * BAND + MARGIN), PAPER)
     pencil = ImageDraw.Draw(page)
     pencil.text((MARGIN, MARGIN - 4), title, INK, _font(20, bold=True))
     pencil.text((MARGIN, MARGIN + 24), note, FAINT, _font(13))
-    _legend(page, sensor)
+    _legend(page, sensors[0])
     for row, band in enumerate(bands):
-        _band(page, HEAD + row * BAND, band, sensor)
+        _band(page, HEAD + row * BAND, band, sensors)
     return page
 
 
-def _band(page: Image.Image, top: int, band: Band, sensor: Sensor) -> None:
+def _band(page: Image.Image, top: int, band: Band, sensors: Sequence[Sensor]) -> None:
     pencil = ImageDraw.Draw(page)
     pencil.line([(MARGIN, top), (page.width - MARGIN, top)], fill=RULE)
     pencil.text((MARGIN, top + 4), band.title, INK, _font(13, bold=True))
@@ -134,8 +134,8 @@ def _band(page: Image.Image, top: int, band: Band, sensor: Sensor) -> None:
         pencil.text((left, caption), text, FAINT, _font(11))
         page.paste(_scaled(image, PICTURE), (left, body))
         left += PICTURE + GAP
-    fingers = zip(band.fingers, finger_colors(len(band.fingers)), band.touched, band.readings, band.depths, strict=True)
-    for name, color, touched, reading, depth in fingers:
+    fingers = zip(band.fingers, finger_colors(len(band.fingers)), band.touched, band.readings, band.depths, sensors, strict=True)
+    for name, color, touched, reading, depth, sensor in fingers:
         ink = INK if touched else FAINT
         pencil.ellipse([left, caption + 3, left + 8, caption + 11], fill=color if touched else PAPER, outline=color, width=2)
         pencil.text((left + 13, caption), name, ink, _font(11, bold=touched))
@@ -154,7 +154,7 @@ def _verdict(touched: bool, least: float) -> str:
 
 
 def _legend(page: Image.Image, sensor: Sensor) -> None:
-    """Draw the depth maps' colours, their left end at 0 and their right end at the range."""
+    """Draw the depth maps' colours, their left end at 0 and their right end at the range; of the first finger's sensor."""
     pencil, small = ImageDraw.Draw(page), _font(11)
     inside, beyond, high = 160, 80, 10
     right, top = page.width - MARGIN, MARGIN

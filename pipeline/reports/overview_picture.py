@@ -40,7 +40,7 @@ def draw_overview(data: Path, object_id: str, path: Path) -> None:
         ("in a grasp", occluded[part]),
         ("from a second side", held),
         ("tactile images", _grid(list(band.readings))),
-        ("depth maps", _grid([depth_colors(depth, maker.sensor) for depth in band.depths])),
+        ("depth maps", _grid([depth_colors(depth, sensor) for depth, sensor in zip(band.depths, maker.sensors, strict=True)])),
         (f"reconstruction, {table['grasps_given'][case]} grasps", reconstruction[part]),
     ]
     figure = Figure((2 * len(panels), 2.25), dpi=110, layout="constrained")

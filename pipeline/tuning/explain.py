@@ -83,7 +83,7 @@ def explain_plan(plan: ShardPlan | FolderPlan) -> Explanation | None:
     if not (tasks := processed_tasks(plan)):
         return None
     few = f"{len(tasks)} of {plan.total} objects ({', '.join(task.object_id for task in tasks)})"
-    return Explanation(f"{stage.name} {plan.path}: counted on {few}", total(count(request.settings, plan.models, tasks)))
+    return Explanation(f"{stage.name} {plan.path}: counted on {few}", total(count(plan.settings, plan.models, tasks)))
 
 
 def total(counts: Iterable[Count]) -> list[Count]:

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.fit_options import StopRule
@@ -67,7 +68,7 @@ class FitCharts(ObjectStage):
 
 
 def _process(task: Task, settings: ChartSettings, model: TouchModel | None) -> Row:
-    sensor = Sensor.model_validate(task.attributes["touch"]["sensor"])
+    sensor = touch_sensor(task.attributes["touch"])
     poses, touched = task.inputs["grasps"]["sensor_pose"], task.inputs["grasps"]["touch_success"]
     clouds = _clouds(task, touched, sensor, model)
     generators = [torch_generator(task.seed, task.object_id, "fit-charts", *at) for at in np.argwhere(touched).tolist()]

@@ -48,12 +48,16 @@ class RenderVision(ObjectStage):
         """The files of the scene, the hand and the shaders."""
         return [description_path("scene", settings.scene), *load_hand(settings.hand).files, *shader_paths()]
 
+    def settle(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> VisionSettings:
+        """The hand is that of the grasps."""
+        return settings.model_copy(update={"hand": settings.hand or attributes["grasps"]["settings"]["hand"]})
+
     def check_inputs(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """The hand that is drawn must be the one that grasped."""
         used = attributes["grasps"]["settings"]["hand"]
         if used != settings.hand:
             raise InvalidInput(
-                f"the grasps were made with hand {used}, render-vision.hand is {settings.hand}; set both with --set hand={used}"
+                f"the grasps were made with hand {used}, render-vision.hand is {settings.hand}; leave it out, or say --set hand={used}"
             )
         if attributes["grasps"]["hand"]["digest"] != assets_digest(load_hand(settings.hand).files):
             raise InvalidInput(f"the files of hand {used} have changed since the grasps were made; run simulate-grasps again")

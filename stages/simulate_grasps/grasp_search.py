@@ -17,6 +17,7 @@ from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.hand.self_collision import hand_gap
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.sensor import Sensor
 from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
 from stages.simulate_grasps.settings import GraspSettings
@@ -74,13 +75,13 @@ class GraspSearch:
 
     def _close(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> Grasp:
         """Close the fingers to a target posture and measure where they come to rest."""
-        hand, ik, sensor = self.prepared_hand.hand, self.prepared_hand.ik, self.prepared_hand.sensor
+        hand, ik = self.prepared_hand.hand, self.prepared_hand.ik
         start = self._pregrasp(pose, target)
         steps, speed = self.settings.settle_steps, self.settings.resting_speed
         angles, rests = self.physics.settle(pose, start, target, max_steps=steps, resting_speed=speed)
         frames = forward_kinematics(hand, pose, angles)
-        sensors = sensors_of_links(hand, frames)
-        touched = touch_success(np.stack([ray_depth(self.prepared_object.faces, one, sensor) for one in sensors]), sensor)
+        poses = sensors_of_links(hand, frames)
+        touched = np.array([self._touches(*worn) for worn in zip(poses, self.prepared_hand.sensors, strict=True)])
         penetration = penetration_depth(self.prepared_object.field, self.prepared_hand.spheres, frames)
         sound = (
             rests
@@ -88,7 +89,11 @@ class GraspSearch:
             and hand_gap(hand, ik.boxes, frames) >= 0
             and penetration <= self.settings.penetration_limit
         )
-        return Grasp(pose, angles, sensors, touched, penetration, sound)
+        return Grasp(pose, angles, poses, touched, penetration, sound)
+
+    def _touches(self, pose: NDArray[np.float64], sensor: Sensor) -> np.bool_:
+        """Tell whether one sensor touches the object."""
+        return np.bool_(touch_success(ray_depth(self.prepared_object.faces, pose, sensor), sensor))
 
     def _pregrasp(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joint angles from which the fingers close: each drawn back as far as there is room behind it."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config.hand_file import load_hand
-from pipeline.config.sensor_file import load_sensor
+from pipeline.config.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres, collision_spheres
 from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
@@ -30,10 +30,10 @@ GRID_BAND = 0.012
 
 @dataclass(frozen=True, eq=False)
 class PreparedHand:
-    """A hand with its sensor, the collision spheres of the palm and of all links, and its inverse kinematics."""
+    """A hand with its fingers' sensors, the collision spheres of the palm and of all links, and its inverse kinematics."""
 
     hand: Hand
-    sensor: Sensor
+    sensors: tuple[Sensor, ...]
     palm_spheres: CollisionSpheres
     spheres: CollisionSpheres
     ik: GraspIk
@@ -50,14 +50,14 @@ class PreparedObject:
 
 
 def prepare_hand(settings: GraspSettings) -> PreparedHand:
-    """Load the hand and sensor of these settings and sample the hand's postures."""
+    """Load the hand and sensors of these settings and sample the hand's postures."""
     hand = load_hand(settings.hand)
-    sensor = load_sensor(settings.sensor or hand.sensor)
+    sensors = load_worn_sensors(sensor_names(hand, settings.sensor))
     spheres = collision_spheres(hand, spacing=SEARCH_SPACING, tolerance=SEARCH_TOLERANCE)
-    ik = prepare_grasp_ik(hand, spheres, sensor, samples=settings.ik_samples, clearance=settings.clearance, finger_gap=FINGER_GAP)
+    ik = prepare_grasp_ik(hand, spheres, sensors, samples=settings.ik_samples, clearance=settings.clearance, finger_gap=FINGER_GAP)
     return PreparedHand(
         hand=hand,
-        sensor=sensor,
+        sensors=sensors,
         palm_spheres=spheres.of_links(np.flatnonzero(hand.link_fingers < 0)),
         spheres=collision_spheres(hand, spacing=MEASURE_SPACING),
         ik=ik,

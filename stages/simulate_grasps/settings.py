@@ -14,7 +14,9 @@ class GraspSettings(ObjectSettings):
         "allegro_right", "the supplement's hand; another is another hand file, by name or by path ending in .yaml", changes="definition"
     )
     sensor: str | None = setting(
-        None, "the one that the hand file names; another is another sensor file, by name or by path ending in .yaml", changes="definition"
+        None,
+        "each finger's as the hand file says; another, on all fingers, is another sensor file, by name or by path ending in .yaml",
+        changes="definition",
     )
     grasps: int = setting(5, "the best five are kept (supplement 1.3)", ge=1, changes="definition")
     attempts: int = setting(

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.description_file import description_path
 from pipeline.config.hand_file import load_hand
+from pipeline.config.sensor_file import sensor_files, sensor_names
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
@@ -40,9 +40,9 @@ class SimulateGrasps(ObjectStage):
         return (SURFACES,)
 
     def assets(self, settings: GraspSettings) -> list[Path]:
-        """The hand file with all it names, and the sensor's description."""
+        """The hand file with all it names, and the fingers' sensor files."""
         hand = load_hand(settings.hand)
-        return [*hand.files, description_path("sensor", settings.sensor or hand.sensor)]
+        return [*hand.files, *sensor_files(sensor_names(hand, settings.sensor))]
 
     def constants(self, settings: GraspSettings) -> Row:
         """Labels of grasps, sensors and joints, which later stages' arrays take over."""
@@ -51,17 +51,17 @@ class SimulateGrasps(ObjectStage):
         return {"grasp": np.arange(settings.grasps, dtype=np.int32), "sensor": sensors, "joint": np.array(hand.joint_names)}
 
     def attributes(self, settings: GraspSettings) -> dict[str, Any]:
-        """The hand's name, what its joints and sensors are called, and digests of the files: later stages use no other hand or sensor."""
+        """The hand's name, what its joints and sensors are called, and digests of the files: later stages use no other hand or sensors."""
         hand = load_hand(settings.hand)
-        sensor = settings.sensor or hand.sensor
+        sensors = sensor_names(hand, settings.sensor)
         return {
             "hand": {
                 "name": hand.name,
                 "joints": list(hand.joint_names),
                 "sensors": [finger.name for finger in hand.fingers],
                 "digest": assets_digest(hand.files),
-                "sensor": sensor,
-                "sensor_digest": assets_digest([description_path("sensor", sensor)]),
+                "sensor_files": list(sensors),
+                "sensor_digest": assets_digest(sensor_files(sensors)),
             }
         }
 

@@ -9,7 +9,7 @@ from pipeline.kernels.touch.sphere_tracing import MAX_STEPS, TOLERANCE
 class TouchSettings(ObjectSettings):
     """How depth maps and tactile images are simulated (supplement 1.5)."""
 
-    sensor: str = setting("gel_16mm", "the supplement's sensor; name of a shipped sensor or path of a .yaml file", changes="definition")
+    sensors: tuple[str, ...] = setting((), "follow the grasps: the sensor that each finger of the hand wore", changes="definition")
     tracer: Literal["ray", "sphere"] = setting(
         "ray",
         "exact, and tens of times faster than the supplement's `sphere`, which stops `sphere_tolerance` before the surface",

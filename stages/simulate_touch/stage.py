@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.description_file import description_path
-from pipeline.config.sensor_file import load_sensor
+from pipeline.config.sensor_file import load_worn_sensors, sensor_files
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
@@ -42,27 +41,31 @@ class SimulateTouch(ObjectStage):
         return (SURFACES, GRASPS)
 
     def assets(self, settings: TouchSettings) -> list[Path]:
-        """The sensor file."""
-        return [description_path("sensor", settings.sensor)]
+        """The sensor files."""
+        return sensor_files(settings.sensors)
+
+    def settle(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> TouchSettings:
+        """The sensors are those that the hand wore."""
+        return settings.model_copy(update={"sensors": settings.sensors or tuple(attributes["grasps"]["hand"]["sensor_files"])})
 
     def check_inputs(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
-        """The sensor that is simulated must be the one that the hand carried."""
-        hand = attributes["grasps"]["hand"]
-        if hand["sensor"] != settings.sensor:
-            raise InvalidInput(
-                f"the hand carries sensor {hand['sensor']}, simulate-touch.sensor is {settings.sensor}; "
-                f"--set simulate-touch.sensor={hand['sensor']}"
-            )
+        """The sensors that are simulated must be those that the hand wore."""
+        hand, sensors = attributes["grasps"]["hand"], list(settings.sensors)
+        if hand["sensor_files"] != sensors:
+            raise InvalidInput(f"the hand wears {hand['sensor_files']}, simulate-touch.sensors is {sensors}; leave it out")
         if hand["sensor_digest"] != assets_digest(self.assets(settings)):
-            raise InvalidInput(f"the file of sensor {settings.sensor} has changed since the grasps were made; run simulate-grasps again")
+            names = ", ".join(dict.fromkeys(sensors))
+            raise InvalidInput(f"the file of sensor {names} has changed since the grasps were made; run simulate-grasps again")
 
     def constants(self, settings: TouchSettings) -> Row:
-        """The tactile image of a sensor that nothing touches."""
-        return {"untouched": untouched_image(load_sensor(settings.sensor))}
+        """The tactile images of sensors that nothing touches."""
+        images = [untouched_image(sensor) for sensor in load_worn_sensors(settings.sensors)]
+        return {"untouched": images[0]} | ({"untouched_of_sensor": np.stack(images)} if len(set(settings.sensors)) > 1 else {})
 
     def attributes(self, settings: TouchSettings) -> dict[str, Any]:
-        """The sensor's description, for readers of the arrays: `width`, `w`, `range` and the rest."""
-        return {"sensor": load_sensor(settings.sensor).model_dump(mode="json")}
+        """The sensor's description, for readers of the arrays: `width`, `w`, `range` and the rest; of each finger where they differ."""
+        described = [sensor.model_dump(mode="json") for sensor in load_worn_sensors(settings.sensors)]
+        return {"sensor": described if len(set(settings.sensors)) > 1 else described[0]}
 
     def cost(self, settings: TouchSettings) -> Cost:
         """Twenty sensors per object."""
@@ -70,13 +73,13 @@ class SimulateTouch(ObjectStage):
 
     @contextmanager
     def session(self, settings: TouchSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
-        """Load the sensor once; nothing else is kept between objects."""
-        sensor = load_sensor(settings.sensor)
+        """Load the sensors once; nothing else is kept between objects."""
+        sensors = load_worn_sensors(settings.sensors)
 
         def process(task: Task) -> Row:
             faces = box_faces(task.mesh().triangles)
             poses = task.inputs["grasps"]["sensor_pose"]  # (grasp, sensor, 4, 4)
-            rows = [_touch(faces, poses[index], sensor, settings) for index in np.ndindex(poses.shape[:2])]
+            rows = [_touch(faces, poses[index], sensors[index[1]], settings) for index in np.ndindex(poses.shape[:2])]
             return {name: np.stack([row[name] for row in rows]).reshape(*poses.shape[:2], *array.shape) for name, array in rows[0].items()}
 
         yield process

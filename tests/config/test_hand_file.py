@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 import yaml
 
+from pipeline.config.description_file import description_path
 from pipeline.config.hand_file import load_hand
+from pipeline.config.sensor_file import load_worn_sensors
 from pipeline.config.urdf import read_urdf
 from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.kinematics import sensor_poses
@@ -108,3 +110,24 @@ def test_unusable_urdf_is_refused_with_the_part(hand: Hand, tmp_path: Path, old:
     with pytest.raises(InvalidInput, match=re.escape(message)) as error:
         read_urdf(path)
     assert str(path) in str(error.value)
+
+
+def test_each_finger_may_wear_its_own_sensor(hand: Hand, tmp_path: Path) -> None:
+    """Shipped ones are named; paths start at the hand file; what no finger is given is an error."""
+    file = yaml.safe_load(hand.path.read_text()) | {"urdf": str(hand.urdf)}
+    file["fingers"][1]["sensor"]["file"] = "gels/soft.yaml"
+    path = tmp_path / "hand.yaml"
+    path.write_text(yaml.safe_dump(file))
+    worn = [finger.sensor for finger in load_hand(path).fingers]
+    assert worn == ["gel_16mm", str(tmp_path / "gels" / "soft.yaml"), "gel_16mm", "gel_16mm"]
+    del file["sensor"]
+    path.write_text(yaml.safe_dump(file))
+    with pytest.raises(InvalidInput, match=r"finger 'index' wears no sensor; name one in its sensor.file"):
+        load_hand(path)
+
+
+def test_sensors_of_one_hand_need_the_same_pixels(tmp_path: Path) -> None:
+    coarse = tmp_path / "coarse.yaml"
+    coarse.write_text(description_path("sensor", "gel_16mm").read_text().replace("rows: 100", "rows: 50"))
+    with pytest.raises(InvalidInput, match=r"same rows and columns of pixels, but gel_16mm has 100 x 100, .*coarse.yaml has 50 x 100"):
+        load_worn_sensors(["gel_16mm", str(coarse)])

@@ -126,3 +126,12 @@ def test_a_dataset_whose_sensor_cannot_be_used_is_refused(data, monkeypatch, sen
     monkeypatch.setattr(ObjectRows, "attributes", lambda self, artifact: {"sensor": sensor})
     with pytest.raises(StoreError, match=r"its sensor cannot be used .*--check"):
         rows.sensor()
+
+
+def test_fingers_with_different_sensors_have_no_one_sensor(data, monkeypatch):
+    rows = ObjectRows(data, ["reading"], "test")
+    one = rows.attributes("touch")["sensor"]
+    monkeypatch.setattr(ObjectRows, "attributes", lambda self, artifact: {"sensor": [one, {**one, "name": "thin", "w": one["w"] / 2}]})
+    assert [sensor.w for sensor in rows.sensors()] == [one["w"], one["w"] / 2]
+    with pytest.raises(StoreError, match=r"the fingers wear different sensors \(gel_16mm, thin\).* needs a hand that wears one"):
+        rows.sensor()

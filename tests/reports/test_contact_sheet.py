@@ -35,7 +35,7 @@ def maker() -> Iterator[BandMaker]:
 
 
 def test_sheet_is_split_into_pages(tmp_path) -> None:
-    files = draw([make_band(f"object-{k}") for k in range(PAGE + 1)], tmp_path / "sheet.png", SENSOR, title="title", note="note")
+    files = draw([make_band(f"object-{k}") for k in range(PAGE + 1)], tmp_path / "sheet.png", [SENSOR] * 4, title="title", note="note")
     assert [file.name for file in files] == ["sheet.png", "sheet-2.png"]
     sizes = []
     for file in files:
@@ -52,7 +52,7 @@ def test_pictures_are_shown_pixel_for_pixel(tmp_path) -> None:
     band = make_band("noise")
     noise = np.random.default_rng(0).integers(0, 256, (256, 256, 3)).astype(np.uint8)
     band = Band(band.title, band.note, [("noise", noise)], band.fingers, band.touched, band.readings, band.depths)
-    (file,) = draw([band], tmp_path / "sheet.png", SENSOR, title="title", note="note")
+    (file,) = draw([band], tmp_path / "sheet.png", [SENSOR] * 4, title="title", note="note")
     page = np.asarray(Image.open(file))
     corner = np.argwhere((page[:-256, :-256] == noise[0, 0]).all(axis=-1) & (page[255:-1, 255:-1] == noise[-1, -1]).all(axis=-1))
     assert any((page[r : r + 256, c : c + 256] == noise).all() for r, c in corner)
@@ -60,7 +60,7 @@ def test_pictures_are_shown_pixel_for_pixel(tmp_path) -> None:
 
 def test_sheet_of_no_objects_is_refused(tmp_path) -> None:
     with pytest.raises(ValueError, match="no objects"):
-        draw([], tmp_path / "sheet.png", SENSOR, title="title", note="note")
+        draw([], tmp_path / "sheet.png", [SENSOR] * 4, title="title", note="note")
 
 
 def test_depth_colours_distinguish_gel_beyond_and_nothing() -> None:

@@ -37,7 +37,7 @@ def test_touch_patch_lies_before_the_surface() -> None:
 
 
 def test_gel_squares_lie_at_the_front_of_the_gel() -> None:
-    corners = gel_squares(np.eye(4)[None], SENSOR)[0]
+    corners = gel_squares(np.eye(4)[None], [SENSOR])[0]
     assert corners[:, 2] == pytest.approx(np.full(4, SENSOR.w))
     assert np.ptp(corners[:, :2], axis=0) == pytest.approx([SENSOR.width, SENSOR.width])
 
@@ -51,7 +51,7 @@ def test_touch_patch_and_gel_square_follow_the_sensor_pose(seed, offset) -> None
     assert mesh is not None
     local = (mesh.vertices - offset) @ frame[:3, :3]
     assert np.abs(local[:, 2] - (float(full[0, 0]) - LIFT)).max() <= 16 * EPS * (np.abs(offset).max() + 1)
-    corners = (gel_squares(frame[None], SMALL)[0] - offset) @ frame[:3, :3]
+    corners = (gel_squares(frame[None], [SMALL])[0] - offset) @ frame[:3, :3]
     assert np.abs(np.abs(corners) - [0.005, 0.005, 0.005]).max() <= 16 * EPS * (np.abs(offset).max() + 1)
 
 
@@ -74,7 +74,7 @@ def test_second_view_of_an_object_around_the_first_camera(renderer) -> None:
     large = ball(3.0, subdivisions=2)
     hand = box((0.1, 0.1, 0.1))
     parts = [renderer.add(mesh, label) for mesh, label in ((large, Label.OBJECT), (hand, Label.HAND))]
-    squares = gel_squares(np.eye(4)[None], SENSOR.model_copy(update={"width": 0.02, "w": 0.006})) + [3.0, 0, 0.6]
+    squares = gel_squares(np.eye(4)[None], [SENSOR.model_copy(update={"width": 0.02, "w": 0.006})]) + [3.0, 0, 0.6]
     grasp = GraspView((parts[0], large), [(parts[1], hand, HERE)], [], np.array([0, 0, 1.0]), squares, [(255, 0, 0)])
     images = second_view(renderer, SCENE, 48, grasp)
     for part in parts:

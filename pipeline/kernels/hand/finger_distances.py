@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,15 +37,15 @@ class FingerGeometry:
     probes: NDArray[np.float64]
 
 
-def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensor: Sensor) -> FingerGeometry:
+def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sensor]) -> FingerGeometry:
     """Group collision spheres by finger and lay probes into the gels.
 
     Parameters
     ----------
     hand, spheres
         The hand and its spheres, from `collision_spheres`.
-    sensor
-        Gives the gels' width and thickness.
+    sensors
+        The one that each finger wears: its gel's width and thickness.
 
     Returns
     -------
@@ -59,11 +60,14 @@ def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensor: Sensor) -> Fi
     bodiless = [finger.name for finger, part in zip(hand.fingers, own, strict=True) if not len(part.radii)]
     if bodiless:
         raise InvalidInput(f"{hand.urdf}: no link of {', '.join(bodiless)} has a collision shape; give at least one link of a finger one")
+    probes = [transform_points(finger.sensor_pose, _probes(sensor)) for finger, sensor in zip(hand.fingers, sensors, strict=True)]
+    return FingerGeometry(own, np.stack(probes))
+
+
+def _probes(sensor: Sensor) -> NDArray[np.float64]:
     steps = ((np.arange(PROBES) + 0.5) / PROBES - 0.5) * sensor.width
     x, y = (axis.ravel() for axis in np.meshgrid(steps, steps))
-    points = np.stack([x, y, np.full_like(x, PROBE_DEPTH * sensor.w)], axis=-1)
-    probes = np.stack([transform_points(finger.sensor_pose, points) for finger in hand.fingers])
-    return FingerGeometry(own, probes)
+    return np.stack([x, y, np.full_like(x, PROBE_DEPTH * sensor.w)], axis=-1)
 
 
 def gel_probes(hand: Hand, fingers: FingerGeometry, frames: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -10,6 +10,7 @@ A posture's value is that of its gel's contact, less what its rigid links lack i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,7 +80,7 @@ class GraspIk:
 
 
 def prepare_grasp_ik(
-    hand: Hand, spheres: CollisionSpheres, sensor: Sensor, *, samples: int, clearance: float, finger_gap: float
+    hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sensor], *, samples: int, clearance: float, finger_gap: float
 ) -> GraspIk:
     """Sample a Sobol sequence in each finger's joints.
 
@@ -87,8 +88,8 @@ def prepare_grasp_ik(
     ----------
     hand, spheres
         The hand and the collision spheres of its links.
-    sensor
-        The one that every finger wears.
+    sensors
+        The one that each finger wears.
     samples
         Number of joint vectors.
     clearance, finger_gap
@@ -103,7 +104,7 @@ def prepare_grasp_ik(
     InvalidInput
         A finger has no collision shape; see `finger_geometry`.
     """
-    fingers = finger_geometry(hand, spheres, sensor)
+    fingers = finger_geometry(hand, spheres, sensors)
     boxes = collision_boxes(hand)
     angles = np.empty((samples, len(hand.joint_names)))
     for finger in hand.fingers:

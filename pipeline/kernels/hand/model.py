@@ -100,6 +100,8 @@ class Finger:
     sensor_pose
         (4, 4) sensor frame in the tip's frame: origin at the centre of the sensor plane, +z outward, +x along image columns, +y along
         image rows.
+    sensor
+        The sensor that it wears: name of a shipped one, or absolute path of a sensor file.
     """
 
     name: str
@@ -107,6 +109,7 @@ class Finger:
     links: tuple[int, ...]
     tip: int
     sensor_pose: NDArray[np.float64]
+    sensor: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +122,6 @@ class Hand:
         Of the hand file.
     urdf
         The URDF file.
-    sensor
-        Name or path of the sensor file that every finger wears.
     links, joints
         The URDF tree: the root link first, parents before children. Fixed joints are among `joints`.
     joint_links
@@ -145,7 +146,6 @@ class Hand:
     name: str
     path: Path
     urdf: Path
-    sensor: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     joint_links: tuple[int, ...]

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from pipeline.dataset.touch_charts import is_surface
+from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.engine.stage import Task
-from pipeline.kernels.touch.sensor import Sensor
 from pipeline.models.touch_model import load_touch_model
 from pipeline.tuning.explain import Count
 from stages.fit_charts.settings import ChartSettings
@@ -24,7 +24,7 @@ def explain(settings: ChartSettings, models: Mapping[str, Path], tasks: Sequence
         yield Count("charts fitted", fitted, sensors - fitted, "nothing touched: the undeformed square")
         if model is None:
             depth = task.inputs["touch"]["depth"][touched]
-            inside = int((depth < Sensor.model_validate(task.attributes["touch"]["sensor"]).w).sum())
+            inside = int((depth < touch_sensor(task.attributes["touch"]).w).sum())
             yield Count("readings through the U-Net", 0, felt, "`cloud` is true: the points are the depth map's")
             yield Count("points fitted to", inside, depth.size - inside, "beyond the gel")
         else:

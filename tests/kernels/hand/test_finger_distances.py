@@ -21,7 +21,7 @@ from tests.kernels.hand.meshes import random_pose
 from tests.strategies import seeds
 
 HAND = load_hand("allegro_right")
-SENSOR = load_sensor(HAND.sensor)
+SENSOR = load_sensor(HAND.fingers[0].sensor)
 
 
 @given(seed=seeds)
@@ -32,7 +32,7 @@ def test_contact_and_clearance_over_a_plane_are_heights(seed) -> None:
     field = build_distance_field(block.vertices, block.faces, cell=0.3, band=0.6)
     frames = forward_kinematics(HAND, random_pose(rng, base + [0, 0, 0.1])[None], rng.uniform(HAND.lower, HAND.upper)[None])
     spheres = collision_spheres(HAND, spacing=0.02)
-    fingers, lost = finger_geometry(HAND, spheres, SENSOR), 2.0**-20 * 11  # float32 at 10 m
+    fingers, lost = finger_geometry(HAND, spheres, [SENSOR] * 4), 2.0**-20 * 11  # float32 at 10 m
     centres = spheres.world_centres(frames)
     clearance, (contact, coverage) = finger_clearance(field, fingers, frames), gel_contact(field, gel_probes(HAND, fingers, frames))
     for number, finger in enumerate(HAND.fingers):
@@ -48,4 +48,4 @@ def test_finger_without_collision_shape_is_refused(hand: Hand) -> None:
     links = tuple(replace(link, collisions=()) if number in thumb else link for number, link in enumerate(hand.links))
     bare = replace(hand, links=links)
     with pytest.raises(InvalidInput, match=r"allegro_right\.urdf: no link of thumb has a collision shape"):
-        finger_geometry(bare, collision_spheres(bare, spacing=0.02), SENSOR)
+        finger_geometry(bare, collision_spheres(bare, spacing=0.02), [SENSOR] * 4)

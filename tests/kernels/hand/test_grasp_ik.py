@@ -28,7 +28,9 @@ def plate() -> DistanceField:
 @pytest.fixture(scope="module")
 def ik(hand: Hand) -> GraspIk:
     spheres = collision_spheres(hand, spacing=0.006, tolerance=0.002)
-    return prepare_grasp_ik(hand, spheres, load_sensor(hand.sensor), samples=512, clearance=0.001, finger_gap=0.001)
+    return prepare_grasp_ik(
+        hand, spheres, [load_sensor(finger.sensor) for finger in hand.fingers], samples=512, clearance=0.001, finger_gap=0.001
+    )
 
 
 def above_plate(hand: Hand, height: float) -> np.ndarray:

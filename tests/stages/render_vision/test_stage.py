@@ -20,6 +20,7 @@ from stages.render_vision.stage import RenderVision
 from tests.kernels.vision.shapes import ball
 
 STAGE = RenderVision()
+HAND = "allegro_right"
 GRASPS = 3
 
 
@@ -43,7 +44,7 @@ def rows(settings: VisionSettings, *tasks: Task) -> list[Row]:
 
 
 def test_rows_have_the_shapes_and_types_of_the_schema() -> None:
-    (row,) = rows(VisionSettings(), task("a", 0.15))
+    (row,) = rows(VisionSettings(hand=HAND), task("a", 0.15))
     assert {name: (array.shape, array.dtype.name) for name, array in row.items()} == {
         "unoccluded": ((256, 256, 3), "uint8"),
         "occluded": ((GRASPS, 256, 256, 3), "uint8"),
@@ -51,7 +52,7 @@ def test_rows_have_the_shapes_and_types_of_the_schema() -> None:
     }
     declared = {name for name, array in STAGE.output.arrays.items() if array.per_object} - set(COMMON)
     assert set(row) == {name for name in declared if not name.startswith("further")}
-    assert set(STAGE.constants(VisionSettings())) == {"camera"}
+    assert set(STAGE.constants(VisionSettings(hand=HAND))) == {"camera"}
 
 
 def test_further_cameras_of_a_scene_add_images_and_change_none(tmp_path) -> None:
@@ -60,7 +61,7 @@ def test_further_cameras_of_a_scene_add_images_and_change_none(tmp_path) -> None
     closer = first | {"position": [0.486, 0.2305, 0.787], "name": "closer"}
     path = tmp_path / "two.yaml"
     path.write_text(json.dumps(described | {"cameras": [first | {"name": "again"}, closer]}))
-    plain, several = VisionSettings(resolution=64), VisionSettings(resolution=64, scene=str(path))
+    plain, several = VisionSettings(hand=HAND, resolution=64), VisionSettings(hand=HAND, resolution=64, scene=str(path))
     (before,), (row,) = rows(plain, task("a", 0.1)), rows(several, task("a", 0.1))
     assert all(before[name].tobytes() == row[name].tobytes() for name in before)
     assert (row["further_unoccluded"][0] == row["unoccluded"]).all()
@@ -101,7 +102,7 @@ def test_two_cameras_of_one_name_are_refused(tmp_path) -> None:
 
 
 def test_images_show_object_and_hand() -> None:
-    (row,) = rows(VisionSettings(), task("a", 0.15))
+    (row,) = rows(VisionSettings(hand=HAND), task("a", 0.15))
     assert set(np.unique(row["segmentation"][0])) == {0, 1}
     for view in (1, 2):
         assert set(np.unique(row["segmentation"][view])) == {0, 1, 2}
@@ -111,8 +112,8 @@ def test_images_show_object_and_hand() -> None:
 
 
 def test_another_hand_than_that_of_the_grasps_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"made with hand other, render-vision.hand is allegro_right; set both with --set hand=other"):
-        STAGE.check_inputs(VisionSettings(), {"grasps": {"settings": {"hand": "other"}}})
+    with pytest.raises(InvalidInput, match=r"with hand other, render-vision.hand is allegro_right; leave it out, or say --set hand=other"):
+        STAGE.check_inputs(VisionSettings(hand=HAND), {"grasps": {"settings": {"hand": "other"}}})
 
 
 def test_a_hand_whose_mesh_changed_since_the_grasps_is_refused(tmp_path) -> None:
@@ -128,21 +129,21 @@ def test_a_hand_whose_mesh_changed_since_the_grasps_is_refused(tmp_path) -> None
 
 
 def test_an_image_does_not_depend_on_earlier_objects() -> None:
-    settings = VisionSettings(resolution=64)
+    settings = VisionSettings(hand=HAND, resolution=64)
     (alone,) = rows(settings, task("b", 0.1))
     _, after = rows(settings, task("a", 0.2), task("b", 0.1))
     assert all((alone[name] == after[name]).all() for name in alone)
 
 
 def test_without_occluded_only_the_object_is_rendered() -> None:
-    (row,) = rows(VisionSettings(occluded=False, resolution=64), task("a", 0.15))
+    (row,) = rows(VisionSettings(hand=HAND, occluded=False, resolution=64), task("a", 0.15))
     assert set(row) == {"unoccluded", "segmentation"}
     assert row["segmentation"].shape == (1, 64, 64)
 
 
 @pytest.mark.parametrize("resolution", [256, 64])
 def test_camera_matrix_projects_to_the_image(resolution) -> None:
-    settings = VisionSettings(resolution=resolution)
+    settings = VisionSettings(hand=HAND, resolution=resolution)
     camera = STAGE.constants(settings)["camera"]
     (row,) = rows(settings, task("a", 0.1))
     at = np.argwhere(row["segmentation"][0] == 1).mean(axis=0)[::-1] + 0.5
@@ -151,7 +152,7 @@ def test_camera_matrix_projects_to_the_image(resolution) -> None:
 
 
 def test_assets_are_files_and_attributes_describe_the_scene() -> None:
-    assets = STAGE.assets(VisionSettings())
+    assets = STAGE.assets(VisionSettings(hand=HAND))
     assert all(path.is_file() for path in assets)
     assert {"supplement.yaml", "allegro_right.yaml", "mesh.frag"} <= {path.name for path in assets}
-    assert "position" in STAGE.attributes(VisionSettings())["scene"]["lamp"]
+    assert "position" in STAGE.attributes(VisionSettings(hand=HAND))["scene"]["lamp"]

@@ -23,7 +23,7 @@ def test_attempts_yield_sound_grasps_that_touch(grasped: Grasped) -> None:
 
 def test_touched_sensors_have_a_surface_in_the_gel(prepared: PreparedHand, grasped: Grasped) -> None:
     """Rays of trimesh's own from a few pixels of every sensor, over float32 Embree: a touch is something within the gel."""
-    spots = (np.arange(24) + 0.5) / 24 * prepared.sensor.width - prepared.sensor.width / 2
+    spots = (np.arange(24) + 0.5) / 24 * prepared.sensors[0].width - prepared.sensors[0].width / 2
     x, y = (axis.ravel() for axis in np.meshgrid(spots, spots))
     for mesh, grasps in grasped:
         body = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
@@ -33,9 +33,9 @@ def test_touched_sensors_have_a_surface_in_the_gel(prepared: PreparedHand, grasp
                 hits, rays, _ = body.ray.intersects_location(origins, np.tile(pose[:3, 2], (len(x), 1)), multiple_hits=False)
                 nearest = np.linalg.norm(hits - origins[rays], axis=1).min(initial=np.inf)
                 if touched:
-                    assert 0 < nearest < prepared.sensor.w + 5e-4  # 24² rays pass by what 100² see
+                    assert 0 < nearest < prepared.sensors[0].w + 5e-4  # 24² rays pass by what 100² see
                 else:
-                    assert nearest > prepared.sensor.w - 2e-4
+                    assert nearest > prepared.sensors[0].w - 2e-4
 
 
 def test_grasp_keeps_joint_limits_and_sensor_poses_follow_from_joints(prepared: PreparedHand, grasped: Grasped) -> None:

@@ -1,11 +1,13 @@
 """The stage on a pressed ball: arrays as declared, and one from another as documented."""
 
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import pytest
 import trimesh
 
+from pipeline.config.description_file import description_path
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Task
@@ -20,6 +22,7 @@ from tests.kernels.touch.shapes import SENSOR, pose_at
 
 STAGE = SimulateTouch()
 SIZES = {"row": 100, "col": 100, "rgb": 3, "point": 10_000, "xyz": 3, "grasp": 2, "sensor": 3}
+WORN = ("gel_16mm",) * 3
 CENTRE = np.array([0.0, 0.0, 0.6])
 
 
@@ -45,7 +48,7 @@ def run(settings: TouchSettings, poses: np.ndarray) -> Row:
 
 @pytest.mark.parametrize("tracer", ["ray", "sphere"])
 def test_rows_match_the_schema_and_follow_from_depth(tracer: Literal["ray", "sphere"]) -> None:
-    settings = TouchSettings(tracer=tracer, store_points=True)
+    settings = TouchSettings(sensors=WORN, tracer=tracer, store_points=True)
     poses = six_poses()
     row = run(settings, poses)
     for name, array in {**row, **STAGE.constants(settings)}.items():
@@ -66,14 +69,14 @@ def test_rows_match_the_schema_and_follow_from_depth(tracer: Literal["ray", "sph
 
 
 def test_tracers_agree_to_the_tolerance() -> None:
-    ray = run(TouchSettings(tracer="ray", gel_bits=None, far_bits=None), six_poses())["depth"]
-    sphere = run(TouchSettings(tracer="sphere", gel_bits=None, far_bits=None), six_poses())["depth"]
+    ray = run(TouchSettings(sensors=WORN, tracer="ray", gel_bits=None, far_bits=None), six_poses())["depth"]
+    sphere = run(TouchSettings(sensors=WORN, tracer="sphere", gel_bits=None, far_bits=None), six_poses())["depth"]
     assert (np.isfinite(ray) == np.isfinite(sphere)).all()
     assert np.abs(ray[np.isfinite(ray)] - sphere[np.isfinite(ray)]).max() <= 2e-7
 
 
 def test_local_points_are_stored_on_demand() -> None:
-    settings = TouchSettings()
+    settings = TouchSettings(sensors=WORN)
     assert set(run(settings, six_poses())) == {"depth", "reading"}
     assert STAGE.attributes(settings)["sensor"]["w"] == SENSOR.w
     assert [path.name for path in STAGE.assets(settings)] == ["gel_16mm.yaml"]
@@ -83,16 +86,31 @@ def test_pose_that_is_not_finite_is_invalid_input() -> None:
     poses = six_poses()
     poses[1, 2, 0, 0] = np.nan
     with pytest.raises(InvalidInput, match="NaN"):
-        run(TouchSettings(), poses)
+        run(TouchSettings(sensors=WORN), poses)
 
 
 def test_another_sensor_than_that_of_the_hand_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"the hand carries sensor other, .* is gel_16mm; --set simulate-touch.sensor=other"):
-        STAGE.check_inputs(TouchSettings(), {"grasps": {"hand": {"sensor": "other"}}})
+    with pytest.raises(InvalidInput, match=r"the hand wears \['other'\], simulate-touch.sensors is .*gel_16mm.*; leave it out"):
+        STAGE.check_inputs(TouchSettings(sensors=WORN), {"grasps": {"hand": {"sensor_files": ["other"]}}})
+
+
+def test_sensors_follow_the_grasps_and_may_differ_between_fingers(tmp_path: Path) -> None:
+    """A thinner gel on the last finger: its readings, its untouched image and its local points are its own."""
+    thin = tmp_path / "thin.yaml"
+    thin.write_text(description_path("sensor", "gel_16mm").read_text().replace("w: 0.0068", "w: 0.002"))
+    worn = ("gel_16mm", "gel_16mm", str(thin))
+    settings = STAGE.settle(TouchSettings(store_points=True), {"grasps": {"hand": {"sensor_files": list(worn)}}})
+    assert settings.sensors == worn
+    row, alike = run(settings, six_poses()), run(TouchSettings(sensors=WORN, store_points=True), six_poses())
+    assert (row["reading"][:, :2] == alike["reading"][:, :2]).all()
+    assert (row["reading"][0, 2] == STAGE.constants(settings)["untouched_of_sensor"][2]).all()  # 6 mm away: in the thick gel alone
+    assert row["local_count"][0].tolist()[2] == 0 < alike["local_count"][0, 2]
+    assert [one["w"] for one in STAGE.attributes(settings)["sensor"]] == [0.0068, 0.0068, 0.002]
+    assert [path.name for path in STAGE.assets(settings)] == ["gel_16mm.yaml", "thin.yaml"]
 
 
 def test_a_sensor_file_that_changed_since_the_grasps_is_refused() -> None:
-    digest = assets_digest(STAGE.assets(TouchSettings()))
-    STAGE.check_inputs(TouchSettings(), {"grasps": {"hand": {"sensor": "gel_16mm", "sensor_digest": digest}}})
+    digest = assets_digest(STAGE.assets(TouchSettings(sensors=WORN)))
+    STAGE.check_inputs(TouchSettings(sensors=WORN), {"grasps": {"hand": {"sensor_files": list(WORN), "sensor_digest": digest}}})
     with pytest.raises(InvalidInput, match="the file of sensor gel_16mm has changed since the grasps were made; run simulate-grasps again"):
-        STAGE.check_inputs(TouchSettings(), {"grasps": {"hand": {"sensor": "gel_16mm", "sensor_digest": "0" * 64}}})
+        STAGE.check_inputs(TouchSettings(sensors=WORN), {"grasps": {"hand": {"sensor_files": list(WORN), "sensor_digest": "0" * 64}}})
