@@ -46,7 +46,7 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help docs setup system household dataset summary train train-unet evaluate train-single-image evaluate-single-image single-image renderings report reproduce test test-slow test-cpus test-slurm test-storage lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
+.PHONY: help docs setup system household dataset summary train train-unet evaluate train-single-image evaluate-single-image single-image renderings report reproduce test test-slow test-cpus test-report test-slurm test-storage lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
 FORCE:
 
 help:  ## list the targets
@@ -92,7 +92,7 @@ IMPLICIT  = $(filter implicit-%,$(CONFIGURATIONS))
 train: $(addprefix train-gcn.,$(filter-out implicit-%,$(CONFIGURATIONS))) $(addprefix train-implicit.,$(IMPLICIT))  ## train these networks, and the U-Net for those that feel
 evaluate: train $(TOUCHES)  ## evaluate these networks on the test objects, beside the supplement's tables
 	@$(RUN) --set 'evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]'
-report: evaluate  ## check the supplement's orderings; draw learning curves and reconstructions
+report: evaluate  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
 	@$(BIN)/vt-pipeline report $(DATA)
 
 reproduce:  ## test the supplement's claims on 240 procedural objects: dataset, training, evaluation, report (about an hour)
@@ -169,6 +169,11 @@ test-cpus: lint  ## run the tests as on older processors: without AVX-512, and w
 
 test-slow: lint  ## run the same tests at full size
 	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
+
+test-report: $(VENV)/installed-dev  ## click through a report in headless Chromium, with an accessibility checker; as root (4 minutes on 2 cores)
+	@missing=$$($(call missing,chromium)); $(install)
+	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[browser]'
+	@$(BIN)/pytest -n 0 tests/browser/report_in_browser.py
 
 test-slurm: $(VENV)/installed-dev  ## install Slurm, start one of one node, and run all stages on it; as root (under 10 minutes on 2 cores)
 	@missing=$$($(call missing,slurm-wlm munge)); $(install)

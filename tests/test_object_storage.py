@@ -54,7 +54,7 @@ def test_every_stage_makes_what_it_makes_on_a_disk(address, manifest, made, monk
     vt("summary", data)
     vt("report", data, "--most", "1")
     vt("predict", tmp_path / "out.obj", "--data", data, "--object", "duck")
-    assert all(exists(place(data) / name) for name in ("contact-sheet.png", "learning-curves.png", "reconstructions.png"))
+    assert all(exists(place(data) / name) for name in ("contact-sheet.png", "report/index.html", "report/objects/duck.mesh.js"))
     assert "0 removed" in vt("collect-garbage", data)
 
 

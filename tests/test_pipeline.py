@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
+import io
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -225,7 +229,27 @@ def test_a_report_says_what_was_evaluated_and_draws_it(made):
     said = vt("report", str(made))
     assert "Table 3" in said
     assert "Do the supplement's orderings hold?" in said
-    assert all((made / name).stat().st_size > 10_000 for name in ("learning-curves.png", "reconstructions.png"))
+    report = made / "report"
+    assert (report / "figures" / "reconstructions.png").stat().st_size > 10_000
+    pages = {path.name: path.read_text() for path in report.rglob("*.html")}
+    assert {"index.html", "gallery.html", "figures.html", "results.html", "about.html", "duck.html"} < pages.keys()
+    links = [(page.parent, link) for page in report.rglob("*.html") for link in re.findall(r'(?:href|src)="([^"]+)"', pages[page.name])]
+    assert not [link for folder, link in links if not link.startswith(("data:", "#")) and not (folder / link).exists()]
+    assert "Do the supplement" in pages["results.html"]
+    assert "Table 3" in pages["results.html"]
+    test = GraspDataset(made, ["points"], "test").items[0][0]
+    assert "occluded-touch, 5 grasps" in pages[f"{test}.html"]
+    scene = trimesh.load(io.BytesIO(scene_of(report / "objects" / "duck.mesh.js")), file_type="glb")
+    nodes = {f"grasp-{grasp}-{part}" for grasp in range(5) for part in ("hand", "sensors", "touched", "charts")}
+    assert {"object"} | nodes <= set(scene.graph.nodes)
+    before = {path: path.stat().st_mtime_ns for path in (report / "objects").iterdir()}
+    vt("report", str(made), "--most", "1")
+    assert {path: path.stat().st_mtime_ns for path in (report / "objects").iterdir()} == before
+
+
+def scene_of(script: Path) -> bytes:
+    """The glTF scene that a page loads as a script."""
+    return gzip.decompress(base64.b64decode(script.read_text().split('"')[3]))
 
 
 def test_one_grasp_becomes_a_mesh_file(made, tmp_path):

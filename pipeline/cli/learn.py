@@ -28,7 +28,7 @@ from pipeline.engine.run import make_plans
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StageError
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import exists, place, written_to
+from pipeline.store.storage import exists, place
 from pipeline.tuning import sweep as sweeps
 from stages.registry import STAGES, load_stage, resolve
 
@@ -123,32 +123,31 @@ def predict(
 
 def report(
     data: DataArgument,
-    most: Annotated[int, typer.Option(min=1, help="Reconstructions to draw at most, spread evenly.")] = 10,
+    most: Annotated[int, typer.Option(min=1, help="Objects in the figure of reconstructions at most, spread evenly.")] = 10,
 ) -> None:
-    """Print the evaluation's tables and whether the supplement's orderings hold; draw learning curves and reconstructions."""
-    from pipeline.reports.learning_curves import draw_curves
+    """Print the evaluation's tables and whether the supplement's orderings hold; write pages with a gallery and figures: DATA/report."""
+    from pipeline.reports.html_report import write_report
     from pipeline.reports.orderings import orderings, show_orderings
-    from pipeline.reports.reconstruction_gallery import draw_gallery
     from stages.evaluate.printed_tables import show, show_training
     from stages.evaluate_single_image.printed_table import show as show_single_image
 
     directory = DataDirectory(data)
-    if exists(directory.folder_record(SINGLE)):
+    evaluated, single = (exists(directory.folder_record(name)) for name in ("evaluation", SINGLE))
+    if single:
         directory.check_origins([SINGLE])
         show_single_image(directory.whole_folder(SINGLE), console)
-        if not exists(directory.folder_record("evaluation")):
+        if not evaluated:
             return
-    directory.check_origins(["evaluation"])
-    folder = directory.whole_folder("evaluation")
-    show(folder, console)
-    show_orderings(orderings(folder), console)
-    trained = [name for name in ("models/unet", *directory.folder("evaluation").models) if exists(directory.folder_record(name))]
-    show_training({Path(name).name: directory.folder(name).facts for name in trained}, console)
-    with written_to(directory.root) as folder:
-        draw_curves({Path(name).name: directory.whole_folder(name) for name in trained}, folder / "learning-curves.png")
-        shown = draw_gallery(directory.root, folder / "reconstructions.png", most)
-    say(f"learning curves: {directory.root / 'learning-curves.png'}")
-    say(f"reconstructions of {len(shown)} objects: {directory.root / 'reconstructions.png'}")
+    if evaluated:
+        directory.check_origins(["evaluation"])
+        folder = directory.whole_folder("evaluation")
+        show(folder, console)
+        show_orderings(orderings(folder), console)
+        trained = [name for name in ("models/unet", *directory.folder("evaluation").models) if exists(directory.folder_record(name))]
+        show_training({Path(name).name: directory.folder(name).facts for name in trained}, console)
+    else:
+        say("no network has been evaluated: the report shows the dataset alone; `make evaluate` trains and evaluates some")
+    say(f"report: {write_report(directory.root, console, most)}")
 
 
 def _grid(options: list[str]) -> dict[str, list[Any]]:

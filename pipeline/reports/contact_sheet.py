@@ -81,18 +81,17 @@ class BandMaker:
         self.renderer, self.scene, self.hand, self.sensors = renderer, scene, hand, sensors
         self.shapes = [(link, renderer.add(mesh, Label.HAND), mesh) for link, mesh in hand.visual_meshes]
 
-    def band(self, object_id: str, rows: Mapping[str, Mapping[str, np.ndarray]]) -> Band:
-        """Make the band of an object's best grasp from its rows of the artifacts `SHOWN`."""
-        grasps, touch, vision = rows["grasps"], rows["touch"], rows["vision"]
-        touched, depths, poses, hand_pose = grasps["touch_success"][0], touch["depth"][0], grasps["sensor_pose"][0], grasps["hand_pose"][0]
-        mesh, colors = read_mesh(rows["surfaces"]), finger_colors(len(touched))
-        frames = forward_kinematics(self.hand, hand_pose, grasps["joint_angles"][0])  # (L, 4, 4)
+    @contextmanager
+    def grasp_view(self, rows: Mapping[str, Mapping[str, np.ndarray]], grasp: int) -> Iterator[GraspView]:
+        """Take an object into the renderer, for as long as the context lasts, and say what a second view shows of one of its grasps."""
+        row, depths = rows["grasps"], rows["touch"]["depth"][grasp]
+        poses, hand_pose, colors = row["sensor_pose"][grasp], row["hand_pose"][grasp], finger_colors(len(depths))
+        frames = forward_kinematics(self.hand, hand_pose, row["joint_angles"][grasp])  # (L, 4, 4)
         sites = zip(depths, poses, self.sensors, colors, strict=True)
-        patches = [touch_patch(*one) for one, contact in zip(sites, touched, strict=True) if contact]
-        unoccluded = vision["unoccluded"]
-        occluded = vision["occluded"][0] if "occluded" in list(vision) else np.full_like(unoccluded, 255)
+        patches = [touch_patch(*one) for one, contact in zip(sites, row["touch_success"][grasp], strict=True) if contact]
+        mesh = read_mesh(rows["surfaces"])
         with self.renderer.added(mesh, Label.OBJECT) as handle:
-            view = GraspView(
+            yield GraspView(
                 object_mesh=(handle, mesh),
                 hand=[(shape, surface, frames[link]) for link, shape, surface in self.shapes],
                 patches=[patch for patch in patches if patch is not None],
@@ -100,6 +99,13 @@ class BandMaker:
                 squares=gel_squares(poses, self.sensors),
                 colors=colors,
             )
+
+    def band(self, object_id: str, rows: Mapping[str, Mapping[str, np.ndarray]]) -> Band:
+        """Make the band of an object's best grasp from its rows of the artifacts `SHOWN`."""
+        grasps, touch, vision = rows["grasps"], rows["touch"], rows["vision"]
+        touched, depths, unoccluded = grasps["touch_success"][0], touch["depth"][0], vision["unoccluded"]
+        occluded = vision["occluded"][0] if "occluded" in list(vision) else np.full_like(unoccluded, 255)
+        with self.grasp_view(rows, 0) as view:
             held, felt = second_view(self.renderer, self.scene, len(unoccluded), view)
         return Band(
             title=object_id,

@@ -142,11 +142,11 @@ def _band(page: Image.Image, top: int, band: Band, sensors: Sequence[Sensor]) ->
         page.paste(_scaled(reading, TILE), (left, body))
         page.paste(_scaled(depth_colors(depth, sensor), TILE), (left, body + TILE + 3))
         pencil.rectangle([left - 1, body + TILE + 2, left + TILE, body + 2 * TILE + 3], outline=RULE)
-        pencil.text((left, body + 2 * TILE + 6), _verdict(touched, 1e3 * float(depth.min())), ink, _font(11))
+        pencil.text((left, body + 2 * TILE + 6), verdict(touched, 1e3 * float(depth.min())), ink, _font(11))
         left += TILE + GAP
 
 
-def _verdict(touched: bool, least: float) -> str:
+def verdict(touched: bool, least: float) -> str:
     """Say how near the surface comes, from the least depth, mm."""
     if not np.isfinite(least):
         return "nothing in range"

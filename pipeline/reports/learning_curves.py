@@ -15,7 +15,10 @@ WIDTH, HEIGHT, DPI = 3.4, 2.6, 110
 
 
 def draw_curves(folders: Mapping[str, Path], path: Path) -> None:
-    """Draw the curves of every model folder into a PNG at `path`: losses on a logarithmic scale, a dot at the epoch that was kept."""
+    """Draw the curves of every model folder into a picture at `path`, PNG or SVG by suffix.
+
+    Losses are on a logarithmic scale; a dot marks the epoch that was kept.
+    """
     with matplotlib.rc_context({"font.size": 8}):
         columns = min(4, len(folders))
         rows = -(-len(folders) // columns)
@@ -27,7 +30,7 @@ def draw_curves(folders: Mapping[str, Path], path: Path) -> None:
             valid = [row["loss"] for row in history]
             axes.semilogy(epochs, [row["train_loss"] for row in history], label="training", linewidth=1)
             axes.semilogy(epochs, valid, label="validation", linewidth=1)
-            axes.plot([1 + valid.index(min(valid))], [min(valid)], "o", markersize=4, color="black")
+            axes.plot([1 + valid.index(min(valid))], [min(valid)], "o", markersize=4, color=matplotlib.rcParams["text.color"])
             axes.set(title=name, xlabel="epoch", ylabel="loss")
             axes.legend(frameon=False)
-        figure.savefig(path)
+        figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)

@@ -73,13 +73,8 @@ class GraspView:
     colors: Sequence[Color]
 
 
-def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Render a grasp from another side, with the lamp moved along with the camera.
-
-    Returns
-    -------
-    Two images, (R, R, 3) uint8: the hand close by, and the whole object alone with its touch sites.
-    """
+def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> tuple[Camera, Camera]:
+    """Choose the camera that looks at the hand from another side, close by, and one in its direction that sees the whole object."""
     camera = scene.camera.with_resolution(resolution)
     handle, mesh = grasp.object_mesh
     whole: PosedMesh = (handle, np.eye(4))
@@ -91,11 +86,23 @@ def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspV
         views,
         key=lambda view: _shown(renderer, view.with_resolution(TRIAL_RESOLUTION), [whole, *held]) * _across(view, grasp.palm),
     )
-    far = _zoomed(_towards(camera, mesh.vertices, camera_pose(near)[:3, 2]), np.vstack([mesh.vertices, corners]))
+    return near, _zoomed(_towards(camera, mesh.vertices, camera_pose(near)[:3, 2]), np.vstack([mesh.vertices, corners]))
+
+
+def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Render a grasp from another side, with the lamp moved along with the camera.
+
+    Returns
+    -------
+    Two images, (R, R, 3) uint8: the hand close by, and the whole object alone with its touch sites.
+    """
+    near, far = grasp_cameras(renderer, scene, resolution, grasp)
+    whole: PosedMesh = (grasp.object_mesh[0], np.eye(4))
+    held: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]
     with ExitStack() as added:
         marks: list[PosedMesh] = [(added.enter_context(renderer.added(patch, Label.HAND)), np.eye(4)) for patch in grasp.patches]
         views_of = (([whole, *held], near), ([whole, *marks], far))
-        close, apart = (renderer.render(meshes, view, _lamp(scene, view)).rgb for meshes, view in views_of)
+        close, apart = (renderer.render(meshes, view, lamp_beside(scene, view)).rgb for meshes, view in views_of)
     return _outlined(close, near, grasp.squares, grasp.colors), _outlined(apart, far, grasp.squares, grasp.colors)
 
 
@@ -157,7 +164,7 @@ def _vector(coordinates: NDArray[np.float64]) -> Vector:
     return x, y, z
 
 
-def _lamp(scene: Scene, camera: Camera) -> Vector:
+def lamp_beside(scene: Scene, camera: Camera) -> Vector:
     """Move the lamp with the camera: an image from behind is lit as one from the front."""
     carried = camera_pose(camera) @ np.linalg.inv(camera_pose(scene.camera)) @ np.array([*scene.lamp.position, 1.0])
     return _vector(carried[:3])

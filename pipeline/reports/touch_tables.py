@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.markup import escape
 
@@ -26,13 +27,23 @@ def show(found: dict[str, Tally], sensors: list[str], console: Console) -> None:
     print_table(console, ("class", "objects", "grasps", "touches", "% successful", "supplement", "% of all attempts"), rows)
 
     touched = np.concatenate(everything.touched)
-    shares = 100 * np.bincount(touched.sum(axis=1), minlength=touched.shape[1] + 1) / len(touched)
+    shares = touches_per_grasp(touched)
     rows = [("here", *_rounded(shares))]
-    if len(shares) == 1 + len(SUPPLEMENT_HISTOGRAM):
-        rows.append(("supplement", "–", *_rounded(SUPPLEMENT_HISTOGRAM)))
+    if supplement := supplement_touches(len(shares)):
+        rows.append(("supplement", "–", *_rounded(supplement[1:])))
     print_table(console, ("touches per grasp, %", *range(len(shares))), rows)
     rows = [("kept", *_rounded(100 * touched.mean(axis=0))), ("all attempts", *_rounded(100 * np.mean(everything.tried, axis=0)))]
     print_table(console, ("touches per finger, %", *map(escape, sensors)), rows)
+
+
+def touches_per_grasp(touched: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Compute the per cent of grasps with 0, 1, … successful touches from `touched` (grasp, sensor)."""
+    return np.asarray(100 * np.bincount(touched.sum(axis=1), minlength=touched.shape[1] + 1) / len(touched))
+
+
+def supplement_touches(count: int) -> tuple[float, ...]:
+    """The supplement's per cent of grasps with 0, 1, … touches, the first one 0; empty where the hand has another number of sensors."""
+    return (0.0, *SUPPLEMENT_HISTOGRAM) if count == 1 + len(SUPPLEMENT_HISTOGRAM) else ()
 
 
 def _rounded(shares: Iterable[float]) -> list[str]:

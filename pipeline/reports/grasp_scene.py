@@ -1,0 +1,196 @@
+"""An object with its grasps as one glTF scene: object, hand, gels, touched surface, touch charts and predictions, each a node by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import fast_simplification
+import numpy as np
+import trimesh
+import trimesh.visual
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.spatial import cKDTree
+from trimesh.visual.color import srgb_to_linear
+
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.touch_charts import is_surface
+from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS, Y_UP
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.reports.contact_sheet_page import Color, finger_colors
+from pipeline.reports.second_view import gel_squares, touch_patch
+
+OBJECT_FACES, LINK_FACES = 6000, 80
+"""Most faces of an object and of each shape of a hand where a scene is to be small: about as many as a screen shows."""
+
+GRID = 2.0**-15
+"""m to which coordinates are rounded where a scene is to be small: 30 µm, after which files compress to half."""
+
+TEXTURE = 256
+"""Pixels along the longest side of a texture where a scene is to be small."""
+
+Rows = Mapping[str, Mapping[str, np.ndarray]]
+Scene = Any
+"""A `trimesh.Scene`, whose methods have no types."""
+_visual: Any = trimesh.visual
+
+
+class GraspScenes:
+    """Make the scenes of a dataset's objects, for one hand and its sensors.
+
+    Parameters
+    ----------
+    hand, sensors
+        As the dataset was made with; one sensor per finger.
+    small
+        Whether meshes are simplified and coordinates rounded, for a web page; else they are as stored.
+    """
+
+    def __init__(self, hand: Hand, sensors: Sequence[Sensor], *, small: bool) -> None:
+        self.hand, self.sensors, self.small = hand, sensors, small
+        self._shapes = [(link, f"shape-{number}", self._shape(mesh)) for number, (link, mesh) in enumerate(hand.visual_meshes)]
+
+    def scene(self, rows: Rows, grasps: Iterable[int] | None = None) -> Scene:
+        """Make the scene of an object from its rows of `surfaces`, `grasps` and, where there are some, `touch` and `charts`.
+
+        Returns
+        -------
+        Nodes `object`, and per grasp K `grasp-K-hand`, `grasp-K-sensors`, `grasp-K-touched` and `grasp-K-charts`; m, y up as glTF is.
+        """
+        scene = _empty()
+        for number, part in enumerate(self._object(rows["surfaces"])):
+            self._add(scene, f"object-{number}", part, "object")
+        for grasp in range(len(rows["grasps"]["hand_pose"])) if grasps is None else grasps:
+            self._add_grasp(scene, rows, grasp)
+        return scene
+
+    def predictions(self, surfaces: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Scene:
+        """Make a scene of predicted surfaces, vertices and faces by name; nodes are called `prediction-NAME`."""
+        scene = _empty()
+        for name, (vertices, faces) in surfaces.items():
+            self._add(scene, name, _plain(vertices, faces, VISION_COLORS[0][:3]), f"prediction-{name}")
+        return scene
+
+    def glb(self, scene: Scene) -> bytes:
+        """Write a scene as GLB; normals are left to whoever shows it."""
+        return bytes(scene.export(file_type="glb", include_normals=False))
+
+    def _add_grasp(self, scene: Scene, rows: Rows, grasp: int) -> None:
+        row = rows["grasps"]
+        colors = finger_colors(len(self.hand.fingers))
+        frames = forward_kinematics(self.hand, row["hand_pose"][grasp], row["joint_angles"][grasp])
+        for link, name, mesh in self._shapes:
+            self._add(scene, name, mesh, f"grasp-{grasp}-hand", frames[link])
+        for sensor, corners in enumerate(gel_squares(row["sensor_pose"][grasp], self.sensors)):
+            square = _plain(corners, np.array([[0, 1, 2], [0, 2, 3]]), colors[sensor])
+            self._add(scene, f"gel-{grasp}-{sensor}", square, f"grasp-{grasp}-sensors")
+        touched = np.flatnonzero(row["touch_success"][grasp]).tolist()
+        if "touch" in rows:
+            depth = rows["touch"]["depth"][grasp]
+            for sensor in touched:
+                if (
+                    patch := touch_patch(depth[sensor], row["sensor_pose"][grasp, sensor], self.sensors[sensor], colors[sensor])
+                ) is not None:
+                    part = _plain(patch.vertices, patch.faces, colors[sensor])
+                    self._add(scene, f"patch-{grasp}-{sensor}", part, f"grasp-{grasp}-touched")
+        if "charts" in rows:
+            charts = rows["charts"]
+            for sensor in np.flatnonzero(is_surface(charts["stop_rule"][grasp])).tolist():
+                part = _plain(charts["vertices"][grasp, sensor], charts["chart_faces"], TOUCH_COLOR[:3])
+                self._add(scene, f"chart-{grasp}-{sensor}", part, f"grasp-{grasp}-charts")
+
+    def _add(self, scene: Scene, name: str, mesh: trimesh.Trimesh, group: str, pose: NDArray[np.float64] | None = None) -> None:
+        """Add a mesh below the node `group`; a mesh that is there by its name is shared."""
+        if group not in scene.graph.nodes:
+            scene.graph.update(frame_from="world", frame_to=group, matrix=Y_UP)
+        node, matrix = f"{group}-{name}", np.eye(4) if pose is None else pose
+        if name in scene.geometry:
+            scene.graph.update(frame_from=group, frame_to=node, matrix=matrix, geometry=name)
+            return
+        if self.small and len(mesh.vertices):
+            mesh.vertices = np.round(mesh.vertices / GRID) * GRID
+        scene.add_geometry(mesh, node_name=node, geom_name=name, parent_node_name=group, transform=matrix)
+
+    def _shape(self, mesh: Mesh) -> trimesh.Trimesh:
+        vertices, faces = _merged(mesh)
+        if self.small:
+            vertices, faces = _simplified(vertices, faces, LINK_FACES)
+        return _plain(vertices, faces, tuple(mesh.look.base_color[mesh.look.face_material[0], :3].tolist()))
+
+    def _object(self, surface: Mapping[str, np.ndarray]) -> list[trimesh.Trimesh]:
+        mesh = read_mesh(surface)
+        if not self.small or len(mesh.faces) <= OBJECT_FACES:
+            side = TEXTURE if self.small else None
+            return [_of_material(mesh, material, side) for material in np.unique(mesh.look.face_material)]
+        vertices, faces = _simplified(*_merged(mesh), OBJECT_FACES)
+        painted = _vertex_colors(mesh)[cKDTree(mesh.vertices).query(vertices)[1]]
+        return [trimesh.Trimesh(vertices, faces, vertex_colors=_linear(painted), process=False)]
+
+
+def _empty() -> Scene:
+    return trimesh.Scene(base_frame="world")
+
+
+def _merged(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Join the vertices of a mesh that are at one place, so that simplifying it opens no seam."""
+    vertices, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    return vertices, number.reshape(-1)[mesh.faces]
+
+
+def _simplified(vertices: NDArray[np.float64], faces: NDArray[np.int64], most: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Simplify a mesh to about `most` faces by quadric error."""
+    if len(faces) <= most:
+        return vertices, faces
+    fewer: tuple[NDArray[Any], NDArray[Any]] = fast_simplification.simplify(vertices.astype(np.float32), faces, target_count=most)
+    return fewer
+
+
+def _of_material(mesh: Mesh, material: int, side: int | None) -> trimesh.Trimesh:
+    """Take the faces of one material, with its colour and texture, this no larger than `side` pixels."""
+    look, faces = mesh.look, mesh.faces[mesh.look.face_material == material]
+    used, corners = np.unique(faces, return_inverse=True)
+    texture, image = look.material_texture[material], None
+    if texture >= 0:
+        image = Image.fromarray(look.textures[texture]).convert("RGB")
+        if side is not None:
+            image.thumbnail((side, side))
+    shown = _visual.material.PBRMaterial(
+        baseColorFactor=_linear(look.base_color[material][None])[0],
+        baseColorTexture=image,
+        metallicFactor=0.0,
+        roughnessFactor=0.7,
+        doubleSided=True,
+    )
+    visual = _visual.TextureVisuals(uv=look.uv[used] if image else None, material=shown)
+    return trimesh.Trimesh(mesh.vertices[used], corners.reshape(-1, 3), visual=visual, process=False)
+
+
+def _vertex_colors(mesh: Mesh) -> NDArray[np.uint8]:
+    """Look up the (V, 4) sRGB colour of every vertex, in the material of one of its faces."""
+    look = mesh.look
+    material = np.zeros(len(mesh.vertices), int)
+    material[mesh.faces] = look.face_material[:, None]
+    colors = look.base_color[material].astype(float)
+    for number, texture in enumerate(look.textures):
+        wears = look.material_texture[material] == number
+        rows, cols = texture.shape[:2]
+        u, v = (look.uv[wears] % 1).T
+        colors[wears] *= texture[((1 - v) * (rows - 1)).astype(int), (u * (cols - 1)).astype(int)] / 255
+    return colors.astype(np.uint8)
+
+
+def _plain(vertices: np.ndarray, faces: np.ndarray, color: Color) -> trimesh.Trimesh:
+    material = _visual.material.PBRMaterial(
+        baseColorFactor=_linear(np.array([[*color, 255]], np.uint8))[0], metallicFactor=0.0, roughnessFactor=0.8, doubleSided=True
+    )
+    return trimesh.Trimesh(vertices, faces, visual=_visual.TextureVisuals(material=material), process=False)
+
+
+def _linear(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Turn (N, 4) sRGB colours into the linear ones that glTF's factors and vertex colours are; opaque."""
+    linear = srgb_to_linear(colors[:, :3] / 255)
+    return np.concatenate([np.round(255 * linear), np.full((len(colors), 1), 255)], axis=1).astype(np.uint8)

@@ -1,0 +1,207 @@
+"""The report as a folder of static pages that opens from a disk: overview, gallery, an object per page, figures, results, origin."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections import Counter
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from numpy.typing import ArrayLike
+from rich.console import Console
+
+import pipeline
+from pipeline.console import Meter
+from pipeline.dataset.touch_statistics import sensors_of, tally
+from pipeline.engine.keys import sources_hash
+from pipeline.reports import touch_tables
+from pipeline.reports.learning_curves import draw_curves
+from pipeline.reports.object_page import ObjectPages
+from pipeline.reports.orderings import orderings, show_orderings
+from pipeline.reports.paper_figures import draw_figures
+from pipeline.reports.printed_html import PrintedRow, PrintedTable, printed
+from pipeline.reports.provenance import commands, contents_table, records, settings_tables, versions_tables
+from pipeline.reports.report_source import ReportSource
+from pipeline.reports.svg_plots import draw_bars, draw_histogram, svg_theme
+from pipeline.store import digest
+from pipeline.store.storage import Place, exists, written_to
+from stages.evaluate.printed_tables import show, show_training
+
+ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
+COPIED = ("style.css", "viewer.js", "gallery.js", "three.min.js", "three.LICENSE")
+PAGES = {"index.html": "Overview", "gallery.html": "Gallery", "figures.html": "Figures", "results.html": "Results", "about.html": "About"}
+WRITTEN = "pages.json"
+"""What is known of the pages that are there: their keys, and what the gallery says of each object."""
+
+CARDS = 8
+"""Objects on the first page."""
+
+
+def write_report(data: Place, console: Console, most: int = 10) -> Place:
+    """Write the report of a data directory into its folder `report`; pages of objects that are up to date are left alone.
+
+    Parameters
+    ----------
+    data
+        A data directory.
+    console
+        Shows progress.
+    most
+        Reconstructions in the figure of reconstructions.
+
+    Returns
+    -------
+    Its first page.
+
+    Raises
+    ------
+    StoreError
+        An artifact that a report needs has not been made, or something was made from other rows than there are now.
+    """
+    source = ReportSource(data)
+    with written_to(data / "report") as folder:
+        (folder / "objects").mkdir(exist_ok=True)
+        (folder / "figures").mkdir(exist_ok=True)
+        for name in COPIED:
+            shutil.copyfile(ASSETS / name, folder / name)
+        objects = _write_objects(source, folder, console)
+        common = {"objects": len(objects), "evaluated": source.evaluation is not None}
+        cards = [{"id": name, **known} for name, known in objects.items()]
+        chosen = [cards[place] for place in np.linspace(0, len(cards) - 1, min(CARDS, len(cards))).astype(int)]
+        tables = printed(lambda kept: touch_tables.show(tally(data), sensors_of(data), kept))
+        plots = _plots(source, objects, folder)
+        _write(source, folder, "index.html", cards=chosen, tables=tables, plots=plots, tiles=_tiles(source), **common)
+        categories, splits = (sorted({card[key] for card in cards}) for key in ("category", "split"))
+        _write(source, folder, "gallery.html", cards=cards, categories=categories, splits=splits)
+        _write(source, folder, "figures.html", figures=draw_figures(source, folder / "figures", most))
+        _write(source, folder, "results.html", **_results(source, folder))
+        _write(source, folder, "about.html", **_about(source))
+    return data / "report" / "index.html"
+
+
+def _write_objects(source: ReportSource, folder: Path, console: Console) -> dict[str, Any]:
+    """Write the pages that are not there or not up to date; returns what the other pages say of each object."""
+    path = folder / WRITTEN
+    known = json.loads(path.read_text()) if path.exists() else {}
+    pages = ObjectPages(source, _environment().get_template("object.html.j2"), folder / "objects")
+    common = {"up": "../", "current": "", **_frame(source)}
+    whole = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
+    evaluated = source.directory.folder("evaluation").files if source.evaluation else {}
+    ids = source.object_ids
+    found = {}
+    with Meter(console, "report", len(ids), "objects") as meter:
+        for object_id, before, after in zip(ids, [None, *ids[:-1]], [*ids[1:], None], strict=True):
+            key = digest.of_json([whole, evaluated, source.digests(object_id), before, after, common["name"]])
+            if known.get(object_id, {}).get("key") != key or not (folder / "objects" / f"{object_id}.html").exists():
+                known[object_id] = {"key": key, **pages.write(object_id, before, after, common)}
+            found[object_id] = known[object_id]
+            meter.advance()
+    for old in (folder / "objects").iterdir():
+        if _object_of(old.name) not in found:
+            old.unlink()
+    path.write_text(json.dumps(found))
+    return found
+
+
+def _object_of(file: str) -> str:
+    """The object that a file of the folder `objects` is of."""
+    for ending in (".mesh.js", ".predictions.js", ".html", ".webp"):
+        if file.endswith(ending):
+            return file.removesuffix(ending)
+    return file
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(loader=FileSystemLoader(ASSETS), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+
+
+def _frame(source: ReportSource) -> dict[str, Any]:
+    """What every page says."""
+    return {"name": source.name, "pages": PAGES}
+
+
+def _write(source: ReportSource, folder: Path, name: str, **content: Any) -> None:
+    page = _environment().get_template(f"{name}.j2").render(up="", current=PAGES[name], **_frame(source), **content)
+    (folder / name).write_text(page)
+
+
+def _tiles(source: ReportSource) -> list[tuple[str, str]]:
+    """The numbers on the first page."""
+    found = tally(source.directory.root)
+    touched = np.concatenate([one for entry in found.values() for one in entry.touched])
+    return [
+        (str(len(source.object_ids)), "objects"),
+        (str(len(found)), "classes"),
+        (str(len(touched)), "grasps"),
+        (str(touched.sum()), f"touches, {100 * touched.mean():.0f} % of {touched.size}"),
+        (str(len(source.failures)), "failures"),
+    ]
+
+
+def _plots(source: ReportSource, objects: Mapping[str, Any], folder: Path) -> list[dict[str, str]]:
+    """Draw the touches per grasp beside the supplement's, and the contact areas by class."""
+    touched = np.concatenate([one for entry in tally(source.directory.root).values() for one in entry.touched])
+    shares = touch_tables.touches_per_grasp(touched)
+    theirs = touch_tables.supplement_touches(len(shares))
+    bars: Mapping[str, ArrayLike] = {"here": shares} | ({"supplement": theirs} if theirs else {})
+    draw_bars(folder / "figures" / "touches.svg", bars, range(len(shares)), x="touches per grasp", y="% of grasps")
+    areas = {
+        category: 1e6 * np.concatenate([one["areas"] for one in objects.values() if one["category"] == category])
+        for category in sorted({one["category"] for one in objects.values()})
+    }
+    draw_histogram(folder / "figures" / "contact.svg", areas, x="contact area per touch, mm²", y="% of touches")
+    means = ", ".join(f"{name} {one.mean():.0f}" for name, one in areas.items() if len(one))
+    said = ", ".join(f"{count}: {share:.1f} %" for count, share in enumerate(shares))
+    return [
+        {"file": "figures/touches.svg", "alt": f"Touches per grasp here: {said}", "caption": "Successful touches per grasp"},
+        {"file": "figures/contact.svg", "alt": f"Mean contact area, mm²: {means}", "caption": f"Contact area; mean, mm²: {means}"},
+    ]
+
+
+def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
+    """The evaluation's tables, whether the supplement's orderings hold, and the learning curves."""
+    directory, evaluation = source.directory, source.evaluation
+    trained = ["models/unet"] + (list(directory.folder("evaluation").models) if evaluation else [])
+    there = {Path(name).name: name for name in trained if exists(directory.folder_record(name))}
+    tables: list[PrintedTable] = []
+    if evaluation:
+        tables += printed(lambda kept: show(evaluation.folder, kept))
+        tables += printed(lambda kept: show_orderings(orderings(evaluation.folder), kept))
+    if there:
+        tables += printed(lambda kept: show_training({name: directory.folder(place).facts for name, place in there.items()}, kept))
+    curves = []
+    if there:
+        path = folder / "figures" / "learning-curves.svg"
+        with svg_theme(path):
+            draw_curves({name: directory.whole_folder(place) for name, place in there.items()}, path)
+        alt = f"Training and validation loss by epoch of {', '.join(there)}"
+        curves = [{"file": "figures/learning-curves.svg", "alt": alt, "caption": "A dot marks the epoch that was kept."}]
+    return {"tables": tables, "curves": curves}
+
+
+def _about(source: ReportSource) -> dict[str, Any]:
+    """Failures by reason, and where everything comes from."""
+    found = records(source.directory)
+    return {
+        "failures": _failures(source.failures),
+        "contents": contents_table(found),
+        "commands": commands(source.directory, found),
+        "settings": settings_tables(found),
+        "versions": versions_tables(found),
+    }
+
+
+def _failures(failures: Mapping[str, tuple[str, str]]) -> PrintedTable:
+    """Count the failures by stage and reason."""
+    rows = []
+    for (stage, reason), count in Counter(failures.values()).most_common():
+        names = [name for name, why in failures.items() if why == (stage, reason)]
+        rows.append(PrintedRow([stage, reason, str(count), ", ".join(names[:5]) + (" …" if count > 5 else "")]))
+    return PrintedTable("", ["stage", "reason", "objects", "which"], rows)

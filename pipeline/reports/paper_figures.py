@@ -1,0 +1,205 @@
+"""The paper's figures, drawn from a dataset: the grasp procedure, local points and charts, the sphere of charts, reconstructions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+
+from pipeline.config.scene_file import load_scene
+from pipeline.dataset.touch_charts import is_surface
+from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
+from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.pregrasp import pregrasp_angles
+from pipeline.kernels.touch.contact import local_points
+from pipeline.kernels.vision.scene import Scene
+from pipeline.models.touch_model import load_touch_model
+from pipeline.reports.contact_sheet import BandMaker
+from pipeline.reports.contact_sheet_page import COLORS, depth_colors
+from pipeline.reports.reconstruction_gallery import SCENE, draw_gallery, render_mesh
+from pipeline.reports.report_source import ReportSource
+from pipeline.reports.second_view import grasp_cameras, lamp_beside, second_view
+from pipeline.store.storage import exists
+from stages.render_vision.renderer import Renderer
+
+PIXELS = 384
+"""A rendered picture's side."""
+
+LOOKED_AT = 40
+"""Objects among which the one that a figure shows is chosen, spread evenly."""
+
+POINTS = 1500
+"""Points of a cloud that are drawn at most."""
+
+OPENING = 0.03
+"""m that the fingers are drawn back in the second step's picture, more than in physics, where nobody would see it."""
+
+RADIUS = 0.15
+"""m of the sphere of charts in its picture."""
+
+
+def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str, Any]]:
+    """Draw what the dataset has for them into PNG files below `folder`; returns title, text and pictures of each figure.
+
+    Parameters
+    ----------
+    source
+        The dataset.
+    folder
+        Where the files go.
+    most
+        Reconstructions shown at most.
+    """
+    object_id, grasp = _clearest_grasp(source)
+    vision = source.collections.get("vision")
+    scene = load_scene(str(vision.first.attributes["settings"]["scene"]) if vision else SCENE)
+    with Renderer(scene, PIXELS) as renderer:
+        figures = [_procedure(source, renderer, scene, folder, object_id, grasp)]
+        if "charts" in source.collections and exists(source.directory.folder_record("models/unet")):
+            figures.append(_local_shape(source, folder, object_id, grasp))
+        figures.append(_sphere(renderer, folder, _middle(source, object_id)))
+    if source.evaluation:
+        path = folder / "reconstructions.png"
+        shown = draw_gallery(source.directory.root, path, most)
+        alt = f"Reconstructions of {', '.join(shown)}: a row per object, a column per network and number of grasps"
+        text = "A row per object, a column per network; below each picture its Chamfer distance × 9000. Touch charts are orange."
+        figures.append(_figure("Reconstructions by class and modality (Figure 5)", text, [(path, alt, "")], "wide"))
+    return figures
+
+
+def _figure(title: str, text: str, pictures: list[tuple[Path, str, str]], kind: str = "plots") -> dict[str, Any]:
+    shown = [{"file": f"figures/{path.name}", "alt": alt, "caption": caption} for path, alt, caption in pictures]
+    return {"title": title, "text": text, "pictures": shown, "kind": kind}
+
+
+def _clearest_grasp(source: ReportSource) -> tuple[str, int]:
+    """Choose an object and a grasp of many touches in whose image both the object and the hand are large."""
+    ids = source.object_ids
+    looked_at = [ids[place] for place in np.linspace(0, len(ids) - 1, min(LOOKED_AT, len(ids))).astype(int)]
+    scores = {}
+    for object_id in looked_at:
+        rows = source.rows(object_id)
+        touches = rows["grasps"]["touch_success"].sum(axis=1)
+        seen = rows["vision"]["segmentation"][1:] if "vision" in rows else np.ones((len(touches), 1, 1))
+        for grasp, touched in enumerate(touches):
+            shown = [np.count_nonzero(seen[grasp] == label) for label in (1, 2)] if len(seen) > grasp else [1, 1]
+            scores[object_id, grasp] = (int(touched), min(2 * shown[0], shown[1]))
+    return max(scores, key=lambda key: scores[key])
+
+
+def _procedure(source: ReportSource, renderer: Renderer, scene: Scene, folder: Path, object_id: str, grasp: int) -> dict[str, Any]:
+    """Draw the steps of a grasp, from the stored one: hand, fingers drawn back, fingers closed, touched surface."""
+    rows, hand = source.rows(object_id), source.hand()
+    pose, angles = rows["grasps"]["hand_pose"][grasp], rows["grasps"]["joint_angles"][grasp]
+    postures = [
+        ("the palm faces a random point of the surface, fingers stretched", hand.lower),
+        (
+            "inverse kinematics find a posture at the surface; fingers are drawn back",
+            pregrasp_angles(hand, angles, [OPENING])[0],
+        ),
+        ("in physics the fingers close until contact settles", angles),
+    ]
+    pictures = []
+    maker = BandMaker(renderer, scene=scene, hand=hand, sensors=source.sensors())
+    with maker.grasp_view(rows, grasp) as view:
+        near, _ = grasp_cameras(renderer, scene, PIXELS, view)
+        for number, (caption, posture) in enumerate(postures, start=1):
+            frames = forward_kinematics(hand, pose, posture)
+            shown = [(view.object_mesh[0], np.eye(4)), *((shape, frames[link]) for link, shape, _ in maker.shapes)]
+            pictures.append((renderer.render(shown, near, lamp_beside(scene, near)).rgb, f"{number}. {caption}"))
+        pictures.append((second_view(renderer, scene, PIXELS, view)[1], "4. each sensor measures the surface in its gel (coloured)"))
+    files = []
+    for number, (image, caption) in enumerate(pictures, start=1):
+        path = folder / f"procedure-{number}.png"
+        Image.fromarray(image).save(path, optimize=True)
+        files.append((path, f"{object_id}, step {number} of its grasp", caption))
+    text = f"Grasp {grasp + 1} of {object_id}. Of many such attempts the grasps with most touches are kept."
+    return _figure("How a grasp is made (Figure 1)", text, files, "steps")
+
+
+def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int) -> dict[str, Any]:
+    """Draw predicted beside true depth, points and charts of a grasp's touches."""
+    rows, sensors = source.rows(object_id), source.sensors()
+    model = load_touch_model(source.directory.whole_folder("models/unet"), "cpu")
+    touched = np.flatnonzero(rows["grasps"]["touch_success"][grasp])
+    readings, depths = rows["touch"]["reading"][grasp][touched], rows["touch"]["depth"][grasp][touched]
+    predicted, clouds = model.depth(readings), model.clouds(readings)
+    names = [finger.name for finger in source.hand().fingers]
+    path = folder / "local-shape.png"
+    with matplotlib.rc_context({"font.size": 8}):
+        figure = Figure((9, 2.3 * len(touched)), dpi=110, layout="constrained")
+        for row, number in enumerate(touched.tolist()):
+            pose, sensor = rows["grasps"]["sensor_pose"][grasp, number], sensors[number]
+            true, count = local_points(depths[row], pose, sensor)
+            inside = depths[row] < sensor.w
+            apart = np.abs(np.where(inside, predicted[row] - depths[row], 0))
+            pictures = [
+                ("tactile image", readings[row]),
+                ("true depth", depth_colors(depths[row], sensor)),
+                ("predicted depth", depth_colors(np.where(model.mask(readings[row : row + 1])[0], predicted[row], np.inf), sensor)),
+            ]
+            for column, (title, image) in enumerate(pictures, start=1):
+                axes = figure.add_subplot(len(touched), 4, 4 * row + column)
+                axes.imshow(image)
+                axes.set(xticks=[], yticks=[], title=title if row == 0 else "", ylabel=names[number] if column == 1 else "")
+            axes.set_xlabel(f"mean error {1e3 * apart[inside].mean():.2f} mm")
+            _draw_points(
+                figure.add_subplot(len(touched), 4, 4 * row + 4, projection="3d"), rows, true[:count], clouds[row], grasp, number, pose
+            )
+        figure.savefig(path)
+    text = (
+        "Per touch: what the sensor sees, the depth it has, the depth the U-Net predicts from the image, and in 3D the true local points "
+        "(blue), the predicted ones (orange) and the chart fitted to them (wire)."
+    )
+    alt = f"Tactile images, true and predicted depth maps, and local points of {len(touched)} touches of {object_id}"
+    return _figure("Local points and touch charts, predicted and true (Figure 3)", text, [(path, alt, "")], "wide")
+
+
+def _draw_points(axes: Any, rows: Any, true: NDArray[Any], cloud: NDArray[Any], grasp: int, sensor: int, pose: NDArray[Any]) -> None:
+    """Draw points and chart in the sensor's frame, mm."""
+    to_sensor = np.linalg.inv(pose)
+    for points, color in ((_local(true, to_sensor), COLORS[0]), (1e3 * cloud, COLORS[1])):
+        axes.scatter(*points[:: max(1, len(points) // POINTS)].T, s=0.6, color=tuple(channel / 255 for channel in color))
+    charts = rows["charts"]
+    if is_surface(charts["stop_rule"][grasp, sensor]):
+        local = _local(charts["vertices"][grasp, sensor], to_sensor)
+        axes.plot_trisurf(*local.T, triangles=charts["chart_faces"], color=(0, 0, 0, 0), edgecolor=(0, 0, 0, 0.35), linewidth=0.3)
+    axes.set(xticks=[], yticks=[])
+    axes.tick_params(labelsize=6, pad=-2)
+    axes.view_init(elev=35, azim=-60)
+
+
+def _local(points: NDArray[Any], to_sensor: NDArray[Any]) -> NDArray[Any]:
+    return np.asarray(1e3 * (points @ to_sensor[:3, :3].T + to_sensor[:3, 3]))
+
+
+def _middle(source: ReportSource, object_id: str) -> NDArray[np.float64]:
+    points = source.rows(object_id)["surfaces"]["points"]
+    return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2, np.float64)
+
+
+def _sphere(renderer: Renderer, folder: Path, middle: NDArray[np.float64]) -> dict[str, Any]:
+    """Draw the sphere of vision charts before any deformation, neighbouring charts in different colours."""
+    charts = vision_charts()
+    shown = []
+    for number, (gap, caption) in enumerate(((1.0, "closed: vertices at the seams coincide"), (1.25, "the charts drawn apart"))):
+        chart = np.arange(len(charts.vertices)) // CHART_VERTICES
+        away = (gap - 1) * charts.vertices[charts.centres][chart]
+        look = Look(
+            uv=np.zeros((len(chart), 2), np.float32),
+            face_material=(chart[charts.faces[:, 0]] % len(COLORS)).astype(np.int32),
+            base_color=np.array([[*color, 255] for color in COLORS], np.uint8),
+            material_texture=np.full(len(COLORS), -1, np.int32),
+        )
+        mesh = Mesh(RADIUS * (charts.vertices + away) + middle, charts.faces.astype(np.int32), look)
+        path = folder / f"sphere-{number + 1}.png"
+        Image.fromarray(render_mesh(renderer, mesh)).save(path, optimize=True)
+        shown.append((path, f"Sphere of {len(charts.centres)} charts, {caption}", caption))
+    text = f"The {len(charts.centres)} vision charts, {len(charts.vertices)} vertices, that the graph network deforms."
+    return _figure("The sphere of vision charts (Figure 4)", text, shown, "steps")

@@ -1,0 +1,149 @@
+"""What a report shows: the artifacts of a data directory that have been made, and what its evaluation says of each object."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.config.hand_file import load_hand
+from pipeline.dataset.touch_sensors import touch_sensors
+from pipeline.errors import StoreError
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.reports.printed_html import PrintedRow, PrintedTable
+from pipeline.store.directory import DataDirectory
+from pipeline.store.shard import RowView
+from pipeline.store.storage import Place, exists
+from schemas.catalogue import ARTIFACTS
+from stages.evaluate.evaluation_files import Arrays, read_root, read_surfaces, read_table, surface_of
+
+NEEDED, SHOWN = ("surfaces", "grasps", "touch"), ("vision", "charts")
+"""Artifacts without which there is no report, and those that it shows where there are some."""
+
+
+class ReportSource:
+    """The artifacts of a data directory that a report shows.
+
+    Attributes
+    ----------
+    directory
+        The data directory.
+    collections
+        The artifacts by name.
+    object_ids
+        The objects that failed in none of them.
+    failures
+        Stage and reason, by object, of the others.
+    evaluation
+        None where no network has been evaluated.
+
+    Raises
+    ------
+    StoreError
+        An artifact of `NEEDED` has not been made, no object came through, or something was made from other rows than there are now.
+    """
+
+    def __init__(self, data: Place) -> None:
+        self.directory = DataDirectory(data)
+        found = {name: self.directory.collection(ARTIFACTS[name]) for name in (*NEEDED, *SHOWN)}
+        self.collections = {name: collection for name, collection in found.items() if name in NEEDED or collection.shards}
+        for collection in self.collections.values():
+            collection.first  # noqa: B018 (an error where it has not been made)
+        evaluated = exists(self.directory.folder_record("evaluation"))
+        self.directory.check_origins([*self.collections, *(["evaluation"] if evaluated else [])])
+        names = list(self.collections["surfaces"])
+        failures = {name: why for name in names for one in self.collections.values() if (why := one.failure(name))}
+        self.failures = {name: (why.stage, why.reason) for name, why in failures.items()}
+        self.object_ids = [name for name in names if name not in failures]
+        if not self.object_ids:
+            raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status` says why")
+        self.evaluation = Evaluation(self.directory.whole_folder("evaluation")) if evaluated else None
+
+    def rows(self, object_id: str) -> dict[str, Mapping[str, np.ndarray]]:
+        """An object's rows, by artifact; each array is read once."""
+        return {name: _HeldRow(collection.view(object_id)) for name, collection in self.collections.items()}
+
+    def attributes(self, artifact: str) -> Mapping[str, Any]:
+        """What the root of an artifact says."""
+        return self.collections[artifact].first.attributes
+
+    @property
+    def name(self) -> str:
+        """The manifest's name, and the preset's."""
+        return f"{self.attributes('grasps')['manifest']} · {self.collections['grasps'].first.record.preset}"
+
+    def hand(self) -> Hand:
+        """The hand that grasped."""
+        return load_hand(self.attributes("grasps")["settings"]["hand"])
+
+    def sensors(self) -> tuple[Sensor, ...]:
+        """The sensor of each finger."""
+        worn = touch_sensors(self.attributes("touch"))
+        return worn if len(worn) > 1 else worn * len(self.hand().fingers)
+
+    def digests(self, object_id: str) -> dict[str, str]:
+        """The digests of an object's rows, by artifact."""
+        return {name: collection.row(object_id).digest for name, collection in self.collections.items()}
+
+
+class _HeldRow(Mapping[str, np.ndarray]):
+    """Keeps what was read of a row."""
+
+    def __init__(self, view: RowView) -> None:
+        self._view, self._names = view, list(view)
+        self._held: dict[str, np.ndarray] = {}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self._held:
+            self._held[name] = self._view[name]
+        return self._held[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+class Evaluation:
+    """What an evaluation folder says of single objects."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.configurations = list(read_root(folder)["configurations"])
+        self.object_ids = [str(name) for name in read_table(folder, "objects")["object_id"]]
+        self._surfaces = {name: read_surfaces(folder, name) for name in self.configurations}
+        self._values = {name: read_table(folder, f"values/{name}") for name in self.configurations}
+
+    def surfaces(self, object_id: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """The predicted surfaces of an object with its first grasps, as CONFIGURATION-GRASPS; none of objects not evaluated."""
+        if object_id not in self.object_ids:
+            return {}
+        found = {}
+        for name, table in self._surfaces.items():
+            number = [str(one) for one in table["object_id"]].index(object_id)
+            for case in _first_cases(table):
+                found[f"{name}-{max(int(table['grasps_given'][case]), 1)}"] = surface_of(table, number, case)
+        return found
+
+    def errors(self, object_id: str) -> PrintedTable | None:
+        """The Chamfer distances of an object's reconstructions with its first grasps, in Table 3's unit; None of objects not evaluated."""
+        if object_id not in self.object_ids:
+            return None
+        row, most = self.object_ids.index(object_id), max(len(one["grasps_given"]) for one in self._values.values())
+        rows = []
+        for name, values in self._values.items():
+            figures = [f"{TABLE_3_FACTOR * one:.3f}" for one in values["chamfer"][row, 0]]
+            rows.append(PrintedRow([name, *figures, *[""] * (most - len(figures))]))
+        given = max((one["grasps_given"].tolist() for one in self._values.values()), key=len)
+        return PrintedTable(f"Chamfer distance × {TABLE_3_FACTOR:.0f} by the number of grasps given", ["network", *map(str, given)], rows)
+
+
+def _first_cases(table: Arrays) -> list[int]:
+    """The cases that begin with the first grasp, by the number of grasps given."""
+    cases = [case for case, first in enumerate(table["first_grasp"]) if first == 0]
+    return sorted(cases, key=lambda case: int(table["grasps_given"][case]))

@@ -1,0 +1,1 @@
+"""Tests in a browser, of a make target of their own."""

@@ -1,0 +1,65 @@
+"""Scenes of grasps: where things are, how large the files are, and that colours survive."""
+
+import io
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.config.hand_file import load_hand
+from pipeline.config.sensor_file import load_sensor
+from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.inference.mesh_files import Y_UP
+from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_links
+from pipeline.reports.grasp_scene import GRID, OBJECT_FACES, GraspScenes
+
+HAND, SENSOR = load_hand("allegro_right"), load_sensor("gel_16mm")
+
+
+def ball(subdivisions: int, color: tuple[int, int, int]) -> Mesh:
+    made = trimesh.creation.icosphere(subdivisions, radius=0.1)
+    return Mesh(np.array(made.vertices), made.faces.astype(np.int32), Look.plain(len(made.vertices), len(made.faces), color))
+
+
+@pytest.fixture
+def rows():
+    pose, angles = np.eye(4), (HAND.lower + HAND.upper) / 2
+    pose[:3, 3] = 0.3, 0, 0
+    sensors = sensors_of_links(HAND, forward_kinematics(HAND, pose, angles))
+    depth = np.full((1, len(sensors), *SENSOR.shape), np.inf, np.float32)
+    depth[0, 0] = SENSOR.w / 2
+    touched = np.arange(len(sensors))[None] == 0
+    grasps = {"hand_pose": pose[None], "joint_angles": angles[None], "sensor_pose": sensors[None], "touch_success": touched}
+    return {"surfaces": mesh_row(ball(3, (230, 20, 20))), "grasps": grasps, "touch": {"depth": depth}}
+
+
+def test_a_scene_shows_hand_sensors_and_touched_surface_where_they_are(rows):
+    scenes = GraspScenes(HAND, [SENSOR] * 4, small=False)
+    read = trimesh.load(io.BytesIO(scenes.glb(scenes.scene(rows))), file_type="glb")
+    below = {
+        name: [part for part in read.graph.nodes_geometry if part.startswith(name)]
+        for name in ("object", "grasp-0-hand", "grasp-0-touched")
+    }
+    assert len(below["grasp-0-hand"]) == len(HAND.visual_meshes)
+    assert len(below["grasp-0-touched"]) == 1
+    pose, geometry = read.graph[below["grasp-0-touched"][0]]
+    patch = trimesh.transform_points(read.geometry[geometry].vertices, np.linalg.inv(Y_UP) @ pose)
+    sensor = rows["grasps"]["sensor_pose"][0, 0]
+    height = (patch - sensor[:3, 3]) @ sensor[:3, 2]
+    np.testing.assert_allclose(height, SENSOR.w / 2, atol=5e-4)
+    pose, geometry = read.graph[below["object"][0]]
+    ours = trimesh.transform_points(read.geometry[geometry].vertices, np.linalg.inv(Y_UP) @ pose)
+    np.testing.assert_allclose(ours, rows["surfaces"]["meshes/vertices"], atol=1e-6)
+
+
+def test_a_small_scene_has_few_faces_on_a_grid_and_keeps_shape_and_colour(rows):
+    rows["surfaces"] = mesh_row(ball(5, (230, 20, 20)))  # 20480 faces
+    scenes = GraspScenes(HAND, [SENSOR] * 4, small=True)
+    (name,) = (name for name in scenes.scene(rows).geometry if name.startswith("object"))
+    made = scenes.scene(rows).geometry[name]
+    assert len(made.faces) <= OBJECT_FACES
+    np.testing.assert_allclose(np.linalg.norm(made.vertices, axis=1), 0.1, atol=5e-4)
+    np.testing.assert_array_equal(made.vertices / GRID, np.round(made.vertices / GRID))
+    red, green, _ = made.visual.vertex_colors[0, :3] / 255
+    assert (red, green) == pytest.approx((0.791, 0.007), abs=0.005)  # linear, as glTF has them
