@@ -138,6 +138,8 @@ fi
 endef
 
 $(VENV)/installed: pyproject.toml constraints.txt | system
+	@command -v $(PYTHON) >/dev/null || test -x $(BIN)/python || { echo "there is no $(PYTHON), and the pinned packages need Python 3.11:" \
+	"install python3.11 and python3.11-venv, or name one that you have: make setup PYTHON=/path/to/python3.11"; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing packages into $(VENV) (about two minutes)"
 	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e .

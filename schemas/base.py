@@ -66,6 +66,8 @@ class Artifact(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
+    stage: str = "STAGE"
+    """The stage that makes it: messages name the command."""
     order: int = 100
     """Its position among the artifacts; of a label that several have, the first one's is read."""
     version: int

@@ -11,6 +11,7 @@ FITTED = (1, 2)
 
 CHARTS = Artifact(
     name="charts",
+    stage="fit-charts",
     order=4,
     version=2,
     summary="A touch chart for every sensor of every grasp, fitted to the points its U-Net sees, or to the true ones.",

@@ -4,6 +4,7 @@ from schemas.base import Array, Artifact
 
 DISTANCES = Artifact(
     name="distances",
+    stage="sample-distances",
     order=5,
     version=1,
     summary="Points in space, near every object and around it, and their signed distance to its surface: for implicit networks.",

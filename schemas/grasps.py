@@ -4,6 +4,7 @@ from schemas.base import Array, Artifact, coordinates
 
 GRASPS = Artifact(
     name="grasps",
+    stage="simulate-grasps",
     order=1,
     version=2,
     summary="The best grasps of every object: poses of hand and sensors as simulated, and which sensors touch.",

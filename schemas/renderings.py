@@ -4,6 +4,7 @@ from schemas.base import Array, Artifact
 
 RENDERINGS = Artifact(
     name="renderings",
+    stage="read-renderings",
     order=6,
     version=1,
     summary="Images of every object from several sides, read from a folder laid out as ShapeNetRendering.",

@@ -4,6 +4,7 @@ from schemas.base import Array, Artifact
 
 SURFACES = Artifact(
     name="surfaces",
+    stage="sample-surfaces",
     order=0,
     version=2,
     summary="The exterior surface of every object as points, and its normalised mesh with its look.",

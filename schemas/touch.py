@@ -4,6 +4,7 @@ from schemas.base import Array, Artifact, coordinates
 
 TOUCH = Artifact(
     name="touch",
+    stage="simulate-touch",
     order=3,
     version=2,
     summary="What every sensor of every grasp feels: depth, tactile reading, and the surface points in its gel.",

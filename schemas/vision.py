@@ -4,6 +4,7 @@ from schemas.base import Array, Artifact, coordinates
 
 VISION = Artifact(
     name="vision",
+    stage="render-vision",
     order=2,
     version=2,
     summary="Images of every object alone and in every grasp, with what each pixel shows.",

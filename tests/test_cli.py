@@ -63,7 +63,7 @@ def test_doctor_finds_everything_here():
         ([*RUN, "--data", "/nonexistent", "--shards", "2", "--shard", "2"], "shards are numbered 0 to 1"),
         ([*RUN, "--object", "nobody"], "has no object nobody"),
         ([*RUN, "--dry-run", "--explain"], "--dry-run makes nothing: leave one of them out"),
-        (["run", "simulate-touch", "--data", "/nonexistent"], "run the stage that makes"),
+        (["run", "simulate-touch", "--data", "/nonexistent"], "vt-pipeline run sample-surfaces"),
         (["status", "/nonexistent"], "is no data directory"),
         (["sweep", "evaluate", "--grid", "points=100,200"], "evaluate has no grid to sweep over"),
         (["validate", "/nonexistent"], "holds no records; looked for ARTIFACT/NNNN-of-NNNN.json"),
@@ -121,3 +121,27 @@ def test_two_folders_of_meshes_do_not_share_a_data_directory(tmp_path):
     assert places == [Path("data/directory-mugs/draft"), Path("data/directory-bowls/draft")]
     dry = subprocess.run(["make", "-n", "dataset", "MANIFEST=directory", f"OBJECTS={tmp_path / 'mugs'}/"], capture_output=True, text=True)
     assert f"--data {places[0]}" in dry.stdout
+
+
+def test_objects_that_fail_for_one_reason_are_counted_once_and_named_together(tmp_path):
+    folder = tmp_path / "my meshes"
+    folder.mkdir()
+    trimesh.creation.box().export(folder / "box.stl")
+    for name in "abcdefg":
+        (folder / f"{name}.off").write_text("OFF\n0 0 0\n")
+    command = [*RUN, "--manifest", "directory", "--objects", str(folder), "--data", str(tmp_path / "d"), "--set", "points=100"]
+    code, output = invoke(*command, "--executor", "serial")
+    assert code == 0
+    assert "made 8 objects in" in output
+    assert "7 failed" in output
+    assert "failed a, b, c, d, e, … (7 objects): ….off" in output
+    one = invoke(*command, "--object", "a", "--retry", "--executor", "serial")[1]
+    assert "failed a: a.off" in one
+
+
+def test_a_dry_run_reads_the_hand_even_where_there_is_nothing_to_grasp_yet(tmp_path):
+    hand = tmp_path / "hand.yaml"
+    hand.write_text("name: x\nurdf: x.urdf\nfingres: []\n")
+    code, output = invoke("run", "simulate-grasps", "--data", str(tmp_path / "d"), "--dry-run", "--set", f"hand={hand}")
+    assert code == 1
+    assert "there is no entry fingres, did you mean fingers?" in output

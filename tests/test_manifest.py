@@ -202,7 +202,10 @@ def test_a_checksum_that_differs_is_an_error(tmp_path):
     ("change", "reason"),
     [
         ({"colour": "red"}, "colour"),
-        ({"splits": {"train": 0.5, "valid": 0.1, "test": 0.1}}, "sum to 0.7"),
+        ({"splits": {"train": 0.5, "valid": 0.1, "test": 0.1}}, r"0.5 \+ 0.1 \+ 0.1 = 0.7; shares must sum to 1"),
+        ({"splits": {"train": 0.7, "valid": 0.3, "test": 0.15}}, r"= 1.15; shares must sum to 1, counts be whole numbers"),
+        ({"descriptoin": "x"}, "there is no entry descriptoin, did you mean description\\?"),
+        ({"sources": [{"kind": "cloud", "licence": "x"}]}, r"match any of the expected tags: [^;]*\. Its entries"),
         ({"seed": -1}, "seed"),
         ({"sources": []}, "sources"),
         ({"sources": [{"kind": "cloud", "licence": "x"}]}, "cloud"),

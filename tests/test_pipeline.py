@@ -200,7 +200,7 @@ def test_recomputed_points_are_the_stored_ones_to_the_bit(manifest, made, tmp_pa
 def test_a_split_or_array_that_is_not_there_is_named(made, tmp_path):
     with pytest.raises(StoreError, match="no artifact has an array taste"):
         GraspDataset(made, ["taste"])
-    with pytest.raises(StoreError, match="surfaces has not been made; run the stage that makes surfaces first"):
+    with pytest.raises(StoreError, match="surfaces has not been made; run `vt-pipeline run sample-surfaces` first"):
         GraspDataset(tmp_path, ["points"])
 
 

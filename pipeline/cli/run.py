@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated
 
@@ -28,10 +30,14 @@ from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as run_stage
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import DatasetStage
+from pipeline.store.record import Failure
 from pipeline.store.storage import Place
 from pipeline.tuning.explain import explain_plan
 from pipeline.tuning.quote import quote
 from stages.registry import STAGES, load_stage
+
+NAMED = 5
+"""Objects that failed for one reason that are named."""
 
 
 def run(
@@ -89,18 +95,30 @@ def _print_forecast(stage: str, path: Place, foreseen: Forecast) -> None:
 def run_plan(plan: ShardPlan | FolderPlan) -> None:
     """Run a plan and say what was done; an object that failed is named with its reason."""
     stage, request = plan.stage.name, plan.request
+    failures: dict[str, Failure] = {}
     if plan.up_to_date():
         say(f"{stage} {plan.path}: up to date, {plan.total} objects")
     else:
         result = run_stage(plan, console)
         what = f"made {result.made} objects" if isinstance(plan, ShardPlan) else f"made from {plan.total} objects"
         left = f"; {result.waiting} of {plan.total} not made yet, run without --object to publish the shard" if result.waiting else ""
-        say(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {result.failed} failed" if result.failed else "") + left)
-    failures = plan.failures() if isinstance(plan, ShardPlan) else {}
-    for object_id, failure in failures.items():
-        errors.print(f"  [yellow]failed[/] {escape(object_id)}: {escape(failure.reason)}")
+        failures = plan.failures() if isinstance(plan, ShardPlan) else {}
+        say(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + left)
+    failures = failures or (plan.failures() if isinstance(plan, ShardPlan) else {})
+    _print_failures(failures)
     if failures and request.strict:
         fail(f"{len(failures)} objects have failed, and --strict was asked for")
+
+
+def _print_failures(failures: Mapping[str, Failure]) -> None:
+    """Name the objects that failed, those with one reason together."""
+    alike: dict[str, list[str]] = {}
+    for object_id, failure in failures.items():
+        alike.setdefault(re.sub(rf"\b{re.escape(object_id)}\b", "…", failure.reason), []).append(object_id)
+    for shared, names in alike.items():
+        reason = shared if len(names) > 1 else failures[names[0]].reason
+        few = ", ".join(names[:NAMED]) + (f", … ({len(names)} objects)" if len(names) > NAMED else "")
+        errors.print(f"  [yellow]failed[/] {escape(few)}: {escape(reason)}")
 
 
 def _print_explanation(plan: ShardPlan | FolderPlan) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from pipeline.config.complaints import complaints
+from pipeline.config.complaints import complaints, entry_names
 from pipeline.config.file_content import read_file
 from pipeline.errors import InvalidInput
 
@@ -62,7 +62,9 @@ def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
     try:
         return model.model_validate(read_yaml(path))
     except ValidationError as error:
-        raise InvalidInput(f"{kind} file {path}: {complaints(error)}. Its entries are {', '.join(model.model_fields)}") from error
+        raise InvalidInput(
+            f"{kind} file {path}: {complaints(error, entry_names(model))}. Its entries are {', '.join(model.model_fields)}"
+        ) from error
     except (ValueError, yaml.YAMLError) as error:
         raise InvalidInput(f"{kind} file {path} cannot be read as YAML: {error}") from error
 

@@ -40,16 +40,19 @@ class Splits(BaseModel):
 
     @property
     def are_counts(self) -> bool:
-        """Whether these are counts."""
-        return self.train + self.valid + self.test > 1 + 1e-9
+        """Whether these are counts: whole numbers, of which no share of 1 is all there is."""
+        return self._total > 1 + 1e-9 and all(float(n).is_integer() for n in (self.train, self.valid, self.test))
+
+    @property
+    def _total(self) -> float:
+        return self.train + self.valid + self.test
 
     @model_validator(mode="after")
     def _sum(self) -> Splits:
-        total = self.train + self.valid + self.test
-        if not self.are_counts and abs(total - 1) > 1e-9:
-            raise ValueError(f"shares sum to {total:g}; they must sum to 1 (or be counts)")
-        if self.are_counts and not all(float(n).is_integer() for n in (self.train, self.valid, self.test)):
-            raise ValueError("counts must be whole numbers")
+        if not self.are_counts and abs(self._total - 1) > 1e-9:
+            raise ValueError(
+                f"{self.train:g} + {self.valid:g} + {self.test:g} = {self._total:g}; shares must sum to 1, counts be whole numbers"
+            )
         return self
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -61,6 +62,10 @@ class ObjectRows:
 
     def __init__(self, data: str | Place, arrays: Sequence[str], split: str | None = "train", *, cache_bytes: int = CACHE_BYTES) -> None:
         self.data, self.arrays, self.split = place(data), tuple(arrays), split
+        if isinstance(self.data, Path) and not self.data.is_dir():
+            raise StoreError(
+                f"there is no folder {self.data.resolve()}; give a data directory, which `vt-pipeline run` or `make dataset` makes"
+            )
         directory = DataDirectory(self.data)
         self._owner = {name: _owner(name) for name in self._needed()}
         self._collections = {artifact.name: directory.collection(artifact) for artifact in self._owner.values()}

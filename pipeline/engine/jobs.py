@@ -113,7 +113,10 @@ def _cannot_start(stage: ObjectStage, error: Exception) -> StageError:
     """What a stage's libraries raise where they are not installed as they should be, or a description file that cannot be used."""
     if isinstance(error, PipelineError):
         return StageError(f"{stage.name} cannot start: {error}")
-    return StageError(f"{stage.name} cannot start: {type(error).__name__}: {error}; `vt-pipeline doctor` looks for what is missing")
+    where = (
+        "`vt-pipeline doctor` looks for what is missing" if isinstance(error, (ImportError, OSError, RuntimeError)) else "is this a bug?"
+    )
+    return StageError(f"{stage.name} cannot start: {type(error).__name__}: {error}; {where}")
 
 
 def make_task(job: Job, seed: int, collections: Mapping[str, Collection]) -> Task:

@@ -7,9 +7,12 @@ from typing import Any, cast
 
 from rich.console import Console
 
+from pipeline.config.hand_file import load_hand
+from pipeline.config.scene_file import load_scene
+from pipeline.config.sensor_file import load_sensor
 from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.peers import HELP, NOTHING, peers
-from pipeline.engine.plan import Forecast, Request, Result
+from pipeline.engine.plan import Forecast, Request, Result, description_errors
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.errors import StoreError
@@ -45,12 +48,22 @@ def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Shar
 
 def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[Place, Forecast]]:
     """Say of each output what a run would do; where an input has not been made yet, what the stage says of itself."""
+    _check_descriptions(request)
     try:
         yield from ((plan.path, plan.forecast()) for plan in make_plans(request, shard))
     except StoreError:
         total, cost = request.stage.cost_of(request.settings, request.objects)
         cores = 1 if isinstance(request.stage, DatasetStage) else request.executor.processes
         yield request.data / request.stage.writes(request.settings), Forecast(total, total, cost.seconds / cores, cost.kilobytes)
+
+
+def _check_descriptions(request: Request[Any]) -> None:
+    """Read the hand, sensor and scene files that the settings name: what a run would trip over."""
+    readers = {"hand": load_hand, "sensor": load_sensor, "scene": load_scene}
+    with description_errors(request.stage):
+        for name, read in readers.items():
+            if given := getattr(request.settings, name, None):
+                read(given)
 
 
 def run(plan: ShardPlan | FolderPlan, console: Console) -> Result:

@@ -143,10 +143,11 @@ class ShardPlan(Plan[ObjectStage]):
         return not any(problems_of(shard)) if self.request.check else shard.is_complete()
 
     def failures(self) -> dict[str, Failure]:
-        """The objects of the published shard that failed in this stage, with their reasons."""
-        shard = self.published
-        rows = shard.record.rows if shard else ()
-        return {row.object_id: row.failure for row in rows if row.failure and self._is_own(row.failure)}
+        """The objects that failed in this stage, with their reasons: those of the published shard, and those that wait to be packed."""
+        rows = self.published.record.rows if self.published else ()
+        found = {row.object_id: row.failure for row in rows if row.failure and self._is_own(row.failure)}
+        waiting = {member.item.object_id: facts.failure for member in self.members if (facts := self.facts(member)) and facts.failure}
+        return found | {object_id: failure for object_id, failure in waiting.items() if self._is_own(failure)}
 
     def facts(self, member: Member) -> PieceFacts | None:
         """What became of an object, None where that is not known yet."""

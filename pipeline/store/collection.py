@@ -43,7 +43,7 @@ class Collection:
             return self._shard_of[object_id]
         except KeyError:
             raise StoreError(
-                f"{self.folder} has no object {object_id}; run the stage that makes {self.artifact.name} first, for all objects"
+                f"{self.folder} has no object {object_id}; run `vt-pipeline run {self.artifact.stage}` first, for all objects"
             ) from None
 
     def row(self, object_id: str) -> RowRecord:
@@ -68,7 +68,7 @@ class Collection:
             There is none, or their constants differ.
         """
         if not self.shards:
-            raise StoreError(f"{self.folder} has not been made; run the stage that makes {self.artifact.name} first")
+            raise StoreError(f"{self.folder} has not been made; run `vt-pipeline run {self.artifact.stage}` first")
         if len({shard.record.constants_digest for shard in self.shards}) > 1:
             raise StoreError(f"{self.folder}: its shards were made with different scenes or sensors; run the stage again for all shards")
         return self.shards[0]

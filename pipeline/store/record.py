@@ -157,13 +157,20 @@ def read_record(path: Place, kind: type[R]) -> R:
         raise _damaged(path, error) from error
 
 
+def _command(path: Place) -> str:
+    """What makes a folder: `models/gcn/touch` comes from `train-gcn`."""
+    parts = path.with_suffix("").parts
+    after = parts[parts.index("models") + 1 :] if "models" in parts else ()
+    return f"`vt-pipeline run train-{after[0]}`" if after else "the stage that makes it"
+
+
 def read_content(path: Place) -> dict[str, Any]:
     """Read the fields of a record of any kind; errors are those of `read_record`."""
     try:
         content = json.loads(read_bytes(path))
         found, checksum = content.get("format"), content.pop("checksum", None)
     except FileNotFoundError:
-        raise StoreError(f"{path.with_suffix('')} has not been made; run the stage that makes it") from None
+        raise StoreError(f"{path.with_suffix('')} has not been made; run {_command(path)} first") from None
     except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise _damaged(path, error) from error
     if isinstance(found, int) and found != FORMAT:

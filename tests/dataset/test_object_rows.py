@@ -135,3 +135,8 @@ def test_fingers_with_different_sensors_have_no_one_sensor(data, monkeypatch):
     assert [sensor.w for sensor in rows.sensors()] == [one["w"], one["w"] / 2]
     with pytest.raises(StoreError, match=r"the fingers wear different sensors \(gel_16mm, thin\).* needs a hand that wears one"):
         rows.sensor()
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path) -> None:
+    with pytest.raises(StoreError, match=r"there is no folder .*/nowhere; give a data directory"):
+        ObjectRows(tmp_path / "nowhere", ["points"])

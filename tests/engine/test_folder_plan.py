@@ -98,7 +98,7 @@ def test_an_input_that_is_not_there_is_an_error_that_says_so(tmp_path):
     run(request(tmp_path))
     with pytest.raises(StoreError, match="no object in split train"):
         make(tmp_path, items=objects(5, split="valid"))
-    with pytest.raises(StoreError, match=r"models/average has not been made; run the stage that makes it"):
+    with pytest.raises(StoreError, match=r"models/average has not been made; run `vt-pipeline run train-average` first"):
         make(tmp_path, Average(reads=("models/average",)))
 
 

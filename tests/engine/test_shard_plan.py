@@ -248,7 +248,7 @@ def test_strict_stops_at_the_first_failure(tmp_path):
 
 
 def test_an_input_that_was_not_made_is_named(tmp_path):
-    with pytest.raises(StoreError, match="has no object a; run the stage that makes noise first"):
+    with pytest.raises(StoreError, match="has no object a; run `vt-pipeline run STAGE` first"):
         plan_of(request(tmp_path, stage=TakeMean()))
 
 

@@ -214,7 +214,7 @@ def test_files_that_do_not_fit_are_errors(data, files, tmp_path):
     refused("RGBA", readings=[clear] * 4)
     bare = tmp_path / "models"
     shutil.copytree(data / "models", bare, ignore=shutil.ignore_patterns("unet*"))
-    with pytest.raises(StoreError, match="unet has not been made; run the stage that makes it"):
+    with pytest.raises(StoreError, match="unet has not been made; run `vt-pipeline run train-unet` first"):
         predict(tmp_path / "ball.ply", bare, "touch", **given)
 
 
