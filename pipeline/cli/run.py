@@ -114,7 +114,7 @@ def _print_failures(failures: Mapping[str, Failure]) -> None:
     """Name the objects that failed, those with one reason together."""
     alike: dict[str, list[str]] = {}
     for object_id, failure in failures.items():
-        alike.setdefault(re.sub(rf"\b{re.escape(object_id)}\b", "…", failure.reason), []).append(object_id)
+        alike.setdefault(re.sub(rf"^{re.escape(object_id)}\b", "…", failure.reason), []).append(object_id)
     for shared, names in alike.items():
         reason = shared if len(names) > 1 else failures[names[0]].reason
         few = ", ".join(names[:NAMED]) + (f", … ({len(names)} objects)" if len(names) > NAMED else "")
