@@ -105,7 +105,7 @@ def run_plan(plan: ShardPlan | FolderPlan) -> None:
         failures = plan.failures() if isinstance(plan, ShardPlan) else {}
         say(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + left)
     failures = failures or (plan.failures() if isinstance(plan, ShardPlan) else {})
-    _print_failures(failures)
+    _print_failures({name: failure for name, failure in failures.items() if request.only in (None, name)})
     if failures and request.strict:
         fail(f"{len(failures)} objects have failed, and --strict was asked for")
 
