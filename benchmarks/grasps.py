@@ -42,7 +42,7 @@ def main() -> None:
     settings = GraspSettings(attempts=options.attempts)
     start = time.perf_counter()
     prepared_hand = prepare_hand(settings)
-    fingers = [finger.name for finger in prepared_hand.hand.fingers]
+    fingers = [mount.name for mount in prepared_hand.hand.sensors]
     print(f"hand prepared in {time.perf_counter() - start:.2f} s")
     tallies = {category: Tally() for category in CATEGORIES}
     seconds, preparing = [], []
@@ -72,7 +72,7 @@ def _grasp(search: GraspSearch, tally: Tally, identity: tuple[int, str, int]) ->
         start = time.perf_counter()
         grasp = search.attempt(numpy_rng(*identity, "attempt", number))
         seconds.append(time.perf_counter() - start)
-        tally.touched.append(grasp.touched if grasp else np.zeros(len(search.prepared_hand.hand.fingers), bool))
+        tally.touched.append(grasp.touched if grasp else np.zeros(len(search.prepared_hand.hand.sensors), bool))
         tally.unsound += grasp is None or not grasp.sound
         kept = keep_best(kept, grasp, search.settings.grasps)
     tally.short += len(kept) < search.settings.grasps

@@ -37,7 +37,7 @@ def description_changed(trial: Trial) -> Verdict:
     shutil.copytree(hand.path.parents[1] / "sensors", trial.folder / "sensors")
     shutil.copytree(trial.sandbox.root, trial.folder / "source", ignore=shutil.ignore_patterns("lane-*", "whole"))
     own = trial.folder / "hands" / hand.path.name
-    sensor = trial.folder / "sensors" / f"{hand.fingers[0].sensor}.yaml"
+    sensor = trial.folder / "sensors" / f"{hand.sensors[0].sensor}.yaml"
     sandbox = replace(
         trial.sandbox,
         root=trial.folder / "source",

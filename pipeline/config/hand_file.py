@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -19,7 +19,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.convex_parts import split_link
-from pipeline.kernels.hand.model import Finger, Hand
+from pipeline.kernels.hand.model import Finger, Hand, Mount
 from pipeline.kernels.hand.resting_contacts import overlapping_neighbours
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -37,18 +37,21 @@ class _SensorMount(_Entry):
     normal: Vector
     columns: Vector
     file: str | None = None
+    name: str | None = None
 
 
 class _FingerEntry(_Entry):
     name: str
     joints: list[str] = Field(min_length=1)
-    sensor: _SensorMount
+    sensor: _SensorMount | None = None
+    sensors: list[_SensorMount] = []
 
 
 class _PalmEntry(_Entry):
     link: str
     facing: Vector
     centre: Vector
+    sensors: list[_SensorMount] = []
 
 
 class _HandFile(_Entry):
@@ -95,6 +98,7 @@ def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
     for name, count in file.convex_parts.items():
         number = _find("link", name, numbers)
         links = (*links[:number], split_link(links[number], count), *links[number + 1 :])
+    fingers, sensors = _fingers(file, roles, numbers, path)
     return Hand(
         name=file.name,
         path=path,
@@ -105,7 +109,8 @@ def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
         joint_names=tuple(joint.name for joint in roles.independent),
         lower=np.array([joint.lower for joint in roles.independent]),
         upper=np.array([joint.upper for joint in roles.independent]),
-        fingers=tuple(_finger(entry, roles, numbers, _worn(entry, file, path)) for entry in file.fingers),
+        fingers=fingers,
+        sensors=sensors,
         palm_facing=_unit(file.palm.facing, "palm: facing"),
         palm_centre=np.array(file.palm.centre, np.float64),
         followers=roles.followers,
@@ -123,32 +128,59 @@ def _without_resting_contacts(hand: Hand, stated: Iterable[tuple[str, str]]) -> 
     return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | named)
 
 
-def _finger(entry: _FingerEntry, roles: JointRoles, link_numbers: Mapping[str, int], sensor: str) -> Finger:
-    tip = _find("sensor link", entry.sensor.link, link_numbers)
+def _fingers(file: _HandFile, roles: JointRoles, numbers: Mapping[str, int], path: Path) -> tuple[tuple[Finger, ...], tuple[Mount, ...]]:
+    """The fingers, those that share a motor as one, and the sensors: finger by finger, those on the palm last."""
     names = [joint.name for joint in roles.independent]
-    own = tuple(names.index(joint) for joint in entry.joints if joint in names)
-    followers = [roles.joints[one.link - 1].name for one in roles.followers if one.entry in own]
-    moved = moved_links(roles.joints, [*entry.joints, *followers])
-    if tip not in moved:
-        raise InvalidInput(f"sensor link {entry.sensor.link!r} is not moved by the joints of finger {entry.name!r}")
-    return Finger(entry.name, own, tuple(moved), tip, _sensor_pose(entry), sensor)
+    entry_of = {joint: names.index(joint) for joint in names}
+    entry_of |= {roles.joints[one.link - 1].name: one.entry for one in roles.followers}
+    groups: dict[int, list[_FingerEntry]] = {}  # by the first entry of the joint vector that moves the fingers
+    for entry in file.fingers:
+        own = {entry_of[joint] for joint in entry.joints}
+        known = next(
+            (first for first, others in groups.items() if own & {entry_of[name] for one in others for name in one.joints}), min(own)
+        )
+        groups.setdefault(known, []).append(entry)
+    fingers, mounts = [], list[Mount]()
+    for entries in groups.values():
+        joints = sorted({entry_of[joint] for entry in entries for joint in entry.joints})
+        moved = moved_links(roles.joints, [name for name, entry in entry_of.items() if entry in joints])
+        first = len(mounts)
+        for entry in entries:
+            for mount in _mounts(entry.name, [*([entry.sensor] if entry.sensor else []), *entry.sensors], numbers, file, path):
+                if mount.link not in moved:
+                    link = next(name for name, number in numbers.items() if number == mount.link)
+                    raise InvalidInput(f"sensor link {link!r} is not moved by the joints of finger {entry.name!r}")
+                mounts.append(mount)
+        name = "+".join(entry.name for entry in entries)
+        fingers.append(Finger(name, tuple(joints), tuple(moved), tuple(range(first, len(mounts)))))
+    mounts += _mounts("palm", file.palm.sensors, numbers, file, path)
+    if not mounts:
+        raise InvalidInput("no finger has a sensor, nor has the palm; give one a sensor")
+    if twice := [mount.name for mount in mounts if [one.name for one in mounts].count(mount.name) > 1]:
+        raise InvalidInput(f"two sensors are called {twice[0]}; give each a name")
+    return tuple(fingers), tuple(mounts)
 
 
-def _worn(entry: _FingerEntry, file: _HandFile, path: Path) -> str:
-    """The sensor of a finger, else that of the hand: a shipped one's name, or a path relative to the hand file."""
-    name = entry.sensor.file or file.sensor
-    if name is None:
-        raise InvalidInput(f"finger {entry.name!r} wears no sensor; name one in its sensor.file, or for all fingers in the hand's sensor")
-    return name if name in shipped_files("sensor") else str(path.parent / os.path.expanduser(name))
+def _mounts(owner: str, entries: Sequence[_SensorMount], numbers: Mapping[str, int], file: _HandFile, path: Path) -> list[Mount]:
+    found = []
+    for number, entry in enumerate(entries):
+        name = entry.name or (owner if len(entries) == 1 else f"{owner}-{number + 1}")
+        sensor = entry.file or file.sensor
+        if sensor is None:
+            raise InvalidInput(f"sensor {name!r} has no sensor file; name one as its `file`, or for all sensors as the hand's `sensor`")
+        if sensor not in shipped_files("sensor"):
+            sensor = str(path.parent / os.path.expanduser(sensor))
+        found.append(Mount(name, _find("sensor link", entry.link, numbers), _sensor_pose(name, entry), sensor))
+    return found
 
 
-def _sensor_pose(entry: _FingerEntry) -> NDArray[np.float64]:
-    z, x = _unit(entry.sensor.normal, f"{entry.name}: normal"), _unit(entry.sensor.columns, f"{entry.name}: columns")
+def _sensor_pose(name: str, entry: _SensorMount) -> NDArray[np.float64]:
+    z, x = _unit(entry.normal, f"{name}: normal"), _unit(entry.columns, f"{name}: columns")
     if abs(x @ z) > 1e-6:  # a typing slip, not a rounding: the two are written by hand
-        raise InvalidInput(f"{entry.name}: normal {entry.sensor.normal} and columns {entry.sensor.columns} are not perpendicular")
+        raise InvalidInput(f"{name}: normal {entry.normal} and columns {entry.columns} are not perpendicular")
     pose = np.eye(4)
     pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
-    pose[:3, 3] = entry.sensor.origin
+    pose[:3, 3] = entry.origin
     return pose
 
 

@@ -17,8 +17,8 @@ def load_sensor(name: str | Path) -> Sensor:
 
 
 def sensor_names(hand: Hand, override: str | None = None) -> tuple[str, ...]:
-    """Name the sensor that each finger wears, the hand file's, or `override` on all: a shipped one, or an absolute path."""
-    chosen = [override or finger.sensor for finger in hand.fingers]
+    """Name the sensor at each mount, the hand file's, or `override` on all: a shipped one, or an absolute path."""
+    chosen = [override or mount.sensor for mount in hand.sensors]
     return tuple(name if (path := Path(name).expanduser()).suffix != ".yaml" else str(path.absolute()) for name in chosen)
 
 
@@ -33,7 +33,7 @@ def load_worn_sensors(names: Sequence[str]) -> tuple[Sensor, ...]:
     Parameters
     ----------
     names
-        Finger by finger, as `load_sensor` takes them.
+        Mount by mount, as `load_sensor` takes them.
 
     Returns
     -------

@@ -111,7 +111,7 @@ class BandMaker:
             title=object_id,
             note=f"{touched.sum()} of {len(touched)} touch; rigid parts stand {float(grasps['penetration'][0]) * 1e3:.2f} mm inside",
             pictures=[("unoccluded", unoccluded), ("occluded", occluded), ("from a second side", held), ("touch sites", felt)],
-            fingers=[finger.name for finger in self.hand.fingers],
+            fingers=[mount.name for mount in self.hand.sensors],
             touched=touched,
             readings=touch["reading"][0],
             depths=depths,
@@ -123,6 +123,6 @@ def band_maker(attributes: Mapping[str, Mapping[str, Any]]) -> Iterator[BandMake
     """Open a `BandMaker` for the scene, the hand and the sensors in the artifacts' attributes, for as long as the context lasts."""
     scene, hand = load_scene(attributes["vision"]["settings"]["scene"]), load_hand(attributes["grasps"]["settings"]["hand"])
     worn = touch_sensors(attributes["touch"])
-    sensors = worn if len(worn) > 1 else worn * len(hand.fingers)
+    sensors = worn if len(worn) > 1 else worn * len(hand.sensors)
     with Renderer(scene) as renderer:
         yield BandMaker(renderer, scene=scene, hand=hand, sensors=sensors)

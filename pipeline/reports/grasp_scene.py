@@ -81,7 +81,7 @@ class GraspScenes:
 
     def _add_grasp(self, scene: Scene, rows: Rows, grasp: int) -> None:
         row = rows["grasps"]
-        colors = finger_colors(len(self.hand.fingers))
+        colors = finger_colors(len(self.hand.sensors))
         frames = forward_kinematics(self.hand, row["hand_pose"][grasp], row["joint_angles"][grasp])
         for link, name, mesh in self._shapes:
             self._add(scene, name, mesh, f"grasp-{grasp}-hand", frames[link])

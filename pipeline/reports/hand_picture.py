@@ -58,7 +58,7 @@ def hand_picture(hand: Hand, widths: Sequence[float], overlaps: Sequence[tuple[i
             square = transform_points(pose, corners)[:, [right, up]]
             axes.plot(square[:, 0], square[:, 1], color=color)
             _arrow(axes, pose[[right, up], 3], pose[[right, up], 0] * widths[number], color, "+x")
-            _arrow(axes, pose[[right, up], 3], closing[number][[right, up]], color, hand.fingers[number].name, dashed=True)
+            _arrow(axes, pose[[right, up], 3], closing[number][[right, up]], color, hand.sensors[number].name, dashed=True)
         axes.set(title=title, xlabel="xyz"[right] + ", m", ylabel="xyz"[up] + ", m", aspect="equal")
         axes.autoscale_view()
     figure.suptitle(f"{hand.name}: sensor planes with their +x, dashed: where a sensor moves as its finger closes, red: links that overlap")

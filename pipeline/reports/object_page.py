@@ -74,7 +74,7 @@ class ObjectPages:
 
     def _grasp(self, rows: Rows, number: int) -> dict[str, Any]:
         touched, touch = rows["grasps"]["touch_success"][number], rows["touch"]
-        names = [finger.name for finger in self.scenes.hand.fingers]
+        names = [mount.name for mount in self.scenes.hand.sensors]
         areas, colors = self._contact_areas(rows)[number], finger_colors(len(names))
         sensors = []
         for sensor, name in enumerate(names):

@@ -130,7 +130,7 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     touched = np.flatnonzero(rows["grasps"]["touch_success"][grasp])
     readings, depths = rows["touch"]["reading"][grasp][touched], rows["touch"]["depth"][grasp][touched]
     predicted, clouds = model.depth(readings), model.clouds(readings)
-    names = [finger.name for finger in source.hand().fingers]
+    names = [mount.name for mount in source.hand().sensors]
     path = folder / "local-shape.png"
     with matplotlib.rc_context({"font.size": 8}):
         figure = Figure((9, 2.3 * len(touched)), dpi=110, layout="constrained")

@@ -83,7 +83,7 @@ class ReportSource:
     def sensors(self) -> tuple[Sensor, ...]:
         """The sensor of each finger."""
         worn = touch_sensors(self.attributes("touch"))
-        return worn if len(worn) > 1 else worn * len(self.hand().fingers)
+        return worn if len(worn) > 1 else worn * len(self.hand().sensors)
 
     def digests(self, object_id: str) -> dict[str, str]:
         """The digests of an object's rows, by artifact."""

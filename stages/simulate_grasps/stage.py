@@ -47,7 +47,7 @@ class SimulateGrasps(ObjectStage):
     def constants(self, settings: GraspSettings) -> Row:
         """Labels of grasps, sensors and joints, which later stages' arrays take over."""
         hand = load_hand(settings.hand)
-        sensors = np.array([finger.name for finger in hand.fingers])
+        sensors = np.array([mount.name for mount in hand.sensors])
         return {"grasp": np.arange(settings.grasps, dtype=np.int32), "sensor": sensors, "joint": np.array(hand.joint_names)}
 
     def attributes(self, settings: GraspSettings) -> dict[str, Any]:
@@ -58,7 +58,7 @@ class SimulateGrasps(ObjectStage):
             "hand": {
                 "name": hand.name,
                 "joints": list(hand.joint_names),
-                "sensors": [finger.name for finger in hand.fingers],
+                "sensors": [mount.name for mount in hand.sensors],
                 "digest": assets_digest(hand.files),
                 "sensor_files": list(sensors),
                 "sensor_digest": assets_digest(sensor_files(sensors)),
@@ -91,7 +91,7 @@ def _grasp(prepared_hand: PreparedHand, physics: Simulation, settings: GraspSett
         if not settings.exhaustive and len(kept) == settings.grasps and all(grasp.touched.all() for grasp in kept):
             break
         grasp = search.attempt(task.rng("simulate-grasps", number))
-        touched.append(grasp.touched if grasp else np.zeros(len(prepared_hand.hand.fingers), bool))
+        touched.append(grasp.touched if grasp else np.zeros(len(prepared_hand.hand.sensors), bool))
         kept = keep_best(kept, grasp, settings.grasps)
     if len(kept) < settings.grasps:
         raise InvalidInput(

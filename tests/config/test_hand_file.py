@@ -118,11 +118,11 @@ def test_each_finger_may_wear_its_own_sensor(hand: Hand, tmp_path: Path) -> None
     file["fingers"][1]["sensor"]["file"] = "gels/soft.yaml"
     path = tmp_path / "hand.yaml"
     path.write_text(yaml.safe_dump(file))
-    worn = [finger.sensor for finger in load_hand(path).fingers]
+    worn = [mount.sensor for mount in load_hand(path).sensors]
     assert worn == ["gel_16mm", str(tmp_path / "gels" / "soft.yaml"), "gel_16mm", "gel_16mm"]
     del file["sensor"]
     path.write_text(yaml.safe_dump(file))
-    with pytest.raises(InvalidInput, match=r"finger 'index' wears no sensor; name one in its sensor.file"):
+    with pytest.raises(InvalidInput, match=r"sensor 'index' has no sensor file; name one as its `file`"):
         load_hand(path)
 
 

@@ -23,14 +23,14 @@ PROBES = 4
 
 @dataclass(frozen=True, eq=False)
 class FingerGeometry:
-    """The collision spheres of every finger's links, and points in its gel.
+    """The collision spheres of every finger's links, and points in every sensor's gel.
 
     Attributes
     ----------
     spheres
-        Of the links that each of S fingers moves.
+        Of the links that each of F fingers moves.
     probes
-        (S, PROBES², 3) float64, points in the gel at `PROBE_DEPTH`, in the frame of the finger's tip link, m.
+        (S, PROBES², 3) float64, points in the gel at `PROBE_DEPTH`, in the frame of the sensor's link, m.
     """
 
     spheres: tuple[CollisionSpheres, ...]
@@ -45,11 +45,11 @@ def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sen
     hand, spheres
         The hand and its spheres, from `collision_spheres`.
     sensors
-        The one that each finger wears: its gel's width and thickness.
+        The one at each of the S mounts: its gel's width and thickness.
 
     Returns
     -------
-    Spheres and probes of S fingers, in their links' frames, m.
+    Spheres of F fingers and probes of S sensors, in their links' frames, m.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sen
     bodiless = [finger.name for finger, part in zip(hand.fingers, own, strict=True) if not len(part.radii)]
     if bodiless:
         raise InvalidInput(f"{hand.urdf}: no link of {', '.join(bodiless)} has a collision shape; give at least one link of a finger one")
-    probes = [transform_points(finger.sensor_pose, _probes(sensor)) for finger, sensor in zip(hand.fingers, sensors, strict=True)]
+    probes = [transform_points(mount.pose, _probes(sensor)) for mount, sensor in zip(hand.sensors, sensors, strict=True)]
     return FingerGeometry(own, np.stack(probes))
 
 
@@ -76,7 +76,7 @@ def gel_probes(hand: Hand, fingers: FingerGeometry, frames: NDArray[np.float64])
     Parameters
     ----------
     hand
-        Gives the S fingers' tip links.
+        Gives the S sensors' links.
     fingers
         The probes, from `finger_geometry`.
     frames
@@ -86,7 +86,7 @@ def gel_probes(hand: Hand, fingers: FingerGeometry, frames: NDArray[np.float64])
     -------
     (3, N, S, PROBES²) float32, m, in the frame that the link frames are given in.
     """
-    tips = frames[:, [finger.tip for finger in hand.fingers]]  # (N, S, 4, 4)
+    tips = frames[:, [mount.link for mount in hand.sensors]]  # (N, S, 4, 4)
     turned = np.einsum("nsij,spj->insp", tips[..., :3, :3], fingers.probes)
     points: NDArray[np.float32] = (turned + np.moveaxis(tips[..., :3, 3], -1, 0)[..., None]).astype(np.float32)
     return points
@@ -127,7 +127,7 @@ def finger_clearance(field: DistanceField, fingers: FingerGeometry, frames: NDAr
 
     Returns
     -------
-    (N, S) float32, m, negative inside the object.
+    (N, F) float32, m, negative inside the object.
     """
     single = frames.astype(np.float32)
     distances = [field.lookup(own.world_centres(single)) - own.radii.astype(np.float32) for own in fingers.spheres]

@@ -12,25 +12,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, CollisionSpheres, collision_boxes
 from pipeline.kernels.hand.distance_field import DistanceField
 from pipeline.kernels.hand.finger_distances import FingerGeometry, finger_clearance, finger_geometry, gel_contact, gel_probes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.resting_contacts import frequent_overlaps
 from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm
 from pipeline.kernels.touch.sensor import Sensor
 
 Float64Array = NDArray[np.float64]
 
 MILLIMETRE = 1e-3
-LIMIT_MARGIN = 0.01
-"""rad (m) kept from the joint limits, so that a motor's residue does not cross them."""
+LIMIT_MARGIN, LIMIT_SHARE = 0.01, 0.02
+"""rad kept from the joint limits, so that a motor's residue does not cross them; no more than this share of what is between them."""
 NEAR_CONTACT = 0.0025
 """m outside or inside the object up to which a sampled posture is a candidate: what refinement can make good."""
 CANDIDATES = 320
@@ -41,8 +44,9 @@ LINES = 12
 """Postures per finger that are refined side by side, each replaced by its best neighbour."""
 NEIGHBOURS = 24
 """New postures around each of them, per round."""
-STEP = 0.16
-"""rad, standard deviation of the first round's steps, about the distance between samples; each round's is `SHRINK` of the one before."""
+STEP, STEP_SHARE = 0.16, 0.1
+"""rad, standard deviation of the first round's steps, about the distance between samples; each round's is `SHRINK` of the one before. Of
+a prismatic joint this share of its range."""
 SHRINK = 0.4
 AT_REST = 4
 """Postures without contact per finger, among which the joint choice may take one."""
@@ -65,7 +69,7 @@ class GraspIk:
     probes
         (3, K, S, P) float32, their gels' probes in the root link's frame, m.
     free
-        (K, S) bool, whether each finger stays clear of the palm.
+        (K, F) bool, whether each finger stays clear of the palm.
     """
 
     hand: Hand
@@ -89,7 +93,7 @@ def prepare_grasp_ik(
     hand, spheres
         The hand and the collision spheres of its links.
     sensors
-        The one that each finger wears.
+        The one at each of the hand's mounts.
     samples
         Number of joint vectors.
     clearance, finger_gap
@@ -102,7 +106,7 @@ def prepare_grasp_ik(
     Raises
     ------
     InvalidInput
-        A finger has no collision shape; see `finger_geometry`.
+        A finger has no collision shape, or not one posture in which it is clear of the palm.
     """
     fingers = finger_geometry(hand, spheres, sensors)
     boxes = collision_boxes(hand)
@@ -110,11 +114,34 @@ def prepare_grasp_ik(
     for finger in hand.fingers:
         joints = list(finger.joints)
         unit = qmc.Sobol(len(joints), scramble=False).random_base2(int(np.ceil(np.log2(samples))))[:samples]
-        low, high = hand.lower[joints] + LIMIT_MARGIN, hand.upper[joints] - LIMIT_MARGIN
+        margin = _limit_margin(hand)[joints]
+        low, high = hand.lower[joints] + margin, hand.upper[joints] - margin
         angles[:, joints] = low + unit * (high - low)
     frames = forward_kinematics(hand, np.eye(4), angles)
     free = fingers_clear_of_palm(hand, boxes, frames, finger_gap)
+    _check_free(hand, boxes, frames, free)
     return GraspIk(hand, fingers, boxes, clearance, finger_gap, angles, frames, gel_probes(hand, fingers, frames), free)
+
+
+def _check_free(hand: Hand, boxes: CollisionBoxes, frames: Float64Array, free: NDArray[np.bool_]) -> None:
+    """Name the links in the way of a finger that is clear of them in no posture."""
+    for number, finger in enumerate(hand.fingers):
+        if not free[:, number].any():
+            said = [
+                f"{hand.links[one.first].name} and {hand.links[one.second].name} (boxes overlap {1e3 * one.depth:.1f} mm)"
+                for one in frequent_overlaps(hand, boxes, frames)
+                if {one.first, one.second} & set(finger.links)
+            ]
+            pairs = ", ".join(said) or "the palm and its own links"
+            raise InvalidInput(
+                f"{finger.name}: 0 of {len(free)} postures are free of {pairs}: list the pair under `allowed_contacts` of {hand.path}, "
+                "or split the meshes of a link with `convex_parts`"
+            )
+
+
+def _limit_margin(hand: Hand) -> Float64Array:
+    """(J,) kept from the joint limits."""
+    return np.minimum(LIMIT_MARGIN, LIMIT_SHARE * (hand.upper - hand.lower))
 
 
 def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> bool:
@@ -160,8 +187,10 @@ def grasp_ik(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, roun
     cannot touch takes, of the free postures found, the one that comes nearest to touching.
     """
     lines, rest = _best_samples(ik, field, hand_pose)
+    slides = np.array([ik.hand.joints[link - 1].kind == "prismatic" for link in ik.hand.joint_links])
+    size = np.where(slides, STEP_SHARE * (ik.hand.upper - ik.hand.lower), STEP)
     for k in range(rounds):
-        steps = STEP * SHRINK**k * rng.standard_normal((len(lines), NEIGHBOURS + 1, lines.shape[1]))
+        steps = size * SHRINK**k * rng.standard_normal((len(lines), NEIGHBOURS + 1, lines.shape[1]))
         lines = _refine(ik, field, hand_pose, lines=lines, steps=steps)
     options = np.concatenate([lines, rest])
     frames = forward_kinematics(ik.hand, hand_pose, options)
@@ -174,13 +203,18 @@ def grasp_ik(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, roun
 
 
 def _measure(ik: GraspIk, field: DistanceField, frames: Float64Array) -> tuple[Float64Array, NDArray[np.float32]]:
-    """The value (N, S) of postures, more than 1 for a touch, and the clearance (N, S) of their rigid links, m; frames (N, L, 4, 4)."""
+    """The value (N, F) of postures, more than 1 per touch, and the clearance (N, F) of their rigid links, m; frames (N, L, 4, 4)."""
     contact, coverage = gel_contact(field, gel_probes(ik.hand, ik.fingers, frames))
     miss = np.maximum(contact, 0) / MILLIMETRE
     clearance = finger_clearance(field, ik.fingers, frames)
     lack = np.maximum(ik.clearance - clearance, 0) / MILLIMETRE
-    value = np.where(miss == 0, 2 + coverage, 0) - 0.1 * miss - 2 * lack
+    value = _by_finger(ik.hand, np.where(miss == 0, 2 + coverage, 0) - 0.1 * miss) - 2 * lack
     return value.astype(np.float64), clearance
+
+
+def _by_finger(hand: Hand, gains: NDArray[Any]) -> NDArray[Any]:
+    """(N, F) sums over the sensors of each finger, of (N, S); nothing for a finger that carries none."""
+    return np.stack([gains[:, list(finger.sensors)].sum(axis=1) for finger in hand.fingers], axis=1)
 
 
 def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -197,11 +231,11 @@ def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) ->
 
 
 def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> NDArray[np.intp]:
-    """(CANDIDATES + SPREAD, S) rows of the samples whose clearance is measured: each finger's with most contact, and some of all."""
+    """(CANDIDATES + SPREAD, F) rows of the samples whose clearance is measured: each finger's with most contact, and some of all."""
     turn, shift = hand_pose[:3, :3].astype(np.float32), hand_pose[:3, 3].astype(np.float32)
     contact, coverage = gel_contact(field, np.einsum("ij,jksp->iksp", turn, ik.probes) + shift[:, None, None, None])  # (K, S)
     excess = np.maximum(np.abs(contact + NEAR_CONTACT) - NEAR_CONTACT, 0) / MILLIMETRE
-    first = np.where(ik.free, coverage - excess, -np.inf)
+    first = np.where(ik.free, _by_finger(ik.hand, coverage - excess), -np.inf)
     order = np.argsort(-first, axis=0, kind="stable")[:CANDIDATES]
     spread = _spread(ik)
     return np.concatenate([order, np.broadcast_to(spread[:, None], (len(spread), order.shape[1]))])
@@ -214,7 +248,9 @@ def _spread(ik: GraspIk) -> NDArray[np.intp]:
 
 def _mix(hand: Hand, angles: Float64Array, rows: NDArray[np.intp]) -> Float64Array:
     """(N, J) joint angles in which finger s takes row `rows[:, s]` of `angles`."""
-    finger_of_joint = np.repeat(np.arange(len(hand.fingers)), [len(finger.joints) for finger in hand.fingers])
+    finger_of_joint = np.empty(len(hand.joint_names), np.intp)
+    for number, finger in enumerate(hand.fingers):
+        finger_of_joint[list(finger.joints)] = number
     return np.take_along_axis(angles, rows[:, finger_of_joint], axis=0)
 
 
@@ -222,7 +258,8 @@ def _refine(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, lines
     """Replace every line (LINES, J) by the best posture among itself and neighbours at `steps` (LINES, NEIGHBOURS + 1, J), by finger."""
     children = lines[:, None] + steps
     children[:, 0] = lines
-    children = np.clip(children, ik.hand.lower + LIMIT_MARGIN, ik.hand.upper - LIMIT_MARGIN).reshape(-1, lines.shape[1])
+    margin = _limit_margin(ik.hand)
+    children = np.clip(children, ik.hand.lower + margin, ik.hand.upper - margin).reshape(-1, lines.shape[1])
     value, _ = _measure(ik, field, forward_kinematics(ik.hand, hand_pose, children))
-    best = value.reshape(len(lines), NEIGHBOURS + 1, -1).argmax(axis=1)  # (LINES, S)
+    best = value.reshape(len(lines), NEIGHBOURS + 1, -1).argmax(axis=1)  # (LINES, F)
     return _mix(ik.hand, children, best + (NEIGHBOURS + 1) * np.arange(len(lines))[:, None])

@@ -60,7 +60,7 @@ def sensor_poses(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArr
 
     Returns
     -------
-    (..., S, 4, 4) float64, sensor frame to world frame, m, in the order of `hand.fingers`.
+    (..., S, 4, 4) float64, sensor frame to world frame, m, in the order of `hand.sensors`.
 
     Raises
     ------
@@ -76,15 +76,15 @@ def sensors_of_links(hand: Hand, link_frames: NDArray[np.float64]) -> NDArray[np
     Parameters
     ----------
     hand
-        Gives the S fingers' tip links and their sensors.
+        Gives the S sensors and their links.
     link_frames
         (..., L, 4, 4) float64, world, m, from `forward_kinematics`.
 
     Returns
     -------
-    (..., S, 4, 4) float64, sensor frame to world frame, m, in the order of `hand.fingers`.
+    (..., S, 4, 4) float64, sensor frame to world frame, m, in the order of `hand.sensors`.
     """
-    return np.stack([compose(link_frames[..., finger.tip, :, :], finger.sensor_pose) for finger in hand.fingers], axis=-3)
+    return np.stack([compose(link_frames[..., mount.link, :, :], mount.pose) for mount in hand.sensors], axis=-3)
 
 
 def joint_motion(kind: str, axis: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -84,37 +84,53 @@ class Follower:
 
 
 @dataclass(frozen=True, eq=False)
-class Finger:
-    """A finger with one sensor.
+class Mount:
+    """A sensor on a link.
 
     Attributes
     ----------
     name
-        As the hand file calls it.
+        As the hand file calls it: by default, as the finger that it is on.
+    link
+        Number of the link that carries it.
+    pose
+        (4, 4) sensor frame in the link's frame: origin at the centre of the sensor plane, +z outward, +x along image columns, +y along
+        image rows.
+    sensor
+        The sensor that is mounted: name of a shipped one, or absolute path of a sensor file.
+    """
+
+    name: str
+    link: int
+    pose: NDArray[np.float64]
+    sensor: str
+
+
+@dataclass(frozen=True, eq=False)
+class Finger:
+    """What moves independently of the rest of the hand: a finger, or several that one motor drives.
+
+    Attributes
+    ----------
+    name
+        As the hand file calls it; of several fingers their names, joined by +.
     joints
         Its entries of the joint vector.
     links
         The links that it moves, base to tip.
-    tip
-        The link that carries the sensor.
-    sensor_pose
-        (4, 4) sensor frame in the tip's frame: origin at the centre of the sensor plane, +z outward, +x along image columns, +y along
-        image rows.
-    sensor
-        The sensor that it wears: name of a shipped one, or absolute path of a sensor file.
+    sensors
+        The numbers of the sensors that it carries; there may be none.
     """
 
     name: str
     joints: tuple[int, ...]
     links: tuple[int, ...]
-    tip: int
-    sensor_pose: NDArray[np.float64]
-    sensor: str
+    sensors: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """A hand of L links, J joints that move and S fingers.
+    """A hand of L links, J joints that move, F fingers and S sensors.
 
     Attributes
     ----------
@@ -137,8 +153,8 @@ class Hand:
         at rest.
     torque, friction
         Of every joint's motor, N m (N for a prismatic joint), and of the links' surfaces.
-    fingers
-        In sensor order.
+    fingers, sensors
+        In the hand file's order: sensors finger by finger, those on the palm last.
     palm_facing, palm_centre
         (3,) unit outward normal of the palm, and the point of its face that is set over the object, in the root link's frame.
     """
@@ -153,6 +169,7 @@ class Hand:
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
     fingers: tuple[Finger, ...]
+    sensors: tuple[Mount, ...]
     palm_facing: NDArray[np.float64]
     palm_centre: NDArray[np.float64]
     followers: tuple[Follower, ...] = ()

@@ -35,17 +35,19 @@ def pregrasp_angles(hand: Hand, joint_angles: NDArray[np.float64], distances: Se
 
     Notes
     -----
-    One damped least-squares step with the Jacobian of the sensors' positions: right to first order only.
+    One damped least-squares step with the Jacobian of the sensors' positions: right to first order only. A finger with several sensors
+    takes the mean of their steps.
     """
     home = np.eye(4)
     rest = sensor_poses(hand, home, joint_angles)  # (S, 4, 4)
     moved = sensor_poses(hand, home, joint_angles + DIFFERENCE * np.eye(len(joint_angles)))  # (J, S, 4, 4)
     jacobian = np.moveaxis(moved[..., :3, 3] - rest[:, :3, 3], 0, -1) / DIFFERENCE  # (S, 3, J)
     opened = np.repeat(joint_angles[None], len(distances), axis=0)
-    for s, finger in enumerate(hand.fingers):
+    for finger in hand.fingers:
         joints = list(finger.joints)
-        own = jacobian[s][:, joints]
-        for row, distance in enumerate(distances):
-            step = solve_3x3(compose(own, own.T) + DAMPING**2 * np.eye(3), distance * rest[s, :3, 2])
-            opened[row, joints] -= (own * step[:, None]).sum(axis=0)
+        for s in finger.sensors:
+            own = jacobian[s][:, joints]
+            for row, distance in enumerate(distances):
+                step = solve_3x3(compose(own, own.T) + DAMPING**2 * np.eye(3), distance * rest[s, :3, 2])
+                opened[row, joints] -= (own * step[:, None]).sum(axis=0) / len(finger.sensors)
     return np.clip(opened, hand.lower, hand.upper)

@@ -61,7 +61,7 @@ def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.
 
     Returns
     -------
-    (N, S) bool.
+    (N, F) bool.
     """
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
@@ -82,13 +82,13 @@ def choose_postures(
     frames
         (O, L, 4, 4) link frames of O options, in each of which every finger has one posture; options of different fingers mix freely.
     worth
-        (O, S) of every finger's posture in every option; -inf for one that may not be taken.
+        (O, F) of every finger's posture in every option; -inf for one that may not be taken.
     gap
         Least gap between boxes of different fingers, m.
 
     Returns
     -------
-    (S,) option taken for each finger, or None when no choice keeps them apart.
+    (F,) option taken for each finger, or None when no choice keeps them apart.
 
     Notes
     -----
@@ -111,7 +111,7 @@ def choose_postures(
 
 
 def _blocked(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
-    """(S, S, O, O): finger a in option i is too near finger b in option j; filled for a < b."""
+    """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b."""
     fingers, options = len(hand.fingers), len(frames)
     blocked = np.zeros((fingers, fingers, options, options), bool)
     own = [np.flatnonzero(np.isin(boxes.link, finger.links)) for finger in hand.fingers]

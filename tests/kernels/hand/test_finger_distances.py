@@ -21,7 +21,7 @@ from tests.kernels.hand.meshes import random_pose
 from tests.strategies import seeds
 
 HAND = load_hand("allegro_right")
-SENSOR = load_sensor(HAND.fingers[0].sensor)
+SENSOR = load_sensor(HAND.sensors[0].sensor)
 
 
 @given(seed=seeds)
@@ -38,7 +38,9 @@ def test_contact_and_clearance_over_a_plane_are_heights(seed) -> None:
     for number, finger in enumerate(HAND.fingers):
         own = np.isin(spheres.link, finger.links)
         assert abs(clearance[0, number] - (centres[2, 0, own] - base[2] - spheres.radii[own]).min()) <= lost
-        probes = (frames[0, finger.tip] @ np.vstack([fingers.probes[number].T, np.ones(fingers.probes.shape[1])]))[2] - base[2]
+        probes = (frames[0, HAND.sensors[number].link] @ np.vstack([fingers.probes[number].T, np.ones(fingers.probes.shape[1])]))[2] - base[
+            2
+        ]
         assert abs(contact[0, number] - probes.min()) <= lost
         assert (probes < -lost).mean() <= coverage[0, number] <= (probes < lost).mean()
 

@@ -29,7 +29,7 @@ def plate() -> DistanceField:
 def ik(hand: Hand) -> GraspIk:
     spheres = collision_spheres(hand, spacing=0.006, tolerance=0.002)
     return prepare_grasp_ik(
-        hand, spheres, [load_sensor(finger.sensor) for finger in hand.fingers], samples=512, clearance=0.001, finger_gap=0.001
+        hand, spheres, [load_sensor(mount.sensor) for mount in hand.sensors], samples=512, clearance=0.001, finger_gap=0.001
     )
 
 

@@ -27,8 +27,8 @@ def test_forward_kinematics_tips_match_documentation_table(hand: Hand, rng: np.r
     for _ in range(20):
         pose, angles = random_pose(rng), angles_of(hand, rng)
         frames = forward_kinematics(hand, pose, angles)
-        for finger in hand.fingers:
-            np.testing.assert_allclose(frames[finger.tip], pose @ tip_frame(finger.name, angles), atol=1e-12)
+        for mount in hand.sensors:
+            np.testing.assert_allclose(frames[mount.link], pose @ tip_frame(mount.name, angles), atol=1e-12)
 
 
 def test_forward_kinematics_links_match_pybullet(hand: Hand, rng: np.random.Generator) -> None:
@@ -96,8 +96,8 @@ def test_forward_kinematics_rejects_wrong_shapes(hand: Hand) -> None:
 def test_sensor_frames_follow_tip_axes(hand: Hand, rng: np.random.Generator) -> None:
     angles = angles_of(hand, rng)
     frames, sensors = forward_kinematics(hand, np.eye(4), angles), sensor_poses(hand, np.eye(4), angles)
-    for finger, sensor in zip(hand.fingers, sensors, strict=True):
-        tip = frames[finger.tip]
+    for mount, sensor in zip(hand.sensors, sensors, strict=True):
+        tip = frames[mount.link]
         np.testing.assert_allclose(sensor[:3, 2], tip[:3, 0], atol=1e-12)  # outward is tip +x
         np.testing.assert_allclose(sensor[:3, 0], tip[:3, 1], atol=1e-12)  # columns run along tip +y
         np.testing.assert_allclose(sensor[:3, 1], tip[:3, 2], atol=1e-12)  # rows along tip +z
@@ -113,7 +113,7 @@ def test_bent_fingers_move_to_the_palms_side(hand: Hand) -> None:
 
 
 def test_gel_is_visual_and_no_collision_shape(hand: Hand) -> None:
-    tip = hand.fingers[0].tip
+    tip = hand.sensors[0].link
     drawn = np.concatenate([mesh.vertices for link, mesh in hand.visual_meshes if link == tip])
     assert drawn[:, 0].max() == pytest.approx(0.0185, abs=1e-5)
     (box,) = hand.links[tip].collisions
