@@ -25,6 +25,27 @@ GRASPS = Artifact(
             "+x along image columns, +y along image rows.",
         ),
         "touch_success": Array(("object", "grasp", "sensor"), "bool", "1", "M: whether the sensor touches, 0 < min D < w - 0.1 mm."),
+        "contact_area": Array(
+            ("object", "grasp", "sensor"),
+            "float32",
+            "m2",
+            "Area of the sensor plane over which the surface presses into the gel; 0 without a touch.",
+            optional=True,  # datasets have it that were made since grasps are judged by more than touches
+        ),
+        "opposition": Array(
+            ("object", "grasp"),
+            "float32",
+            "degree",
+            "The greatest angle between the normals of two contacts: 180 where two sensors press against each other, 0 for fewer than two.",
+            optional=True,
+        ),
+        "closure": Array(
+            ("object", "grasp"),
+            "float32",
+            "1",
+            "Margin of force closure, to 0.001: 0 where the contacts cannot hold the object by friction, 1 where all of them press alike.",
+            optional=True,
+        ),
         "penetration": Array(
             ("object", "grasp"),
             "float32",

@@ -15,6 +15,10 @@ SUPPLEMENT_SUCCESS = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle":
 """Table 1: per cent of touches that succeed."""
 
 
+HELD = ("contact_area", "opposition", "closure")
+"""The arrays that say how well a grasp holds."""
+
+
 @dataclass
 class Tally:
     """Touches of the objects of one category."""
@@ -24,6 +28,8 @@ class Tally:
     tried: list[np.ndarray] = field(default_factory=list)
     """(sensor,) of every object: the share of all attempts in which a sensor touched."""
     attempts: int = 0
+    held: list[np.ndarray] = field(default_factory=list)
+    """(grasp, 3) of every object: area of contact, mm², greatest angle between two contacts, degrees, and margin of force closure."""
 
     def row(self) -> tuple[int, int, int, float, float]:
         """Objects, grasps, touches, and per cent of touches that succeed: of those kept, of all attempts."""
@@ -33,13 +39,17 @@ class Tally:
 
 def tally(data: Place) -> dict[str, Tally]:
     """Count the touches of every category in a data directory; failed objects are left out."""
-    rows = ObjectRows(data, ["touch_success", "attempt_success", "attempts"], split=None)
+    judged = HELD if first_shard(data, GRASPS).has("closure") else ()  # older datasets have none
+    rows = ObjectRows(data, ["touch_success", "attempt_success", "attempts", *judged], split=None)
     found: dict[str, Tally] = defaultdict(Tally)
     for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
         entry = found[category]
         entry.touched.append(rows.read("touch_success", object_id))
         entry.tried.append(rows.read("attempt_success", object_id))
         entry.attempts += int(rows.read("attempts", object_id))
+        if judged:
+            area, angle, margin = (rows.read(name, object_id) for name in HELD)
+            entry.held.append(np.stack([1e6 * area.sum(axis=1), angle, margin], axis=1))
     return dict(sorted(found.items()))
 
 

@@ -107,9 +107,13 @@ class BandMaker:
         occluded = vision["occluded"][0] if "occluded" in list(vision) else np.full_like(unoccluded, 255)
         with self.grasp_view(rows, 0) as view:
             held, felt = second_view(self.renderer, self.scene, len(unoccluded), view)
+        note = f"{touched.sum()} of {len(touched)} touch; rigid parts stand {float(grasps['penetration'][0]) * 1e3:.2f} mm inside"
+        if "closure" in list(grasps):
+            angle, margin, area = (float(np.sum(grasps[name][0])) for name in ("opposition", "closure", "contact_area"))
+            note += f"; {1e6 * area:.0f} mm² of contact, {angle:.0f}° between the most opposed, closure {margin:.2f}"
         return Band(
             title=object_id,
-            note=f"{touched.sum()} of {len(touched)} touch; rigid parts stand {float(grasps['penetration'][0]) * 1e3:.2f} mm inside",
+            note=note,
             pictures=[("unoccluded", unoccluded), ("occluded", occluded), ("from a second side", held), ("touch sites", felt)],
             fingers=[mount.name for mount in self.hand.sensors],
             touched=touched,

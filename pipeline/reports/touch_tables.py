@@ -15,10 +15,14 @@ from pipeline.dataset.touch_statistics import SUPPLEMENT_SUCCESS, Tally
 SUPPLEMENT_HISTOGRAM = (9.47, 26.08, 53.83, 10.61)
 """1.6: per cent of grasps with 1 to 4 successful touches; of none it says nothing."""
 
+OPPOSED = 90
+"""Degrees between the normals of two contacts, above which they press against each other."""
+
 
 def show(found: dict[str, Tally], sensors: list[str], console: Console) -> None:
     """Print the tables; the supplement's touches per grasp beside ours where there are as many sensors."""
     everything = Tally([t for e in found.values() for t in e.touched], [t for e in found.values() for t in e.tried])
+    everything.held = [grasps for entry in found.values() for grasps in entry.held]
     rows = []
     for name, entry in [*found.items(), ("all", everything)]:
         *counts, kept, tried = entry.row()
@@ -26,6 +30,7 @@ def show(found: dict[str, Tally], sensors: list[str], console: Console) -> None:
         rows.append((escape(name), *counts, f"{kept:.1f}", theirs, f"{tried:.1f}"))
     print_table(console, ("class", "objects", "grasps", "touches", "% successful", "supplement", "% of all attempts"), rows)
 
+    _show_hold(found, everything, console)
     touched = np.concatenate(everything.touched)
     shares = touches_per_grasp(touched)
     rows = [("here", *_rounded(shares))]
@@ -44,6 +49,18 @@ def touches_per_grasp(touched: NDArray[np.bool_]) -> NDArray[np.float64]:
 def supplement_touches(count: int) -> tuple[float, ...]:
     """The supplement's per cent of grasps with 0, 1, … touches, the first one 0; empty where the hand has another number of sensors."""
     return (0.0, *SUPPLEMENT_HISTOGRAM) if count == 1 + len(SUPPLEMENT_HISTOGRAM) else ()
+
+
+def _show_hold(found: dict[str, Tally], everything: Tally, console: Console) -> None:
+    """Print how well the kept grasps hold; nothing of a dataset that does not say."""
+    if not everything.held:
+        return
+    rows = []
+    for name, entry in [*found.items(), ("all", everything)]:
+        area, angle, margin = np.concatenate(entry.held).T
+        rows.append((escape(name), f"{area.mean():.0f}", f"{100 * (angle > OPPOSED).mean():.1f}", f"{100 * (margin > 0).mean():.1f}"))
+    titles = ("class", "area of contact per grasp, mm²", f"% with contacts over {OPPOSED}° apart", "% with force closure")
+    print_table(console, titles, rows)
 
 
 def _rounded(shares: Iterable[float]) -> list[str]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.finger_distances import finger_clearance
+from pipeline.kernels.hand.grasp_closure import Contact, closure_margin, contact_of, opposition_angle
 from pipeline.kernels.hand.grasp_ik import fingers_fit, grasp_ik
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_links
 from pipeline.kernels.hand.palm_pose import tangent_palm_pose
@@ -17,7 +20,6 @@ from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.hand.self_collision import hand_gap
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.kernels.touch.sensor import Sensor
 from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
 from stages.simulate_grasps.settings import GraspSettings
@@ -30,7 +32,10 @@ MAX_SEARCHES = 3
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """A grasp as simulated; `sound` when it rests, keeps its joint limits and penetrates neither the object nor itself."""
+    """A grasp as simulated; `sound` when it rests, keeps its joint limits and penetrates neither the object nor itself.
+
+    `contacts` are those of the sensors that touch, None for others; `closure` is their margin.
+    """
 
     hand_pose: NDArray[np.float64]
     joint_angles: NDArray[np.float64]
@@ -38,6 +43,18 @@ class Grasp:
     touched: NDArray[np.bool_]
     penetration: float
     sound: bool
+    contacts: Sequence[Contact | None] = ()
+    closure: float = 0.0
+
+    @property
+    def contact_area(self) -> NDArray[np.float64]:
+        """(S,) m²; 0 for a sensor that does not touch."""
+        return np.array([contact.area if contact else 0.0 for contact in self.contacts])
+
+    @property
+    def opposition(self) -> float:
+        """The greatest angle between two contacts' normals, degrees."""
+        return opposition_angle([contact for contact in self.contacts if contact])
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +98,9 @@ class GraspSearch:
         angles, rests = self.physics.settle(pose, start, target, max_steps=steps, resting_speed=speed)
         frames = forward_kinematics(hand, pose, angles)
         poses = sensors_of_links(hand, frames)
-        touched = np.array([self._touches(*worn) for worn in zip(poses, self.prepared_hand.sensors, strict=True)])
+        worn = list(zip(poses, self.prepared_hand.sensors, strict=True))
+        depths = [ray_depth(self.prepared_object.faces, *one) for one in worn]
+        touched = np.array([touch_success(depth, sensor) for depth, (_, sensor) in zip(depths, worn, strict=True)])
         penetration = penetration_depth(self.prepared_object.field, self.prepared_hand.spheres, frames)
         sound = (
             rests
@@ -89,11 +108,13 @@ class GraspSearch:
             and hand_gap(hand, ik.boxes, frames) >= 0
             and penetration <= self.settings.penetration_limit
         )
-        return Grasp(pose, angles, poses, touched, penetration, sound)
+        contacts = [contact_of(depth, *one) if touches else None for depth, one, touches in zip(depths, worn, touched, strict=True)]
+        return Grasp(pose, angles, poses, touched, penetration, sound, contacts, self._closure(contacts) if sound else 0.0)
 
-    def _touches(self, pose: NDArray[np.float64], sensor: Sensor) -> np.bool_:
-        """Tell whether one sensor touches the object."""
-        return np.bool_(touch_success(ray_depth(self.prepared_object.faces, pose, sensor), sensor))
+    def _closure(self, contacts: list[Contact | None]) -> float:
+        points = self.prepared_object.points
+        size = float(length(points.max(axis=0) - points.min(axis=0))) / 2
+        return closure_margin([one for one in contacts if one], friction=self.prepared_hand.hand.friction, size=size)
 
     def _pregrasp(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joint angles from which the fingers close: each drawn back as far as there is room behind it."""
@@ -108,8 +129,16 @@ class GraspSearch:
         return start if apart else target
 
 
-def keep_best(kept: list[Grasp], grasp: Grasp | None, count: int) -> list[Grasp]:
-    """Keep the `count` sound grasps with most touches so far, the earlier of equals first."""
+WORTH: dict[str, Callable[[Grasp], tuple[float, ...]]] = {
+    "touches": lambda grasp: (int(grasp.touched.sum()),),
+    "area": lambda grasp: (float(grasp.contact_area.sum()),),
+    "closure": lambda grasp: (grasp.closure, int(grasp.touched.sum())),
+}
+"""What makes a grasp better than another, by the setting `prefer`."""
+
+
+def keep_best(kept: list[Grasp], grasp: Grasp | None, count: int, prefer: str = "touches") -> list[Grasp]:
+    """Keep the best `count` sound grasps so far, the earlier of equals first."""
     if grasp is None or not grasp.sound:
         return kept
-    return sorted([*kept, grasp], key=lambda one: -int(one.touched.sum()))[:count]  # a stable sort
+    return sorted([*kept, grasp], key=lambda one: tuple(-value for value in WORTH[prefer](one)))[:count]  # a stable sort

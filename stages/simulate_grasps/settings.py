@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import model_validator
 
 from pipeline.config.settings import ObjectSettings, setting
@@ -19,6 +21,12 @@ class GraspSettings(ObjectSettings):
         changes="definition",
     )
     grasps: int = setting(5, "the best five are kept (supplement 1.3)", ge=1, changes="definition")
+    prefer: Literal["touches", "area", "closure"] = setting(
+        "touches",
+        "the supplement's rule (1.3); area: most area of contact; closure: the greatest margin of force closure, then most touches; "
+        "both make all attempts",
+        changes="definition",
+    )
     attempts: int = setting(
         50,
         "poses of the palm tried per object at most, as many as the authors' later simulator tries; 12 leave 4 % of the sensors untouched",

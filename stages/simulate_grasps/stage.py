@@ -88,11 +88,12 @@ def _grasp(prepared_hand: PreparedHand, physics: Simulation, settings: GraspSett
     for number in range(SECOND_CHANCES * settings.attempts):
         if number >= settings.attempts and (not kept or len(kept) == settings.grasps):
             break
-        if not settings.exhaustive and len(kept) == settings.grasps and all(grasp.touched.all() for grasp in kept):
+        first_are_best = settings.prefer == "touches" and not settings.exhaustive
+        if first_are_best and len(kept) == settings.grasps and all(grasp.touched.all() for grasp in kept):
             break
         grasp = search.attempt(task.rng("simulate-grasps", number))
         touched.append(grasp.touched if grasp else np.zeros(len(prepared_hand.hand.sensors), bool))
-        kept = keep_best(kept, grasp, settings.grasps)
+        kept = keep_best(kept, grasp, settings.grasps, settings.prefer)
     if len(kept) < settings.grasps:
         raise InvalidInput(
             f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: the hand has no room around the object "
@@ -104,6 +105,9 @@ def _grasp(prepared_hand: PreparedHand, physics: Simulation, settings: GraspSett
         "joint_angles": np.stack([grasp.joint_angles for grasp in kept]),
         "sensor_pose": np.stack([grasp.sensor_pose for grasp in kept]),
         "touch_success": np.stack([grasp.touched for grasp in kept]),
+        "contact_area": np.stack([grasp.contact_area for grasp in kept]).astype(np.float32),
+        "opposition": np.array([grasp.opposition for grasp in kept], np.float32),
+        "closure": np.array([grasp.closure for grasp in kept], np.float32),
         "penetration": np.array([grasp.penetration for grasp in kept], np.float32),
         "attempts": np.array(len(touched), np.int32),
         "attempt_success": np.mean(touched, axis=0).astype(np.float32),

@@ -7,6 +7,7 @@ import multiprocessing
 import numpy as np
 import trimesh
 
+from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
 from stages.simulate_grasps.grasp_search import Grasp, keep_best
 from stages.simulate_grasps.physics import Simulation
@@ -121,3 +122,18 @@ def test_keep_best_keeps_most_touches_and_the_earlier_of_equals() -> None:
     for grasp in (made(0, 2), made(1, 4, sound=False), made(2, 3), None, made(3, 2), made(4, 3), made(5, 0)):
         kept = keep_best(kept, grasp, 3)
     assert [grasp.joint_angles[0] for grasp in kept] == [2, 4, 0]
+
+
+def grasp_with(areas: list[float], closure: float) -> Grasp:
+    contacts = [Contact(np.zeros(3), np.array([0.0, 0, 1]), area) if area else None for area in areas]
+    return Grasp(np.eye(4), np.zeros(16), np.eye(4), np.array(areas) > 0, 0.0, True, contacts, closure)
+
+
+def test_best_grasps_are_those_with_most_touches_area_or_closure() -> None:
+    """Of three grasps each is the best in one respect; the earlier of equals stays first."""
+    many, large, held = grasp_with([1, 1, 1, 1], 0.0), grasp_with([9, 0, 0, 0], 0.0), grasp_with([1, 1, 0, 0], 0.4)
+    for prefer, best in (("touches", many), ("area", large), ("closure", held)):
+        kept: list[Grasp] = []
+        for grasp in (grasp_with([1, 0, 0, 0], 0.0), large, held, many, grasp_with([1, 1, 1, 1], 0.0)):
+            kept = keep_best(kept, grasp, 2, prefer)
+        assert kept[0] is best

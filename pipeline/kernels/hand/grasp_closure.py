@@ -1,0 +1,132 @@
+"""Whether a grasp's contacts hold an object: where they are, which way they press, and if they can balance each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from pipeline.kernels.geometry.transforms import length, solve_3x3
+from pipeline.kernels.touch.contact import contact_mask
+from pipeline.kernels.touch.sensor import Sensor, masked_points
+
+CONE_EDGES = 8
+"""Edges of the pyramid that stands for a friction cone."""
+
+DIGITS = 3
+"""Decimals to which a margin is given: more would be the linear program's rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """A gel on an object.
+
+    Attributes
+    ----------
+    point, normal
+        (3,) world, m: the middle of the contact, and the unit normal of the object's surface there, into the object.
+    area
+        Of the sensor plane over which the surface presses into the gel, m².
+    """
+
+    point: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    area: float
+
+
+def contact_of(depth: np.ndarray, pose: NDArray[np.float64], sensor: Sensor) -> Contact | None:
+    """Find the contact of a sensor with an object.
+
+    Parameters
+    ----------
+    depth
+        (rows, cols) D, m, +inf where nothing is met.
+    pose
+        (4, 4) float64, sensor frame to world frame, m.
+    sensor
+        Gives the size of the sensor plane and the gel's thickness.
+
+    Returns
+    -------
+    The contact; None where nothing presses into the gel.
+
+    Notes
+    -----
+    The normal is that of the plane through the points in the gel (least squares); of fewer than three points, the sensor's.
+    """
+    points = masked_points(depth, contact_mask(depth, sensor), sensor)
+    if not len(points):
+        return None
+    middle = points.mean(axis=0)
+    away = points - middle
+    across = np.einsum("ni,nj->ij", away[:, :2], away[:, :2])
+    slope = np.zeros(2)
+    if across[0, 0] * across[1, 1] - across[0, 1] ** 2 > 1e-12 * across.trace() ** 2:
+        normal_matrix = np.eye(3)
+        normal_matrix[:2, :2] = across
+        slope = solve_3x3(normal_matrix, np.array([*(away[:, :2] * away[:, 2:]).sum(axis=0), 0.0]))[:2]
+    normal = np.array([-slope[0], -slope[1], 1.0])
+    turn = pose[:3, :3]
+    area = len(points) * sensor.width**2 / (sensor.rows * sensor.cols)
+    return Contact((turn * middle).sum(axis=1) + pose[:3, 3], (turn * normal).sum(axis=1) / length(normal), area)
+
+
+def opposition_angle(contacts: list[Contact]) -> float:
+    """Compute the greatest angle between the normals of two contacts, degrees: 180 where two oppose each other, 0 for fewer than two."""
+    normals = np.array([contact.normal for contact in contacts]).reshape(-1, 3)
+    cosines = np.clip(np.einsum("ai,bi->ab", normals, normals), -1, 1)
+    return float(np.rad2deg(np.arccos(cosines.min()))) if len(contacts) > 1 else 0.0
+
+
+def closure_margin(contacts: list[Contact], *, friction: float, size: float) -> float:
+    """Compute how evenly contacts can press so that their forces and moments cancel.
+
+    Parameters
+    ----------
+    contacts
+        Soft fingers with Coulomb friction: each resists a force within its friction cone and a moment about its normal.
+    friction
+        Coefficient between gel and object.
+    size
+        A length by which moments are divided, m: that of the object.
+
+    Returns
+    -------
+    0 where they cannot cancel, or cannot resist every force and moment: no force closure. Else the share of an even distribution that
+    every edge of every friction cone carries at least, up to 1.
+
+    Notes
+    -----
+    Of m edges with wrenches w, of normal force 1 each, the greatest t with Σ λ w = 0, Σ λ = 1, λ ≥ t / m. Positive t and wrenches that
+    span all six dimensions are force closure (Murray, Li, Sastry, 1994, 5.2). The moment about a normal is 2/3 μ times the radius of a
+    disc of the contact's area, as of a constant pressure.
+    """
+    if len(contacts) < 2 or friction <= 0:
+        return 0.0
+    wrenches = np.concatenate([_edges(contact, contacts[0].point, friction, size) for contact in contacts])  # (m, 6)
+    spread = np.linalg.svd(wrenches, compute_uv=False)
+    if spread[-1] < 1e-6 * spread[0]:
+        return 0.0
+    count = len(wrenches)
+    balance = np.concatenate([wrenches.T, wrenches.sum(axis=0)[:, None] / count], axis=1)  # λ = t / m + what is more
+    total = np.ones((1, count + 1))
+    goal = np.zeros(count + 1)
+    goal[-1] = -1
+    found = linprog(goal, A_eq=np.concatenate([balance, total]), b_eq=np.array([0.0] * 6 + [1.0]), bounds=(0, None), method="highs")
+    return round(float(np.clip(found.x[-1], 0, 1)), DIGITS) if found.success else 0.0
+
+
+def _edges(contact: Contact, origin: NDArray[np.float64], friction: float, size: float) -> NDArray[np.float64]:
+    """(edges, 6) forces and moments / size of a contact, with normal force 1: the cone's edges, and the moments about the normal."""
+    across = np.cross(np.eye(3)[np.argmin(np.abs(contact.normal))], contact.normal)
+    across /= length(across)
+    along = np.cross(contact.normal, across)
+    angles = 2 * np.pi * np.arange(CONE_EDGES) / CONE_EDGES
+    sideways = friction * (np.cos(angles)[:, None] * across + np.sin(angles)[:, None] * along)
+    twist = 2 / 3 * friction * np.sqrt(contact.area / np.pi) / size
+    forces = np.concatenate([contact.normal + sideways, contact.normal[None], contact.normal[None]])
+    moments = np.cross((contact.point - origin) / size, forces)
+    moments[-2:] += twist * np.array([[1.0], [-1.0]]) * contact.normal
+    return np.concatenate([forces, moments], axis=1)
