@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from pipeline.cli import advise, inspection, learn, run, submit
+from pipeline.cli import advise, calibrate, check, inspection, learn, run, submit
 from pipeline.cli.failures import failures_as_words
 
 app = typer.Typer(
@@ -20,6 +20,8 @@ for command in (
     learn.sweep,
     learn.report,
     learn.predict,
+    check.check,
+    calibrate.calibrate_sensor,
     inspection.stages,
     inspection.status,
     inspection.reshard,

@@ -62,9 +62,8 @@ def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
     try:
         return model.model_validate(read_yaml(path))
     except ValidationError as error:
-        raise InvalidInput(
-            f"{kind} file {path}: {complaints(error, entry_names(model))}. Its entries are {', '.join(model.model_fields)}"
-        ) from error
+        entries = ", ".join(field.alias or name for name, field in model.model_fields.items() if not field.exclude)
+        raise InvalidInput(f"{kind} file {path}: {complaints(error, entry_names(model))}. Its entries are {entries}") from error
     except (ValueError, yaml.YAMLError) as error:
         raise InvalidInput(f"{kind} file {path} cannot be read as YAML: {error}") from error
 

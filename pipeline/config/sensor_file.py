@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.config.description_file import description_path, read_description
+from pipeline.config.image_file import read_image
 from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
@@ -13,7 +14,23 @@ from pipeline.kernels.touch.sensor import Sensor
 
 def load_sensor(name: str | Path) -> Sensor:
     """Read a sensor by the name of a shipped sensor or by path; an `InvalidInput` names the file and what is wrong with it."""
-    return read_description("sensor", description_path("sensor", name), Sensor)
+    path = description_path("sensor", name)
+    sensor = read_description("sensor", path, Sensor)
+    file = photograph_file(path, sensor)
+    if file is None:
+        return sensor
+    image = read_image(file)
+    if image.shape[:2] != sensor.shape:
+        raise InvalidInput(
+            f"{file} has {image.shape[0]} x {image.shape[1]} pixels, {path} says {sensor.rows} x {sensor.cols}; make them agree"
+        )
+    return sensor.model_copy(update={"photograph": file.read_bytes()})
+
+
+def photograph_file(path: Path, sensor: Sensor) -> Path | None:
+    """Find the photograph that a sensor file names as its background; None where it names none."""
+    named = sensor.calibrated.background if sensor.calibrated else None
+    return path.parent / named if isinstance(named, str) else None
 
 
 def sensor_names(hand: Hand, override: str | None = None) -> tuple[str, ...]:
@@ -24,7 +41,9 @@ def sensor_names(hand: Hand, override: str | None = None) -> tuple[str, ...]:
 
 def sensor_files(names: Sequence[str]) -> list[Path]:
     """List the files that describe sensors, each once."""
-    return [description_path("sensor", name) for name in dict.fromkeys(names)]
+    paths = [description_path("sensor", name) for name in dict.fromkeys(names)]
+    photographs = [photograph_file(path, read_description("sensor", path, Sensor)) for path in paths]
+    return [*paths, *(file for file in photographs if file is not None)]
 
 
 def load_worn_sensors(names: Sequence[str]) -> tuple[Sensor, ...]:

@@ -36,7 +36,7 @@ STRIDE = 3
 """Every `STRIDE`-th pixel of a sensor becomes a vertex of its patch."""
 
 SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-"""The corners of a gel, in half widths."""
+"""The corners of a gel, in half sides."""
 
 LINE, RIM = 1.5, 2.5
 """Width of a square's outline, and of the white rim under it, pixels."""
@@ -135,7 +135,7 @@ def touch_patch(depth: NDArray[np.float32], pose: NDArray[np.float64], sensor: S
 
 def gel_squares(poses: NDArray[np.float64], sensors: Sequence[Sensor]) -> NDArray[np.float64]:
     """Compute the (S, 4, 3) corners, world frame, m, of the gels' front faces from the sensors' poses (S, 4, 4)."""
-    corners = [[(x * sensor.width / 2, y * sensor.width / 2, sensor.w) for x, y in SQUARE] for sensor in sensors]
+    corners = [[(x * sensor.width / 2, y * sensor.height / 2, sensor.w) for x, y in SQUARE] for sensor in sensors]
     return transform_points(poses, np.array(corners))
 
 

@@ -15,6 +15,7 @@ from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.fit_options import StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.touch.gel_surface import in_gel
 from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
@@ -87,6 +88,6 @@ def _clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor, model: Touch
     """The points that the U-Net predicts of each touch, without one those with D < w; sensor frame, m."""
     touch = task.inputs["touch"]
     if model is None:
-        return [masked_points(depth, depth < sensor.w, sensor) for depth in touch["depth"][touched].astype(np.float64)]
+        return [masked_points(depth, in_gel(depth, sensor), sensor) for depth in touch["depth"][touched].astype(np.float64)]
     model.check_sensor(sensor)
     return model.clouds(touch["reading"][touched])

@@ -79,20 +79,23 @@ class SimulateTouch(ObjectStage):
         def process(task: Task) -> Row:
             faces = box_faces(task.mesh().triangles)
             poses = task.inputs["grasps"]["sensor_pose"]  # (grasp, sensor, 4, 4)
-            rows = [_touch(faces, poses[index], sensors[index[1]], settings) for index in np.ndindex(poses.shape[:2])]
+            rows = []
+            for grasp, finger in np.ndindex(poses.shape[:2]):
+                rng = None if sensors[finger].noise == "none" else task.rng("simulate-touch", grasp, finger)
+                rows.append(_touch(faces, poses[grasp, finger], sensors[finger], settings, rng))
             return {name: np.stack([row[name] for row in rows]).reshape(*poses.shape[:2], *array.shape) for name, array in rows[0].items()}
 
         yield process
 
 
-def _touch(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, settings: TouchSettings) -> Row:
+def _touch(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, settings: TouchSettings, rng: np.random.Generator | None) -> Row:
     """Compute one sensor's arrays; tactile image and local points follow from the depth as it is stored."""
     if settings.tracer == "ray":
         exact = ray_depth(faces, pose, sensor)
     else:
         exact = sphere_traced_depth(faces, pose, sensor, tolerance=settings.sphere_tolerance, max_steps=settings.sphere_steps)
     depth = quantise_depth(exact, sensor, gel_bits=settings.gel_bits, far_bits=settings.far_bits)
-    row: Row = {"depth": depth, "reading": tactile_image(depth, sensor)}
+    row: Row = {"depth": depth, "reading": tactile_image(depth, sensor, rng)}
     if settings.store_points:
         points, count = local_points(depth, pose, sensor)
         row |= {"local_points": points, "local_count": np.asarray(count)}

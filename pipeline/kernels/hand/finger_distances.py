@@ -65,8 +65,8 @@ def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sen
 
 
 def _probes(sensor: Sensor) -> NDArray[np.float64]:
-    steps = ((np.arange(PROBES) + 0.5) / PROBES - 0.5) * sensor.width
-    x, y = (axis.ravel() for axis in np.meshgrid(steps, steps))
+    steps = (np.arange(PROBES) + 0.5) / PROBES - 0.5
+    x, y = (axis.ravel() for axis in np.meshgrid(steps * sensor.width, steps * sensor.height))
     return np.stack([x, y, np.full_like(x, PROBE_DEPTH * sensor.w)], axis=-1)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.touch.gel_surface import gel_surface, in_gel
 from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
 
 CONTACT_MARGIN = 1e-4
@@ -12,7 +13,7 @@ CONTACT_MARGIN = 1e-4
 
 
 def touch_success(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
-    """Decide whether sensors touch: 0 < min D < w - `CONTACT_MARGIN`.
+    """Decide whether sensors touch: 0 < min D, and D < w - `CONTACT_MARGIN` somewhere; a curved gel's w is its height there.
 
     Parameters
     ----------
@@ -36,8 +37,9 @@ def touch_success(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
     """
     if np.isnan(depth).any():
         raise ValueError("depth holds NaN; where nothing is met it must be +inf")
-    nearest = depth.min(axis=(-2, -1)).astype(np.float32).astype(np.float64)
-    return np.asarray((nearest > 0) & (nearest < sensor.w - CONTACT_MARGIN))
+    stored = depth.astype(np.float32).astype(np.float64)
+    pressed = (stored < gel_surface(sensor) - CONTACT_MARGIN).any(axis=(-2, -1))
+    return np.asarray(pressed & (stored.min(axis=(-2, -1)) > 0))
 
 
 def contact_mask(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
@@ -81,7 +83,7 @@ def local_points(depth: np.ndarray, pose: np.ndarray, sensor: Sensor) -> tuple[N
         raise ValueError(f"depth is {depth.dtype} {depth.shape}; local points need the stored one, float32 {sensor.shape}")
     if np.isnan(depth).any():
         raise ValueError("depth holds NaN; where nothing is met it must be +inf")
-    local = masked_points(depth, depth.astype(np.float64) < sensor.w, sensor)
+    local = masked_points(depth, in_gel(depth.astype(np.float64), sensor), sensor)
     points = np.zeros((depth.size, 3), np.float32)
     points[: len(local)] = sensor_to_world(check_pose(pose), *local.T)
     return points, np.int32(len(local))

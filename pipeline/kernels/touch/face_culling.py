@@ -73,7 +73,7 @@ def cull_faces(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> NDArray[n
     pose
         (4, 4) float64, sensor frame to world frame.
     sensor
-        Gives the width of the bundle of rays and its range.
+        Gives the sides of the bundle of rays and its range.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def cull_faces(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> NDArray[n
     """
     pose = check_pose(pose)
     rotation, origin = pose[:3, :3], pose[:3, 3]
-    prism_half = np.array([sensor.width, sensor.width, sensor.range])[:, None] / 2 + SLACK
+    prism_half = np.array([sensor.width, sensor.height, sensor.range])[:, None] / 2 + SLACK
     prism_centre = np.array([0.0, 0.0, sensor.range / 2])[:, None]
     centre = rotation.T @ (faces.centre - origin[:, None])  # (3, F)
     reach = np.abs(rotation.T) @ faces.half + prism_half

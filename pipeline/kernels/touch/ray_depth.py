@@ -62,6 +62,6 @@ def local_depth(local: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float6
     (rows, cols) float64, m; +inf where nothing is met within the sensor's range.
     """
     depth = np.full(sensor.shape, np.inf)
-    scan_convert(np.ascontiguousarray(local), sensor.width, depth)
+    scan_convert(np.ascontiguousarray(local), sensor.width, sensor.height, depth)
     depth[depth > sensor.range] = np.inf
     return depth

@@ -38,21 +38,21 @@ def _face_at_row(a: Point, b: Point, c: Point, row: float) -> tuple[float, float
 
 
 @compiled
-def scan_convert(faces: NDArray[np.float64], width: float, depth: NDArray[np.float64]) -> None:
+def scan_convert(faces: NDArray[np.float64], width: float, height: float, depth: NDArray[np.float64]) -> None:
     """Lower a depth map where faces are nearer.
 
     Parameters
     ----------
     faces
         (3 axes, 3 corners, N) float64, contiguous, sensor frame, m.
-    width
-        Side of the sensor plane, m.
+    width, height
+        Sides of the sensor plane along x and y, m.
     depth
         (rows, cols) float64, contiguous, m; changed in place.
     """
     rows, cols = depth.shape
     for face in range(faces.shape[2]):
-        a, b, c = [((x / width + 0.5) * cols - 0.5, (y / width + 0.5) * rows - 0.5, z) for x, y, z in faces[:, :, face].T]
+        a, b, c = [((x / width + 0.5) * cols - 0.5, (y / height + 0.5) * rows - 0.5, z) for x, y, z in faces[:, :, face].T]
         if b[1] < a[1]:  # in the order of their rows
             a, b = b, a
         if c[1] < b[1]:

@@ -10,45 +10,82 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.touch.optics import Calibration, Lights
 
 MAX_PIXELS_PER_SIDE = 4096
 """Rows and columns of an image: more than any camera of a sensor has."""
 
 Length = Annotated[float, Field(ge=1e-6, le=10)]
-Lateral = Annotated[float, Field(ge=-1000, le=1000)]
-Position = tuple[Lateral, Lateral, Annotated[float, Field(gt=0, le=1000)]]
-
 POSE_TOLERANCE = 1e-6
 """Largest deviation of a pose's axes from orthonormal: what float32 arithmetic may leave."""
 
 
-class Lights(BaseModel):
-    """Positions P of the three lamps of equation 5, in sensor widths from the corner of pixel (0, 0)."""
+class Surface(BaseModel):
+    """The shape of a gel that is not flat: a bulge of some radius, or a map of heights."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    red: Position
-    green: Position
-    blue: Position
+    radius: Annotated[Length | None, Field(description="of a sphere or cylinder whose highest point, in the middle, is w, m")] = None
+    along: Annotated[Literal["both", "x", "y"], Field(description="a sphere, or a cylinder that is curved along x or y")] = "both"
+    heights: Annotated[
+        tuple[tuple[Length, ...], ...] | None,
+        Field(description="above the sensor plane on a grid from rim to rim, rows along +y, linear in between, m"),
+    ] = None
+
+    @model_validator(mode="after")
+    def _is_one(self) -> Surface:
+        if (self.radius is None) == (self.heights is None):
+            raise ValueError("give either a radius or heights")
+        if self.heights is not None and (len(self.heights) < 2 or len(self.heights[0]) < 2 or len({len(row) for row in self.heights}) > 1):
+            raise ValueError("heights must be a grid of 2 x 2 or more, with as many in each row")
+        return self
 
 
 class Sensor(BaseModel):
-    """A gel on a square sensor plane, seen by a camera below it."""
+    """A gel on a rectangular sensor plane, seen by a camera below it."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, serialize_by_alias=True)
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$", max_length=120)]
-    width: Annotated[Length, Field(description="side of the square sensor plane, m")]
+    width: Annotated[Length, Field(description="side of the sensor plane along +x, m")]
+    given_height: Annotated[Length | None, Field(alias="height", description="side along +y, m; by default the width")] = None
     rows: Annotated[int, Field(ge=2, le=MAX_PIXELS_PER_SIDE, description="pixels along +y; a gradient needs two")]
     cols: Annotated[int, Field(ge=2, le=MAX_PIXELS_PER_SIDE, description="pixels along +x; a gradient needs two")]
-    w: Annotated[Length, Field(description="thickness of the gel, m (equation 1)")]
+    w: Annotated[Length, Field(description="thickness of the gel, m (equation 1); of a curved one in the middle")]
     range: Annotated[Length, Field(description="greatest depth at which a surface is found, m")]
-    diffuse: Annotated[float, Field(gt=0, le=1e6, description="diffuse reflection constant, lambda of equation 2")]
-    noise: Annotated[Literal["none"], Field(description="noise added to a tactile image")]
-    lights: Lights
+    surface: Annotated[Surface | None, Field(description="shape of the gel; by default flat")] = None
+    membrane: Annotated[float, Field(ge=0, le=1, description="how far the gel is drawn in around a contact, m; 0 for not at all")] = 0.0
+    noise: Annotated[
+        Literal["none"] | Annotated[float, Field(gt=0, le=128)], Field(description="standard deviation of pixel noise, levels of 255")
+    ]
+    diffuse: Annotated[float, Field(gt=0, le=1e6, description="diffuse reflection constant, lambda of equation 2")] = 1.0
+    lights: Annotated[Lights | None, Field(description="lamps of equations 2 to 5; a sensor has these or is calibrated")] = None
+    calibrated: Annotated[Calibration | None, Field(description="colours fitted to photographs")] = None
+    photograph: Annotated[bytes | None, Field(exclude=True, repr=False, description="the background's PNG, which the loader reads")] = None
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Sensor:
+        if (self.lights is None) == (self.calibrated is None):
+            raise ValueError("give either lights (equations 2 to 5) or calibrated (coefficients fitted to photographs)")
+        if self.surface is not None and self.surface.radius is not None:
+            reach = {"both": np.hypot(self.width, self.height), "x": self.width, "y": self.height}[self.surface.along] / 2
+            radius = self.surface.radius
+            if reach >= radius or radius - np.sqrt(radius**2 - reach**2) >= self.w:
+                raise ValueError(f"a gel of radius {radius} m and thickness w {self.w} m ends before its rim, {reach:.4g} m away")
+        return self
+
+    @property
+    def height(self) -> float:
+        """Side of the sensor plane along +y, m."""
+        return self.width if self.given_height is None else self.given_height
+
+    @property
+    def pitch(self) -> tuple[float, float]:
+        """Size of a pixel along y and x, m."""
+        return self.height / self.rows, self.width / self.cols
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -62,7 +99,7 @@ def pixel_centres(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float
     Parameters
     ----------
     sensor
-        Gives width, rows and columns.
+        Gives width, height, rows and columns.
 
     Returns
     -------
@@ -71,10 +108,10 @@ def pixel_centres(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float
 
     Notes
     -----
-    x = ((col + ½)/cols - ½) · width, y = ((row + ½)/rows - ½) · width.
+    x = ((col + ½)/cols - ½) · width, y = ((row + ½)/rows - ½) · height.
     """
     x = ((np.arange(sensor.cols) + 0.5) / sensor.cols - 0.5) * sensor.width
-    y = ((np.arange(sensor.rows) + 0.5) / sensor.rows - 0.5) * sensor.width
+    y = ((np.arange(sensor.rows) + 0.5) / sensor.rows - 0.5) * sensor.height
     return x, y
 
 

@@ -1,58 +1,36 @@
-"""The tactile image: three lamps shine on the impression in the gel, equations 1 to 5.
+"""The tactile image: what a sensor's camera sees of the impression in the gel.
 
 Valid range: sensors of any size from 10 µm to 10 m, lamps at any position above the sensor plane, depths from 0 to +inf.
 """
 
 from __future__ import annotations
 
+import io
+from functools import lru_cache
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
+from pipeline.kernels.touch.calibrated_shading import calibrated_change, deformed, polynomial_background
+from pipeline.kernels.touch.gel_surface import gel_surface, impression
+from pipeline.kernels.touch.lamp_shading import WHITE, shade
+from pipeline.kernels.touch.optics import Calibration, Lights
 from pipeline.kernels.touch.sensor import Sensor
 
-WHITE = 255
-"""The uint8 value of intensity 1."""
 
-
-def impression(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
-    """Compute the impression D' of an object in the gel.
+def tactile_image(depth: np.ndarray, sensor: Sensor, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
+    """Compute the tactile image R of a depth map: equations 1 to 5, or the colours that were fitted to photographs.
 
     Parameters
     ----------
     depth
         (rows, cols) D in m from the sensor plane, float32 or float64, +inf where nothing is met.
     sensor
-        Gives the shape and w.
-
-    Returns
-    -------
-    (rows, cols) float64, m; 0 where the gel is not pressed in.
-
-    Raises
-    ------
-    ValueError
-        `depth` holds NaN or negative values, or has another shape.
-
-    Notes
-    -----
-    D' = ReLU(w - D), equation 1.
-    """
-    if depth.shape != sensor.shape:
-        raise ValueError(f"depth has shape {depth.shape}; sensor {sensor.name!r} has {sensor.shape} (rows, cols)")
-    if not (depth >= 0).all():
-        raise ValueError("depth holds NaN or negative values; it must be 0 or more, and +inf where nothing is met")
-    return np.maximum(sensor.w - depth.astype(np.float64), 0.0)
-
-
-def tactile_image(depth: np.ndarray, sensor: Sensor) -> NDArray[np.uint8]:
-    """Compute the tactile image R of a depth map (equations 1 to 5).
-
-    Parameters
-    ----------
-    depth
-        (rows, cols) D in m from the sensor plane, float32 or float64, +inf where nothing is met.
-    sensor
-        Gives width, w, lamps and lambda.
+        Gives shape, gel and optics.
+    rng
+        Draws the pixel noise of a sensor that has some; None for an image without noise.
 
     Returns
     -------
@@ -61,41 +39,85 @@ def tactile_image(depth: np.ndarray, sensor: Sensor) -> NDArray[np.uint8]:
     Raises
     ------
     ValueError
-        As `impression`.
+        As `impression`; or the sensor's background is a photograph that was not loaded.
 
     Notes
     -----
-    All lengths are sensor widths: x = (col + ½)/cols, y = (row + ½)/rows, z = D'/width. Derivatives are central differences, one-sided
-    at the rim. A lamp does not light a point of the surface at its own position. Depth in float32 instead of float64 moves an
-    intensity by at most 2^-23 lambda w/width times the pixels per side, 5e-6 for the shipped sensor: few values change, none by more
-    than 1.
+    With lamps, all lengths are sensor widths: x = (col + ½)/cols, y = (row + ½)/rows · height/width, z = D'/width. Derivatives are
+    central differences, one-sided at the rim. A lamp does not light a point of the surface at its own position. Depth in float32
+    instead of float64 moves an intensity by at most 2^-23 lambda w/width times the pixels per side, 5e-6 for the shipped sensor: few
+    values change, none by more than 1.
     """
-    z = impression(depth, sensor) / sensor.width
-    slope_y, slope_x = (change * count for change, count in zip(np.gradient(z), sensor.shape, strict=True))
-    steepness = slope_x * slope_x + slope_y * slope_y + 1.0  # |n|²
-    x = (np.arange(sensor.cols) + 0.5) / sensor.cols
-    y = ((np.arange(sensor.rows) + 0.5) / sensor.rows)[:, None]
-    image = np.empty((*sensor.shape, 3), np.uint8)
-    for channel, (lamp_x, lamp_y, lamp_z) in enumerate((sensor.lights.red, sensor.lights.green, sensor.lights.blue)):
-        to_x, to_y, to_z = lamp_x - x, lamp_y - y, lamp_z - z
-        dot = to_z - slope_x * to_x - slope_y * to_y  # n · (P - S)
-        squared = to_x * to_x + to_y * to_y + to_z * to_z
-        squared[squared == 0] = 1  # the lamp is at a point of the surface, where `dot` is 0
-        dot *= sensor.diffuse / np.sqrt(steepness * squared)
-        image[..., channel] = np.rint(np.clip(dot, 0.0, 1.0) * WHITE)
-    return image
+    pressed = impression(depth, sensor)
+    if sensor.calibrated is None:
+        image: NDArray[Any] = _lit(deformed(pressed, sensor), sensor)
+    else:
+        image = background(sensor, sensor.calibrated) + calibrated_change(pressed, sensor, sensor.calibrated)
+    if rng is not None and sensor.noise != "none":
+        image = image + rng.normal(0.0, sensor.noise, image.shape)
+    return image if image.dtype == np.uint8 else _levels(image)
+
+
+def _levels(image: NDArray[np.float64]) -> NDArray[np.uint8]:
+    return np.rint(np.clip(image, 0, WHITE)).astype(np.uint8)
 
 
 def untouched_image(sensor: Sensor) -> NDArray[np.uint8]:
-    """Compute the tactile image of a sensor that nothing touches.
+    """Compute the tactile image of a sensor that nothing touches, without noise.
 
     Parameters
     ----------
     sensor
-        Gives the shape, lamps and lambda.
+        Gives the shape, gel and optics.
 
     Returns
     -------
     (rows, cols, 3) uint8, red, green, blue.
     """
     return tactile_image(np.full(sensor.shape, np.inf), sensor)
+
+
+def background(sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
+    """Read or compute the untouched image of a calibrated sensor, (rows, cols, 3) float64, levels; do not change it.
+
+    Raises
+    ------
+    ValueError
+        It is a photograph that was not loaded, or one of another size.
+    """
+    if not isinstance(calibration.background, str):
+        return polynomial_background(sensor, calibration.background)
+    if sensor.photograph is None:
+        raise ValueError(f"the background of sensor {sensor.name!r} is {calibration.background}, which was not loaded; use load_sensor")
+    found = _decoded(sensor.photograph)
+    if found.shape != (*sensor.shape, 3):
+        raise ValueError(f"{calibration.background} has the shape {found.shape}; sensor {sensor.name!r} needs {(*sensor.shape, 3)}")
+    return found
+
+
+@lru_cache(maxsize=8)
+def _decoded(photograph: bytes) -> NDArray[np.float64]:
+    return np.asarray(Image.open(io.BytesIO(photograph)).convert("RGB"), np.float64)
+
+
+def _lit(bump: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:
+    """Shade what is pressed in by equations 2 to 5; elsewhere the image is the untouched one."""
+    rest, image = _at_rest(sensor)
+    image = image.copy()
+    _shade(rest + bump / sensor.width if rest.any() else bump / sensor.width, rest, sensor, image)
+    return image
+
+
+@lru_cache(maxsize=8)
+def _at_rest(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """The surface that nothing presses, (rows, cols) below w in sensor widths, and its image (rows, cols, 3)."""
+    rest = np.broadcast_to((sensor.w - gel_surface(sensor)) / sensor.width, sensor.shape).copy()
+    image = np.zeros((*sensor.shape, 3), np.uint8)
+    _shade(rest, np.full(sensor.shape, np.nan), sensor, image)  # nothing is as it was: all is shaded
+    return rest, image
+
+
+def _shade(z: NDArray[np.float64], rest: NDArray[np.float64], sensor: Sensor, image: NDArray[np.uint8]) -> None:
+    lights = sensor.lights
+    assert isinstance(lights, Lights)
+    shade(z, rest, sensor.height / sensor.width, sensor.diffuse, np.array([lights.red, lights.green, lights.blue]), image)

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 
 from pipeline.kernels.touch.contact import local_points, touch_success
 from pipeline.kernels.touch.face_culling import box_faces
+from pipeline.kernels.touch.gel_surface import impression
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Lights, Sensor
-from pipeline.kernels.touch.tactile_image import impression, tactile_image, untouched_image
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from tests.kernels.touch.shapes import (
     SENSOR,
     ball,

@@ -1,0 +1,64 @@
+"""`vt-pipeline calibrate-sensor`: a sensor file from photographs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from pipeline.console import console, errors, say
+
+
+def calibrate_sensor(
+    folder: Annotated[Path, typer.Argument(help="Photographs of a ball in the gel; circles.csv there may give the contacts.")],
+    out: Annotated[Path, typer.Argument(help="The sensor file to write; its report is OUT.png.")],
+    untouched: Annotated[Path, typer.Option(help="The photograph with nothing in the gel.")],
+    ball_radius: Annotated[float, typer.Option(min=1e-3, help="mm.")],
+    mm_per_pixel: Annotated[float, typer.Option(min=1e-6, help="mm; of the gel's surface.")],
+    thickness: Annotated[float, typer.Option(min=1e-3, help="Of the gel, mm: how far something can press in.")] = 4.0,
+    normal_degree: Annotated[int, typer.Option(min=1, max=6, help="Of the polynomial in the gel's normal.")] = 3,
+    position_degree: Annotated[int, typer.Option(min=0, max=6, help="Of that in the position; 1 or 0 where all contacts lie close.")] = 2,
+    shadows: Annotated[int, typer.Option(min=0, max=12, help="How many are sought.")] = 3,
+    background_degree: Annotated[int | None, typer.Option(min=0, max=6, help="Background as a polynomial; else the photograph.")] = None,
+) -> None:
+    """Calibrate a sensor: fit its colours to every second photograph of a ball, and test them on the others."""
+    from pipeline.inference.calibrate_sensor import calibrate, modelled, read_photographs, write_sensor
+    from pipeline.kernels.touch.calibration_fit import FitOptions
+    from pipeline.kernels.touch.sensor import Sensor
+    from pipeline.reports.calibration_report import draw_calibration
+
+    photographs, image, left_out = read_photographs(folder, untouched)
+    rows, cols = image.shape[:2]
+    pitch, radius = 1e-3 * mm_per_pixel, 1e-3 * ball_radius
+    sensor = Sensor.model_validate(
+        {
+            "name": out.stem,
+            "width": cols * pitch,
+            "height": rows * pitch,
+            "rows": rows,
+            "cols": cols,
+            "w": 1e-3 * thickness,
+            "range": 5e-3 * thickness,
+            "noise": "none",
+            "calibrated": {"coefficients": [[[0.0]] * 2] * 3, "background": [(0.0, 0.0, 0.0)]},
+        }
+    )
+    options = FitOptions(normal_degree, position_degree, shadows)
+    found = calibrate(sensor, photographs, image, ball_radius=radius, options=options, left_out=left_out)
+    for name, reason in found.left_out.items():
+        errors.print(f"[yellow]left out[/] {name}: {reason}")
+    note = f"Fitted by `vt-pipeline calibrate-sensor` to {len(found.fitted)} photographs of a ball of {ball_radius:g} mm radius."
+    write_sensor(found, out, untouched, background_degree=background_degree, note=note)
+    table = Table("mean error, levels of 255", "photographs", "contact", "ring around it", "untouched: contact", "ring", box=None)
+    for title, some in (("fitted to", found.fitted_errors), ("held out", found.tested_errors)):
+        means = np.mean([[one.contact, one.ring, one.untouched_contact, one.untouched_ring] for one in some], axis=0)
+        table.add_row(title, str(len(some)), *(f"{mean:.1f}" for mean in means))
+    console.print(table)
+    worst = max(found.tested_errors, key=lambda one: one.contact)
+    say(f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact; membrane {1e3 * found.sensor.membrane:.2f} mm")
+    shown = [modelled(found.sensor, found.calibration, one, image, radius) for one in found.tested]
+    draw_calibration(found.tested, shown, out.with_suffix(".png"))
+    say(f"{out}, {out.with_suffix('.png')}; `vt-pipeline check {out}` draws the sensor")

@@ -1,0 +1,21 @@
+"""`vt-pipeline check`: what a description file says, and what is wrong with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.console import say
+
+
+def check(
+    file: Annotated[str, typer.Argument(help="A description file (a sensor), or the name of a shipped one.")],
+    picture: Annotated[Path | None, typer.Option(help="PNG to draw it in; by default NAME.png in the current folder.")] = None,
+) -> None:
+    """Check a description file: name all its faults at once, or say what it describes and draw it."""
+    from pipeline.reports.checks import check_file
+
+    for line in check_file(file, picture):
+        say(line)

@@ -1,0 +1,212 @@
+"""From a folder of photographs of a ball in a gel to a calibrated sensor file."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from pipeline.config.image_file import read_image
+from pipeline.errors import InvalidInput
+from pipeline.kernels.touch.calibrated_shading import calibrated_change
+from pipeline.kernels.touch.calibration_fit import (
+    RING,
+    Circle,
+    FitOptions,
+    Photograph,
+    ball_impression,
+    distance_from,
+    fit_background,
+    fit_calibration,
+)
+from pipeline.kernels.touch.find_contact import find_contact
+from pipeline.kernels.touch.optics import Calibration
+from pipeline.kernels.touch.sensor import Sensor
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+CIRCLES = "circles.csv"
+"""File in the folder that gives contacts: name, x, y, radius in pixels, from the centre of pixel (0, 0). Those it lacks are sought."""
+LEAST = 4
+"""Photographs that are needed."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Mean error of a photograph, levels of 255: in the contact, in the ring around it; and the same of the untouched photograph."""
+
+    name: str
+    contact: float
+    ring: float
+    untouched_contact: float
+    untouched_ring: float
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """A calibrated sensor, what it was fitted to and tested on, its errors on both, and photographs left out with the reason."""
+
+    sensor: Sensor
+    calibration: Calibration
+    fitted: list[Photograph]
+    tested: list[Photograph]
+    fitted_errors: list[Errors]
+    tested_errors: list[Errors]
+    left_out: dict[str, str]
+
+
+def read_photographs(folder: Path, untouched_path: Path) -> tuple[list[Photograph], NDArray[np.uint8], dict[str, str]]:
+    """Read photographs, and find their contacts.
+
+    Parameters
+    ----------
+    folder
+        Image files, and perhaps a file `CIRCLES`.
+    untouched_path
+        The photograph with nothing in the gel; it may lie in the folder.
+
+    Returns
+    -------
+    The usable photographs, sorted by name; the untouched one; and why others are left out, by name.
+
+    Raises
+    ------
+    InvalidInput
+        There is no folder, the untouched photograph or `CIRCLES` cannot be read, or fewer than `LEAST` photographs can be used.
+    """
+    if not folder.is_dir():
+        raise InvalidInput(f"there is no folder {folder}; give one with photographs of a ball in the gel")
+    untouched, circles = read_image(untouched_path), _read_circles(folder / CIRCLES)
+    found: list[Photograph] = []
+    left_out: dict[str, str] = {}
+    for path in sorted(one for one in folder.iterdir() if one.suffix.lower() in SUFFIXES and one.resolve() != untouched_path.resolve()):
+        try:
+            image = read_image(path)
+            found.append(Photograph(path.name, image, _contact(image, untouched, circles.get(path.name))))
+        except InvalidInput as error:
+            left_out[path.name] = str(error)
+    if len(found) < LEAST:
+        raise InvalidInput(f"{folder} has {len(found)} usable photographs, {LEAST} are needed; {_said(left_out) or 'it holds no others'}")
+    return found, untouched, left_out
+
+
+def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], given: Circle | None) -> Circle:
+    if image.shape != untouched.shape:
+        own, other = (f"{one.shape[0]} x {one.shape[1]}" for one in (image, untouched))
+        raise InvalidInput(f"it has {own} pixels, the untouched one {other}")
+    return given or find_contact(image, untouched)
+
+
+def _said(left_out: dict[str, str]) -> str:
+    return "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
+
+
+def _read_circles(path: Path) -> dict[str, Circle]:
+    if not path.is_file():
+        return {}
+    try:
+        with path.open(newline="") as file:
+            return {row["name"]: Circle(float(row["x"]), float(row["y"]), float(row["radius"])) for row in csv.DictReader(file)}
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInput(
+            f"{path} needs the columns name, x, y, radius, with numbers in pixels; {type(error).__name__}: {error}"
+        ) from error
+
+
+def calibrate(
+    sensor: Sensor,
+    photographs: Sequence[Photograph],
+    untouched: NDArray[np.uint8],
+    *,
+    ball_radius: float,
+    options: FitOptions,
+    left_out: dict[str, str],
+) -> Calibrated:
+    """Fit a sensor to every second photograph and test it on the others.
+
+    Parameters
+    ----------
+    sensor
+        Gives the geometry.
+    photographs, untouched, left_out
+        From `read_photographs`.
+    ball_radius
+        m.
+    options
+        Size of the model.
+
+    Returns
+    -------
+    The sensor that was fitted to half of the photographs, with its errors on both halves.
+
+    Raises
+    ------
+    InvalidInput
+        Fewer than `LEAST` photographs have a contact that the ball can make.
+    """
+    largest = ball_radius / sensor.pitch[1]
+    too_large = {
+        one.name: f"its contact of {one.contact.radius:.0f} pixels is wider than the ball"
+        for one in photographs
+        if one.contact.radius >= largest
+    }
+    usable = [one for one in photographs if one.name not in too_large]
+    left_out = left_out | too_large
+    if len(usable) < LEAST:
+        raise InvalidInput(f"{len(usable)} photographs can be used, {LEAST} are needed; {_said(left_out)}")
+    fitted, tested = usable[::2], usable[1::2]
+    fitted_sensor, calibration = fit_calibration(sensor, fitted, untouched, ball_radius, options)
+    errors = [[errors_of(fitted_sensor, calibration, one, untouched, ball_radius) for one in some] for some in (fitted, tested)]
+    return Calibrated(fitted_sensor, calibration, fitted, tested, errors[0], errors[1], left_out)
+
+
+def errors_of(sensor: Sensor, calibration: Calibration, photograph: Photograph, untouched: NDArray[np.uint8], ball_radius: float) -> Errors:
+    """Compare a photograph with the model's image of the same contact, added to the untouched photograph."""
+    model = modelled(sensor, calibration, photograph, untouched, ball_radius)
+    distance = distance_from(sensor, photograph.contact) / (photograph.contact.radius * sensor.pitch[1])
+    contact, ring = distance < 1, (distance >= 1) & (distance < RING)
+    means = [float(np.abs(image.astype(float) - photograph.image)[at].mean()) for image in (model, untouched) for at in (contact, ring)]
+    return Errors(photograph.name, *means)
+
+
+def modelled(
+    sensor: Sensor, calibration: Calibration, photograph: Photograph, untouched: NDArray[np.uint8], ball_radius: float
+) -> NDArray[np.uint8]:
+    """Render the contact of a photograph over the untouched photograph: (rows, cols, 3) uint8."""
+    change = calibrated_change(ball_impression(sensor, photograph.contact, ball_radius), sensor, calibration)
+    return np.rint(np.clip(untouched + change, 0, 255)).astype(np.uint8)
+
+
+def write_sensor(found: Calibrated, path: Path, untouched_path: Path, *, background_degree: int | None, note: str) -> None:
+    """Write the sensor file, and beside it the untouched photograph unless the background is a polynomial.
+
+    Parameters
+    ----------
+    found
+        From `calibrate`.
+    path
+        The YAML file.
+    untouched_path
+        The untouched photograph.
+    background_degree
+        Of a polynomial in its place; None takes the photograph.
+    note
+        Comment at the head of the file: where it comes from.
+    """
+    sensor, calibration = found.sensor, found.calibration
+    if background_degree is None:
+        photograph = path.with_name(f"{path.stem}-untouched{untouched_path.suffix.lower()}")
+        shutil.copyfile(untouched_path, photograph)
+        background: Any = photograph.name
+    else:
+        background = [list(levels) for levels in fit_background(read_image(untouched_path), sensor, background_degree)]
+    described = sensor.model_dump(mode="json", exclude_none=True, exclude={"lights", "diffuse", "calibrated"})
+    optics = {**calibration.model_dump(mode="json"), "background": background}
+    text = yaml.safe_dump({**described, "calibrated": optics}, sort_keys=False, default_flow_style=None, width=140)
+    path.write_text("".join(f"# {line}\n" for line in note.splitlines()) + text)

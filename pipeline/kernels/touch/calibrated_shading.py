@@ -1,0 +1,128 @@
+"""The colours of a calibrated sensor, compiled: a polynomial of the gel's normal whose coefficients depend on the position."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.compiled import compiled
+from pipeline.kernels.touch.cast_shadow import shade_depth
+from pipeline.kernels.touch.gel_membrane import drawn_in
+from pipeline.kernels.touch.optics import POSITION_TERMS, SLOPE_TERMS, Calibration
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+
+FLAT = 1e-7
+"""m: what is drawn in less, and lies less deep in the shade, is drawn as untouched."""
+MM = 1e3
+
+
+def deformed(pressed: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
+    """Compute how deep the gel is drawn in: the impression D' (rows, cols), m, with the sensor's membrane where it has one."""
+    if sensor.membrane == 0 or not pressed.any():
+        return pressed
+    return drawn_in(pressed, (sensor.membrane / sensor.pitch[0], sensor.membrane / sensor.pitch[1]))
+
+
+def calibrated_change(pressed: NDArray[np.float64], sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
+    """Compute the change of colours that an impression makes.
+
+    Parameters
+    ----------
+    pressed
+        (rows, cols) float64, the impression D', m.
+    sensor, calibration
+        The sensor and its optics.
+
+    Returns
+    -------
+    (rows, cols, 3) float64, levels of 255; 0 where the gel stays flat and lit.
+    """
+    change = np.zeros((*sensor.shape, 3))
+    bump = deformed(pressed, sensor)
+    if bump.any():
+        x, y = (centres / sensor.width for centres in pixel_centres(sensor))
+        shading = np.array(calibration.coefficients)
+        degrees = SLOPE_TERMS[shading.shape[1]], POSITION_TERMS[shading.shape[2]]
+        _shade(bump, sensor.pitch, x, y, shading, degrees, change)
+    for shadow in calibration.shadows if bump.any() else ():
+        depth = MM * shade_depth(bump, sensor.pitch, direction=np.deg2rad(shadow.direction), slope=shadow.slope)
+        change += depth[:, :, None] * np.array(shadow.gain)
+    return change
+
+
+@lru_cache(maxsize=8)
+def polynomial_background(sensor: Sensor, coefficients: tuple[tuple[float, float, float], ...]) -> NDArray[np.float64]:
+    """Compute an untouched image, (rows, cols, 3) float64 levels, read-only, from coefficients by term of the position."""
+    x, y = (centres / sensor.width for centres in pixel_centres(sensor))
+    found = np.zeros((*sensor.shape, 3))
+    for (i, j), levels in zip(powers(POSITION_TERMS[len(coefficients)]), coefficients, strict=True):
+        found += (x[None] ** i * y[:, None] ** j)[:, :, None] * np.array(levels)
+    found.flags.writeable = False
+    return found
+
+
+def powers(degree: int) -> list[tuple[int, int]]:
+    """List the powers of two variables in the terms of a polynomial: 1, a, b, a², a b, b², …."""
+    return [(i, total - i) for total in range(degree + 1) for i in range(total, -1, -1)]
+
+
+@compiled
+def _shade(
+    bump: NDArray[np.float64],
+    pitch: tuple[float, float],
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    shading: NDArray[np.float64],
+    degrees: tuple[int, int],
+    change: NDArray[np.float64],
+) -> None:
+    """Add the change of colours at every pixel that is drawn in or next to one that is, row by row."""
+    rows, cols = bump.shape
+    slopes, places = degrees
+    terms = np.empty((shading.shape[1], cols))
+    light, local = np.empty(cols), np.empty(cols)
+    for row in range(rows):
+        above, below = max(row - 1, 0), min(row + 1, rows - 1)
+        first, last = 0, cols - 1
+        while first < cols and bump[row, first] < FLAT and bump[above, first] < FLAT and bump[below, first] < FLAT:
+            first += 1
+        while last > first and bump[row, last] < FLAT and bump[above, last] < FLAT and bump[below, last] < FLAT:
+            last -= 1
+        if first == cols:
+            continue
+        first, last = max(first - 1, 0), min(last + 1, cols - 1)
+        for col in range(first, last + 1):
+            left, right = max(col - 1, 0), min(col + 1, cols - 1)
+            slope_x = (bump[row, right] - bump[row, left]) / ((right - left) * pitch[1])
+            slope_y = (bump[below, col] - bump[above, col]) / ((below - above) * pitch[0])
+            size = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+            terms[0, col], terms[1, col] = slope_x / size, slope_y / size
+        number = 2
+        for degree in range(2, slopes + 1):  # each term is one of the degree before times nx, the last times ny
+            before = number - degree
+            for k in range(degree + 1):
+                factor, source = (terms[0], terms[before + k]) if k < degree else (terms[1], terms[number - 1])
+                into = terms[number + k]
+                for col in range(first, last + 1):
+                    into[col] = factor[col] * source[col]
+            number += degree + 1
+        across = x[first : last + 1]
+        for channel in range(3):
+            total = light[first : last + 1]
+            total[:] = 0.0
+            for term in range(shading.shape[1]):
+                value = local[first : last + 1]
+                value[:] = 0.0
+                for i in range(places, -1, -1):  # Horner's rule in x; the coefficients are polynomials in y
+                    factor_y = 0.0
+                    for j in range(places - i, -1, -1):
+                        factor_y = factor_y * y[row] + shading[channel, term, (i + j) * (i + j + 1) // 2 + j]
+                    for n in range(len(value)):
+                        value[n] = value[n] * across[n] + factor_y
+                own = terms[term, first : last + 1]
+                for n in range(len(value)):
+                    total[n] += own[n] * value[n]
+            for n in range(len(total)):
+                change[row, first + n, channel] += total[n]

@@ -1,0 +1,62 @@
+"""Shadows that bumps of the gel cast, by a sweep along the lamp's direction."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.compiled import compiled
+
+
+def shade_depth(bump: NDArray[np.float64], pitch: tuple[float, float], *, direction: float, slope: float) -> NDArray[np.float64]:
+    """Compute how deep each point of the gel lies in the shade of a distant lamp.
+
+    Parameters
+    ----------
+    bump
+        (rows, cols) float64, height of the gel towards the camera, m.
+    pitch
+        Size of a pixel along y and x, m.
+    direction
+        Towards the lamp, rad from +x to +y.
+    slope
+        Height over length of the lamp's rays, > 0.
+
+    Returns
+    -------
+    (rows, cols) float64, m, >= 0: how far below the edge of the shade a point lies, along the height.
+
+    Notes
+    -----
+    The edge of the shade is carried from line to line towards the far side, a line per step, with linear interpolation within a line.
+    """
+    step_y, step_x = math.sin(direction) / pitch[0], math.cos(direction) / pitch[1]  # pixels per m towards the lamp
+    swapped = abs(step_x) > abs(step_y)
+    image = np.ascontiguousarray(bump.T if swapped else bump)
+    major, minor = (step_x, step_y) if swapped else (step_y, step_x)
+    if major > 0:
+        image = image[::-1].copy()
+    found = np.empty_like(image)
+    _sweep(image, minor / abs(major), slope / abs(major), found)
+    if major > 0:
+        found = found[::-1]
+    return found.T if swapped else found
+
+
+@compiled
+def _sweep(image: NDArray[np.float64], shift: float, drop: float, found: NDArray[np.float64]) -> None:
+    """From line 0, which is nearest to the lamp: the line before lies `shift` pixels aside, and its rays fall by `drop` per line."""
+    lines, length = image.shape
+    whole = math.floor(shift)
+    share = shift - whole
+    edge, padded = np.zeros(length), np.zeros(length + 4)
+    for line in range(lines):
+        row, out = image[line], found[line]
+        for i in range(length):
+            out[i] = max(edge[i] - row[i], 0.0)
+            padded[i + 2] = max(edge[i], row[i])
+        near, far = padded[whole + 2 : whole + 2 + length], padded[whole + 3 : whole + 3 + length]
+        for i in range(length):
+            edge[i] = max(near[i] + share * (far[i] - near[i]) - drop, 0.0)

@@ -1,0 +1,76 @@
+"""The gel around a contact: it is drawn in with what presses into it, as a membrane that decays with distance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.compiled import compiled
+
+PASSES = 2
+"""Of the exponential filter along each axis: two are nearly round."""
+
+
+def drawn_in(pressed: NDArray[np.float64], sigma: tuple[float, float]) -> NDArray[np.float64]:
+    """Compute how deep the gel is drawn in, given what presses into it.
+
+    Parameters
+    ----------
+    pressed
+        (rows, cols) float64, the impression D', m.
+    sigma
+        Standard deviation of the smoothing along y and x, pixels, > 0.
+
+    Returns
+    -------
+    (rows, cols) float64, m: the larger of D' and of D' smoothed. In the middle of a contact it is D', outside it decays.
+
+    Notes
+    -----
+    Smoothing is a recursive two-sided exponential filter, `PASSES` times along each axis; the gel is flat beyond the image.
+    """
+    smooth = np.ascontiguousarray(pressed).copy()
+    decays = [math.exp(-math.sqrt(2 * PASSES) / one) for one in sigma]
+    for _ in range(PASSES):
+        _smooth_along_rows(smooth, decays[1])
+        _smooth_along_columns(smooth, decays[0])
+    return np.maximum(pressed, smooth)
+
+
+@compiled
+def _smooth_along_rows(image: NDArray[np.float64], decay: float) -> None:
+    rows, cols = image.shape
+    gain = (1 - decay) / (1 + decay)
+    forward = np.empty(cols)
+    for row in range(rows):
+        line, carried = image[row], 0.0
+        for col in range(cols):
+            carried = line[col] + decay * carried
+            forward[col] = carried
+        carried = 0.0
+        for back in range(cols):
+            col = cols - 1 - back
+            ahead = decay * carried
+            carried = line[col] + ahead
+            line[col] = gain * (forward[col] + ahead)
+
+
+@compiled
+def _smooth_along_columns(image: NDArray[np.float64], decay: float) -> None:
+    rows, cols = image.shape
+    gain = (1 - decay) / (1 + decay)
+    forward, carried = np.empty((rows, cols)), np.zeros(cols)
+    for row in range(rows):
+        line, into = image[row], forward[row]
+        for col in range(cols):
+            carried[col] = line[col] + decay * carried[col]
+            into[col] = carried[col]
+    carried[:] = 0.0
+    for back in range(rows):
+        line, into = image[rows - 1 - back], forward[rows - 1 - back]
+        for col in range(cols):
+            ahead = decay * carried[col]
+            carried[col] = line[col] + ahead
+            line[col] = gain * (into[col] + ahead)

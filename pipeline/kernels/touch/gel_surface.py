@@ -1,0 +1,74 @@
+"""The undeformed surface of a gel: flat, curved, or a height map; and what presses into it."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
+
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+
+
+@lru_cache(maxsize=16)
+def gel_surface(sensor: Sensor) -> NDArray[np.float64]:
+    """Compute the height of the undeformed gel above the sensor plane.
+
+    Parameters
+    ----------
+    sensor
+        Gives the gel's thickness w and shape.
+
+    Returns
+    -------
+    (rows, cols) float64, m, read-only; () where the gel is flat: w everywhere.
+    """
+    if sensor.surface is None:
+        return np.array(sensor.w)
+    x, y = pixel_centres(sensor)
+    if sensor.surface.radius is not None:
+        across = {"both": x[None] ** 2 + y[:, None] ** 2, "x": x[None] ** 2 + 0 * y[:, None], "y": 0 * x[None] + y[:, None] ** 2}
+        radius = sensor.surface.radius
+        found = sensor.w - (radius - np.sqrt(radius**2 - across[sensor.surface.along]))
+    else:
+        heights = np.array(sensor.surface.heights)
+        grid = [np.linspace(-side / 2, side / 2, count) for side, count in zip((sensor.height, sensor.width), heights.shape, strict=True)]
+        found = RegularGridInterpolator(grid, heights)(np.stack(np.meshgrid(y, x, indexing="ij"), axis=-1))
+    found.flags.writeable = False
+    return np.asarray(found)
+
+
+def in_gel(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
+    """Find the pixels where a surface presses into the gel; `depth` is (..., rows, cols) D, m."""
+    return np.asarray(depth < gel_surface(sensor))
+
+
+def impression(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
+    """Compute the impression D' of an object in the gel.
+
+    Parameters
+    ----------
+    depth
+        (rows, cols) D in m from the sensor plane, float32 or float64, +inf where nothing is met.
+    sensor
+        Gives the shape and the surface of the gel.
+
+    Returns
+    -------
+    (rows, cols) float64, m; 0 where the gel is not pressed in.
+
+    Raises
+    ------
+    ValueError
+        `depth` holds NaN or negative values, or has another shape.
+
+    Notes
+    -----
+    D' = ReLU(w - D), equation 1; where the gel is curved, w is its height at the pixel.
+    """
+    if depth.shape != sensor.shape:
+        raise ValueError(f"depth has shape {depth.shape}; sensor {sensor.name!r} has {sensor.shape} (rows, cols)")
+    if not (depth >= 0).all():
+        raise ValueError("depth holds NaN or negative values; it must be 0 or more, and +inf where nothing is met")
+    return np.maximum(gel_surface(sensor) - depth.astype(np.float64, copy=False), 0.0)

@@ -1,0 +1,64 @@
+"""Descriptions of a tactile sensor's optics: lamps (equations 2 to 5), or coefficients that were fitted to photographs."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Lateral = Annotated[float, Field(ge=-1000, le=1000)]
+Position = tuple[Lateral, Lateral, Annotated[float, Field(gt=0, le=1000)]]
+Level = Annotated[float, Field(ge=-1e7, le=1e7)]
+Levels = tuple[Level, Level, Level]
+
+POSITION_TERMS = {(degree + 1) * (degree + 2) // 2: degree for degree in range(7)}
+"""Degree of a polynomial in x and y, by its number of terms."""
+SLOPE_TERMS = {count - 1: degree for count, degree in POSITION_TERMS.items() if degree}
+"""Degree of a polynomial in the two components of a normal, without its constant term, by the number of its terms."""
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Lights(_Entry):
+    """Positions P of the three lamps of equation 5, in sensor widths from the corner of pixel (0, 0)."""
+
+    red: Position
+    green: Position
+    blue: Position
+
+
+class Shadow(_Entry):
+    """What one lamp no longer lights behind a bump of the gel."""
+
+    direction: Annotated[float, Field(ge=-360, le=360, description="towards the lamp, degrees from +x to +y")]
+    slope: Annotated[float, Field(gt=0, le=100, description="height over length of the lamp's rays")]
+    gain: Annotated[Levels, Field(description="levels of red, green, blue per mm that a point lies in the shade")]
+
+
+class Calibration(_Entry):
+    """A model of colours that was fitted to photographs: a polynomial of the gel's normal, whose coefficients depend on the position."""
+
+    coefficients: Annotated[
+        tuple[tuple[tuple[Level, ...], ...], ...],
+        Field(description="levels by colour, term of the normal (nx, ny, nx², nx ny, …), term of the position (1, x, y, x², x y, …)"),
+    ]
+    background: Annotated[
+        tuple[Levels, ...] | str,
+        Field(description="the untouched image: levels by term of the position, or a PNG beside the sensor file"),
+    ]
+    shadows: tuple[Shadow, ...] = ()
+
+    @model_validator(mode="after")
+    def _are_polynomials(self) -> Calibration:
+        slopes, places = {len(color) for color in self.coefficients}, {len(term) for color in self.coefficients for term in color}
+        fits = len(slopes) == len(places) == 1 and slopes <= SLOPE_TERMS.keys() and places <= POSITION_TERMS.keys()
+        if len(self.coefficients) != 3 or not fits:
+            raise ValueError(
+                f"coefficients has {len(self.coefficients)} colours with {sorted(slopes)} terms of the normal and {sorted(places)} of the "
+                f"position; there must be 3, each with one of {list(SLOPE_TERMS)}, each with one of {list(POSITION_TERMS)}"
+            )
+        if not isinstance(self.background, str) and len(self.background) not in POSITION_TERMS:
+            raise ValueError(f"background has {len(self.background)} terms of the position; there must be one of {list(POSITION_TERMS)}")
+        return self

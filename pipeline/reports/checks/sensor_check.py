@@ -1,0 +1,88 @@
+"""The check of a sensor file: its figures, and a picture of the gel in section, its pixels, its lamps, and what it sees."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from pipeline.config.sensor_file import load_sensor
+from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+
+PRESS = 0.25
+"""How deep ball and edge are pressed in, in gel thicknesses."""
+MM = 1e3
+
+
+def check(path: Path, picture: Path) -> list[str]:
+    """Say what a sensor file describes, and draw it; parameters, result and errors as `check_file`."""
+    sensor = load_sensor(path)
+    untouched = untouched_image(sensor)
+    x, y = pixel_centres(sensor)
+    draw(sensor, picture)
+    clipped = 100 * float(np.mean((untouched == 0) | (untouched == 255)))
+    return [
+        f"{path}: sensor {sensor.name}, no faults",
+        f"gel {MM * sensor.width:.4g} x {MM * sensor.height:.4g} mm, {MM * sensor.w:.4g} mm thick; rays reach {MM * sensor.range:.4g} mm",
+        f"{sensor.cols} x {sensor.rows} pixels of {MM * (x[1] - x[0]):.3g} x {MM * (y[1] - y[0]):.3g} mm",
+        f"untouched image: mean {', '.join(f'{level:.0f}' for level in untouched.mean(axis=(0, 1)))} of 255, {clipped:.1f} % clipped",
+        f"picture: {picture}",
+    ]
+
+
+def draw(sensor: Sensor, path: Path) -> None:
+    """Draw a sensor: the gel in section with a ball in it, its outline with pixels and lamps, and three tactile images."""
+    ball, edge = pressed_ball(sensor), pressed_edge(sensor)
+    figure = Figure((15, 3.4), dpi=110, layout="constrained")
+    section, plan, *images = figure.subplots(1, 5)
+    _section(section, sensor, ball)
+    _plan(plan, sensor)
+    shown = {"untouched": untouched_image(sensor), "a ball": tactile_image(ball, sensor), "an edge": tactile_image(edge, sensor)}
+    for axes, (title, image) in zip(images, shown.items(), strict=True):
+        axes.imshow(image)
+        axes.set(title=title, xticks=[], yticks=[])
+    figure.savefig(path)
+
+
+def pressed_ball(sensor: Sensor) -> NDArray[np.float64]:
+    """Compute the depth map of a ball of a quarter of the gel's shorter side, pressed into its middle."""
+    x, y = np.meshgrid(*pixel_centres(sensor))
+    radius = min(sensor.width, sensor.height) / 4
+    lowest = sensor.w * (1 - PRESS) + radius - np.sqrt(np.maximum(radius**2 - x**2 - y**2, 0))
+    return np.where(x**2 + y**2 < radius**2, lowest, np.inf)
+
+
+def pressed_edge(sensor: Sensor) -> NDArray[np.float64]:
+    """Compute the depth map of the edge of a box, right-angled and parallel to the gel's rows, pressed into its middle."""
+    _, y = np.meshgrid(*pixel_centres(sensor))
+    return sensor.w * (1 - PRESS) + np.abs(y)
+
+
+def _section(axes: Axes, sensor: Sensor, depth: NDArray[np.float64]) -> None:
+    """Draw the middle row: the gel, undeformed and pressed in, over the sensor plane."""
+    x = pixel_centres(sensor)[0] * MM
+    row = depth[sensor.rows // 2] * MM
+    surface = np.broadcast_to(gel_surface(sensor), sensor.shape)[sensor.rows // 2] * MM
+    axes.fill_between(x, np.minimum(row, surface), color="#9ecae1", label="gel")
+    axes.plot(x, surface, "k--", linewidth=0.8, label="undeformed")
+    axes.plot(x, row, color="#d94801", linewidth=1.2, label="ball")
+    axes.set(title="the middle row in section", xlabel="x, mm", ylabel="D, mm", ylim=(0, 1.4 * sensor.w * MM), aspect="equal")
+    axes.legend(fontsize=7, loc="upper right")
+
+
+def _plan(axes: Axes, sensor: Sensor) -> None:
+    """Draw the gel from below: every tenth row and column of pixels, and the lamps."""
+    x, y = (centres[:: max(1, len(centres) // 10)] * MM for centres in pixel_centres(sensor))
+    axes.plot(*(grid.ravel() for grid in np.meshgrid(x, y)), ".", color="#bbbbbb", markersize=2)
+    half, tall = MM * sensor.width / 2, MM * sensor.height / 2
+    axes.plot([-half, half, half, -half, -half], [-tall, -tall, tall, tall, -tall], "k", linewidth=1)
+    for color in ("red", "green", "blue") if sensor.lights else ():
+        lamp = getattr(sensor.lights, color)
+        axes.plot((lamp[0] - 0.5) * 2 * half, lamp[1] * 2 * half - tall, "*", color=color, markersize=12)
+    axes.set(title="pixels and lamps, +y downwards", xlabel="x, mm", ylabel="y, mm", aspect="equal")
+    axes.invert_yaxis()

@@ -1,0 +1,91 @@
+"""`calibrate-sensor` on photographs that our renderer made with a known model: it is recovered, circles are found, bad ones are named."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.config.sensor_file import load_sensor, sensor_files
+from pipeline.errors import InvalidInput
+from pipeline.inference.calibrate_sensor import read_photographs
+from pipeline.kernels.touch.calibration_fit import Circle, ball_impression
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.tactile_image import background, tactile_image, untouched_image
+
+BALL = 0.002
+TRUE = load_sensor("gelsight").model_copy(update={"rows": 160, "cols": 213, "noise": 1.0, "membrane": 0.0009})
+
+
+def photograph(contact: Circle, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
+    return tactile_image(sensor.w - ball_impression(sensor, contact, BALL), sensor, rng)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten contacts all over the gel, an image where nothing touches, one of another size, and one that is no image."""
+    rng, path = np.random.default_rng(0), tmp_path_factory.mktemp("photographs")
+    untouched = path.parent / "untouched.png"
+    Image.fromarray(untouched_image(TRUE)).save(untouched)
+    lines = []
+    for number in range(10):
+        contact = Circle(rng.uniform(50, 160), rng.uniform(50, 110), rng.uniform(14, 18))
+        Image.fromarray(photograph(contact, TRUE, rng)).save(path / f"{number}.png")
+        lines.append(f"{number}.png {contact.x} {contact.y} {contact.radius}")
+    (path.parent / "contacts.txt").write_text("\n".join(lines))
+    Image.fromarray(untouched_image(TRUE)).save(path / "nothing.png")
+    Image.fromarray(untouched_image(TRUE)[:50]).save(path / "small.png")
+    (path / "torn.png").write_text("no image")
+    return path
+
+
+def test_circles_are_found_within_a_pixel_and_bad_photographs_are_named(folder: Path) -> None:
+    found, untouched, left_out = read_photographs(folder, folder.parent / "untouched.png")
+    assert set(left_out) == {"nothing.png", "small.png", "torn.png"}
+    assert "nothing touches" in left_out["nothing.png"]
+    assert "it has 50 x 213 pixels, the untouched one 160 x 213" in left_out["small.png"]
+    assert untouched.shape == (160, 213, 3)
+    said = [line.split() for line in (folder.parent / "contacts.txt").read_text().splitlines()]
+    true = {name: np.array(numbers, float) for name, *numbers in said}
+    for one in found:
+        off = np.abs([one.contact.x, one.contact.y, one.contact.radius] - true[one.name])
+        assert off.max() < 1.0, (one.name, off)
+
+
+def test_a_known_model_is_recovered(folder: Path, tmp_path: Path) -> None:
+    """Colours of a contact that was not photographed are right to two levels; what is left of photographs is their noise."""
+    (folder / "circles.csv").write_text(
+        "name,x,y,radius\n" + "\n".join(",".join(line.split()) for line in (folder.parent / "contacts.txt").read_text().splitlines())
+    )
+    out, untouched = tmp_path / "mine.yaml", folder.parent / "untouched.png"
+    size = ["--ball-radius", "2", "--mm-per-pixel", str(1e3 * TRUE.pitch[1]), "--untouched", str(untouched)]
+    result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(out), *size, "--shadows", "3"])
+    (folder / "circles.csv").unlink()
+    assert result.exit_code == 0, result.output
+    assert "left out nothing.png: nothing touches" in " ".join(result.output.split())
+    assert out.with_suffix(".png").stat().st_size > 10_000
+    mine = load_sensor(out)
+    assert [path.name for path in sensor_files([str(out)])] == ["mine.yaml", "mine-untouched.png"]
+    assert (background(mine, mine.calibrated) == untouched_image(TRUE)).all()
+    assert mine.membrane == pytest.approx(TRUE.membrane, rel=0.2)
+    contact, rng = Circle(100.0, 80.0, 16.0), None
+    pressed = [tactile_image(one.w - ball_impression(one, contact, BALL), one, rng).astype(float) for one in (mine, TRUE)]
+    error = np.abs(pressed[0] - pressed[1])
+    change = np.abs(pressed[1] - untouched_image(TRUE)).max(axis=2) > 5
+    assert error[change].mean() < 2.0 < np.abs(pressed[1] - untouched_image(TRUE))[change].mean()
+    assert error.mean() < 1.0
+
+
+def test_what_cannot_be_calibrated_says_why(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="there is no folder"):
+        read_photographs(tmp_path / "none", folder.parent / "untouched.png")
+    few = tmp_path / "few"
+    few.mkdir()
+    (few / "0.png").write_bytes((folder / "0.png").read_bytes())
+    with pytest.raises(InvalidInput, match="has 1 usable photographs, 4 are needed"):
+        read_photographs(few, folder.parent / "untouched.png")
+    (few / "circles.csv").write_text("name,x\n0.png,1\n")
+    with pytest.raises(InvalidInput, match="needs the columns name, x, y, radius"):
+        read_photographs(few, folder.parent / "untouched.png")

@@ -1,0 +1,111 @@
+"""Calibrated optics: the polynomial against a plain one, membrane and shadow against closed forms, and pixel noise."""
+
+import numpy as np
+import pytest
+
+from pipeline.config.sensor_file import load_sensor
+from pipeline.kernels.touch.calibrated_shading import calibrated_change, deformed, polynomial_background, powers
+from pipeline.kernels.touch.cast_shadow import shade_depth
+from pipeline.kernels.touch.gel_membrane import drawn_in
+from pipeline.kernels.touch.sensor import pixel_centres
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+
+SMALL = load_sensor("gelsight").model_copy(update={"rows": 48, "cols": 64})
+
+
+def bump(sensor=SMALL, radius=0.003, deep=0.001) -> np.ndarray:
+    x, y = np.meshgrid(*pixel_centres(sensor))
+    return np.maximum(deep * (1 - (x**2 + y**2) / radius**2), 0)
+
+
+def slow_change(sensor, pressed) -> np.ndarray:
+    """The polynomial, pixel by pixel, without membrane and shadows."""
+    x, y = (centres / sensor.width for centres in pixel_centres(sensor))
+    found = np.zeros((*sensor.shape, 3))
+    rows, cols = sensor.shape
+    for r in range(rows):
+        for c in range(cols):
+            left, right, above, below = max(c - 1, 0), min(c + 1, cols - 1), max(r - 1, 0), min(r + 1, rows - 1)
+            slope = np.array(
+                [
+                    (pressed[r, right] - pressed[r, left]) / ((right - left) * sensor.pitch[1]),
+                    (pressed[below, c] - pressed[above, c]) / ((below - above) * sensor.pitch[0]),
+                ]
+            )
+            a, b = slope / np.sqrt(1 + slope @ slope)
+            normal = [a**i * b**j for i, j in powers(3)[1:]]
+            place = [x[c] ** i * y[r] ** j for i, j in powers(2)]
+            found[r, c] = np.einsum("csp,s,p->c", np.array(sensor.calibrated.coefficients), normal, place)
+    return found
+
+
+def test_colours_are_the_polynomial_of_normal_and_position() -> None:
+    sensor = SMALL.model_copy(update={"membrane": 0.0})
+    optics = sensor.calibrated.model_copy(update={"shadows": ()})
+    pressed = bump() + 0.0004 * np.eye(48, 64)[::-1]
+    np.testing.assert_allclose(calibrated_change(pressed, sensor, optics), slow_change(sensor, pressed), atol=1e-9)
+    assert (calibrated_change(np.zeros(sensor.shape), sensor, optics) == 0).all()
+
+
+def test_background_is_the_polynomial_and_what_nothing_touches_shows_it() -> None:
+    terms = SMALL.calibrated.background
+    x, y = (centres / SMALL.width for centres in pixel_centres(SMALL))
+    expected = sum(x[5] ** i * y[7] ** j * np.array(levels) for (i, j), levels in zip(powers(4), terms, strict=True))
+    np.testing.assert_allclose(polynomial_background(SMALL, terms)[7, 5], expected)
+    assert (untouched_image(SMALL)[7, 5] == np.rint(expected)).all()
+
+
+def test_membrane_is_round_keeps_the_volume_and_has_the_asked_width() -> None:
+    """Of a point: what is drawn in around it sums to it, spreads alike in all directions, with the asked standard deviation."""
+    point = np.zeros((121, 141))
+    point[60, 70] = 1.0
+    around = drawn_in(point, (5.0, 7.0))
+    around[60, 70] = 0.25 * sum(around[60 + i, 70 + j] for i, j in ((0, 1), (1, 0), (0, -1), (-1, 0)))  # the point's own is its depth
+    rows, cols = np.indices(point.shape)
+    assert around.sum() == pytest.approx(1, rel=0.01)
+    assert np.sqrt((around * (rows - 60) ** 2).sum()) == pytest.approx(5, rel=0.02)
+    assert np.sqrt((around * (cols - 70) ** 2).sum()) == pytest.approx(7, rel=0.02)
+    distance = np.hypot((rows - 60) / 5, (cols - 70) / 7)
+    ring = around[(distance > 1.95) & (distance < 2.05)]
+    assert ring.max() < 2 * ring.min()
+    assert (drawn_in(point, (5.0, 7.0)) >= point).all()
+
+
+def test_a_wall_casts_a_shadow_as_long_as_its_height_over_the_slope() -> None:
+    """A wall of 1 mm on one column; light from the left at slope 0.5: the shade begins behind it and ends 2 mm further."""
+    wall = np.zeros((20, 60))
+    wall[:, 20] = 0.001
+    shade = shade_depth(wall, (1e-4, 1e-4), direction=np.pi, slope=0.5)
+    assert (shade[:, :21] == 0).all()
+    np.testing.assert_allclose(shade[10, 21:41], 0.001 - 0.5e-4 * np.arange(1, 21), atol=1e-15)
+    assert (shade[:, 41:] == 0).all()
+    np.testing.assert_allclose(shade_depth(wall[:, ::-1], (1e-4, 1e-4), direction=0.0, slope=0.5), shade[:, ::-1], atol=1e-15)
+    np.testing.assert_allclose(shade_depth(wall.T.copy(), (1e-4, 1e-4), direction=-np.pi / 2, slope=0.5), shade.T, atol=1e-15)
+
+
+def test_shadows_fall_away_from_the_lamp_in_every_direction() -> None:
+    hill = bump(radius=0.002)
+    x, y = np.meshgrid(*pixel_centres(SMALL))
+    for direction in np.linspace(0, 2 * np.pi, 12, endpoint=False):
+        shade = shade_depth(hill, SMALL.pitch, direction=direction, slope=0.2)
+        centre = np.array([(shade * x).sum(), (shade * y).sum()]) / shade.sum()
+        assert centre @ [np.cos(direction), np.sin(direction)] < -0.9 * np.linalg.norm(centre) < 0
+
+
+def test_noise_is_drawn_with_its_standard_deviation_and_only_where_asked() -> None:
+    noisy = SMALL.model_copy(update={"noise": 2.0})
+    empty = np.full(SMALL.shape, np.inf)
+    still = tactile_image(empty, noisy)
+    assert (still == untouched_image(SMALL)).all()
+    drawn = tactile_image(empty, noisy, np.random.default_rng(0)).astype(float) - still
+    assert drawn.std() == pytest.approx(2.0, rel=0.05)
+    assert (tactile_image(empty, noisy, np.random.default_rng(0)) == tactile_image(empty, noisy, np.random.default_rng(0))).all()
+    assert (tactile_image(empty, SMALL, np.random.default_rng(0)) == still).all()
+
+
+def test_a_contact_keeps_its_depth_and_draws_the_gel_around_it_in() -> None:
+    pressed = bump()
+    surface = deformed(pressed, SMALL)
+    assert surface.max() == pressed.max()
+    assert (surface[pressed == 0] > 0).any()
+    assert deformed(pressed, SMALL.model_copy(update={"membrane": 0.0})) is pressed

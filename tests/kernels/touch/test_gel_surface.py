@@ -1,0 +1,140 @@
+"""Rectangular and curved gels: closed forms, and depth against brute force."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from pipeline.kernels.touch.contact import local_points, touch_success
+from pipeline.kernels.touch.face_culling import box_faces
+from pipeline.kernels.touch.gel_surface import gel_surface, impression, in_gel
+from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.sensor import Sensor, Surface, pixel_centres, ray_origins
+from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+from tests.kernels.touch.shapes import SENSOR, ball, pose_at, random_pose, sheet
+from tests.references.brute_force_depth import brute_force
+from tests.references.slow_tactile_image import slow_tactile_image
+
+WIDE = Sensor.model_validate({**SENSOR.model_dump(), "name": "wide", "width": 0.03, "height": 0.02, "rows": 60, "cols": 120})
+RADIUS = 0.04
+
+
+def curved(along: str, **changes) -> Sensor:
+    return WIDE.model_copy(update={"surface": Surface(radius=RADIUS, along=along), **changes})
+
+
+def test_pixels_of_a_rectangular_gel_fill_its_sides() -> None:
+    x, y = pixel_centres(WIDE)
+    assert (len(x), len(y)) == (120, 60)
+    np.testing.assert_allclose([x[0], x[-1], y[0], y[-1]], [-0.015 + 0.000125, 0.015 - 0.000125, -0.01 + 0.01 / 60, 0.01 - 0.01 / 60])
+    assert WIDE.pitch == pytest.approx((0.02 / 60, 0.03 / 120))
+    assert SENSOR.height == SENSOR.width
+
+
+def test_depth_of_a_rectangular_gel_is_that_of_a_tilted_plane_and_of_brute_force(rng: np.random.Generator) -> None:
+    corners = np.array([[-1, -1], [1, -1], [0, 1.5]])
+    plane = np.column_stack([corners, 0.005 + 0.2 * corners[:, 0] + 0.1 * corners[:, 1]])[None]
+    x, y = np.meshgrid(*pixel_centres(WIDE))
+    expected = 0.005 + 0.2 * x + 0.1 * y
+    np.testing.assert_allclose(ray_depth(box_faces(plane), np.eye(4), WIDE), expected, atol=1e-15)
+    np.testing.assert_allclose(sphere_traced_depth(box_faces(plane), np.eye(4), WIDE), expected, atol=2e-7)
+    triangles, sensor = ball(2, 0.02), WIDE.model_copy(update={"rows": 24, "cols": 36})
+    pose = random_pose(triangles, rng)
+    true = brute_force(triangles, ray_origins(pose, sensor), pose[:3, 2], sensor.range)
+    sure = ~true.doubtful
+    np.testing.assert_allclose(ray_depth(box_faces(triangles), pose, sensor)[sure], true.depth[sure], atol=1e-12)
+
+
+def test_image_of_a_rectangular_gel_follows_the_equations() -> None:
+    """On a gel twice as wide as high, with twice the columns, pixels are square: equations 1 to 5 of the square with its rows doubled."""
+    half = Sensor.model_validate({**SENSOR.model_dump(), "width": 0.016, "height": 0.008, "rows": 20, "cols": 40})
+    whole = half.model_copy(update={"given_height": 0.016, "rows": 40})
+    depth = np.full((40, 40), half.w)
+    depth[4:12, 5:20] -= 0.002
+    lamps = [whole.lights.red, whole.lights.green, whole.lights.blue]
+    slow = slow_tactile_image(depth, whole.width, whole.w, whole.diffuse, lamps)
+    assert np.abs(tactile_image(depth[:20], half)[:19].astype(int) - slow[:19]).max() <= 1
+
+
+def test_surfaces_are_spheres_cylinders_and_maps() -> None:
+    x, y = np.meshgrid(*pixel_centres(WIDE))
+    for along, squared in {"both": x**2 + y**2, "x": x**2, "y": y**2}.items():
+        below = WIDE.w - gel_surface(curved(along))
+        np.testing.assert_allclose((RADIUS - below) ** 2 + squared, RADIUS**2, rtol=1e-12)
+    tilted = WIDE.model_copy(update={"surface": Surface(heights=((0.001, 0.003), (0.002, 0.004)))})
+    np.testing.assert_allclose(gel_surface(tilted), 0.0025 + 0.002 * x / 0.03 + 0.001 * y / 0.02, rtol=1e-12)
+    assert gel_surface(WIDE) == WIDE.w
+
+
+def test_a_plane_flattens_a_disc_of_a_spherical_gel() -> None:
+    """Pressed d into the middle, it touches where the sphere is less than d below its top: a disc of radius² = 2 R d - d²."""
+    sensor, pressed = curved("both"), 0.0006
+    depth = ray_depth(box_faces(sheet(sensor.w - pressed)), np.eye(4), sensor)
+    area = in_gel(depth, sensor).sum() * sensor.pitch[0] * sensor.pitch[1]
+    assert area == pytest.approx(np.pi * (2 * RADIUS * pressed - pressed**2), rel=0.01)
+    x, y = np.meshgrid(*pixel_centres(sensor))
+    expected = np.maximum(np.sqrt(RADIUS**2 - x**2 - y**2) - RADIUS + pressed, 0)
+    np.testing.assert_allclose(impression(depth, sensor), expected, atol=1e-12)
+
+
+def test_a_ball_presses_into_a_spherical_gel_as_two_spheres_meet() -> None:
+    sensor, size = curved("both"), 0.01
+    depth = ray_depth(box_faces(ball(6, size, z=sensor.w - 0.002 + size)), np.eye(4), sensor)
+    x, y = np.meshgrid(*pixel_centres(sensor))
+    distance = np.hypot(x, y)
+    meets = np.sqrt(np.maximum(RADIUS**2 - distance**2, 0)) - RADIUS + 0.002 > size - np.sqrt(np.maximum(size**2 - distance**2, 0))
+    meets &= distance < size
+    differ = in_gel(depth, sensor) != meets
+    assert differ.mean() < 0.002  # the mesh lies up to 2 µm inside the ball
+
+
+@pytest.mark.parametrize("along", ["x", "y"])
+def test_an_edge_meets_a_cylindrical_gel_along_its_ridge(along: str) -> None:
+    """The edge of a right angle along the ridge, d deep, touches the whole of it, in a strip as wide as where wedge and cylinder meet."""
+    sensor, pressed = curved(along), 0.001
+    across = np.meshgrid(*pixel_centres(sensor))[0 if along == "x" else 1]
+    depth = sensor.w - pressed + np.abs(across)
+    inside = in_gel(depth, sensor)
+    c = RADIUS - pressed  # |t| + R - d = sqrt(R² - t²)
+    half = (-2 * c + np.sqrt(4 * c**2 + 8 * (RADIUS**2 - c**2))) / 4
+    assert (inside == (np.abs(across) < half)).all()
+    lost = np.abs(across).min() + across.min(where=across > 0, initial=1) ** 2 / 2 / RADIUS  # of the pixels beside the ridge
+    assert impression(depth, sensor).max() == pytest.approx(pressed - lost, rel=1e-3)
+
+
+def test_touch_and_points_go_by_the_height_of_the_gel_at_the_pixel() -> None:
+    """A surface between the gel's rim and its top: it touches in the middle, not at the rim."""
+    sensor = curved("both")
+    middle, rim = np.full(sensor.shape, np.inf, np.float32), np.full(sensor.shape, np.inf, np.float32)
+    middle[30, 60] = rim[0, 0] = sensor.w - 0.001
+    assert touch_success(middle, sensor)
+    assert not touch_success(rim, sensor)
+    assert [local_points(depth, np.eye(4), sensor)[1] for depth in (middle, rim)] == [1, 0]
+    assert (tactile_image(rim, sensor) == untouched_image(sensor)).all()
+    assert (tactile_image(middle, sensor) != untouched_image(sensor)).any()
+    assert (untouched_image(sensor) != untouched_image(WIDE)).any()  # its lamps shine on a curved surface
+
+
+def test_curved_gels_are_traced_from_far_and_near_poses(rng: np.random.Generator) -> None:
+    """Depth does not depend on the gel's shape; what is in the gel does."""
+    triangles = ball(3, 0.02)
+    pose = pose_at(np.zeros(3), rng.normal(size=3), 0.02 + WIDE.w - 0.001)
+    flat, round_ = ray_depth(box_faces(triangles), pose, WIDE), ray_depth(box_faces(triangles), pose, curved("both"))
+    assert (flat == round_).all()
+    assert 0 < in_gel(round_, curved("both")).sum() < in_gel(flat, WIDE).sum()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"surface": {"radius": 0.015}}, "a gel of radius 0.015 m and thickness w 0.0068 m ends before its rim"),
+        ({"surface": {"heights": [[0.001, 0.002], [0.001]]}}, "heights must be a grid of 2 x 2 or more"),
+        ({"surface": {}}, "give either a radius or heights"),
+        ({"lights": None}, "give either lights .* or calibrated"),
+        ({"calibrated": {"coefficients": [[[1.0]]] * 3, "background": [[0, 0, 0]]}, "lights": None}, "there must be 3, each with one of"),
+        ({"calibrated": {"coefficients": [[[1.0]] * 2] * 3, "background": [[0, 0, 0]] * 2}, "lights": None}, "background has 2 terms"),
+    ],
+)
+def test_a_sensor_that_cannot_be_is_refused(changes, message) -> None:
+    with pytest.raises(ValidationError, match=message):
+        Sensor.model_validate({**WIDE.model_dump(), **changes})
