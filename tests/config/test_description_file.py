@@ -54,8 +54,10 @@ def test_unusable_sensor_entry_is_named_with_its_file(tmp_path: Path, changes: d
 
 
 def test_every_unusable_entry_is_named_in_one_line(tmp_path: Path) -> None:
-    path = sensor_file(tmp_path, height=0.03, rows=48.5)
-    with pytest.raises(InvalidInput, match=r"rows: .*; there is no entry height\. Its entries are name, width, rows") as error:
+    path = sensor_file(tmp_path, heigth=0.03, rows=48.5)
+    with pytest.raises(
+        InvalidInput, match=r"rows: .*; there is no entry heigth, did you mean height\?. Its entries are name, width, height, rows"
+    ) as error:
         load_sensor(path)
     assert "\n" not in str(error.value)
     path.write_text("name: gel")
@@ -78,7 +80,7 @@ def test_file_that_is_no_yaml_is_named(tmp_path: Path) -> None:
 
 
 def test_missing_description_lists_the_shipped_ones() -> None:
-    with pytest.raises(InvalidInput, match=r"there is no sensor 'nope'; built in are gel_16mm"):
+    with pytest.raises(InvalidInput, match=r"there is no sensor 'nope'; built in are digit, gel_16mm"):
         load_sensor("nope")
     with pytest.raises(InvalidInput, match=r"there is no scene 'gone\.yaml'; built in are supplement"):
         load_scene("gone.yaml")

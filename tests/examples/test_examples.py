@@ -58,6 +58,12 @@ def test_touch_one_mesh_writes_the_image_of_a_sphere_and_of_a_file(run, tmp_path
     assert "success True" in run("touch_one_mesh", image, file)
 
 
+def test_touch_in_pybullet_prints_its_rate(run):
+    printed = run("touch_in_pybullet", "gel_16mm", 20)
+    assert "20 steps, 20 of them touch" in printed
+    assert "tactile images per second" in printed
+
+
 def test_train_one_network_lowers_its_loss(run, data):
     lines = run("train_one_network", data, "test", 2).splitlines()
     errors = [float(line.split()[2]) for line in lines]

@@ -1,0 +1,47 @@
+"""Tactile images inside a PyBullet loop: a ball rolls over a sensor, both moving; `--show` opens a window that shows the image live.
+
+Usage: python examples/touch_in_pybullet.py [--show] [SENSOR [STEPS]]
+"""
+
+import sys
+import time
+
+import numpy as np
+import pybullet
+import trimesh
+
+import vt_pipeline as vt
+
+arguments = [word for word in sys.argv[1:] if word != "--show"]
+sensor = vt.load_sensor(arguments[0] if arguments else "gel_16mm")
+steps = int(arguments[1]) if len(arguments) > 1 else 480
+mesh = trimesh.creation.icosphere(subdivisions=4, radius=0.01)
+ball = vt.load_object((mesh.vertices, mesh.faces))  # or the path of a mesh file
+
+pybullet.connect(pybullet.DIRECT)
+pybullet.setGravity(0, 0, -9.81)
+pybullet.createMultiBody(0, pybullet.createCollisionShape(pybullet.GEOM_PLANE))
+body = pybullet.createMultiBody(0.01, pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=0.01), basePosition=[-0.004, 0, 0.011])
+pybullet.resetBaseVelocity(body, linearVelocity=[0.008, 0, 0])
+
+felt, spent, window = 0, 0.0, None
+for step in range(steps):
+    pybullet.stepSimulation()
+    place, turn = pybullet.getBasePositionAndOrientation(body)
+    ball_pose = np.eye(4)
+    ball_pose[:3, :3], ball_pose[:3, 3] = np.reshape(pybullet.getMatrixFromQuaternion(turn), (3, 3)), place
+    sensor_pose = np.eye(4)  # its gel looks up through the floor, and it sways
+    sensor_pose[:3, 3] = 0.001 * np.sin(step / 50), 0, 0.001 - sensor.w
+    began = time.perf_counter()
+    touch = vt.touch(ball, sensor, sensor_pose, object_pose=ball_pose)
+    spent += (time.perf_counter() - began) * (step > 0)  # what the first call compiles is not counted
+    felt += touch.success
+    if "--show" in sys.argv:
+        import matplotlib.pyplot as plt
+
+        window = window or plt.imshow(touch.image)
+        window.set_data(touch.image)
+        plt.pause(0.001)
+pybullet.disconnect()
+rate = f"{(steps - 1) / spent:.0f} tactile images per second of one core"
+print(f"{steps} steps, {felt} of them touch; {rate}; last contact {1e6 * touch.contact_area:.1f} mm²")

@@ -1,0 +1,108 @@
+"""The library `vt_pipeline`: touches against closed forms, many at once, grasps, and packages that hide ours."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import vt_pipeline as vt
+from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.tactile_image import tactile_image
+from tests.kernels.touch.shapes import pose_at
+from tests.strategies import random_rotation
+
+RADIUS, PRESSED = 0.02, 0.0012
+SENSOR = vt.load_sensor("gel_16mm")
+MESH = trimesh.creation.icosphere(subdivisions=5, radius=RADIUS)
+BALL = vt.load_object((MESH.vertices, MESH.faces))
+
+
+def poses(count: int) -> np.ndarray:
+    axes = np.random.default_rng(0).normal(size=(count, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    return np.stack([pose_at(RADIUS * axis, -axis, SENSOR.w - PRESSED) for axis in axes])
+
+
+def test_touch_of_a_ball_is_that_of_the_kernels_and_of_a_sphere() -> None:
+    (pose,) = poses(1)
+    touch = vt.touch(BALL, SENSOR, pose)
+    exact = ray_depth(BALL.faces, pose, SENSOR)
+    assert (touch.depth == exact.astype(np.float32)).all()
+    assert (touch.image == tactile_image(touch.depth, SENSOR)).all()
+    assert touch.success
+    assert touch.contact_area == pytest.approx(np.pi * (2 * RADIUS * PRESSED - PRESSED**2), rel=0.02)
+    assert touch.points.shape == touch.normals.shape == (touch.contact.sum(), 3)
+    radii = np.linalg.norm(touch.points, axis=1)
+    assert np.abs(radii - RADIUS).max() < 5e-5  # the mesh lies so far inside the sphere
+    cosine = (touch.points / radii[:, None] * touch.normals).sum(axis=1)
+    assert np.median(cosine) > 0.999
+    assert cosine.min() > 0.95
+    assert (touch.difference[~touch.contact] == 0).mean() > 0.95
+    assert np.abs(touch.difference).max() > 20
+
+
+def test_object_and_sensor_move_together_and_apart(rng: np.random.Generator) -> None:
+    """Moved both alike, nothing changes but the points' place."""
+    (pose,) = poses(1)
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = random_rotation(rng), rng.uniform(-1, 1, 3)
+    here, there = vt.touch(BALL, SENSOR, pose), vt.touch(BALL, SENSOR, motion @ pose, object_pose=motion)
+    np.testing.assert_allclose(there.depth[here.contact], here.depth[here.contact], atol=1e-7)
+    np.testing.assert_allclose(there.points, here.points @ motion[:3, :3].T + motion[:3, 3], atol=1e-6)
+    away = np.eye(4)
+    away[2, 3] = 1.0
+    assert not vt.touch(BALL, SENSOR, pose, object_pose=away).success
+
+
+def test_many_touches_are_those_of_one_at_a_time_for_any_number_of_processes() -> None:
+    some = poses(7)
+    alone, shared = vt.touch_many(BALL, SENSOR, some, workers=1), vt.touch_many(BALL, SENSOR, some, workers=3)
+    assert len(shared) == 7
+    for number, pose in enumerate(some):
+        one = vt.touch(BALL, SENSOR, pose)
+        for many in (alone, shared):
+            assert (many[number].depth == one.depth).all()
+            assert (many.image[number] == one.image).all()
+    assert len(vt.touch_many(BALL, SENSOR, np.zeros((0, 4, 4)))) == 0
+
+
+def test_a_pose_that_is_no_motion_and_a_file_that_is_no_mesh_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(vt.InvalidInput, match="no rigid motion"):
+        vt.touch(BALL, SENSOR, 2 * np.eye(4))
+    with pytest.raises(vt.InvalidInput, match="no rigid motion"):
+        vt.touch_many(BALL, SENSOR, np.stack([np.eye(4), 2 * np.eye(4)]))
+    (tmp_path / "mug.glb").write_text("no mesh")
+    with pytest.raises(vt.InvalidInput, match=r"mug\.glb"):
+        vt.load_object(tmp_path / "mug.glb")
+
+
+def test_a_mesh_file_is_loaded_in_metres(tmp_path: Path) -> None:
+    MESH.copy().apply_scale(1000).export(tmp_path / "ball.stl")
+    assert np.ptp(vt.load_object(tmp_path / "ball.stl", scale=1e-3).mesh.vertices) == pytest.approx(2 * RADIUS, rel=1e-3)
+
+
+def test_a_package_of_the_users_that_hides_ours_is_named(tmp_path: Path) -> None:
+    (tmp_path / "stages").mkdir()
+    (tmp_path / "stages" / "__init__.py").write_text("")
+    root = Path(vt.__file__).parents[1]
+    program = f"import sys; sys.path[:0] = [{str(tmp_path)!r}, {str(root)!r}]; import vt_pipeline"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "vt_pipeline needs its own package 'stages'" in done.stderr
+    assert str(tmp_path / "stages") in done.stderr
+
+
+@pytest.mark.slow
+def test_grasps_of_a_bottle_touch_where_they_say() -> None:
+    mesh = trimesh.creation.cylinder(radius=0.03, height=0.4, sections=64).subdivide()
+    bar = vt.load_object((mesh.vertices, mesh.faces))
+    found = vt.grasp(bar, attempts=12, grasps=2, seed=1)
+    assert found.fingers == ("index", "middle", "ring", "thumb")
+    assert len(found) == 2
+    for poses_of_grasp, touched in zip(found.sensor_pose, found.touched, strict=True):
+        felt = [vt.touch(bar, sensor, pose).success for sensor, pose in zip(found.sensors, poses_of_grasp, strict=True)]
+        assert felt == touched.tolist()
+    assert found.touched.any()

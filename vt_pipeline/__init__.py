@@ -1,0 +1,36 @@
+"""The tactile simulator as a library: sensors, touches and grasps of a mesh, without the pipeline.
+
+>>> import vt_pipeline as vt
+>>> sensor = vt.load_sensor("gelsight_mini")
+>>> mug = vt.load_object("mug.glb")
+>>> touch = vt.touch(mug, sensor, pose)  # touch.depth, .image, .points, .normals, .contact_area
+"""
+
+from pathlib import Path
+
+from vt_pipeline.shadowing import refuse_shadows
+
+refuse_shadows(Path(__file__).parents[1])
+
+from pipeline.config.sensor_file import load_sensor  # noqa: E402
+from pipeline.errors import InvalidInput  # noqa: E402
+from pipeline.kernels.touch.sensor import Sensor  # noqa: E402
+from pipeline.kernels.touch.tactile_image import untouched_image  # noqa: E402
+from vt_pipeline.grasping import Grasps, grasp  # noqa: E402
+from vt_pipeline.objects import TouchObject, load_object  # noqa: E402
+from vt_pipeline.touching import Touch, Touches, touch, touch_many  # noqa: E402
+
+__all__ = [
+    "Grasps",
+    "InvalidInput",
+    "Sensor",
+    "Touch",
+    "TouchObject",
+    "Touches",
+    "grasp",
+    "load_object",
+    "load_sensor",
+    "touch",
+    "touch_many",
+    "untouched_image",
+]

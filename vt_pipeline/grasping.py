@@ -1,0 +1,102 @@
+"""Grasps: a hand closes around an object in physics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config.hand_file import load_hand
+from pipeline.config.sensor_file import load_worn_sensors, sensor_names
+from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.engine.stage import Task
+from pipeline.kernels.geometry.exterior_sampling import sample_exterior
+from pipeline.kernels.touch.sensor import Sensor
+from vt_pipeline.objects import TouchObject
+
+POINTS = 10_000
+"""Points of the surface, from which the palm's places are drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grasps:
+    """The best grasps of an object, of G grasps with a hand of J joints and S sensors, the best first.
+
+    Attributes
+    ----------
+    fingers, sensors
+        Names of the sensors, those of the fingers that wear them, and what they are.
+    hand_pose
+        (G, 4, 4) float64, the hand's root link in the object's frame, m.
+    joint_angles
+        (G, J) float64, rad.
+    sensor_pose
+        (G, S, 4, 4) float64, sensor frames in the object's frame, m: what `touch` takes.
+    touched
+        (G, S) bool, whether each sensor touches.
+    penetration
+        (G,) float32, depth of the deepest rigid point in the object, m.
+    """
+
+    fingers: tuple[str, ...]
+    sensors: tuple[Sensor, ...]
+    hand_pose: NDArray[np.float64]
+    joint_angles: NDArray[np.float64]
+    sensor_pose: NDArray[np.float64]
+    touched: NDArray[np.bool_]
+    penetration: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.hand_pose)
+
+
+def grasp(
+    object_: TouchObject, hand: str = "allegro_right", *, attempts: int = 50, grasps: int = 5, seed: int = 0, **settings: Any
+) -> Grasps:
+    """Search for grasps of an object (supplement 1.3).
+
+    Parameters
+    ----------
+    object_
+        From `load_object`, about as large as what the hand can hold or larger.
+    hand
+        Name of a shipped hand, or the path of a hand file, which says what sensors the fingers wear.
+    attempts
+        Poses of the palm that are tried at most.
+    grasps
+        How many are kept.
+    seed
+        The same seed gives the same grasps.
+    settings
+        Further settings of `simulate-grasps`.
+
+    Returns
+    -------
+    The grasps with most touches.
+
+    Raises
+    ------
+    InvalidInput
+        The hand file cannot be used, the object has no exterior, or the hand finds too few grasps: the message says what to change.
+    """
+    from stages.simulate_grasps.settings import GraspSettings  # with physics, which a user of `touch` does without
+    from stages.simulate_grasps.stage import SimulateGrasps
+
+    chosen = GraspSettings(hand=hand, attempts=attempts, grasps=grasps, **settings)
+    task = Task("object", "object", seed)
+    points, normals = sample_exterior(object_.mesh, POINTS, task.rng("sample-surfaces"))
+    surface = {**mesh_row(object_.mesh), "points": points.astype(np.float32), "normals": normals.astype(np.float32)}
+    with SimulateGrasps().session(chosen, {}) as process:
+        row = process(Task("object", "object", seed, inputs={"surfaces": surface}))
+    described = load_hand(hand)
+    return Grasps(
+        fingers=tuple(mount.name for mount in described.sensors),
+        sensors=load_worn_sensors(sensor_names(described, chosen.sensor)),
+        hand_pose=row["hand_pose"],
+        joint_angles=row["joint_angles"],
+        sensor_pose=row["sensor_pose"],
+        touched=row["touch_success"],
+        penetration=row["penetration"],
+    )

@@ -1,0 +1,200 @@
+"""Touches: what a sensor at a pose feels of an object."""
+
+from __future__ import annotations
+
+import mmap
+import multiprocessing
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.geometry.transforms import invert_pose
+from pipeline.kernels.touch.contact import touch_success
+from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+from vt_pipeline.objects import TouchObject
+
+WORTH_A_PROCESS = 32
+"""Touches that a process is started for at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """What one sensor feels.
+
+    Attributes
+    ----------
+    sensor, pose
+        The sensor, and its frame in the world, (4, 4) float64, m.
+    depth
+        (rows, cols) float32, m: distance D from the sensor plane along its normal; +inf where nothing is met within range.
+    image
+        (rows, cols, 3) uint8, the tactile image.
+    """
+
+    sensor: Sensor
+    pose: NDArray[np.float64]
+    depth: NDArray[np.float32]
+    image: NDArray[np.uint8]
+
+    @cached_property
+    def contact(self) -> NDArray[np.bool_]:
+        """(rows, cols): where the object is in the gel."""
+        return in_gel(self.depth, self.sensor)
+
+    @property
+    def success(self) -> bool:
+        """Whether the sensor touches: more than 0.1 mm deep somewhere, and nowhere through the sensor plane."""
+        return bool(touch_success(self.depth, self.sensor))
+
+    @property
+    def contact_area(self) -> float:
+        """Area of the sensor plane under the contact, m²."""
+        return float(self.contact.sum() * self.sensor.pitch[0] * self.sensor.pitch[1])
+
+    @cached_property
+    def points(self) -> NDArray[np.float64]:
+        """(n, 3) points of the object in the gel, world frame, m, row by row."""
+        return sensor_to_world(self.pose, *masked_points(self.depth, self.contact, self.sensor).T)
+
+    @cached_property
+    def normals(self) -> NDArray[np.float64]:
+        """(n, 3) outward unit normals of the object at `points`, world frame, from differences of the depth in the contact."""
+        surface = np.where(self.contact, self.depth, np.nan).astype(np.float64)
+        slopes = [_slope(surface, axis) / size for axis, size in zip((1, 0), self.sensor.pitch[::-1], strict=True)]
+        local = np.stack([*slopes, -np.ones_like(surface)], axis=-1)[self.contact]
+        return np.asarray(local / np.linalg.norm(local, axis=1, keepdims=True) @ self.pose[:3, :3].T)
+
+    @property
+    def difference(self) -> NDArray[np.int16]:
+        """(rows, cols, 3): the image minus that of the untouched sensor, levels."""
+        return self.image.astype(np.int16) - untouched_image(self.sensor)
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """What a sensor feels at N poses: (N, rows, cols) depth, (N, rows, cols, 3) image, else as `Touch`, which `[n]` gives."""
+
+    sensor: Sensor
+    poses: NDArray[np.float64]
+    depth: NDArray[np.float32]
+    image: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def __getitem__(self, number: int) -> Touch:
+        return Touch(self.sensor, self.poses[number], self.depth[number], self.image[number])
+
+
+def touch(
+    object_: TouchObject,
+    sensor: Sensor,
+    pose: np.ndarray,
+    *,
+    object_pose: np.ndarray | None = None,
+    rng: np.random.Generator | None = None,
+) -> Touch:
+    """Press a sensor onto an object; both may have moved since the last time.
+
+    Parameters
+    ----------
+    object_
+        From `load_object`.
+    sensor
+        From `load_sensor`.
+    pose
+        (4, 4) sensor frame to world frame, m: +z out of the gel, +x along image columns, origin in the middle of the gel's base.
+    object_pose
+        (4, 4) object frame to world frame; by default they are the same.
+    rng
+        Draws the pixel noise of a sensor that has some; without it there is none.
+
+    Returns
+    -------
+    Depth and image; points, normals and area follow from them when they are asked for.
+
+    Raises
+    ------
+    InvalidInput
+        A pose is no rigid motion.
+    """
+    pose = check_pose(pose)
+    seen_from = pose if object_pose is None else invert_pose(check_pose(object_pose)) @ pose
+    depth = ray_depth(object_.faces, seen_from, sensor).astype(np.float32)
+    return Touch(sensor, pose, depth, tactile_image(depth, sensor, rng))
+
+
+def touch_many(object_: TouchObject, sensor: Sensor, poses: np.ndarray, *, workers: int | None = None) -> Touches:
+    """Press a sensor onto an object at many poses.
+
+    Parameters
+    ----------
+    object_, sensor
+        As in `touch`.
+    poses
+        (N, 4, 4) sensor frame to object frame, m.
+    workers
+        Processes; by default one per core, fewer for few poses.
+
+    Returns
+    -------
+    Depth and image of every pose, the same for any number of workers; without pixel noise.
+
+    Raises
+    ------
+    InvalidInput
+        A pose is no rigid motion.
+    """
+    checked = np.stack([check_pose(pose) for pose in poses]) if len(poses) else np.zeros((0, 4, 4))
+    depth: NDArray[np.float32] = _shared((len(checked), *sensor.shape), np.float32)
+    image: NDArray[np.uint8] = _shared((len(checked), *sensor.shape, 3), np.uint8)
+
+    def fill(some: range) -> None:
+        for number in some:
+            one = touch(object_, sensor, checked[number])
+            depth[number], image[number] = one.depth, one.image
+
+    cores = len(os.sched_getaffinity(0)) if workers is None else workers
+    _in_processes(fill, len(checked), min(cores, max(1, len(checked) // WORTH_A_PROCESS)) if workers is None else cores)
+    return Touches(sensor, checked, depth, image)
+
+
+def _in_processes(fill: Callable[[range], None], count: int, workers: int) -> None:
+    """Call `fill` for every number below `count`, in forked processes that write to shared memory."""
+    fill(range(min(count, 1)))  # here: what it compiles or caches, the processes inherit
+    if workers <= 1:
+        return fill(range(1, count))
+    context: Any = multiprocessing.get_context("fork")
+    started = [context.Process(target=fill, args=(range(1 + k, count, workers),), daemon=True) for k in range(workers)]
+    for process in started:
+        process.start()
+    for process in started:
+        process.join()
+    if failed := [process.exitcode for process in started if process.exitcode]:
+        raise RuntimeError(f"{len(failed)} of {workers} processes ended with status {failed[0]}, see above; or take workers=1")
+
+
+def _shared(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    """Zeros in memory that forked processes share."""
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    return np.frombuffer(mmap.mmap(-1, max(size, 1)), dtype, count=int(np.prod(shape))).reshape(shape)
+
+
+def _slope(surface: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    """Differences per pixel along an axis: central, one-sided where a neighbour is NaN, 0 where both are."""
+    ahead = np.full_like(surface, np.nan)
+    step = np.diff(surface, axis=axis)
+    first = (slice(None),) * axis
+    ahead[(*first, slice(None, -1))] = step
+    behind = np.full_like(surface, np.nan)
+    behind[(*first, slice(1, None))] = step
+    both = np.where(np.isnan(ahead), behind, np.where(np.isnan(behind), ahead, (ahead + behind) / 2))
+    return np.nan_to_num(both)
