@@ -10,6 +10,7 @@
 #   CONFIGURATIONS="none touch occluded occluded-touch unoccluded unoccluded-touch"
 #                     graph networks to train and evaluate; images or touches that none of them uses are not made;
 #                     implicit-touch, implicit-occluded, implicit-occluded-touch, implicit-unoccluded, implicit-unoccluded-touch too
+#   SEEDS=0           trainings of each network, and evaluations of them: SEEDS="0 1 2" shows what is chance
 
 MANIFEST ?= toy
 PRESET   ?= draft
@@ -18,6 +19,7 @@ DATA     ?= data/$(basename $(notdir $(MANIFEST)))$(if $(OBJECTS),-$(notdir $(ab
 OBJECTS  ?=
 SET      ?=
 CONFIGURATIONS ?= none touch occluded occluded-touch unoccluded unoccluded-touch
+SEEDS    ?= 0
 VENV     ?= .venv
 PYTHON   ?= python3.11
 
@@ -80,27 +82,34 @@ fit-charts.%: train-unet
 	@$(SHARD)
 
 .SECONDEXPANSION:
+# train-gcn.touch.1 is the training of the network `touch` with seed 1
+TRAINING  = $(subst $@,$(1),$(RUN)) --set $(1).configuration=$(basename $*) --set $(1).training_seed=$(subst .,,$(suffix $*))
 train-gcn.%: $$(SURFACES) $$(if $$(findstring occluded,$$*),$$(IMAGES)) $$(if $$(findstring touch,$$*),$$(CHARTS))
-	@$(subst $@,train-gcn,$(RUN)) --set train-gcn.configuration=$*
-
+	@$(call TRAINING,train-gcn)
 train-implicit.%: $(addprefix sample-distances.,$(NUMBERS)) $$(if $$(findstring occluded,$$*),$$(IMAGES)) $$(if $$(findstring touch,$$*),$$(CHARTS))
-	@$(subst $@,train-implicit,$(RUN)) --set train-implicit.configuration=$*
+	@$(call TRAINING,train-implicit)
 
 comma    := ,
 space    := $(subst ,, )
 IMPLICIT  = $(filter implicit-%,$(CONFIGURATIONS))
-train: $(addprefix train-gcn.,$(filter-out implicit-%,$(CONFIGURATIONS))) $(addprefix train-implicit.,$(IMPLICIT))  ## train these networks, and the U-Net for those that feel
-evaluate: train $(TOUCHES)  ## evaluate these networks on the test objects, beside the supplement's tables
-	@$(RUN) --set 'evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]'
+NETWORKS  = $(addprefix train-gcn.,$(filter-out $(IMPLICIT),$(CONFIGURATIONS))) $(addprefix train-implicit.,$(IMPLICIT))
+train: $(foreach seed,$(SEEDS),$(addsuffix .$(seed),$(NETWORKS)))  ## train these networks, and the U-Net for those that feel
+evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) $(TOUCHES)
+	@$(subst $@,evaluate,$(RUN)) --set evaluate.training_seed=$* --set 'evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]'
+evaluate: $(addprefix evaluate.,$(SEEDS))  ## evaluate these networks on the test objects, beside the supplement's tables
 report: evaluate  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
 	@$(BIN)/vt-pipeline report $(DATA)
 
-reproduce:  ## test the supplement's claims on 240 procedural objects: dataset, training, evaluation, report (about an hour)
-	@began=$$(date +%s); $(MAKE) --no-print-directory summary MANIFEST=four-classes PRESET=draft && made=$$(date +%s) && \
-	$(MAKE) --no-print-directory -j$$(nproc) report MANIFEST=four-classes PRESET=draft && \
+# LONG=1: ten times the epochs, a night on 2 cores; killed, it continues where it was.
+FOUR      = MANIFEST=four-classes PRESET=draft DATA=data/four-classes/$(if $(LONG),long,draft) SEEDS="0 1 2" \
+            CONFIGURATIONS="$(CONFIGURATIONS) implicit-touch implicit-occluded implicit-occluded-touch implicit-unoccluded" \
+            $(if $(LONG),SET="train-gcn.epochs=80 train-implicit.epochs=600")
+reproduce:  ## test the supplement's claims on 240 procedural objects, networks of both families with three seeds each (LONG=1: overnight)
+	@began=$$(date +%s); $(MAKE) --no-print-directory summary $(FOUR) && made=$$(date +%s) && \
+	$(MAKE) --no-print-directory -j$$(nproc) report $(FOUR) && \
 	echo "dataset: $$(((made - began) / 60)) min; training, evaluation and report: $$((($$(date +%s) - made) / 60)) min on $$(nproc) cores"
 
-.PRECIOUS: sample-surfaces.% sample-distances.% read-renderings.% simulate-grasps.% render-vision.% simulate-touch.% fit-charts.% train-gcn.% train-implicit.%
+.PRECIOUS: sample-surfaces.% sample-distances.% read-renderings.% simulate-grasps.% render-vision.% simulate-touch.% fit-charts.% train-gcn.% train-implicit.% evaluate.%
 
 summary: $(IMAGES) $(TOUCHES)  ## the statistics and contact sheets alone
 	@$(BIN)/vt-pipeline summary $(DATA)

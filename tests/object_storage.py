@@ -57,7 +57,7 @@ class SeaweedServer:
         ports += [f"-{name}.port.grpc={_free_port()}" for name in ("master", "volume", "filer", "s3")]
         command = [Path(sys.executable).parent / "weed", "server", f"-dir={self.folder}/stored", "-s3", "-ip=127.0.0.1", *ports]
         with (self.folder / "log").open("ab") as log:
-            self.process = subprocess.Popen([*command, "-master.volumeSizeLimitMB=64"], stdout=log, stderr=log)
+            self.process = subprocess.Popen([*command, "-master.volumeSizeLimitMB=64", "-volume.max=0"], stdout=log, stderr=log)
         wait_until(lambda: _answers(self.address) and _answers(f"http://127.0.0.1:{master}/dir/assign"))
 
     def kill(self) -> None:

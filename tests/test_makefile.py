@@ -59,7 +59,7 @@ def test_prerequisites_are_the_stages_inputs(configuration, tmp_path):
     trained = {name: {"configuration": one} for name, one in chosen.items()}
     read = rules_of_stages(trained | {"evaluate": {"configurations": (configuration,)}})
     targets = {name: f"{name}.0" if isinstance(load_stage(name), ObjectStage) else name for name in STAGES}
-    targets |= {name: f"{name}.{one}" for name, one in chosen.items()}
+    targets |= {name: f"{name}.{one}.0" for name, one in chosen.items()} | {"evaluate": "evaluate.0"}
     made = rules_of_makefile(*targets.values(), f"CONFIGURATIONS={configuration}", f"DATA={tmp_path}")
     for name in STAGES:
         assert stages_before(targets[name], made) == stages_before(name, read), name

@@ -19,9 +19,10 @@ def family_of(configuration: str) -> str:
     return "implicit" if configuration in IMPLICIT_CONFIGURATIONS else "gcn"
 
 
-def model_name(configuration: str) -> str:
-    """Name the folder of a configuration's model, below a data directory."""
-    return f"models/{family_of(configuration)}/{configuration}"
+def model_name(configuration: str, training_seed: int = 0) -> str:
+    """Name the folder of a configuration's model, below a data directory, which holds further trainings below `models/seed-1` and so on."""
+    seed = f"seed-{training_seed}/" if training_seed else ""
+    return f"models/{seed}{family_of(configuration)}/{configuration}"
 
 
 def load_reconstructor(configuration: str, folder: Path, device: torch.device | str = "cpu") -> Reconstructor:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+from pydantic import model_validator
+
 from pipeline.config.settings import Settings, setting
 from pipeline.training.schedule import Schedule
 
@@ -37,3 +39,29 @@ class TrainingSettings(Settings):
     checkpoint_seconds: float = setting(
         120.0, "between checkpoints within an epoch: what a killed run loses at most", ge=0, changes="speed"
     )
+
+
+class ReconstructionSettings(TrainingSettings):
+    """How a network that reconstructs objects is trained, whatever its family: what an item is."""
+
+    training_seed: int = setting(
+        0,
+        "another one trains the same network with other chance, into a folder of its own below models/seed-1 and so on",
+        ge=0,
+        changes="definition",
+    )
+    min_grasps: int = setting(1, "fewest grasps an item is given; how many, between fewest and most, is drawn for every item", ge=1)
+    max_grasps: int = setting(5, "most grasps", ge=1)
+    items: int = setting(5, "items per object and epoch, each beginning with another grasp, whether a network feels or not", ge=1)
+    validation_items: int = setting(5, "items per validation object, with 1, 2, … grasps", ge=1)
+
+    @model_validator(mode="after")
+    def _some_grasps(self) -> ReconstructionSettings:
+        if self.min_grasps > self.max_grasps:
+            raise ValueError(f"min_grasps is {self.min_grasps}, max_grasps {self.max_grasps}; the fewest cannot be more than the most")
+        return self
+
+    @property
+    def label(self) -> str:
+        """Tell trainings with different chance apart: part of a training's name, which seeds what it draws."""
+        return f", seed {self.training_seed}" if self.training_seed else ""

@@ -23,6 +23,11 @@ METRICS = "metrics.json"
 Arrays = dict[str, np.ndarray]
 
 
+def evaluation_name(training_seed: int = 0) -> str:
+    """Name the folder of an evaluation, below a data directory."""
+    return f"evaluation-seed-{training_seed}" if training_seed else "evaluation"
+
+
 def write_evaluation(folder: Path, groups: Mapping[str, Mapping[str, Any]], attributes: Mapping[str, Any]) -> None:
     """Write `tables.zarr` with all groups (`table_2`, `values/touch`, …), and `metrics.json` with the tables alone.
 

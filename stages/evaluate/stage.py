@@ -20,7 +20,7 @@ from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
-from stages.evaluate.evaluation_files import Arrays, write_evaluation
+from stages.evaluate.evaluation_files import Arrays, evaluation_name, write_evaluation
 from stages.evaluate.ground_truth import Truth
 from stages.evaluate.measure import measure, surfaces_group
 from stages.evaluate.printed_tables import show, show_training
@@ -46,15 +46,15 @@ class Evaluate(DatasetStage):
 
     def models(self, settings: EvaluationSettings) -> tuple[str, ...]:
         """Name the models."""
-        return tuple(model_name(name) for name in settings.configurations)
+        return tuple(model_name(name, settings.training_seed) for name in settings.configurations)
 
     def splits(self, settings: EvaluationSettings) -> tuple[str, ...]:
         """Name all: measured are only objects that no training saw, but Table 1 counts all."""
         return SPLITS
 
     def writes(self, settings: EvaluationSettings) -> str:
-        """Name the one evaluation of a data directory."""
-        return "evaluation"
+        """Name the evaluation of a data directory; each training seed has its own."""
+        return evaluation_name(settings.training_seed)
 
     def cost(self, settings: EvaluationSettings, objects: int) -> Cost:
         """Estimate six models: at most 74 reconstructions per object, of about 0.1 s and 15 kB each."""

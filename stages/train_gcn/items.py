@@ -87,8 +87,8 @@ class Items:
     def grasps_of(self, item: int, count: int, others: np.ndarray) -> list[int]:
         """Choose the grasps of an item, see `view`; or its viewpoint."""
         first = item % self.each % len(others)
-        if self.config.image == "rendering":  # fewer items than viewpoints see all of them in time
-            return [int(others[first])]
+        if self.each < len(others):  # fewer items than grasps, or viewpoints: they begin with each of them in time
+            first = int(others[first])
         return [first, *(grasp for grasp in others.tolist() if grasp != first)][:count]
 
     @property

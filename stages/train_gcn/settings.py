@@ -9,10 +9,10 @@ from pydantic import model_validator
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, NetworkConfig, Seams, TouchEdges
 from pipeline.training.schedule import Schedule
-from pipeline.training.settings import TrainingSettings
+from pipeline.training.settings import ReconstructionSettings
 
 
-class GcnSettings(TrainingSettings):
+class GcnSettings(ReconstructionSettings):
     """How vision charts learn to close in on the object (supplement 3.1-3.4)."""
 
     configuration: str = setting("occluded-touch", f"which of the supplement's networks: {', '.join(CONFIGURATIONS)}", changes="definition")
@@ -47,10 +47,6 @@ class GcnSettings(TrainingSettings):
     )
     epochs: int = setting(30, "minutes on a CPU; the supplement has 260", ge=1)
     patience: int | None = setting(70, "the supplement's", ge=1)
-    min_grasps: int = setting(1, "fewest grasps an item is given; how many, between fewest and most, is drawn for every item", ge=1)
-    max_grasps: int = setting(5, "most grasps", ge=1)
-    items: int = setting(5, "items per object and epoch, each beginning with another grasp, whether a network feels or not", ge=1)
-    validation_items: int = setting(5, "items a validation object, with 1, 2, … grasps", ge=1)
     loss_points: int = setting(3000, "points sampled on the prediction and drawn from the object's for the loss", ge=1)
     checkpoint_passes: bool = setting(False, "recompute each pass in the backward one: less memory, more time", changes="speed")
 
@@ -58,8 +54,6 @@ class GcnSettings(TrainingSettings):
     def _possible(self) -> GcnSettings:
         if self.configuration not in CONFIGURATIONS:
             raise ValueError(f"there is no configuration {self.configuration}; there are {', '.join(CONFIGURATIONS)}")
-        if self.min_grasps > self.max_grasps:
-            raise ValueError(f"min_grasps is {self.min_grasps}, max_grasps {self.max_grasps}; the fewest cannot be more than the most")
         return self
 
     @property

@@ -9,6 +9,7 @@ from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS
 from pipeline.models.model_files import save_model
+from pipeline.models.trained_networks import model_name
 from pipeline.rng import torch_generator
 from pipeline.training import checkpoint
 from pipeline.training.loop import train
@@ -40,7 +41,7 @@ class TrainGcn(DatasetStage):
 
     def writes(self, settings: GcnSettings) -> str:
         """Name the folder of the configuration's model, below the data directory."""
-        return f"models/gcn/{settings.configuration}"
+        return model_name(settings.configuration, settings.training_seed)
 
     def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
         """Give the grid of supplement 3.4; without an image there is no encoder to vary."""
@@ -60,7 +61,7 @@ class TrainGcn(DatasetStage):
         splits = (("train", settings.items), ("valid", settings.validation_items))
         learning, judging = (Items(job.data, split, settings.named, each) for split, each in splits)
         config = settings.network(learning.side)
-        name = f"{self.name} {settings.configuration}"
+        name = f"{self.name} {settings.configuration}{settings.label}"
         made_for = ENCODER_PLANS[config.encoder_layers].resolution
         if config.image and learning.resolution != [made_for, made_for]:
             pixels = f"{learning.resolution} pixels, the encoder's table is for {made_for}"

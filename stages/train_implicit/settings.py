@@ -9,10 +9,10 @@ from pydantic import model_validator
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS, ImplicitConfig
 from pipeline.training.schedule import Schedule
-from pipeline.training.settings import TrainingSettings
+from pipeline.training.settings import ReconstructionSettings
 
 
-class ImplicitSettings(TrainingSettings):
+class ImplicitSettings(ReconstructionSettings):
     """How signed distances are learned from what is seen and felt."""
 
     configuration: str = setting("implicit-unoccluded", f"which network: {', '.join(IMPLICIT_CONFIGURATIONS)}", changes="definition")
@@ -30,17 +30,13 @@ class ImplicitSettings(TrainingSettings):
     epochs: int = setting(60, "minutes on a CPU, for some hundred objects", ge=1)
     queries: int = setting(500, "points per item at which distances are learned", ge=1)
     validation_queries: int = setting(4000, "points per validation item", ge=1)
-    min_grasps: int = setting(1, "fewest grasps an item is given; how many, between fewest and most, is drawn for every item", ge=1)
-    max_grasps: int = setting(5, "most grasps", ge=1)
-    items: int = setting(1, "items per object and epoch, each beginning with another grasp", ge=1)
+    items: int = setting(1, "per object and epoch; the grasp that each begins with is drawn where they are fewer than the grasps", ge=1)
     validation_items: int = setting(1, "items per validation object, with 1, 2, … grasps", ge=1)
 
     @model_validator(mode="after")
     def _possible(self) -> ImplicitSettings:
         if self.configuration not in IMPLICIT_CONFIGURATIONS:
             raise ValueError(f"there is no configuration {self.configuration}; there are {', '.join(IMPLICIT_CONFIGURATIONS)}")
-        if self.min_grasps > self.max_grasps:
-            raise ValueError(f"min_grasps is {self.min_grasps}, max_grasps {self.max_grasps}; the fewest cannot be more than the most")
         return self
 
     @property

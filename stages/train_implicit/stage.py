@@ -39,7 +39,7 @@ class TrainImplicit(DatasetStage):
 
     def writes(self, settings: ImplicitSettings) -> str:
         """Name the folder of the configuration's model, below the data directory."""
-        return model_name(settings.configuration)
+        return model_name(settings.configuration, settings.training_seed)
 
     def cost(self, settings: ImplicitSettings, objects: int) -> Cost:
         """Estimate what an item takes on one core, in proportion to its points and the squared features."""
@@ -52,7 +52,7 @@ class TrainImplicit(DatasetStage):
         splits = (("train", settings.items), ("valid", settings.validation_items))
         learning, judging = (Items(job.data, split, settings.named, each, learned=LEARNED) for split, each in splits)
         config = settings.network(learning.side)
-        name = f"{self.name} {settings.configuration}"
+        name = f"{self.name} {settings.configuration}{settings.label}"
         network = ImplicitNetwork(config, torch_generator(job.seed, name, "weights"))
         learner = ImplicitLearner(network, learning, judging, settings, job.seed)
         facts = train(learner, settings, folder=job.folder, seed=job.seed, name=name)

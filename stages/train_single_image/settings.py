@@ -21,6 +21,7 @@ class SingleImageSettings(GcnSettings):
     batch_size: int = setting(4, "more steps in the time; the supplement has 64", ge=1)
     epochs: int = setting(30, "minutes on a CPU; the supplement has at most 40, of more objects and all views", ge=1)
     patience: int | None = setting(None, "the supplement names none", ge=1)
+    training_seed: Literal[0] = setting(0, "there is one training", changes="definition")
     min_grasps: Literal[1] = setting(1, "one image")
     max_grasps: Literal[1] = setting(1, "one image")
     items: int = setting(5, "views per object and epoch, others in each epoch where they are fewer than all 24", ge=1)
