@@ -128,22 +128,24 @@ def report(
     """Print the evaluation's tables and whether the supplement's orderings hold; write pages with a gallery and figures: DATA/report."""
     from pipeline.reports.html_report import write_report
     from pipeline.reports.orderings import orderings, show_orderings
+    from pipeline.reports.training_seeds import evaluations, show_trainings
     from stages.evaluate.printed_tables import show, show_training
     from stages.evaluate_single_image.printed_table import show as show_single_image
 
     directory = DataDirectory(data)
-    evaluated, single = (exists(directory.folder_record(name)) for name in ("evaluation", SINGLE))
-    if single:
+    evaluated = evaluations(directory)
+    if exists(directory.folder_record(SINGLE)):
         directory.check_origins([SINGLE])
         show_single_image(directory.whole_folder(SINGLE), console)
         if not evaluated:
             return
     if evaluated:
-        directory.check_origins(["evaluation"])
-        folder = directory.whole_folder("evaluation")
-        show(folder, console)
-        show_orderings(orderings(folder), console)
-        trained = [name for name in ("models/unet", *directory.folder("evaluation").models) if exists(directory.folder_record(name))]
+        directory.check_origins(evaluated)
+        folders = [directory.whole_folder(name) for name in evaluated]
+        show(folders[0], console)
+        show_trainings(folders, console)
+        show_orderings(orderings(folders), console)
+        trained = [name for name in ("models/unet", *directory.folder(evaluated[0]).models) if exists(directory.folder_record(name))]
         show_training({Path(name).name: directory.folder(name).facts for name in trained}, console)
     else:
         say("no network has been evaluated: the report shows the dataset alone; `make evaluate` trains and evaluates some")

@@ -1,4 +1,4 @@
-"""The supplement's claims as orderings of an evaluation's figures, each with its interval over objects."""
+"""The supplement's claims as orderings of evaluations' figures, each with its interval over objects and trainings."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from rich.console import Console
 from pipeline.console import print_table
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, difference_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
+from pipeline.reports.training_seeds import Values, chamfer_of, read_values
 from pipeline.rng import numpy_rng
-from stages.evaluate.evaluation_files import Arrays, read_root, read_table
+from stages.evaluate.evaluation_files import Arrays, read_root
 from stages.evaluate.supplement_figures import TABLE_2, TABLE_3
-from stages.evaluate.tables import per_object, ring_per_object
+from stages.evaluate.tables import ring_per_object
 
 FEWEST = 6
 """Objects a verdict needs: of fewer, all agree by chance more than once in twenty, and their bootstrap intervals are far too short."""
 
 Answer = Literal["holds", "does not hold", "undecided"]
-Values = dict[str, Arrays]
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class Verdict:
     claim
         In words.
     smaller, larger
-        The two means over objects, in that order as claimed; m² times 9000, Table 3's unit.
+        The two means over objects and trainings, in that order as claimed; m² times 9000, Table 3's unit.
     difference
-        `smaller` - `larger`, object by object, and its interval.
+        `smaller` - `larger`, object by object, and its interval over objects and trainings.
     supplement
         The same two figures in the supplement, None where it prints none.
     """
@@ -61,7 +61,7 @@ class Verdict:
 
 
 class Claim(NamedTuple):
-    """Claim that the first of two rows of values, m², one per object, has the smaller mean."""
+    """Claim that the first of two sets of values, (training, object) m², has the smaller mean."""
 
     text: str
     smaller: NDArray[np.float64]
@@ -69,18 +69,22 @@ class Claim(NamedTuple):
     supplement: tuple[float, float] | None
 
 
-def orderings(folder: Path) -> list[Verdict]:
-    """Test the claims that the models of an evaluation folder allow, one verdict each; the same for the same evaluation.
+def orderings(folders: Sequence[Path]) -> list[Verdict]:
+    """Test the claims that the models of evaluations allow, one verdict each; the same for the same evaluations.
+
+    Parameters
+    ----------
+    folders
+        The evaluation of each training seed.
 
     Raises
     ------
     StoreError
-        There is no finished evaluation in the folder.
+        There is no finished evaluation in a folder, or they are not of the same objects.
     """
-    root = read_root(folder)
-    values = {name: read_table(folder, f"values/{name}") for name in root["configurations"]}
+    values, seed = read_values(folders), read_root(folders[0])["seed"]
     claims = [*_modalities(values), *_grasps(values), *_rings(values)]
-    return [_verdict(claim, numpy_rng(root["seed"], "orderings", claim.text)) for claim in claims if len(claim.smaller)]
+    return [_verdict(claim, numpy_rng(seed, "orderings", claim.text)) for claim in claims if claim.smaller.size]
 
 
 def _verdict(claim: Claim, rng: np.random.Generator) -> Verdict:
@@ -97,30 +101,37 @@ def _modalities(values: Values) -> Iterator[Claim]:
     for smaller, larger in (*pairs, ("touch", "none"), ("occluded", "none"), ("unoccluded", "none")):
         if {smaller, larger} <= values.keys():
             figures = _printed(TABLE_3, (smaller, 0), (larger, 0))
-            yield Claim(f"{smaller} < {larger}", per_object(values[smaller], 1), per_object(values[larger], 1), figures)
+            yield Claim(f"{smaller} < {larger}", chamfer_of(values[smaller], 1), chamfer_of(values[larger], 1), figures)
 
 
 def _grasps(values: Values) -> Iterator[Claim]:
     """Claim that more grasps are better: each against one fewer, and the most against one."""
     for name in ("touch", "occluded-touch", "unoccluded-touch"):
-        given = values[name]["grasps_given"].tolist() if name in values else []
+        given = values[name][0]["grasps_given"].tolist() if name in values else []
         for fewer, more in (*pairwise(given), *([(given[0], given[-1])] if len(given) > 2 else [])):
             figures = _printed(TABLE_3, (name, more - 1), (name, fewer - 1))
-            yield Claim(f"{name}: {more} grasps < {fewer}", per_object(values[name], more), per_object(values[name], fewer), figures)
+            nearer, further = (chamfer_of(values[name], count) for count in (more, fewer))
+            yield Claim(f"{name}: {more} grasps < {fewer}", nearer, further, figures)
 
 
 def _rings(values: Values) -> Iterator[Claim]:
     """Claim that with touch the error is least at the touch site, without it is not; and touch helps there more than further off."""
-    last = len(next(iter(values.values()))["ring"]) - 1
+    last = len(next(iter(values.values()))[0]["ring"]) - 1
     for image in ("occluded", "unoccluded"):
         felt, seen = f"{image}-touch", image
         for (first, ring), (second, other) in (((felt, 0), (felt, last)), ((seen, last), (seen, 0)), ((felt, 0), (seen, 0))):
             if {first, second} <= values.keys() and (first, ring) != (second, other):
-                (smaller, sites), (larger, other_sites) = ring_per_object(values[first], ring), ring_per_object(values[second], other)
+                (smaller, sites), (larger, other_sites) = _ring(values[first], ring), _ring(values[second], other)
                 both = (sites > 0) & (other_sites > 0)
                 text = f"{first}: ring ×{ring + 1} < ring ×{other + 1}" if first == second else f"ring ×1: {first} < {second}"
                 figures = _printed(TABLE_2, (first, ring), (second, other), TABLE_3_FACTOR)
-                yield Claim(text, smaller[both], larger[both], figures)
+                yield Claim(text, smaller[:, both], larger[:, both], figures)
+
+
+def _ring(trainings: Sequence[Arrays], ring: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Compute (training, object) local Chamfer distances in a ring, m², and count the (object,) touch sites with points in it."""
+    found = [ring_per_object(values, ring) for values in trainings]
+    return np.stack([distances for distances, _ in found]), found[0][1]
 
 
 def _printed(
@@ -134,7 +145,7 @@ def _printed(
 def show_orderings(verdicts: list[Verdict], console: Console) -> None:
     """Print one row per verdict; an ordering that the supplement itself does not have is marked."""
     columns = ("claim", "here", f"difference ({100 * LEVEL:.0f} %)", "objects", "verdict", "supplement")
-    title = f"Do the supplement's orderings hold? Chamfer distances × {TABLE_3_FACTOR:.0f}; intervals over objects, paired"
+    title = f"Do the supplement's orderings hold? Chamfer distances × {TABLE_3_FACTOR:.0f}; intervals over objects (paired) and trainings"
     style: dict[Answer, str] = {"holds": "green", "does not hold": "red", "undecided": "yellow"}
     rows = []
     for one in verdicts:

@@ -247,8 +247,8 @@ def test_without_touch_there_is_no_table_of_grasps(data):
 
 
 def test_orderings_of_an_evaluation(evaluation):
-    verdicts = orderings(evaluation[0])
-    assert verdicts == orderings(evaluation[0])
+    verdicts = orderings([evaluation[0]])
+    assert verdicts == orderings([evaluation[0]])
     claims = {one.claim: one for one in verdicts}
     assert {"occluded-touch < occluded", "unoccluded < touch", "touch: 2 grasps < 1", "occluded: ring ×5 < ring ×1"} <= set(claims)
     assert claims["unoccluded-touch: 4 grasps < 3"].supplement == (0.695, 0.689)
@@ -293,7 +293,7 @@ def test_an_unknown_model_and_no_evaluation_are_errors(tmp_path):
     with pytest.raises(ValueError, match=r"absent.*name some of none, touch"):
         EvaluationSettings(configurations=("absent",))
     with pytest.raises(StoreError, match="run evaluate"):
-        orderings(tmp_path)
+        orderings([tmp_path])
 
 
 def test_numbers_of_grasps_hold_the_one_that_tables_need():

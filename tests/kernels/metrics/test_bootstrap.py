@@ -1,3 +1,5 @@
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 
@@ -64,10 +66,37 @@ def test_interval_of_two_objects_reaches_from_one_to_the_other():
     assert (found.low, found.mean, found.high) == (-1, 1, 3)
 
 
-@pytest.mark.parametrize("bad", [np.zeros(0), np.array([1.0, np.nan]), np.zeros((2, 2))])
+@pytest.mark.parametrize("bad", [np.zeros(0), np.array([1.0, np.nan]), np.zeros((2, 2, 2))])
 def test_values_that_have_no_mean_are_refused(bad):
     with pytest.raises(ValueError, match="finite values"):
         mean_interval(bad, np.random.default_rng(0))
+
+
+def test_the_interval_over_objects_and_trainings_has_the_variance_of_both():
+    rng = np.random.default_rng(6)
+    objects, trainings = rng.normal(0, 1, size=100), np.array([-0.6, 0.1, 0.5])
+    values = 5 + objects + trainings[:, None]
+    half = 1.96 * np.sqrt(objects.var() / 100 + trainings.var() / 3)
+    found = mean_interval(values, np.random.default_rng(7))
+    assert found.high - found.low == pytest.approx(2 * half, rel=0.1)
+    one = mean_interval(values[0], np.random.default_rng(7))
+    assert one.high - one.low == pytest.approx(2 * 1.96 * objects.std() / 10, rel=0.1)
+    easy = np.zeros(100) + trainings[:, None]  # what makes an object hard cancels, so that trainings alone leave a doubt
+    paired = difference_interval(values, values[:2] + 0.3, np.random.default_rng(8))
+    assert astuple(paired) == pytest.approx(astuple(difference_interval(easy, easy[:2] + 0.3, np.random.default_rng(8))))
+    assert paired.mean == pytest.approx(trainings.mean() - trainings[:2].mean() - 0.3)
+
+
+def test_the_interval_over_trainings_is_that_of_values_drawn_one_by_one():
+    values = np.random.default_rng(0).gamma(2.0, size=(3, 12))
+    found = mean_interval(values, np.random.default_rng(1))
+    rng = np.random.default_rng(2)
+    means = []
+    for _ in range(2000):
+        rows, columns = rng.integers(3, size=3), rng.integers(12, size=12)
+        means.append(np.mean([[values[row, column] for column in columns] for row in rows]))
+    low, high = np.quantile(means, (0.025, 0.975))
+    assert (found.low, found.high) == pytest.approx((low, high), abs=0.07 * (high - low))
 
 
 def test_unequal_numbers_of_values_are_not_paired():
