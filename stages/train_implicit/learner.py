@@ -9,12 +9,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pipeline.kernels.networks.implicit_network import ImplicitNetwork
-from pipeline.models.observation import Observation, stack_observations
+from pipeline.models.observation import Observation
 from pipeline.rng import torch_generator
-from pipeline.training.learner import Learner
-from stages.train_gcn.items import Items
-from stages.train_implicit.settings import ImplicitSettings
+from pipeline.training.items import Items
+from pipeline.training.reconstruction import ReconstructionLearner
 
 LEARNED = ("query_points", "signed_distance")
 """The arrays of `distances` that are learned from."""
@@ -29,46 +27,28 @@ class Batch:
     distances: Tensor
 
 
-class ImplicitLearner(Learner):
+class ImplicitLearner(ReconstructionLearner):
     """An implicit network with its items."""
-
-    def __init__(self, network: ImplicitNetwork, train: Items, valid: Items, settings: ImplicitSettings, seed: int) -> None:
-        super().__init__(network)
-        self._train, self._valid, self._settings, self._seed = train, valid, settings, seed
-        self._config, self._camera = network.config, train.camera
-        self._fewest, self._most = (min(asked, train.grasps) for asked in (settings.min_grasps, settings.max_grasps))
-
-    def __len__(self) -> int:
-        return len(self._train)
-
-    def describe(self, item: int) -> str:
-        """Name an item's object and first grasp."""
-        return self._train.name(item)
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
         """Read the items, each with as many grasps as are drawn for it, and the points that are drawn for it."""
-        drawn = zip(items, generators, strict=True)
-        observations = [self._train.drawn_view(item, self._fewest, self._most, generator) for item, generator in drawn]
-        return Batch(observations, *_learned(self._train, items, self._settings.queries, generators))
+        return Batch(self.observe(items, generators), *_learned(self._train, items, self._settings.queries, generators))
 
     def loss(self, batch: Batch) -> Tensor:
         """Compute the mean absolute error of the distances within the band, as a share of the band."""
-        seen = stack_observations(batch.observations, self._config, self._camera, like=next(self.module.parameters()))
+        seen = self.stack(batch.observations)
         found: Tensor = self.module(batch.queries.to(seen.touch_vertices), **vars(seen))
-        band = self._config.band
+        band = self._settings.band
         return (found - batch.distances.to(found).clamp(-band, band)).abs().mean() / band
 
     def validate(self) -> dict[str, float]:
         """Compute the same with 1, 2, … grasps in turn, at points drawn the same in each epoch."""
-        items, size = self._valid, self._settings.batch_size
         generator = torch_generator(self._seed, "train-implicit", "validate")
-        found = []
-        for start in range(0, len(items), size):
-            chosen = range(len(items))[start : start + size]
-            observations = [items.view_in_turn(item, self._fewest, self._most) for item in chosen]
-            learned = _learned(items, chosen, self._settings.validation_queries, [generator] * len(chosen))
-            found.append(len(chosen) * float(self.loss(Batch(observations, *learned))))
-        return {"loss": sum(found) / len(items)}
+        total = 0.0
+        for chosen, observations in self.observe_in_turn():
+            learned = _learned(self._valid, chosen, self._settings.validation_queries, [generator] * len(chosen))
+            total += len(chosen) * float(self.loss(Batch(observations, *learned)))
+        return {"loss": total / len(self._valid)}
 
 
 def _learned(items: Items, chosen: Sequence[int], count: int, generators: Sequence[torch.Generator]) -> tuple[Tensor, Tensor]:

@@ -23,6 +23,7 @@ from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import Camera, projection_matrix
 from pipeline.models.model_files import save_model
+from pipeline.models.trained_networks import model_name
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -215,16 +216,16 @@ def make_data(data: Path, count: int, splits: Sequence[str] = ("test",)) -> None
         pack(request, stage.row)
 
 
-def make_model(data: Path, name: str, *, still: bool = False) -> Path:
+def make_model(data: Path, name: str, *, still: bool = False, training_seed: int = 0) -> Path:
     """A small network of a configuration with random weights, or one that leaves the sphere as it is, as `train-gcn` leaves one."""
     sizes = {"gcn_layers": 3, "gcn_features": 12, "encoder_width": 0.125, "side": SIDE, "splits": 0}
     config = CONFIGURATIONS[name].model_copy(update=sizes)
-    network = DeformationNetwork(config, torch.Generator().manual_seed(len(name)))
+    network = DeformationNetwork(config, torch.Generator().manual_seed(len(name) + training_seed))
     if still:
         with torch.no_grad():
             for parameter in network.parameters():
                 parameter.zero_()
-    folder = data / ".work" / "made" / name
+    folder = data / ".work" / "made" / f"{name} {training_seed}"
     folder.mkdir(parents=True)
     camera = projection_matrix(CAMERA).tolist() if config.image else None
     resolution = [CAMERA.resolution] * 2 if config.image else None
@@ -232,4 +233,4 @@ def make_model(data: Path, name: str, *, still: bool = False) -> Path:
     save_model(folder, network, description | {"resolution": resolution, "charts": {"side": config.side} if config.touch else None})
     hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
     facts = {"parameters": 1000, "epochs": 3, "best_epoch": 1, "best": {"loss": 2.5}, "training_seconds": 1.5, "hardware": hardware}
-    return publish(data, f"models/gcn/{name}", folder, "train-gcn", facts)
+    return publish(data, model_name(name, training_seed), folder, "train-gcn", facts)

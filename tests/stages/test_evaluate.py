@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+import zarr
 from rich.console import Console
 
 from pipeline.dataset.object_rows import ObjectRows
@@ -20,10 +21,11 @@ from pipeline.kernels.metrics.cloud_distances import nearest_squared, sampling_f
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.reports.orderings import Verdict, orderings, show_orderings
+from pipeline.reports.training_seeds import evaluations, read_values, show_trainings
 from pipeline.store.directory import DataDirectory, hashes_of
 from pipeline.store.pieces import Pieces
 from stages.evaluate.baselines import retrieved
-from stages.evaluate.evaluation_files import has_table, read_root, read_table, write_evaluation
+from stages.evaluate.evaluation_files import TABLES_ZARR, has_table, read_root, read_table, write_evaluation
 from stages.evaluate.ground_truth import Truth
 from stages.evaluate.printed_tables import show
 from stages.evaluate.reconstruction_cases import make_cases
@@ -287,6 +289,33 @@ def test_a_verdict_needs_an_interval_on_one_side_and_objects_enough(low, high, c
 def test_what_cannot_be_evaluated_is_an_error(data, settings, error, words):
     with pytest.raises(error, match=words):
         evaluate(data, "wrong", **settings)
+
+
+def test_trainings_that_differ_by_chance_are_evaluated_apart_and_shown_as_one(tmp_path):
+    balls = tmp_path / "balls"
+    spheres.make_data(balls, 4, ("train", "test", "test", "test"))
+    console = Console(record=True, width=250)
+    for seed in (0, 1):
+        for name in ("none", "touch"):
+            spheres.make_model(balls, name, training_seed=seed)
+        asked = request(balls, configurations=("none", "touch"), grasps=(1, 2), training_seed=seed)
+        (plan,) = make_plans(replace(asked, objects=spheres.objects(4, ("train", "test", "test", "test"))))
+        run(plan, console)
+    directory = DataDirectory(balls)
+    assert evaluations(directory) == ["evaluation", "evaluation-seed-1"]
+    folders = [directory.whole_folder(name) for name in evaluations(directory)]
+    means = [9000 * values["chamfer"][:, :, 0].mean() for values in read_values(folders)["none"]]
+    assert means[0] != means[1]
+    show_trainings(folders, console)
+    printed = console.export_text()
+    assert "2 trainings of each network" in printed
+    assert ", ".join(f"{mean:.2f}" for mean in means) in printed
+    assert f"{np.mean(means):.3f}" in printed
+    (claim,) = (one for one in orderings(folders) if one.claim == "touch < none")
+    assert claim.larger == pytest.approx(np.mean(means))
+    zarr.open_group(folders[1] / TABLES_ZARR)["objects/object_id"][0] = "another"
+    with pytest.raises(StoreError, match="evaluate different objects"):
+        read_values(folders)
 
 
 def test_an_unknown_model_and_no_evaluation_are_errors(tmp_path):

@@ -20,9 +20,10 @@ from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.models.observation import Observation, stack_observations
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.rng import torch_generator
+from pipeline.training.items import Items
 from pipeline.training.loop import read_metrics
+from pipeline.training.reconstruction import Materials
 from stages.registry import resolve
-from stages.train_gcn.items import Items
 from stages.train_gcn.learner import Batch, GcnLearner
 from stages.train_gcn.settings import GcnSettings
 from stages.train_gcn.stage import TrainGcn
@@ -47,7 +48,7 @@ def overfit(data: Path, steps: int, points: int) -> tuple[float, float]:
     config = settings.network(side=9)
     items = Items(data, "train", config, 1)
     network = DeformationNetwork(config, torch_generator(0, "weights"))
-    learner = GcnLearner(network, items, items, settings, 0)
+    learner = GcnLearner(network, Materials(items, items, settings, 0))
     optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     for step in range(steps):
@@ -90,7 +91,7 @@ def loss_of(data: Path, **changes) -> float:
     settings = GcnSettings(configuration="none", gcn_layers=2, gcn_features=6, loss_points=100, items=1, **{"edge_weight": 0.0, **changes})
     config = settings.network(side=9)
     items = Items(data, "train", config, 1)
-    learner = GcnLearner(DeformationNetwork(config, torch_generator(0, "weights")), items, items, settings, 0)
+    learner = GcnLearner(DeformationNetwork(config, torch_generator(0, "weights")), Materials(items, items, settings, 0))
     with torch.no_grad():
         return float(learner.loss(learner.read([0], [torch_generator(0, "step")])))
 
@@ -111,7 +112,7 @@ def test_edges_are_shorter_where_the_loss_asks_for_it(tmp_path, data):
         config = settings.network(side=9)
         items = Items(data, "train", config, 1)
         network = DeformationNetwork(config, torch_generator(0, "weights"))
-        learner = GcnLearner(network, items, items, settings, 0)
+        learner = GcnLearner(network, Materials(items, items, settings, 0))
         optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
         for step in range(30):
             optimizer.zero_grad()
@@ -207,7 +208,7 @@ def test_a_network_that_has_diverged_is_refused(data):
     settings = GcnSettings(configuration="none", gcn_layers=2, gcn_features=6, loss_points=50)
     items = Items(data, "train", settings.network(9), 5)
     network = DeformationNetwork(settings.network(9))
-    learner = GcnLearner(network, items, items, settings, 0)
+    learner = GcnLearner(network, Materials(items, items, settings, 0))
     with torch.no_grad():
         network.gcn.last.bias.fill_(torch.inf)
     for compute in (lambda: learner.loss(learner.read([0, 1], [torch_generator(0, item) for item in "ab"])), learner.validate):

@@ -113,10 +113,9 @@ def _interval(mean: float, count: int, parts: tuple[NDArray[np.float64], ...], r
 def _resampled(parts: tuple[NDArray[np.float64], ...], rng: np.random.Generator) -> NDArray[np.float64]:
     """Draw `BATCH` means."""
     objects = _shares(parts[0].shape[1], rng)
-    return np.sum([((_shares(len(part), rng) @ part) * objects).sum(axis=1) for part in parts], axis=0)
+    return np.asarray(sum(((_shares(len(part), rng) @ part) * objects).sum(axis=1) for part in parts))
 
 
 def _shares(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Draw how often each of `count` is met in as many draws with replacement, as a share: (`BATCH`, count)."""
-    drawn: NDArray[np.int64] = rng.multinomial(count, np.full(count, 1 / count), size=BATCH)
-    return drawn / count
+    return rng.multinomial(count, np.full(count, 1 / count), size=BATCH) / count

@@ -11,12 +11,12 @@ from pipeline.engine.stage import DatasetJob
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.networks.chart_graph import chart_graph
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.training.items import Items, arrays_of
 from pipeline.training.loop import read_metrics
 from pipeline.tuning.explain import Count, arrays_read
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
-from stages.train_gcn.items import Items, arrays_of
 from stages.train_gcn.settings import GcnSettings
 
 
