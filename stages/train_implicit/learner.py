@@ -38,7 +38,7 @@ class ImplicitLearner(ReconstructionLearner):
         """Compute the mean absolute error of the distances within the band, as a share of the band."""
         seen = self.stack(batch.observations)
         found: Tensor = self.module(batch.queries.to(seen.touch_vertices), **vars(seen))
-        band = self._settings.band
+        band: float = self._settings.band
         return (found - batch.distances.to(found).clamp(-band, band)).abs().mean() / band
 
     def validate(self) -> dict[str, float]:
