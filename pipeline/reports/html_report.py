@@ -29,6 +29,7 @@ from pipeline.reports.printed_html import PrintedRow, PrintedTable, printed
 from pipeline.reports.provenance import commands, contents_table, records, settings_tables, versions_tables
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.svg_plots import draw_bars, draw_histogram, svg_theme
+from pipeline.reports.training_seeds import evaluations, show_trainings
 from pipeline.store import digest
 from pipeline.store.storage import Place, exists, written_to
 from stages.evaluate.printed_tables import show, show_training
@@ -172,8 +173,10 @@ def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
     there = {Path(name).name: name for name in trained if exists(directory.folder_record(name))}
     tables: list[PrintedTable] = []
     if evaluation:
+        folders = [directory.whole_folder(name) for name in evaluations(directory)]
         tables += printed(lambda kept: show(evaluation.folder, kept))
-        tables += printed(lambda kept: show_orderings(orderings(evaluation.folder), kept))
+        tables += printed(lambda kept: show_trainings(folders, kept))
+        tables += printed(lambda kept: show_orderings(orderings(folders), kept))
     if there:
         tables += printed(lambda kept: show_training({name: directory.folder(place).facts for name, place in there.items()}, kept))
     curves = []
