@@ -255,8 +255,7 @@ def _close(
     made: Reconstruction, given: Observation, camera: NDArray[np.float64] | None, shown: NDArray[np.bool_] | None, resolution: int
 ) -> ClosedMesh:
     """Close a reconstruction, and colour it; where nobody says where its image shows the object, what is no background does."""
-    charts = given.touch_vertices[given.touched]
-    vertices, faces = closed(made, resolution, charts.reshape(len(charts), made.side**2, 3))
+    vertices, faces = closed(made, resolution, given)
     image, camera = given.image, camera if given.camera is None else given.camera
     if image is None or camera is None:
         return ClosedMesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8), np.zeros(len(vertices), bool))

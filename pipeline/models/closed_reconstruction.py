@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.geometry.closed_surface import RESOLUTION, closed_surface
+from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction
 
 
@@ -19,12 +20,11 @@ def joined(made: Reconstruction) -> tuple[NDArray[np.float64], NDArray[np.int64]
 
 
 def closed(
-    made: Reconstruction, resolution: int = RESOLUTION, charts: NDArray[np.floating] | None = None
+    made: Reconstruction, resolution: int = RESOLUTION, given: Observation | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Make one closed, smooth mesh of a reconstruction, through the vertices of touch charts; see `closed_surface`.
 
-    These are its own, unless others (K, side², 3) are given: an implicit network's reconstruction holds none.
+    These are its own, unless it is said what was given: an implicit network's reconstruction holds no charts.
     """
-    if charts is None:
-        charts = made.vertices[made.vision :].reshape(-1, made.side**2, 3)
-    return closed_surface(*joined(made), charts, chart_square(made.side)[1].numpy(), resolution=resolution)
+    charts = made.vertices[made.vision :] if given is None else given.touch_vertices[given.touched]
+    return closed_surface(*joined(made), charts.reshape(-1, made.side**2, 3), chart_square(made.side)[1].numpy(), resolution=resolution)

@@ -8,6 +8,7 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.stage import DatasetJob
 from pipeline.kernels.metrics.surface_quality import intersection_over_union, is_watertight
 from pipeline.models.closed_reconstruction import closed
+from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
@@ -39,9 +40,9 @@ class ClosedSurfaces:
             "iou": zeros,
         }
 
-    def note(self, row: int, made: Reconstruction) -> None:
-        """Close the reconstruction of an object, and note its figures."""
-        vertices, faces = closed(made, self._resolution)
+    def note(self, row: int, made: Reconstruction, given: Observation) -> None:
+        """Close the reconstruction of an object from what was given of it, and note its figures."""
+        vertices, faces = closed(made, self._resolution, given)
         self.values["watertight"][row] = is_watertight(faces)
         if self.values["has_inside"][row]:
             object_id = str(self.values["object_id"][row])

@@ -49,7 +49,7 @@ def measure(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> d
                 for key, value in quality_of(made, sampled, made.faces[face], apart, truth, row).items():
                     values[key][row] = value
                 if closing:
-                    closing.note(row, made)
+                    closing.note(row, made, truth.view(model, row, case))
             if numbers[case.given] == 1:
                 _note_rings(values, row, case, apart, truth)
             if case in kept_cases:

@@ -7,6 +7,7 @@ import trimesh
 
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.models.closed_reconstruction import closed
+from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction
 
 BALL = trimesh.creation.icosphere(3, 0.1)
@@ -24,7 +25,8 @@ def test_the_mesh_goes_through_charts_of_the_reconstruction_or_beside_it(own):
         position=whole.position,
         side=9,
     )
-    mesh = trimesh.Trimesh(*(closed(parts, 24) if own else closed(whole, 24, CHART[None])), process=False)
+    given = Observation(None, np.stack([CHART + 0.1, CHART]), np.array([False, True]))
+    mesh = trimesh.Trimesh(*(closed(parts, 24) if own else closed(whole, 24, given)), process=False)
     assert mesh.is_watertight
     assert np.sqrt(igl.point_mesh_squared_distance(CHART, mesh.vertices, mesh.faces)[0]).max() <= 5e-4
     assert closed(whole, 24)[0][:, 2].max() < 0.1035
