@@ -108,7 +108,7 @@ def test_killed_in_every_stage_and_run_again_the_digests_are_equal(manifest, mad
         kept = ".work/models/**/checkpoint.safetensors" if stage.startswith("train") else ".work/*/pieces/*/*.npz"
         if stage != "evaluate":  # one model of one object: nothing to keep
             kill_midway(run_of(stage, manifest, tmp_path, "--workers", "1"), tmp_path, kept)
-        again = vt(*run_of(stage, manifest, tmp_path, "--workers", "1"))
+        again = vt(*run_of(stage, manifest, tmp_path, "--executor", "serial"))
         assert "made 4 objects" not in again  # at least one piece was kept
     assert digests(tmp_path) == digests(made)
 
@@ -145,7 +145,7 @@ def test_shards_change_no_digest(manifest, made, tmp_path):
             for family in ("gcn", "implicit"):
                 shutil.rmtree(tmp_path / "models" / family)
         for number in (1, 0):
-            vt(*run_of(stage, manifest, tmp_path, "--shards", "2", "--shard", str(number), "--workers", "1"))
+            vt(*run_of(stage, manifest, tmp_path, "--shards", "2", "--shard", str(number), "--executor", "serial"))
     whole = digests(made)
     assert digests(tmp_path) == {name: whole[name] for name in digests(tmp_path)}
     assert len(digests(tmp_path)) == len(SHARDED) + 1
