@@ -70,6 +70,7 @@ class ChartOptimizer:
         self._charts, self._faces, self._options = charts, faces, options
         self._state = square.new_zeros(3, len(charts), *square.shape)  # vertices, mean gradient, mean squared gradient: (3, B, V, 3)
         self._state[0] = square
+        self._springs = options.edge_weight * _squared_edges(faces, len(square)).to(square) if options.edge_weight else None
 
     def run(self) -> None:
         """Take steps with each chart until all are done."""
@@ -123,6 +124,8 @@ class ChartOptimizer:
         each = zip(to_cloud, torch.split(to_chart, [len(cloud) for cloud in clouds]), strict=True)
         losses = torch.stack([a.mean() + b.mean() for a, b in each])  # row by row: no sum's order depends on the group
         (gradient,) = torch.autograd.grad(losses.sum(), vertices)
+        if self._springs is not None:
+            gradient = gradient + torch.stack([2 * self._springs @ chart for chart in vertices.detach()])  # one by one, as above
         return losses.tolist(), gradient
 
     def _judge(self, i: int, loss: float, exact: bool) -> StopRule | None:
@@ -152,3 +155,12 @@ class ChartOptimizer:
         square.mul_(BETAS[1]).addcmul_(gradient, gradient, value=1 - BETAS[1])
         root = (square / (1 - BETAS[1] ** taken)).sqrt() + EPSILON
         self._state[0] -= self._options.learning_rate * (mean / (1 - BETAS[0] ** taken)) / root
+
+
+def _squared_edges(faces: Tensor, vertices: int) -> Tensor:
+    """Make the (V, V) matrix M with tr(xᵀ M x) the mean squared edge length of vertices x (V, 3): the graph's Laplacian over its edges."""
+    sides = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).sort(dim=1).values
+    start, end = torch.unique(sides, dim=0).unbind(dim=1)
+    joined = torch.zeros(vertices, vertices, dtype=torch.float64, device=faces.device)
+    joined[start, end] = joined[end, start] = 1
+    return (torch.diag(joined.sum(dim=1)) - joined) / len(start)

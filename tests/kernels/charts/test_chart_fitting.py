@@ -12,6 +12,7 @@ from pipeline.kernels.charts.chart_fitting import ChartFits, fit_charts
 from pipeline.kernels.charts.fit_options import SUPPLEMENT, FitOptions, StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.metrics.surface_distance import rms_distance_to_surface
+from pipeline.kernels.metrics.surface_quality import dihedral_angles
 from pipeline.kernels.metrics.surface_sampling import map_to_surfaces
 
 WIDTH, GEL, PIXELS = 0.01641, 0.0068, 100
@@ -81,7 +82,13 @@ def distances(points: Cloud, vertices: Cloud, faces: NDArray[np.int64]) -> Cloud
     return best
 
 
-def twin(cloud: Cloud, halt: float, samples: int, cap: int) -> tuple[torch.Tensor, int]:
+def edges(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:
+    """Squared lengths of a chart's edges, each once."""
+    pairs = {tuple(sorted((int(face[i]), int(face[i - 1])))) for face in faces for i in range(3)}
+    return torch.stack([(vertices[a] - vertices[b]).square().sum() for a, b in sorted(pairs)])
+
+
+def twin(cloud: Cloud, halt: float, samples: int, cap: int, edge_weight: float = 0.0) -> tuple[torch.Tensor, int]:
     """Section 2.3 in a dozen lines: one chart, all pairs, torch's own Adam; in sensor widths."""
     target = torch.from_numpy(cloud / WIDTH)
     square, faces = chart_square()
@@ -100,20 +107,30 @@ def twin(cloud: Cloud, halt: float, samples: int, cap: int) -> tuple[torch.Tenso
         if loss < halt or step == cap:
             break
         adam.zero_grad()
-        loss.backward()
+        (loss + edge_weight * edges(vertices, faces).mean()).backward()
         adam.step()
     return vertices.detach(), step
 
 
-def test_supplements_options_equal_the_plain_twin() -> None:
+@pytest.mark.parametrize("edge_weight", [0.0, 0.05])
+def test_supplements_options_equal_the_plain_twin(edge_weight: float) -> None:
     cloud = CLOUDS["cap"][::23]
-    rule = dataclasses.replace(SUPPLEMENT, samples=300, step_samples=300, halt=0.02, max_iterations=60)
+    rule = dataclasses.replace(SUPPLEMENT, samples=300, step_samples=300, halt=0.02, max_iterations=60, edge_weight=edge_weight)
     fits = alone(cloud, rule)
-    vertices, steps = twin(cloud, halt=0.02, samples=300, cap=60)
+    vertices, steps = twin(cloud, halt=0.02, samples=300, cap=60, edge_weight=edge_weight)
     assert 0 < steps < 60
     assert fits.iterations[0] == steps
     assert fits.stop_rule[0] == StopRule.threshold
     np.testing.assert_allclose(fits.vertices[0] / WIDTH, vertices.numpy(), rtol=0, atol=1e-12)
+
+
+def test_short_edges_make_a_chart_of_a_noisy_cloud_smoother_and_leave_it_near() -> None:
+    angles = {}
+    for weight in (0.0, 0.0078):
+        fit = alone(CLOUDS["noisy"], dataclasses.replace(HALT, edge_weight=weight))
+        assert fit.stop_rule[0] == StopRule.threshold
+        angles[weight] = np.median(dihedral_angles(fit.vertices[0], chart_square()[1].numpy()))
+    assert angles[0.0078] < 0.8 * angles[0.0]
 
 
 @pytest.mark.slow
