@@ -195,6 +195,13 @@ def test_items_begin_with_each_grasp_in_turn_and_never_repeat_one(data):
         assert [len(set(grasps)) for grasps in chosen] == [1, 3, 5]
 
 
+def test_fewer_items_than_grasps_begin_with_each_of_them_in_time(data):
+    items = Items(data, "train", GcnSettings(configuration="touch").network(9), 1)
+    firsts = {items.grasps_of(0, 2, np.random.default_rng(epoch).permutation(5))[0] for epoch in range(40)}
+    assert firsts == set(range(5))
+    assert items.grasps_of(0, 3, np.array([3, 1, 0, 2, 4])) == [3, 1, 0]
+
+
 def test_a_view_that_lacks_what_the_network_needs_is_an_error_with_words(data):
     folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
     assert folder is not None
