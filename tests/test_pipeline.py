@@ -247,9 +247,23 @@ def test_a_report_says_what_was_evaluated_and_draws_it(made):
     assert {path: path.stat().st_mtime_ns for path in (report / "objects").iterdir()} == before
 
 
+def test_a_scene_of_one_object_becomes_a_file(made, tmp_path):
+    vt("export", made, tmp_path / "duck.glb", "--object", "duck")
+    nodes = set(trimesh.load(tmp_path / "duck.glb").graph.nodes)
+    assert {"object", "grasp-0-hand", "grasp-4-sensors"} <= nodes
+
+
 def scene_of(script: Path) -> bytes:
     """The glTF scene that a page loads as a script."""
     return gzip.decompress(base64.b64decode(script.read_text().split('"')[3]))
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/guide/reading.md"])
+def test_python_in_the_documents_runs(page, made):
+    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.MULTILINE | re.DOTALL)
+    assert blocks
+    for block in blocks:
+        exec(block.replace("data/toy/draft", str(made)), {})  # as a reader would paste it
 
 
 def test_one_grasp_becomes_a_mesh_file(made, tmp_path):

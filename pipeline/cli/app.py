@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from pipeline.cli import advise, calibrate, check, inspection, learn, run, submit
+from pipeline.cli import advise, calibrate, check, export, inspection, learn, run, submit
 from pipeline.cli.failures import failures_as_words
 
 app = typer.Typer(
@@ -22,6 +22,8 @@ for command in (
     learn.predict,
     check.check,
     calibrate.calibrate_sensor,
+    export.view,
+    export.export,
     inspection.stages,
     inspection.status,
     inspection.reshard,

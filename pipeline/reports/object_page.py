@@ -14,6 +14,7 @@ from jinja2 import Template
 from numpy.typing import NDArray
 from PIL import Image
 
+from pipeline.kernels.touch.contact import contact_mask
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.reports.contact_sheet_page import depth_colors, finger_colors, verdict
 from pipeline.reports.grasp_scene import GraspScenes, Rows
@@ -103,19 +104,23 @@ class ObjectPages:
                     {"image": _inline(image), "alt": f"Camera image: {caption}", "caption": caption, "width": width, "height": height}
                 )
         note = f"rigid parts of the hand are at most {1e3 * float(rows['grasps']['penetration'][number]):.2f} mm inside the object"
+        if "closure" in list(rows["grasps"]):
+            margin, angle = (float(rows["grasps"][name][number]) for name in ("closure", "opposition"))
+            note += f"; margin of force closure {margin:.2f}, most opposed contacts {angle:.0f}°"
         touches = f"{touched.sum()} of {len(touched)} sensors touch"
         return {"touches": touches, "note": note, "pictures": pictures, "sensors": sensors}
 
     def _contact_areas(self, rows: Rows) -> NDArray[np.float64]:
-        """Compute the (grasp, sensor) area of the pixels that the surface presses on, m²."""
+        """The (grasp, sensor) area of the pixels that the surface presses on, m²; computed where the dataset does not say."""
+        if "contact_area" in list(rows["grasps"]):
+            return np.asarray(rows["grasps"]["contact_area"], np.float64)
         depth = rows["touch"]["depth"]
-        return np.stack([contact_areas(depth[:, number], sensor) for number, sensor in enumerate(self.sensors)], axis=1)
+        return np.stack([_pressed_area(depth[:, number], sensor) for number, sensor in enumerate(self.sensors)], axis=1)
 
 
-def contact_areas(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
+def _pressed_area(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
     """Compute the area, m², of the pixels of depth maps (…, rows, cols) that the surface presses on: (…)."""
-    pixel = sensor.width**2 / (sensor.rows * sensor.cols)
-    return np.asarray(pixel * (depth < sensor.w).sum(axis=(-2, -1)), np.float64)
+    return np.asarray(sensor.width**2 * contact_mask(depth, sensor).mean(axis=(-2, -1)), np.float64)
 
 
 def _label(name: str) -> str:

@@ -1,0 +1,56 @@
+"""Commands that hand a dataset to other programs: a viewer, other formats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from pipeline.cli.failures import fail
+from pipeline.cli.request import DataArgument
+from pipeline.console import say
+from pipeline.store.storage import place
+
+Format = Literal["lerobot", "parquet", "webdataset", "mesh"]
+
+
+def view(
+    data: DataArgument,
+    object_id: Annotated[str, typer.Argument(metavar="OBJECT", help="An object of the data directory.")],
+    grasp: Annotated[int | None, typer.Option(min=0, help="One of its grasps, from 0; by default all, on a timeline.")] = None,
+    save: Annotated[Path | None, typer.Option(help="Write a file (.rrd) for Rerun's viewer in place of opening a window.")] = None,
+) -> None:
+    """Show grasps in the viewer Rerun: object, hand, sensors, images, tactile images, local points, charts, predictions."""
+    from pipeline.reports.rerun_view import view_grasps
+
+    shown = view_grasps(place(data), object_id, grasp, save)
+    if save:
+        say(f"{save}: {len(shown)} grasps of {object_id}; `rerun {save}` shows them")
+
+
+def export(
+    data: DataArgument,
+    out: Annotated[Path, typer.Argument(help="Folder to write; of one object's scene, a .glb file.")],
+    to: Annotated[Format, typer.Option(help="lerobot and parquet need the packages of '.[export]'.")] = "mesh",
+    objects: Annotated[
+        list[str] | None, typer.Option("--object", help="With --to mesh: this object alone; several times for several.")
+    ] = None,
+) -> None:
+    """Write a dataset for other programs: LeRobot v3, Hugging Face parquet, WebDataset shards, or glTF scenes; all are lossless."""
+    from pipeline.export.grasp_frames import GraspFrames
+    from pipeline.export.lerobot_files import write_lerobot
+    from pipeline.export.parquet_files import write_parquet
+    from pipeline.export.scene_files import write_scenes
+    from pipeline.export.webdataset_shards import write_webdataset
+    from pipeline.reports.report_source import ReportSource
+
+    if out.is_dir() and any(out.iterdir()):
+        fail(f"{out} is not empty; name a folder that is not there yet")
+    if to == "mesh":
+        say(f"{out}: {write_scenes(ReportSource(place(data)), out, objects or [])} scenes")
+        return
+    if objects:
+        fail(f"--object is for --to mesh; --to {to} writes the whole dataset")
+    write = {"lerobot": write_lerobot, "parquet": write_parquet, "webdataset": write_webdataset}[to]
+    say(f"{out}: {write(GraspFrames(place(data)), out)} grasps")

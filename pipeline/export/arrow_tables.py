@@ -1,0 +1,75 @@
+"""Frames as Arrow tables with the description that Hugging Face's `datasets` reads: images decode, arrays keep shape and type."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pipeline.errors import InvalidInput
+from pipeline.export.grasp_frames import Column, png
+
+ARRAYS = "Array{}D"
+
+
+def import_arrow() -> Any:
+    """Import pyarrow; an `InvalidInput` that says how to install it where it is not."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ModuleNotFoundError as error:
+        raise InvalidInput("parquet files need pyarrow; `pip install -c constraints.txt -e '.[export]'` installs it (50 MB)") from error
+    return pyarrow
+
+
+def schema_of(columns: Mapping[str, Column]) -> Any:
+    """Make the Arrow schema of some columns, with their Hugging Face features as metadata."""
+    pa = import_arrow()
+    fields = [pa.field(name, _type(pa, column)) for name, column in columns.items()]
+    features = {name: feature_of(column) for name, column in columns.items()}
+    return pa.schema(fields, metadata={"huggingface": json.dumps({"info": {"features": features}})})
+
+
+def feature_of(column: Column) -> dict[str, Any]:
+    """Describe a column as Hugging Face's `datasets` does."""
+    if column.kind == "image":
+        return {"_type": "Image"}
+    value = {"dtype": column.kind, "_type": "Value"}
+    if len(column.shape) < 2:
+        return {"feature": value, "length": column.shape[0], "_type": "Sequence"} if column.shape else value
+    return {"shape": list(column.shape), "dtype": column.kind, "_type": ARRAYS.format(len(column.shape))}
+
+
+def table_of(frames: Sequence[Mapping[str, Any]], columns: Mapping[str, Column]) -> Any:
+    """Make a table of frames (see `GraspFrames`); images become PNG."""
+    pa, schema = import_arrow(), schema_of(columns)
+    arrays = [_array(pa, [frame[name] for frame in frames], column, schema.field(name).type) for name, column in columns.items()]
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _array(pa: Any, values: list[Any], column: Column, kind: Any) -> Any:
+    if column.kind == "image":
+        return pa.array([{"bytes": png(value), "path": None} for value in values], kind)
+    if not column.shape:
+        return pa.array(values, kind)
+    flat = np.stack(values)
+    made = pa.array(flat.reshape(-1))
+    if len(column.shape) == 1:
+        return pa.FixedSizeListArray.from_arrays(made, column.shape[0])
+    for axis in range(flat.ndim - 1, 0, -1):  # lists of lists, the innermost first
+        lists = int(np.prod(flat.shape[:axis]))
+        made = pa.ListArray.from_arrays(np.arange(lists + 1, dtype=np.int32) * flat.shape[axis], made)
+    return made
+
+
+def _type(pa: Any, column: Column) -> Any:
+    if column.kind == "image":
+        return pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+    kind = {"bool": pa.bool_(), "string": pa.string()}.get(column.kind) or getattr(pa, column.kind)()
+    if len(column.shape) == 1:
+        return pa.list_(kind, column.shape[0])
+    for _ in column.shape:
+        kind = pa.list_(kind)
+    return kind

@@ -1,0 +1,105 @@
+"""A dataset as frames, one per grasp: what every table format holds, and what type each value has."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.errors import StoreError
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import Place
+from schemas.grasps import GRASPS
+from schemas.touch import TOUCH
+from schemas.vision import VISION
+
+SPLITS = ("train", "valid", "test")
+
+Kind = Literal["string", "int64", "bool", "float32", "float64", "image"]
+
+
+@dataclass(frozen=True)
+class Column:
+    """Describe a column: its kind, the shape of one value (() of a scalar), and names of the entries along its first axis."""
+
+    kind: Kind
+    shape: tuple[int, ...] = ()
+    names: tuple[str, ...] = ()
+
+
+class GraspFrames:
+    """The grasps of a dataset's usable objects as frames; values are those that are stored, to the bit.
+
+    Attributes
+    ----------
+    columns
+        By name: `object_id`, `category`, `split`, `grasp`, `touch_success`, `joint_angles`, `hand_pose`, `sensor_pose`, and where there are
+        some `tactile_image.FINGER`, `depth.FINGER`, `unoccluded`, `occluded`.
+    object_ids
+        By split: those that have some, in order.
+
+    Raises
+    ------
+    StoreError
+        Nothing can be exported: `simulate-grasps` has not been run, or no object came through.
+    """
+
+    def __init__(self, data: Place) -> None:
+        directory = DataDirectory(data)
+        made = [one for one in (TOUCH, VISION) if directory.collection(one).shards]
+        images = [name for one in made if one is VISION for name in ("unoccluded", "occluded") if directory.collection(one).first.has(name)]
+        self._arrays = ["touch_success", "joint_angles", "hand_pose", "sensor_pose"]
+        self._felt = ["reading", "depth"] if TOUCH in made else []
+        self._seen = images
+        self.rows = ObjectRows(data, [*self._arrays, *self._felt, *self._seen], split=None)
+        grasps = directory.collection(GRASPS)
+        splits = {name: grasps.row(name).split for name in self.rows.object_ids}
+        self.object_ids = {split: found for split in SPLITS if (found := [name for name, of in splits.items() if of == split])}
+        if not self.object_ids:
+            raise StoreError(f"{data.resolve()} has no object in the splits {', '.join(SPLITS)}")
+        self.fingers, self.joints = ([str(name) for name in grasps.first.read(label)] for label in ("sensor", "joint"))
+        self.grasps = self.rows.size("joint_angles", "grasp")
+        self._categories = dict(zip(self.rows.object_ids, self.rows.categories, strict=True))
+        self.columns = self._describe()
+
+    def frames(self, object_id: str, split: str) -> Iterator[dict[str, Any]]:
+        """Yield the frames of an object, values by column; images are (rows, cols, 3) uint8."""
+        for grasp in range(self.grasps):
+            frame: dict[str, Any] = {"object_id": object_id, "category": self._categories[object_id], "split": split, "grasp": grasp}
+            frame |= {name: self.rows.read(name, object_id, grasp) for name in self._arrays}
+            for name, label in (("reading", "tactile_image"), ("depth", "depth")):
+                if name in self._felt:
+                    values = self.rows.read(name, object_id, grasp)
+                    frame |= {f"{label}.{finger}": value for finger, value in zip(self.fingers, values, strict=True)}
+            frame |= {name: self.rows.read(name, object_id, grasp if name == "occluded" else None) for name in self._seen}
+            yield frame
+
+    def _describe(self) -> dict[str, Column]:
+        fingers, joints = tuple(self.fingers), tuple(self.joints)
+        columns = {name: Column("string") for name in ("object_id", "category", "split")} | {
+            "grasp": Column("int64"),
+            "touch_success": Column("bool", (len(fingers),), fingers),
+            "joint_angles": Column("float64", (len(joints),), joints),
+            "hand_pose": Column("float64", (4, 4)),
+            "sensor_pose": Column("float64", (len(fingers), 4, 4), fingers),
+        }
+        if self._felt:
+            rows, cols = (self.rows.size("depth", dim) for dim in ("row", "col"))
+            columns |= {f"tactile_image.{finger}": Column("image", (rows, cols, 3)) for finger in fingers}
+            columns |= {f"depth.{finger}": Column("float32", (rows, cols)) for finger in fingers}
+        for name in self._seen:
+            columns[name] = Column("image", (*(self.rows.size(name, dim) for dim in ("row", "col")), 3))
+        return columns
+
+
+def png(image: NDArray[np.uint8]) -> bytes:
+    """Write an image as PNG: lossless."""
+    written = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image)).save(written, "PNG")
+    return written.getvalue()

@@ -1,0 +1,37 @@
+"""Export to glTF scenes: an object with the hand, sensors, touched surface and touch charts of its grasps, as other programs open them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pipeline.console import Meter, errors
+from pipeline.errors import InvalidInput
+from pipeline.reports.grasp_scene import GraspScenes
+from pipeline.reports.report_source import ReportSource
+from pipeline.store.atomic import write_at_once
+
+
+def write_scenes(source: ReportSource, out: Path, objects: Sequence[str]) -> int:
+    """Write `OBJECT.glb` into a folder, or the file `out` where that ends in .glb and one object is asked for; returns the files written.
+
+    Meshes are as stored. Lengths are m; glTF is y up: each top node turns the world, z up.
+
+    Raises
+    ------
+    InvalidInput
+        There is no such object, or one file for several.
+    """
+    chosen = list(objects) or source.object_ids
+    if unknown := [name for name in chosen if name not in source.object_ids]:
+        raise InvalidInput(f"{unknown[0]} is no usable object of {source.directory.root}; there are {', '.join(source.object_ids[:10])}, …")
+    one_file = out.suffix.lower() == ".glb"
+    if one_file and len(chosen) > 1:
+        raise InvalidInput(f"{out} is one file, and there are {len(chosen)} objects; name one with --object, or a folder")
+    (out.parent if one_file else out).mkdir(parents=True, exist_ok=True)
+    scenes = GraspScenes(source.hand(), source.sensors(), small=False)
+    with Meter(errors, "export", len(chosen), "objects") as meter:
+        for name in chosen:
+            write_at_once(out if one_file else out / f"{name}.glb", scenes.glb(scenes.scene(source.rows(name))))
+            meter.advance()
+    return len(chosen)

@@ -1,0 +1,137 @@
+"""Grasps in Rerun, a viewer for robots and sensors: object, hand, sensors, images, local points, charts and predictions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.dataset.touch_charts import is_surface
+from pipeline.errors import InvalidInput
+from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS, Y_UP
+from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.touch.contact import local_points
+from pipeline.reports.contact_sheet_page import finger_colors
+from pipeline.reports.grasp_scene import GraspScenes, Rows
+from pipeline.reports.report_source import ReportSource
+from pipeline.store.storage import Place
+
+POINT = 2e-4
+"""m: radius of a local point."""
+
+
+def view_grasps(data: Place, object_id: str, grasp: int | None, save: Path | None) -> list[int]:
+    """Show grasps of an object in a window of Rerun, or save them for one: a timeline `grasp`, an entity per thing in the scene.
+
+    Parameters
+    ----------
+    data
+        A data directory.
+    object_id
+        One of its objects.
+    grasp
+        One of its grasps, from 0; None for all.
+    save
+        A file, .rrd, in place of a window.
+
+    Returns
+    -------
+    The grasps shown.
+
+    Raises
+    ------
+    InvalidInput
+        Rerun is not installed; there is no such object or grasp.
+    """
+    rerun = _rerun()
+    source = ReportSource(data)
+    if object_id not in source.object_ids:
+        failed = f", where it failed: {source.failures[object_id][1]}" if object_id in source.failures else ""
+        raise InvalidInput(f"{object_id} is no usable object of {data}{failed}; there are {', '.join(source.object_ids[:10])}, …")
+    rows = source.rows(object_id)
+    grasps = len(rows["grasps"]["hand_pose"])
+    if grasp is not None and grasp >= grasps:
+        raise InvalidInput(f"--grasp {grasp}: {object_id} has {grasps} grasps, 0 to {grasps - 1}")
+    recording = rerun.RecordingStream("vt-pipeline", recording_id=f"{data}/{object_id}")
+    if save is None:
+        recording.spawn()
+    else:
+        save.parent.mkdir(parents=True, exist_ok=True)
+        recording.save(save)
+    shown = list(range(grasps)) if grasp is None else [grasp]
+    _Recorder(rerun, recording, source).record(object_id, rows, shown)
+    recording.flush()
+    recording.disconnect()
+    return shown
+
+
+def _rerun() -> Any:
+    try:
+        import rerun
+    except ModuleNotFoundError as error:
+        raise InvalidInput("the viewer is not installed; `pip install -c constraints.txt -e '.[view]'` installs it (130 MB)") from error
+    return rerun
+
+
+class _Recorder:
+    """Logs an object and its grasps; lengths are m, frames the world's, z up."""
+
+    def __init__(self, rerun: ModuleType, recording: Any, source: ReportSource) -> None:
+        self.rr, self.recording, self.source = rerun, recording, source
+        self.hand, self.sensors = source.hand(), source.sensors()
+        self.names = [mount.name for mount in self.hand.sensors]
+
+    def record(self, object_id: str, rows: Rows, grasps: list[int]) -> None:
+        rr, log = self.rr, self.recording.log
+        log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        scenes = GraspScenes(self.hand, self.sensors, small=False)
+        log("world/object", rr.Transform3D(mat3x3=np.linalg.inv(Y_UP)[:3, :3]), static=True)
+        log("world/object", rr.Asset3D(contents=scenes.glb(scenes.scene(rows, [])), media_type="model/gltf-binary"), static=True)
+        for number, (link, mesh) in enumerate(self.hand.visual_meshes):
+            color = mesh.look.base_color[mesh.look.face_material[0]]
+            self._mesh(f"world/hand/{self.hand.links[link].name}/shape_{number}", mesh.vertices, mesh.faces, color, static=True)
+        for name, (vertices, faces) in (self.source.evaluation.surfaces(object_id) if self.source.evaluation else {}).items():
+            self._mesh(f"world/predictions/{name}", vertices, faces, VISION_COLORS[0], static=True)
+        if "vision" in rows:
+            log("camera/alone", rr.Image(rows["vision"]["unoccluded"]), static=True)
+        for grasp in grasps:
+            self.recording.set_time("grasp", sequence=grasp)
+            self._grasp(rows, grasp)
+
+    def _grasp(self, rows: Rows, grasp: int) -> None:
+        rr, log, row = self.rr, self.recording.log, rows["grasps"]
+        for link, frame in zip(
+            self.hand.links, forward_kinematics(self.hand, row["hand_pose"][grasp], row["joint_angles"][grasp]), strict=True
+        ):
+            log(f"world/hand/{link.name}", _transform(rr, frame))
+        log("joint_angles", rr.BarChart(row["joint_angles"][grasp]))
+        if "vision" in rows and "occluded" in list(rows["vision"]):
+            log("camera/in_grasp", rr.Image(rows["vision"]["occluded"][grasp]))
+            log("camera/segmentation", rr.SegmentationImage(rows["vision"]["segmentation"][1 + grasp]))
+        fingers = zip(self.names, self.sensors, finger_colors(len(self.names)), strict=True)
+        for number, (name, sensor, color) in enumerate(fingers):
+            side, thick = sensor.width / 2, sensor.w / 2
+            pose, depth = row["sensor_pose"][grasp, number], rows["touch"]["depth"][grasp, number]
+            log(f"world/sensors/{name}", _transform(rr, pose))
+            log(f"world/sensors/{name}/gel", rr.Boxes3D(centers=[[0, 0, thick]], half_sizes=[[side, side, thick]], colors=[color]))
+            log(f"touch/{name}/tactile_image", rr.Image(rows["touch"]["reading"][grasp, number]))
+            log(f"touch/{name}/depth", rr.DepthImage(np.where(np.isfinite(depth), depth, 0), meter=1.0))
+            points, count = local_points(depth, pose, sensor)
+            log(f"world/local_points/{name}", rr.Points3D(points[:count], colors=[color], radii=POINT))
+            if "charts" in rows:
+                charts, path = rows["charts"], f"world/charts/{name}"
+                if is_surface(charts["stop_rule"][grasp, number]):
+                    self._mesh(path, charts["vertices"][grasp, number], charts["chart_faces"], TOUCH_COLOR)
+                else:
+                    log(path, rr.Clear(recursive=False))
+
+    def _mesh(self, path: str, vertices: NDArray[Any], faces: NDArray[Any], color: Any, *, static: bool = False) -> None:
+        made = self.rr.Mesh3D(vertex_positions=vertices, triangle_indices=faces, albedo_factor=list(map(int, color)))
+        self.recording.log(path, made, static=static)
+
+
+def _transform(rr: ModuleType, pose: NDArray[np.float64]) -> Any:
+    return rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])

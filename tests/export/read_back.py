@@ -1,0 +1,112 @@
+"""Exports read back by the libraries they are for, as `make test-exports` runs it: equal, for all of them are lossless.
+
+The file's name keeps it from being collected by `make test`: LeRobot, `datasets`, WebDataset and Rerun are installed for this alone.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import datasets
+import numpy as np
+import pytest
+import torch
+import webdataset
+
+from pipeline.dataset.object_rows import ObjectRows
+from tests.export.test_exports import FINGERS, data, vt  # noqa: F401
+from tests.test_pipeline import made, manifest  # noqa: F401
+
+
+class ToTensor:
+    """What LeRobot takes from torchvision, which does not load beside this torch: (H, W, C) uint8 to (C, H, W) float32, 0 to 1."""
+
+    def __call__(self, image):
+        return torch.from_numpy(np.asarray(image).copy()).permute(2, 0, 1).float() / 255
+
+
+@pytest.fixture
+def lerobot(monkeypatch):
+    """LeRobot's dataset class."""
+    stand_in = types.ModuleType("torchvision")
+    stand_in.transforms = types.SimpleNamespace(ToTensor=ToTensor, v2=types.SimpleNamespace(Transform=object))
+    for name, module in (("torchvision", stand_in), ("torchvision.transforms", stand_in.transforms)):
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setitem(sys.modules, "torchvision.transforms.v2", stand_in.transforms.v2)
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    return LeRobotDataset
+
+
+@pytest.fixture
+def stored(data) -> ObjectRows:  # noqa: F811
+    arrays = ["reading", "depth", "touch_success", "joint_angles", "hand_pose", "sensor_pose"]
+    return ObjectRows(data, arrays, split=None)
+
+
+def check(stored: ObjectRows, object_id: str, grasp: int, found: dict[str, object], *, single: bool = False) -> None:
+    """Compare a frame's arrays with those that are stored; `single` with these as float32, which LeRobot makes of float64 when it reads."""
+    for name, value in found.items():
+        array, _, finger = name.partition(".")
+        expected = stored.read({"tactile_image": "reading"}.get(array, array), object_id, grasp)
+        expected = expected[FINGERS.index(finger)] if finger else expected
+        if single and expected.dtype == np.float64:
+            expected = expected.astype(np.float32)
+        np.testing.assert_array_equal(np.asarray(value, expected.dtype), expected, err_msg=name)
+
+
+def test_lerobot_reads_every_frame_as_it_is_stored(lerobot, data, stored, tmp_path):  # noqa: F811
+    vt("export", data, tmp_path / "out", "--to", "lerobot")
+    read = lerobot("vt/balls", root=tmp_path / "out", video_backend="pyav")
+    assert (read.num_episodes, read.num_frames, read.fps) == (2, 10, 1)
+    assert read.meta.info["splits"] == {"test": "0:2"}
+    assert set(read.meta.stats) >= {"observation.state", f"observation.images.tactile_{FINGERS[0]}"}
+    for number in (0, 4, 9):
+        item = read[number]
+        image = item[f"observation.images.tactile_{FINGERS[1]}"]
+        found = {
+            "touch_success": item["observation.touch_success"],
+            "joint_angles": item["observation.state"],
+            "hand_pose": item["observation.hand_pose"],
+            "sensor_pose": item["observation.sensor_pose"],
+            f"depth.{FINGERS[1]}": item[f"observation.depth_{FINGERS[1]}"],
+            f"tactile_image.{FINGERS[1]}": (255 * image).round().permute(1, 2, 0),
+        }
+        check(stored, item["object_id"], int(item["grasp"]), found, single=True)
+        assert item["task"] == f"grasp a {item['category']}"
+
+
+def test_hugging_face_reads_every_row_as_it_is_stored(data, stored, tmp_path):  # noqa: F811
+    vt("export", data, tmp_path / "out", "--to", "parquet")
+    read = datasets.load_dataset(str(tmp_path / "out"), cache_dir=str(tmp_path / "cache"))
+    assert {split: len(rows) for split, rows in read.items()} == {"test": 10}
+    for row in read["test"]:
+        check(stored, row["object_id"], row["grasp"], {name: value for name, value in row.items() if name in stored.arrays or "." in name})
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # it leaves its files to the garbage collector
+def test_webdataset_reads_every_sample_as_it_is_stored(data, stored, tmp_path):  # noqa: F811
+    vt("export", data, tmp_path / "out", "--to", "webdataset")
+    samples = list(webdataset.WebDataset(str(tmp_path / "out" / "test-000000.tar"), shardshuffle=False).decode("rgb8"))
+    assert len(samples) == 10
+    for sample in samples:
+        said = sample["json"]
+        found = {name: sample[f"{name}.npy"] for name in ("touch_success", "joint_angles", "hand_pose", "sensor_pose")}
+        found |= {f"depth.{finger}": sample[f"depth_{finger}.npy"] for finger in FINGERS}
+        found |= {f"tactile_image.{finger}": sample[f"tactile_image_{finger}.png"] for finger in FINGERS}
+        check(stored, said["object_id"], said["grasp"], found)
+
+
+def test_rerun_reads_what_was_recorded(tmp_path, made):  # noqa: F811
+    file = tmp_path / "grasps.rrd"
+    vt("view", made, "duck", "--save", file)
+    read = [Path(sys.prefix) / "bin" / "rerun", "rrd", "print", file]
+    said = subprocess.run(read, capture_output=True, text=True, check=True).stdout
+    entities = set(re.findall(r"(/[\w/.-]+)", said))
+    assert {"/world/object", "/world/hand/base_link", "/joint_angles", "/camera/in_grasp", "/touch/thumb/tactile_image"} <= entities
+    assert any(name.startswith("/world/predictions/occluded-touch") for name in entities)
+    assert any(name.startswith("/world/charts/") for name in entities)

@@ -1,0 +1,85 @@
+"""Exports: what WebDataset shards hold, and what is said where nothing can be written. Other libraries read theirs in `read_back.py`."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import json
+import tarfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.export.grasp_frames import GraspFrames
+from pipeline.export.lerobot_files import _Statistics
+from pipeline.export.webdataset_shards import write_webdataset
+from tests.stages import ball_dataset
+
+FINGERS = [f"finger-{number}" for number in range(4)]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("balls")
+    ball_dataset.make_data(folder, 2)
+    return folder
+
+
+def vt(*arguments: object, fails: bool = False) -> str:
+    done = CliRunner().invoke(app, [*map(str, arguments)])
+    assert (done.exit_code != 0) == fails, done.output
+    return done.output
+
+
+def files_in(shard: Path) -> dict[str, bytes]:
+    with tarfile.open(shard) as tar:
+        return {member.name: tar.extractfile(member).read() for member in tar}
+
+
+def test_webdataset_shards_hold_every_grasp_as_it_is_stored(data, tmp_path):
+    said = vt("export", data, tmp_path / "out", "--to", "webdataset")
+    shards = sorted((tmp_path / "out").iterdir())
+    frames = GraspFrames(data)
+    assert [shard.name for shard in shards] == [f"{split}-000000.tar" for split in sorted(frames.object_ids)]
+    rows = ObjectRows(data, ["depth", "reading"], split=None)
+    samples = 0
+    for shard in shards:
+        files = files_in(shard)
+        for key in {name.partition(".")[0] for name in files}:
+            about = json.loads(files[f"{key}.json"])
+            depth = np.load(io.BytesIO(files[f"{key}.depth_{FINGERS[2]}.npy"]))
+            image = np.asarray(Image.open(io.BytesIO(files[f"{key}.tactile_image_{FINGERS[2]}.png"])))
+            np.testing.assert_array_equal(depth, rows.read("depth", about["object_id"], about["grasp"])[2])
+            np.testing.assert_array_equal(image, rows.read("reading", about["object_id"], about["grasp"])[2])
+            samples += 1
+    assert f"{samples} grasps" in said
+    write_webdataset(frames, tmp_path / "again")
+    assert [(tmp_path / "again" / shard.name).read_bytes() for shard in shards] == [shard.read_bytes() for shard in shards]
+
+
+def test_a_folder_that_holds_something_is_left_alone(data, tmp_path):
+    (tmp_path / "mine").write_text("")
+    assert "is not empty" in vt("export", data, tmp_path, "--to", "webdataset", fails=True)
+
+
+def test_objects_are_chosen_for_scenes_alone(data, tmp_path):
+    assert "--object is for --to mesh" in vt("export", data, tmp_path / "out", "--to", "webdataset", "--object", "a", fails=True)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("pyarrow") is not None, reason="pyarrow is installed")
+def test_without_pyarrow_the_command_that_installs_it_is_named(data, tmp_path):
+    assert "pip install -c constraints.txt -e '.[export]'" in vt("export", data, tmp_path / "out", "--to", "parquet", fails=True)
+
+
+def test_statistics_leave_infinite_depths_out(data):
+    column = GraspFrames(data).columns["depth.finger-0"]
+    statistics = _Statistics(type(column)("float32", (2,)))
+    for value in ([1.0, np.inf], [3.0, np.inf]):
+        statistics.note(np.array(value, np.float32))
+    found = statistics.values()
+    assert (found["min"], found["max"], found["mean"], found["std"], found["count"]) == ([1, 0], [3, 0], [2, 0], [1, 0], [2])
