@@ -48,7 +48,7 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help docs setup system household dataset summary train train-unet evaluate train-single-image evaluate-single-image single-image renderings report reproduce test test-slow test-cpus test-report test-slurm test-storage test-hands lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
+.PHONY: help docs setup system household dataset summary train train-unet evaluate train-single-image evaluate-single-image single-image renderings report reproduce test test-slow test-cpus site test-docs test-report test-exports showcase test-slurm test-storage test-hands lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
 FORCE:
 
 help:  ## list the targets
@@ -186,6 +186,25 @@ test-report: $(VENV)/installed-dev  ## click through a report in headless Chromi
 	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[browser]'
 	@$(BIN)/pytest -n 0 tests/browser/report_in_browser.py
 
+test-exports: .venv-exports/installed  ## read exports back with LeRobot, Hugging Face, WebDataset and Rerun (4 minutes on 2 cores)
+	@HF_HUB_OFFLINE=1 .venv-exports/bin/python -m pytest -n 0 tests/export/read_back.py
+
+# The environment adds to $(VENV). LeRobot pins an older torch, but reads datasets with ours.
+.venv-exports/installed: $(VENV)/installed-dev tests/export/requirements.txt
+	@test -x .venv-exports/bin/python || $(BIN)/python -m venv .venv-exports
+	@$(BIN)/python -c 'import site; print("import site; site.addsitedir(%r)" % site.getsitepackages()[0])' \
+	    > "$$(.venv-exports/bin/python -c 'import site; print(site.getsitepackages()[0])')/vt-pipeline.pth"
+	@.venv-exports/bin/pip install --quiet --disable-pip-version-check -c constraints.txt -r tests/export/requirements.txt
+	@.venv-exports/bin/pip install --quiet --disable-pip-version-check --no-deps lerobot==0.4.4 accelerate==1.15.0
+	@touch $@
+
+site: $(VENV)/installed  ## build the documentation as pages: site/index.html
+	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --site-dir site && echo "site/index.html"
+
+test-docs: $(VENV)/installed-dev site  ## check the pages' links, and run the notebook (4 minutes on 2 cores)
+	@PATH=$(abspath $(BIN)):$$PATH $(BIN)/python -m tests.examples.run_notebook examples/first_steps.ipynb
+
 test-slurm: $(VENV)/installed-dev  ## install Slurm, start one of one node, and run all stages on it; as root (under 10 minutes on 2 cores)
 	@missing=$$($(call missing,slurm-wlm munge)); $(install)
 	@$(BIN)/pytest -n 0 tests/slurm/real_slurm.py
@@ -236,5 +255,15 @@ $(HANDS)/installed: $(VENV)/installed benchmarks/hands/requirements.txt
 	@$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --upgrade --target $(HANDS)/hands -r benchmarks/hands/requirements.txt
 	@touch $@
 
+# Blender needs an older numpy: an environment of its own, which is given scenes and gives pictures.
+showcase: .venv-showcase/installed $(VENV)/installed  ## render ten grasps, a turntable and touch to shape with Blender: data/showcase (15 minutes on 2 cores)
+	@$(BIN)/python -m benchmarks.showcase $(DATA) data/showcase --blender .venv-showcase/bin/python
+
+.venv-showcase/installed: | system
+	@test -x .venv-showcase/bin/python || $(PYTHON) -m venv .venv-showcase
+	@echo "installing Blender into .venv-showcase (400 MB)"
+	@.venv-showcase/bin/pip install --quiet --disable-pip-version-check bpy==4.5.15
+	@touch $@
+
 clean:  ## remove the virtual environments; data is kept
-	rm -rf $(VENV) .venv-peers .venv-peers-tacto $(HANDS)
+	rm -rf $(VENV) .venv-peers .venv-peers-tacto $(HANDS) .venv-exports .venv-showcase

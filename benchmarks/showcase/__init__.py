@@ -1,0 +1,1 @@
+"""Pictures to show: grasps rendered by Blender, beside our own renderer."""
