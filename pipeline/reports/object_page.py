@@ -120,7 +120,7 @@ class ObjectPages:
 
 def _pressed_area(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
     """Compute the area, m², of the pixels of depth maps (…, rows, cols) that the surface presses on: (…)."""
-    return np.asarray(sensor.width**2 * contact_mask(depth, sensor).mean(axis=(-2, -1)), np.float64)
+    return np.asarray(sensor.width * sensor.height * contact_mask(depth, sensor).mean(axis=(-2, -1)), np.float64)
 
 
 def _label(name: str) -> str:

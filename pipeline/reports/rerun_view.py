@@ -113,10 +113,10 @@ class _Recorder:
             log("camera/segmentation", rr.SegmentationImage(rows["vision"]["segmentation"][1 + grasp]))
         fingers = zip(self.names, self.sensors, finger_colors(len(self.names)), strict=True)
         for number, (name, sensor, color) in enumerate(fingers):
-            side, thick = sensor.width / 2, sensor.w / 2
+            half = [sensor.width / 2, sensor.height / 2, sensor.w / 2]
             pose, depth = row["sensor_pose"][grasp, number], rows["touch"]["depth"][grasp, number]
             log(f"world/sensors/{name}", _transform(rr, pose))
-            log(f"world/sensors/{name}/gel", rr.Boxes3D(centers=[[0, 0, thick]], half_sizes=[[side, side, thick]], colors=[color]))
+            log(f"world/sensors/{name}/gel", rr.Boxes3D(centers=[[0, 0, half[2]]], half_sizes=[half], colors=[color]))
             log(f"touch/{name}/tactile_image", rr.Image(rows["touch"]["reading"][grasp, number]))
             log(f"touch/{name}/depth", rr.DepthImage(np.where(np.isfinite(depth), depth, 0), meter=1.0))
             points, count = local_points(depth, pose, sensor)
