@@ -48,7 +48,7 @@ RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) 
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
-.PHONY: help docs setup system household dataset summary train train-unet evaluate train-single-image evaluate-single-image single-image renderings report reproduce test test-slow test-cpus site test-docs test-report test-exports showcase test-slurm test-storage test-hands lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
+.PHONY: help docs setup system household dataset summary train train-unet evaluate train-single-image evaluate-single-image single-image renderings report reproduce test test-slow test-cpus site test-docs test-report test-exports showcase test-slurm test-storage test-sensors test-hands lint bench bench-peers tradeoff tradeoff-missing faults fuzz clean FORCE
 FORCE:
 
 help:  ## list the targets
@@ -220,6 +220,9 @@ tradeoff: $(VENV)/installed-dev  ## measure what every setting costs and how wro
 
 tradeoff-missing: $(VENV)/installed-dev  ## list the settings that make tradeoff has not measured, or on older code
 	@$(BIN)/python -m benchmarks.tradeoff.missing
+
+test-sensors: $(PEERS)/installed  ## test the shipped sensors on real photographs, beside Taxim; writes docs/sensors.md (2 minutes)
+	@OMP_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.real_sensors --write docs/sensors.md
 
 faults: $(VENV)/installed-dev  ## inject some 500 faults (kills, full disks, damage …) and compare digests; writes docs/faults.md (half an hour)
 	@$(BIN)/python -m benchmarks.faults --write docs/faults.md

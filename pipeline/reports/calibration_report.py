@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.touch.calibration_fit import RING, Photograph
 
-SHOWN = 4
+SHOWN = 3
 """Photographs of the picture, spread evenly."""
 GAIN = 4
 """By which differences are enlarged."""
@@ -28,7 +28,7 @@ def draw_calibration(photographs: Sequence[Photograph], models: Sequence[NDArray
         The PNG.
     """
     chosen = np.unique(np.linspace(0, len(photographs) - 1, min(SHOWN, len(photographs))).astype(int))
-    figure = Figure((9, 3 * len(chosen)), dpi=100, layout="constrained")
+    figure = Figure((9, 3 * len(chosen)), dpi=72, layout="constrained")
     panels = figure.subplots(len(chosen), 3, squeeze=False)
     for row, number in zip(panels, chosen, strict=True):
         one, model = photographs[number], models[number]

@@ -18,6 +18,7 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.touch.contact import local_points
+from pipeline.kernels.touch.gel_surface import in_gel
 from pipeline.kernels.vision.scene import Scene
 from pipeline.models.touch_model import load_touch_model
 from pipeline.reports.contact_sheet import BandMaker
@@ -137,7 +138,7 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
         for row, number in enumerate(touched.tolist()):
             pose, sensor = rows["grasps"]["sensor_pose"][grasp, number], sensors[number]
             true, count = local_points(depths[row], pose, sensor)
-            inside = depths[row] < sensor.w
+            inside = in_gel(depths[row], sensor)
             apart = np.abs(np.where(inside, predicted[row] - depths[row], 0))
             pictures = [
                 ("tactile image", readings[row]),

@@ -12,6 +12,7 @@ from PIL import Image, ImageDraw
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.touch.gel_surface import in_gel
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.vision.camera import Camera, Vector, camera_pose, look_at, project_points, projection_matrix
 from pipeline.kernels.vision.labels import Label
@@ -122,7 +123,7 @@ def touch_patch(depth: NDArray[np.float32], pose: NDArray[np.float64], sensor: S
     """
     x, y = (centres[::STRIDE] for centres in pixel_centres(sensor))
     sampled = depth[::STRIDE, ::STRIDE].astype(np.float64)
-    inside = sampled < sensor.w
+    inside = in_gel(depth.astype(np.float64), sensor)[::STRIDE, ::STRIDE]
     local = np.stack([*np.meshgrid(x, y), np.where(inside, sampled - LIFT, 0)], axis=-1).reshape(-1, 3)
     number = np.arange(local.shape[0]).reshape(inside.shape)
     quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)

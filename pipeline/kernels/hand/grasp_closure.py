@@ -69,7 +69,7 @@ def contact_of(depth: np.ndarray, pose: NDArray[np.float64], sensor: Sensor) -> 
         slope = solve_3x3(normal_matrix, np.array([*(away[:, :2] * away[:, 2:]).sum(axis=0), 0.0]))[:2]
     normal = np.array([-slope[0], -slope[1], 1.0])
     turn = pose[:3, :3]
-    area = len(points) * sensor.width**2 / (sensor.rows * sensor.cols)
+    area = len(points) * (sensor.width * sensor.height) / (sensor.rows * sensor.cols)
     return Contact((turn * middle).sum(axis=1) + pose[:3, 3], (turn * normal).sum(axis=1) / length(normal), area)
 
 

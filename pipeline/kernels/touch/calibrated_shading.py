@@ -47,8 +47,8 @@ def calibrated_change(pressed: NDArray[np.float64], sensor: Sensor, calibration:
         degrees = SLOPE_TERMS[shading.shape[1]], POSITION_TERMS[shading.shape[2]]
         _shade(bump, sensor.pitch, x, y, shading, degrees, change)
     for shadow in calibration.shadows if bump.any() else ():
-        depth = MM * shade_depth(bump, sensor.pitch, direction=np.deg2rad(shadow.direction), slope=shadow.slope)
-        change += depth[:, :, None] * np.array(shadow.gain)
+        depth = shade_depth(bump, sensor.pitch, direction=np.deg2rad(shadow.direction), slope=shadow.slope)
+        _darken(np.ascontiguousarray(depth), MM * np.array(shadow.gain), change)
     return change
 
 
@@ -66,6 +66,17 @@ def polynomial_background(sensor: Sensor, coefficients: tuple[tuple[float, float
 def powers(degree: int) -> list[tuple[int, int]]:
     """List the powers of two variables in the terms of a polynomial: 1, a, b, a², a b, b², …."""
     return [(i, total - i) for total in range(degree + 1) for i in range(total, -1, -1)]
+
+
+@compiled
+def _darken(depth: NDArray[np.float64], gain: NDArray[np.float64], change: NDArray[np.float64]) -> None:
+    """Add the change of colours of what lies in the shade."""
+    rows, cols = depth.shape
+    for row in range(rows):
+        for col in range(cols):
+            if depth[row, col] > 0:
+                for channel in range(3):
+                    change[row, col, channel] += depth[row, col] * gain[channel]
 
 
 @compiled

@@ -45,7 +45,7 @@ def touch_success(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
 def contact_mask(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
     """Tell at which pixels a surface presses into the gel: 0 < D < w - `CONTACT_MARGIN`, (..., rows, cols)."""
     judged = depth.astype(np.float32).astype(np.float64)
-    return np.asarray((judged > 0) & (judged < sensor.w - CONTACT_MARGIN))
+    return np.asarray((judged > 0) & (judged < gel_surface(sensor) - CONTACT_MARGIN))
 
 
 def local_points(depth: np.ndarray, pose: np.ndarray, sensor: Sensor) -> tuple[NDArray[np.float32], np.int32]:

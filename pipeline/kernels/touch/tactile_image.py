@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.calibrated_shading import calibrated_change, deformed, polynomial_background
 from pipeline.kernels.touch.gel_surface import gel_surface, impression
 from pipeline.kernels.touch.lamp_shading import WHITE, shade
@@ -59,7 +60,15 @@ def tactile_image(depth: np.ndarray, sensor: Sensor, rng: np.random.Generator | 
 
 
 def _levels(image: NDArray[np.float64]) -> NDArray[np.uint8]:
-    return np.rint(np.clip(image, 0, WHITE)).astype(np.uint8)
+    found = np.empty(image.shape, np.uint8)
+    _round(np.ascontiguousarray(image).reshape(-1), found.reshape(-1))
+    return found
+
+
+@compiled
+def _round(image: NDArray[np.float64], found: NDArray[np.uint8]) -> None:
+    for i in range(len(image)):
+        found[i] = np.uint8(np.rint(min(max(image[i], 0.0), float(WHITE))))
 
 
 def untouched_image(sensor: Sensor) -> NDArray[np.uint8]:
