@@ -4,6 +4,7 @@
 #   PRESET=draft      draft, standard or paper
 #   DATA=...          data directory, or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET
 #   OBJECTS=...       folder of meshes, for manifests that name none
+#   UNITS=mm UP=y     unit and up-axis of OBJECTS' files, to keep real sizes; by default they are scaled to 0.5 m, z up (glTF: metres, y up)
 #   SET="..."         settings: SET="simulate-grasps.attempts=20 simulate-touch.tracer=sphere"
 #   SHARDS=...        shards the objects are split into; by default the number that the dataset has, 1 for a new one
 #   WORKERS=0         processes per shard; 0 is one per core (1 where `make -j` runs several shards at a time)
@@ -12,10 +13,11 @@
 #                     implicit-touch, implicit-occluded, implicit-occluded-touch, implicit-unoccluded, implicit-unoccluded-touch too
 #   SEEDS=0           trainings of each network, and evaluations of them: SEEDS="0 1 2" shows what is chance
 
+blank    :=
 MANIFEST ?= toy
 PRESET   ?= draft
 SHARDS   ?=
-DATA     ?= data/$(basename $(notdir $(MANIFEST)))$(if $(OBJECTS),-$(notdir $(abspath $(OBJECTS))))/$(PRESET)
+DATA     ?= data/$(basename $(notdir $(MANIFEST)))$(if $(OBJECTS),-$(subst $(blank) ,_,$(notdir $(abspath $(OBJECTS)))))/$(PRESET)
 OBJECTS  ?=
 SET      ?=
 CONFIGURATIONS ?= none touch occluded occluded-touch unoccluded unoccluded-touch
@@ -30,7 +32,7 @@ $(error DATA is in object storage, and nothing is installed yet that could look 
 endif
 KNOWN    := $(shell $(VENV)/bin/python -c 'from pipeline.store.directory import DataDirectory; print(DataDirectory("$(DATA)").shards() or "")')
 else
-KNOWN    := $(shell sed -n 's/.*"shards": *\([0-9]*\).*/\1/p' $(DATA)/dataset.json 2>/dev/null)
+KNOWN    := $(shell sed -n 's/.*"shards": *\([0-9]*\).*/\1/p' "$(DATA)/dataset.json" 2>/dev/null)
 endif
 COUNT    := $(or $(SHARDS),$(KNOWN),1)
 NUMBERS  := $(shell seq 0 $$(($(COUNT) - 1)) 2>/dev/null)
@@ -43,8 +45,8 @@ WORKERS  ?= $(if $(and $(filter -j%,$(MAKEFLAGS)),$(filter-out 1,$(COUNT))),1,0)
 
 BIN      := $(VENV)/bin
 APT      := libegl1 libgl1 libxrender1 libgl1-mesa-dri
-RUN       = $(BIN)/vt-pipeline run $@ --manifest $(MANIFEST) --preset $(PRESET) --data $(DATA) \
-            $(if $(OBJECTS),--objects $(OBJECTS)) $(addprefix --set ,$(SET)) --workers $(WORKERS) $(if $(SHARDS)$(KNOWN),--shards $(COUNT))
+RUN       = $(BIN)/vt-pipeline run $@ --manifest "$(MANIFEST)" --preset $(PRESET) --data "$(DATA)" \
+            $(if $(OBJECTS),--objects "$(OBJECTS)") $(if $(UNITS),--units $(UNITS)) $(if $(UP),--up $(UP)) $(addprefix --set ,$(SET)) --workers $(WORKERS) $(if $(SHARDS)$(KNOWN),--shards $(COUNT))
 SHARD     = $(subst $@,$(basename $@),$(RUN)) --shard $(subst .,,$(suffix $@))
 
 .DEFAULT_GOAL := help
@@ -98,7 +100,7 @@ evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) $(TOUCHES)
 	@$(subst $@,evaluate,$(RUN)) --set evaluate.training_seed=$* --set 'evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]'
 evaluate: $(addprefix evaluate.,$(SEEDS))  ## evaluate these networks on the test objects, beside the supplement's tables
 report: evaluate  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
-	@$(BIN)/vt-pipeline report $(DATA)
+	@$(BIN)/vt-pipeline report "$(DATA)"
 
 # LONG=1: thirteen times the epochs, a night on 2 cores; killed, it continues where it was.
 FOUR      = MANIFEST=four-classes PRESET=draft DATA=data/four-classes/$(if $(LONG),long,draft) SEEDS="0 1 2" \
@@ -112,7 +114,7 @@ reproduce:  ## test the supplement's claims on 240 procedural objects, networks 
 .PRECIOUS: sample-surfaces.% sample-distances.% read-renderings.% simulate-grasps.% render-vision.% simulate-touch.% fit-charts.% train-gcn.% train-implicit.% evaluate.%
 
 summary: $(IMAGES) $(TOUCHES)  ## the statistics and contact sheets alone
-	@$(BIN)/vt-pipeline summary $(DATA)
+	@$(BIN)/vt-pipeline summary "$(DATA)"
 
 # ---- The supplement's last experiment (3.6): renderings of objects from all sides, one image each
 

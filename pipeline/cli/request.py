@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import typer
 
@@ -21,6 +21,10 @@ from stages.registry import resolve
 
 S = TypeVar("S", bound=Stage)
 
+METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}
+Unit = Literal["mm", "cm", "dm", "m", "in", "ft"]
+Axis = Literal["x", "y", "z"]
+
 DataArgument = Annotated[str, typer.Argument(help="Data directory, or s3://BUCKET/PREFIX.")]
 ManifestOption = Annotated[str, typer.Option(help="A built-in manifest, or the path of a YAML file.")]
 PresetOption = Annotated[str, typer.Option(help=f"One of {', '.join(load_presets())}.")]
@@ -29,6 +33,8 @@ DataOption = Annotated[
     typer.Option(help="Directory or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET."),
 ]
 ObjectsOption = Annotated[Path | None, typer.Option(help="Folder of meshes, for manifests that name none.")]
+UnitsOption = Annotated[Unit | None, typer.Option(help="Unit of the mesh files, to keep real sizes; else they are scaled to one size.")]
+UpOption = Annotated[Axis | None, typer.Option(help="The axis of the mesh files that points up; by default z, of glTF y.")]
 SetOption = Annotated[list[str] | None, typer.Option("--set", help="STAGE.SETTING=VALUE, or SETTING=VALUE wherever there is one.")]
 SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.")]
 
@@ -49,12 +55,15 @@ def make_request(
     objects: Path | None,
     assignments: Sequence[str] | None,
     seed: int | None,
+    units: str | None = None,
+    up: str | None = None,
 ) -> Request[S]:
     """Turn what the shared options say into a request."""
     where = place(data or _default_place(manifest, objects) / preset)
     if isinstance(where, Path) and where.is_file():
         fail(f"--data {where} is a file; name a folder")
-    described = load_manifest(manifest)
+    objects = objects and objects.expanduser()
+    described = load_manifest(manifest).with_units(METRES[units] if units else None, up)
     return Request(
         stage=stage,
         settings=resolve(stage.name, preset, assignments or ()),

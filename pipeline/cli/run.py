@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -19,13 +19,16 @@ from pipeline.cli.request import (
     PresetOption,
     SeedOption,
     SetOption,
+    UnitsOption,
+    UpOption,
     make_executor,
     make_request,
 )
+from pipeline.config.manifest import load_manifest
 from pipeline.console import console, errors, say
 from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.peers import peers
-from pipeline.engine.plan import Forecast
+from pipeline.engine.plan import Forecast, Request
 from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as run_stage
 from pipeline.engine.shard_plan import ShardPlan
@@ -52,6 +55,8 @@ def run(
     workers: Annotated[int, typer.Option(min=0, help="Worker processes on this machine; 0 for one per core.")] = 0,
     scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler, as tcp://HOST:8786, whose workers are used instead.")] = None,
     object_id: Annotated[str | None, typer.Option("--object", help="Process only this object.")] = None,
+    units: UnitsOption = None,
+    up: UpOption = None,
     assignments: SetOption = None,
     seed: SeedOption = None,
     strict: Annotated[bool, typer.Option(help="Stop at the first object that fails.")] = False,
@@ -66,13 +71,17 @@ def run(
         fail(f"there is no stage {stage}; there are {', '.join(STAGES)}")
     if explain and dry_run:
         fail("--explain counts what was made, and --dry-run makes nothing: leave one of them out")
-    shared = make_request(load_stage(stage), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
+    shared = make_request(
+        load_stage(stage), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed, units=units, up=up
+    )
     processes = make_executor(executor, workers, scheduler)
     request = replace(shared, shards=shards, executor=processes, strict=strict, retry=retry, check=check, only=object_id)
     if object_id is not None and object_id not in {item.object_id for item in request.objects}:
         fail(f"manifest {request.manifest} has no object {object_id}")
     if isinstance(request.stage, DatasetStage) and (object_id is not None or shard is not None):
         fail(f"{stage} looks at all objects at once; run it without --object and --shard")
+    if stage == "sample-surfaces":
+        _say_how_files_are_read(request, load_manifest(manifest).left_out(objects))
     with processes:
         if dry_run:
             for path, foreseen in forecast(request, shard):
@@ -108,6 +117,17 @@ def run_plan(plan: ShardPlan | FolderPlan) -> None:
     _print_failures({name: failure for name, failure in failures.items() if request.only in (None, name)})
     if failures and request.strict:
         fail(f"{len(failures)} objects have failed, and --strict was asked for")
+
+
+def _say_how_files_are_read(request: Request[Any], left_out: Mapping[str, list[str]]) -> None:
+    """Say what of a folder is left out, and that files without units are scaled to one size."""
+    for reason, files in left_out.items():
+        few = ", ".join(files[:NAMED]) + (", …" if len(files) > NAMED else "")
+        say(f"left out {len(files)} files ({few}): {reason}")
+    unitless = sum("file" in item.source and item.source.get("metres_per_unit") is None for item in request.objects)
+    if unitless:
+        size = getattr(request.settings, "diagonal", 0.5)
+        say(f"{unitless} objects are scaled to a diagonal of {size:g} m; --units mm (make: UNITS=mm), or another unit, keeps real sizes")
 
 
 def _print_failures(failures: Mapping[str, Failure]) -> None:

@@ -14,7 +14,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pipeline.config.description_file import description_path, read_description
-from pipeline.config.sources import Catalogue, Directory, Found, Procedural, Pybullet, ShapeNet
+from pipeline.config.sources import Catalogue, Directory, Found, Placed, Procedural, Pybullet, ShapeNet
 from pipeline.errors import InvalidInput
 
 SPLITS = ("train", "valid", "test")
@@ -87,6 +87,23 @@ class Manifest(BaseModel):
         except (OSError, InvalidInput) as error:
             raise InvalidInput(f"manifest {self.name}: {error}") from error
         return [Object(**vars(item), split=splits[item.object_id]) for item in found]
+
+    def with_units(self, metres_per_unit: float | None, up: str | None) -> Manifest:
+        """Return the manifest with other units or another up-axis for all its mesh files."""
+        stated = {name: value for name, value in (("metres_per_unit", metres_per_unit), ("up", up)) if value is not None}
+        files = [isinstance(source, Placed) for source in self.sources]
+        if stated and not any(files):
+            raise InvalidInput(f"manifest {self.name} names no mesh files, so units and an up-axis mean nothing; leave them out")
+        changed = (source.model_copy(update=stated if placed else {}) for source, placed in zip(self.sources, files, strict=True))
+        return self.model_copy(update={"sources": tuple(changed)})
+
+    def left_out(self, root: Path | None = None) -> dict[str, list[str]]:
+        """List files of its folders that look like objects and are not read, by the reason."""
+        found: dict[str, list[str]] = {}
+        for source in self.sources:
+            for reason, files in source.left_out(root).items() if isinstance(source, Placed) else ():
+                found.setdefault(reason, []).extend(files)
+        return found
 
     def _draw_splits(self, items: Sequence[Found]) -> dict[str, str]:
         """Draw the split of every object: by seed and id, each category spread evenly over the splits."""

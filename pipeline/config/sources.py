@@ -30,6 +30,9 @@ MAX_ENTRIES = 500_000
 MAX_CATALOGUE_BYTES = 100 * 2**20
 """Size of a catalogue: 500 bytes for each of `MAX_OBJECTS`."""
 
+UNREAD = (".msh", ".3ds", ".fbx", ".blend", ".max", ".x3d", ".wrl", ".step", ".stp", ".iges", ".igs", ".skp", ".usd", ".usdz")
+"""Formats of meshes and solids that are not read."""
+
 Category = Literal["bottle", "cellphone", "knife", "rifle"]
 
 
@@ -70,13 +73,25 @@ class Source(BaseModel):
 class Placed(Source):
     """A source of mesh files: which axis of theirs points up, and how large they are."""
 
-    up: Literal["x", "y", "z"]
+    up: Literal["x", "y", "z"] | None = None
+    """By default, the format's: y of glTF, else z."""
     metres_per_unit: float | None = Field(None, gt=0)
-    """Metres per unit of the file, to keep real sizes; without it, objects are scaled to one size."""
+    """Metres per unit of the file, to keep real sizes; without it, objects of glTF keep theirs, and others are scaled to one size."""
 
     def placed(self, file: Path, root: Path, up: str | None = None) -> dict[str, Any]:
         """Say how to load a file of this source, which may name files below `root`."""
-        return {"file": str(file), "root": str(root), "up": up or self.up, "metres_per_unit": self.metres_per_unit}
+        gltf = file.suffix.lower() in (".glb", ".gltf")  # whose specification says metres, y up
+        return {
+            "file": str(file),
+            "root": str(root),
+            "up": up or self.up or ("y" if gltf else "z"),
+            "metres_per_unit": self.metres_per_unit or (1.0 if gltf else None),
+            "licence": self.licence,
+        }
+
+    def left_out(self, root: Path | None) -> dict[str, list[str]]:
+        """List files that are no objects of the source although they look so, by the reason."""
+        return {}
 
 
 class Procedural(Source):
@@ -144,6 +159,18 @@ class Directory(Placed):
             unique = name if repeated[name] == 1 else f"{name}-{file.suffix[1:].lower()}"
             category = _name(file.parts[0]) if len(file.parts) > 1 else "object"
             yield Found(unique, category, self.placed(folder / file, folder))
+
+    def left_out(self, root: Path | None) -> dict[str, list[str]]:
+        """List mesh files in formats that are not read, and links to folders, which are not followed."""
+        folder = _folder(self.path or root, "a folder of meshes")
+        found: dict[str, list[str]] = {}
+        for path in sorted(islice(folder.rglob("*"), MAX_ENTRIES)):
+            if path.is_symlink() and path.is_dir():
+                found.setdefault("links to folders are not followed; copy what they lead to", []).append(str(path.relative_to(folder)))
+            elif path.suffix.lower() in UNREAD:
+                reason = f"{path.suffix.lower()} cannot be read; convert to one of {', '.join(SUFFIXES)}"
+                found.setdefault(reason, []).append(str(path.relative_to(folder)))
+        return found
 
 
 class Catalogue(Placed):
@@ -234,7 +261,7 @@ def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     file = Path(source["file"])
     companions = Companions(file, Path(source["root"]))
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in companions.items()}
-    stated = {name: value for name, value in source.items() if name not in ("root", "renderings")}
+    stated = {name: value for name, value in source.items() if name not in ("root", "renderings", "licence")}
     return {**stated, "file": {"sha256": _sha256(file), "companions": digests}}
 
 
@@ -257,6 +284,7 @@ def _name(*parts: str) -> str:
 
 
 def _folder(path: Path | None, what: str) -> Path:
+    path = path and path.expanduser()
     if path is None or not path.is_dir():
         problem = "the manifest names no folder" if path is None else f"{path.resolve()} is no folder"
         raise InvalidInput(f"{problem}; give {what} with --objects DIR (make: OBJECTS=DIR)")

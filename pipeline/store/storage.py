@@ -66,7 +66,7 @@ def place(text: str | Place) -> Place:
     """
     protocol, separator, rest = str(text).partition("://")
     if not separator:
-        return Path(str(text))
+        return Path(str(text)).expanduser()
     if protocol not in PROTOCOLS or not rest.strip("/"):
         raise InvalidInput(
             f"{text}: data lies in a folder, or in object storage: {', '.join(f'{one}://BUCKET/PREFIX' for one in PROTOCOLS)}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,10 +48,27 @@ def _process(task: Task, settings: SurfaceSettings) -> Row:
         "points": points,
         "normals": normals,
         "placement": placement,
+        **_origin(task),
         "watertight": np.array(report.watertight),
         "degenerate_faces": np.array(report.degenerate_faces, np.int32),
         "duplicate_faces": np.array(report.duplicate_faces, np.int32),
         **mesh_row(mesh),
+    }
+
+
+def _origin(task: Task) -> Row:
+    """Where an object comes from: its file with checksum, licence and unit, or the toy object that was modelled."""
+    source = task.source
+    if "procedural" in source:
+        file, content = f"procedural {source['procedural']} {source['variant']}, seed {source['seed']}", b""
+    else:
+        path = Path(source["file"])
+        file, content = path.relative_to(source["root"]).as_posix(), path.read_bytes()
+    return {
+        "source_file": np.array(file),
+        "source_sha256": np.array(hashlib.sha256(content).hexdigest() if content else ""),
+        "licence": np.array(source.get("licence", "")),
+        "metres_per_unit": np.array(source.get("metres_per_unit") or 0.0),
     }
 
 

@@ -1,0 +1,110 @@
+"""A user's folder of meshes: units, up-axis, textures beside the file, what is left out, and the way back to the file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from pipeline.cli import app
+from pipeline.config.manifest import Manifest, load_manifest
+from pipeline.config.mesh_file import load_mesh
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.errors import InvalidInput
+from tests.test_cli import invoke
+
+CORNERS = np.array([[0, 0, 0], [30, 0, 0], [0, 20, 0], [0, 0, 10.0]])
+FACES = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+
+assert app
+
+
+def run(folder: Path, data: Path, *more: str) -> str:
+    command = ["run", "sample-surfaces", "--manifest", "directory", "--objects", str(folder), "--data", str(data), "--set", "points=100"]
+    code, output = invoke(*command, "--executor", "serial", *more)
+    assert code == 0, output
+    return output
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    made = tmp_path / "my own meshes"
+    made.mkdir()
+    trimesh.Trimesh(CORNERS + [1000, 0, 0], FACES, process=False).export(made / "wedge.ply")
+    return made
+
+
+def test_object_to_world_and_back(folder: Path, tmp_path: Path) -> None:
+    """The stored vertices are those of the file, placed; in mm and y up their distances are the file's / 1000."""
+    output = run(folder, tmp_path / "d", "--units", "mm", "--up", "y")
+    assert "scaled to a diagonal" not in output
+    names = ["placement", "source_file", "source_sha256", "licence", "metres_per_unit"]
+    rows = ObjectRows(tmp_path / "d", names, None)
+    placement, file, checksum, licence, unit = (rows.read(name, "wedge") for name in names)
+    source = load_mesh(folder / "wedge.ply").vertices
+    world = source @ placement[:3, :3].T + placement[:3, 3]
+    (shard,) = (tmp_path / "d" / "surfaces").glob("*.zarr")
+    import zarr
+
+    stored = np.asarray(zarr.open_group(str(shard), mode="r")["meshes/wedge/vertices"])
+    assert np.abs(np.sort(world, axis=0) - np.sort(stored, axis=0)).max() < 1e-9
+    back = (stored - placement[:3, 3]) @ np.linalg.inv(placement[:3, :3]).T
+    assert np.abs(np.sort(back, axis=0) - np.sort(source, axis=0)).max() / 1000 < 1e-9  # m
+    np.testing.assert_allclose(np.ptp(stored, axis=0), [0.03, 0.01, 0.02], atol=1e-9)  # y became z
+    assert (str(file), str(licence), float(unit)) == ("wedge.ply", "the user's own", 0.001)
+    assert len(str(checksum)) == 64
+
+
+def test_without_units_objects_are_scaled_and_that_is_said(folder: Path, tmp_path: Path) -> None:
+    output = run(folder, tmp_path / "d")
+    assert "1 objects are scaled to a diagonal of 0.5 m; --units mm (make: UNITS=mm)" in output
+
+
+def test_gltf_keeps_its_metres_and_its_up_axis(folder: Path) -> None:
+    (folder / "wedge.ply").unlink()
+    trimesh.Trimesh(CORNERS / 100, FACES, process=False).export(folder / "wedge.glb")
+    (item,) = load_manifest("directory").objects(folder)
+    assert (item.source["up"], item.source["metres_per_unit"]) == ("y", 1.0)
+    (item,) = load_manifest("directory").with_units(0.01, "z").objects(folder)
+    assert (item.source["up"], item.source["metres_per_unit"]) == ("z", 0.01)
+
+
+def test_files_that_are_no_objects_are_named_with_the_reason(folder: Path, tmp_path: Path) -> None:
+    (folder / "part.step").write_text("x")
+    (tmp_path / "elsewhere").mkdir()
+    (folder / "linked").symlink_to(tmp_path / "elsewhere")
+    output = run(folder, tmp_path / "d")
+    assert "left out 1 files (part.step): .step cannot be read; convert to one of .obj" in output
+    assert "left out 1 files (linked): links to folders are not followed" in output
+
+
+def test_units_of_toy_objects_are_refused() -> None:
+    with pytest.raises(InvalidInput, match="manifest procedural names no mesh files, so units and an up-axis mean nothing"):
+        load_manifest("procedural").with_units(0.001, None)
+
+
+def test_shapenets_layout_keeps_its_textures(tmp_path: Path) -> None:
+    """SYNSET/MODEL/models/model_normalized.obj names ../images/texture0.jpg, beside its folder."""
+    model = tmp_path / "02876657" / "abc"
+    (model / "models").mkdir(parents=True)
+    (model / "images").mkdir()
+    Image.fromarray(np.full((8, 8, 3), [200, 30, 30], np.uint8)).save(model / "images" / "texture0.jpg")
+    (model / "models" / "model_normalized.mtl").write_text("newmtl a\nKd 1 1 1\nmap_Kd ../images/texture0.jpg\n")
+    lines = [f"v {x} {y} {z}" for x, y, z in CORNERS] + ["vt 0 0", "vt 1 0", "vt 0 1"] + ["usemtl a"]
+    lines += [f"f {a + 1}/1 {b + 1}/2 {c + 1}/3" for a, b, c in FACES]
+    (model / "models" / "model_normalized.obj").write_text("\n".join(["mtllib model_normalized.mtl", *lines]))
+    manifest = {
+        "name": "nets",
+        "description": "d",
+        "seed": 0,
+        "splits": {"train": 1, "valid": 0, "test": 0},
+        "sources": [{"kind": "shapenet", "licence": "x", "up": "y", "synsets": {"bottle": "02876657"}}],
+    }
+    (item,) = Manifest.model_validate(json.loads(json.dumps(manifest))).objects(tmp_path)
+    look = load_mesh(Path(item.source["file"]), Path(item.source["root"])).look
+    assert len(look.textures) == 1
+    assert np.abs(look.textures[0][0, 0, :3].astype(int) - [200, 30, 30]).max() < 6
