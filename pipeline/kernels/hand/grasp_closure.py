@@ -46,7 +46,7 @@ def contact_of(depth: np.ndarray, pose: NDArray[np.float64], sensor: Sensor) -> 
     pose
         (4, 4) float64, sensor frame to world frame, m.
     sensor
-        Gives the size of the sensor plane and the gel's thickness.
+        Gives the size of the sensor plane and the gel's shape.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def contact_of(depth: np.ndarray, pose: NDArray[np.float64], sensor: Sensor) -> 
         slope = solve_3x3(normal_matrix, np.array([*(away[:, :2] * away[:, 2:]).sum(axis=0), 0.0]))[:2]
     normal = np.array([-slope[0], -slope[1], 1.0])
     turn = pose[:3, :3]
-    area = len(points) * (sensor.width * sensor.height) / (sensor.rows * sensor.cols)
+    area = len(points) * sensor.pitch[0] * sensor.pitch[1]
     return Contact((turn * middle).sum(axis=1) + pose[:3, 3], (turn * normal).sum(axis=1) / length(normal), area)
 
 
