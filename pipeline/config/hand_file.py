@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -19,7 +20,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.convex_parts import split_link
-from pipeline.kernels.hand.model import Finger, Hand, Mount
+from pipeline.kernels.hand.model import Finger, Hand, Joint, Mount
 from pipeline.kernels.hand.resting_contacts import overlapping_neighbours
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -93,6 +94,7 @@ def load_hand(name: str | Path) -> Hand:
 
 def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
     links, joints = read_urdf(urdf, file.palm.link)
+    _refuse_faults(file, {link.name: i for i, link in enumerate(links)}, joints, path)
     roles = joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen)
     numbers = {link.name: i for i, link in enumerate(links)}
     for name, count in file.convex_parts.items():
@@ -118,6 +120,26 @@ def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
         torque=file.torque,
         friction=file.friction,
     )
+
+
+def _refuse_faults(file: _HandFile, numbers: Mapping[str, int], joints: Sequence[Joint], path: Path) -> None:
+    """Look at every entry by itself, so that all faults are told at once."""
+    names = [*file.convex_parts, *(link for pair in file.allowed_contacts for link in pair)]
+    worn = [(entry.name, [*([entry.sensor] if entry.sensor else []), *entry.sensors]) for entry in file.fingers]
+    looks: list[Callable[[], object]] = [
+        lambda: joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen),
+        lambda: _unit(file.palm.facing, "palm: facing"),
+        *(partial(_find, "link", name, numbers) for name in names),
+        *(partial(_mounts, owner, [one], numbers, file, path) for owner, ones in (*worn, ("palm", file.palm.sensors)) for one in ones),
+    ]
+    faults = []
+    for look in looks:
+        try:
+            look()
+        except InvalidInput as error:
+            faults.append(str(error))
+    if faults:
+        raise InvalidInput("; ".join(faults))
 
 
 def _without_resting_contacts(hand: Hand, stated: Iterable[tuple[str, str]]) -> Hand:

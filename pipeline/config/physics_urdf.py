@@ -11,6 +11,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from pipeline.config.urdf import parse_urdf
+from pipeline.config.urdf_shapes import numbers_of
 from pipeline.kernels.hand.model import Hand, Joint, Link
 
 DENSITY = 1000.0
@@ -56,7 +57,7 @@ def links_without_mass(hand: Hand) -> list[str]:
 
 def _mass(link: Element) -> float:
     mass = link.find("inertial/mass")
-    return float(mass.get("value", 0)) if mass is not None else 0.0
+    return float(numbers_of(mass, "value", (0.0,))[0])
 
 
 def _link(element: Element, link: Link, stem: Path) -> Element:

@@ -1,0 +1,63 @@
+"""`vt-pipeline check` of hands, scenes and manifests: what is wrong is named, and a picture drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from PIL import Image
+
+from pipeline.config.description_file import description_path
+from pipeline.config.hand_file import load_hand
+from pipeline.errors import InvalidInput
+from pipeline.reports.checks import check_file
+
+
+def edited(kind: str, name: str, path: Path, **changed: object) -> Path:
+    described = yaml.safe_load(description_path(kind, name).read_text())  # type: ignore[arg-type]
+    path.write_text(yaml.safe_dump(described | changed))
+    return path
+
+
+@pytest.mark.parametrize("name", ["two_finger_gripper", "supplement", "toy"])
+def test_shipped_files_have_no_faults_and_a_picture(name: str, tmp_path: Path) -> None:
+    lines = check_file(name, tmp_path / "a.png")
+    assert "no faults" in lines[0]
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.width > 300
+
+
+def test_hand_whose_sensor_faces_sideways_and_whose_fingers_are_in_the_palm_is_faulty(tmp_path: Path) -> None:
+    urdf = load_hand("two_finger_gripper").urdf.read_text().replace('size="0.06 0.17 0.05"', 'size="0.06 0.17 0.4"')
+    (tmp_path / "fat.urdf").write_text(urdf)
+    described = yaml.safe_load(description_path("hand", "two_finger_gripper").read_text())
+    described["fingers"][1]["sensor"] |= {"normal": [1, 0, 0], "columns": [0, 1, 0]}
+    path = edited("hand", "two_finger_gripper", tmp_path / "fat.yaml", urdf="fat.urdf", fingers=described["fingers"])
+    lines = check_file(str(path), tmp_path / "a.png")
+    text = "\n".join(lines)
+    assert "faults below" in lines[0]
+    assert "the sensor right hardly moves along its normal" in text
+    assert "overlap: [palm" not in text  # joined by a joint: what hangs from the palm may touch it
+
+
+def test_all_faults_of_a_hand_file_are_named_at_once(tmp_path: Path) -> None:
+    described = yaml.safe_load(description_path("hand", "two_finger_gripper").read_text())
+    described["fingers"][0]["joints"] = ["left_slip"]
+    described["fingers"][1]["sensor"] |= {"link": "thumb"}
+    described["palm"]["facing"] = [0, 0, 0]
+    path = tmp_path / "wrong.yaml"
+    path.write_text(yaml.safe_dump(described | {"urdf": str(load_hand("two_finger_gripper").urdf), "convex_parts": {"fist": 2}}))
+    with pytest.raises(InvalidInput) as error:
+        check_file(str(path), tmp_path / "a.png")
+    for said in ("no moving joint 'left_slip'", "no sensor link 'thumb'", "facing is the zero vector", "no link 'fist'"):
+        assert said in str(error.value)
+
+
+def test_scene_whose_camera_looks_away_is_faulty(tmp_path: Path) -> None:
+    described = yaml.safe_load(description_path("scene", "supplement").read_text())
+    away = described["camera"] | {"name": "away", "rotation": [70.458, 4.94, -66.46]}
+    path = edited("scene", "supplement", tmp_path / "away.yaml", cameras=[away])
+    lines = check_file(str(path), tmp_path / "a.png")
+    assert "faults below" in lines[0]
+    assert any(line.startswith("fault: away: 256 x 256 pixels") for line in lines)
