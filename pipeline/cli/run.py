@@ -113,6 +113,8 @@ def run_plan(plan: ShardPlan | FolderPlan) -> None:
         left = f"; {result.waiting} of {plan.total} not made yet, run without --object to publish the shard" if result.waiting else ""
         failures = plan.failures() if isinstance(plan, ShardPlan) else {}
         say(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + left)
+        if stage == "sample-surfaces" and isinstance(plan, ShardPlan):
+            _say_what_is_missing(plan)
     failures = failures or (plan.failures() if isinstance(plan, ShardPlan) else {})
     _print_failures({name: failure for name, failure in failures.items() if request.only in (None, name)})
     if failures and request.strict:
@@ -128,6 +130,17 @@ def _say_how_files_are_read(request: Request[Any], left_out: Mapping[str, list[s
     if unitless:
         size = getattr(request.settings, "diagonal", 0.5)
         say(f"{unitless} objects are scaled to a diagonal of {size:g} m; --units mm (make: UNITS=mm), or another unit, keeps real sizes")
+
+
+def _say_what_is_missing(plan: ShardPlan) -> None:
+    """Name the objects whose textures or materials are not there: they are rendered without."""
+    if plan.published is None or not plan.published.has("missing_files"):
+        return
+    counts = plan.published.read("missing_files")
+    names = [name for name, row in plan.published.position.items() if counts[row]]
+    if names:
+        few = ", ".join(names[:NAMED]) + (", …" if len(names) > NAMED else "")
+        say(f"{len(names)} objects name textures or materials that are not below their folder, and are drawn without ({few})")
 
 
 def _print_failures(failures: Mapping[str, Failure]) -> None:

@@ -28,7 +28,7 @@ MAX_NAMES = 1000
 class Companions(Mapping[str, bytes]):
     """The contents of the files that a mesh file names, by the name it gives them; each is read once.
 
-    Only regular files below the root are there; a symbolic link is where it leads.
+    Only regular files below the root are there; a symbolic link is where it leads. `missing` lists the names of the others.
 
     Parameters
     ----------
@@ -49,12 +49,15 @@ class Companions(Mapping[str, bytes]):
         self._contents: dict[Path, bytes] = {}
         check_file(file)
         self.paths: dict[str, Path] = {}
+        self.missing: list[str] = []
         for number, name in enumerate(dict.fromkeys(self._names(file))):
             if number >= MAX_NAMES:
                 raise InvalidInput(f"{file.name} names more than {MAX_NAMES} files; merge its materials")
             if path := self._find(name):
                 self.paths[name] = path
                 self._check_sizes()
+            elif name:
+                self.missing.append(name)
 
     def __getitem__(self, name: str) -> bytes:
         if name not in self.paths:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.config.mesh_companions import Companions
 from pipeline.config.mesh_file import load_mesh
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Cost, ObjectStage, Task
@@ -60,14 +61,16 @@ def _origin(task: Task) -> Row:
     """Where an object comes from: its file with checksum, licence and unit, or the toy object that was modelled."""
     source = task.source
     if "procedural" in source:
-        file, content = f"procedural {source['procedural']} {source['variant']}, seed {source['seed']}", b""
+        file, content, missing = f"procedural {source['procedural']} {source['variant']}, seed {source['seed']}", b"", 0
     else:
+        missing = len(Companions(Path(source["file"]), Path(source["root"])).missing)
         path = Path(source["file"])
         file, content = path.relative_to(source["root"]).as_posix(), path.read_bytes()
     return {
         "source_file": np.array(file),
         "source_sha256": np.array(hashlib.sha256(content).hexdigest() if content else ""),
         "licence": np.array(source.get("licence", "")),
+        "missing_files": np.array(missing, np.int32),
         "metres_per_unit": np.array(source.get("metres_per_unit") or 0.0),
     }
 

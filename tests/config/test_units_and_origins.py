@@ -82,6 +82,21 @@ def test_files_that_are_no_objects_are_named_with_the_reason(folder: Path, tmp_p
     assert "left out 1 files (linked): links to folders are not followed" in output
 
 
+def test_textures_that_are_not_there_are_counted_and_said(folder: Path, tmp_path: Path) -> None:
+    (folder / "bare.mtl").write_text("newmtl a\nKd 1 0 0\nmap_Kd textures/gone.png\n")
+    lines = [
+        "mtllib bare.mtl",
+        *(f"v {x} {y} {z}" for x, y, z in CORNERS),
+        "usemtl a",
+        *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES),
+    ]
+    (folder / "bare.obj").write_text("\n".join(lines))
+    output = run(folder, tmp_path / "d")
+    assert "1 objects name textures or materials that are not below their folder, and are drawn without (bare)" in output
+    rows = ObjectRows(tmp_path / "d", ["missing_files"], None)
+    assert [int(rows.read("missing_files", name)) for name in ("bare", "wedge")] == [1, 0]
+
+
 def test_units_of_toy_objects_are_refused() -> None:
     with pytest.raises(InvalidInput, match="manifest procedural names no mesh files, so units and an up-axis mean nothing"):
         load_manifest("procedural").with_units(0.001, None)
