@@ -34,8 +34,8 @@ from stages.render_vision.renderer import Renderer
 GRASPS, PIXELS, SAMPLES = 10, 1024, 32
 FRAMES, FRAME_PIXELS, FRAME_SAMPLES = 24, 360, 12
 MASK_PIXELS, MASKS = 512, 3
-DISTANCE = 2.1
-"""Of the camera from the object's centre, in radii of the scene, times the cotangent of half its field of view."""
+FOCAL, ROOM = 1.6, 4.2
+"""The camera's focal length in picture sides, and its distance from the object's centre in radii of the object."""
 
 
 def main() -> None:
@@ -101,18 +101,15 @@ def _grasps(source: ReportSource, chosen: Iterable[str], out: Path, pixels: int)
 
 
 def _beside(near: Camera, vertices: NDArray[np.float64], pixels: int) -> tuple[Camera, NDArray[np.float64]]:
-    """Place a camera in the direction of `near`, a little above, so that the object and the hand fill the picture."""
+    """Place a camera in the direction of `near`, a little above, that sees the object and the hand; returns what it looks at, too."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    target = (low + high) / 2
+    target, radius = (low + high) / 2, np.linalg.norm(high - low) / 2
     away = camera_pose(near)[:3, 2]
     away[2] = max(away[2], 0.25)
-    reach = np.linalg.norm(high - low) / 2
-    tangent = near.resolution / 2 / near.focal[0]
-    plain = near.with_resolution(pixels)
-    wide = plain.model_copy(update={"focal": (1.6 * pixels, 1.6 * pixels), "centre": (pixels / 2, pixels / 2)})
-    tangent = 0.5 / 1.6
-    position = target + away / np.linalg.norm(away) * DISTANCE * reach / tangent * 0.62
-    return look_at(wide, tuple(position.tolist()), tuple(target.tolist())), target
+    position = target + ROOM * radius * away / np.linalg.norm(away)
+    focal, middle = FOCAL * pixels, pixels / 2
+    lens = near.model_copy(update={"focal": (focal, focal), "centre": (middle, middle), "resolution": pixels})
+    return look_at(lens, tuple(position.tolist()), tuple(target.tolist())), target
 
 
 def _said(camera: Camera) -> dict[str, Any]:
@@ -160,7 +157,7 @@ def _strip(source: ReportSource, out: Path, pixels: int) -> list[dict[str, Any]]
     scenes = GraspScenes(source.hand(), source.sensors(), small=False)
     scene = scenes.scene(rows)
     for geometry, mesh in scenes.predictions({name: source.evaluation.surfaces(object_id)[name]}).geometry.items():  # type: ignore[union-attr]
-        scenes._add(scene, geometry, mesh, "prediction")
+        scenes.add(scene, geometry, mesh, "prediction")
     path = out / "scenes" / "strip.glb"
     path.write_bytes(scenes.glb(scene))
     vertices = read_mesh(rows["surfaces"]).vertices

@@ -24,8 +24,8 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.reports.contact_sheet_page import Color, finger_colors
 from pipeline.reports.second_view import gel_squares, touch_patch
 
-OBJECT_FACES, LINK_FACES = 6000, 80
-"""Most faces of an object and of each shape of a hand where a scene is to be small: about as many as a screen shows."""
+OBJECT_FACES, LINK_FACES, PATCH_FACES = 6000, 80, 200
+"""Most faces of an object, of each shape of a hand and of a touched patch where a scene is to be small: as many as a screen shows."""
 
 GRID = 2.0**-15
 """m to which coordinates are rounded where a scene is to be small: 30 µm, after which files compress to half."""
@@ -63,7 +63,7 @@ class GraspScenes:
         """
         scene = _empty()
         for number, part in enumerate(self._object(rows["surfaces"])):
-            self._add(scene, f"object-{number}", part, "object")
+            self.add(scene, f"object-{number}", part, "object")
         for grasp in range(len(rows["grasps"]["hand_pose"])) if grasps is None else grasps:
             self._add_grasp(scene, rows, grasp)
         return scene
@@ -72,7 +72,7 @@ class GraspScenes:
         """Make a scene of predicted surfaces, vertices and faces by name; nodes are called `prediction-NAME`."""
         scene = _empty()
         for name, (vertices, faces) in surfaces.items():
-            self._add(scene, name, _plain(vertices, faces, VISION_COLORS[0][:3]), f"prediction-{name}")
+            self.add(scene, name, _plain(vertices, faces, VISION_COLORS[0][:3]), f"prediction-{name}")
         return scene
 
     def glb(self, scene: Scene) -> bytes:
@@ -84,10 +84,10 @@ class GraspScenes:
         colors = finger_colors(len(self.hand.sensors))
         frames = forward_kinematics(self.hand, row["hand_pose"][grasp], row["joint_angles"][grasp])
         for link, name, mesh in self._shapes:
-            self._add(scene, name, mesh, f"grasp-{grasp}-hand", frames[link])
+            self.add(scene, name, mesh, f"grasp-{grasp}-hand", frames[link])
         for sensor, corners in enumerate(gel_squares(row["sensor_pose"][grasp], self.sensors)):
             square = _plain(corners, np.array([[0, 1, 2], [0, 2, 3]]), colors[sensor])
-            self._add(scene, f"gel-{grasp}-{sensor}", square, f"grasp-{grasp}-sensors")
+            self.add(scene, f"gel-{grasp}-{sensor}", square, f"grasp-{grasp}-sensors")
         touched = np.flatnonzero(row["touch_success"][grasp]).tolist()
         if "touch" in rows:
             depth = rows["touch"]["depth"][grasp]
@@ -95,15 +95,16 @@ class GraspScenes:
                 if (
                     patch := touch_patch(depth[sensor], row["sensor_pose"][grasp, sensor], self.sensors[sensor], colors[sensor])
                 ) is not None:
-                    part = _plain(patch.vertices, patch.faces, colors[sensor])
-                    self._add(scene, f"patch-{grasp}-{sensor}", part, f"grasp-{grasp}-touched")
+                    vertices, faces = _simplified(patch.vertices, patch.faces, PATCH_FACES if self.small else len(patch.faces))
+                    part = _plain(vertices, faces, colors[sensor])
+                    self.add(scene, f"patch-{grasp}-{sensor}", part, f"grasp-{grasp}-touched")
         if "charts" in rows:
             charts = rows["charts"]
             for sensor in np.flatnonzero(is_surface(charts["stop_rule"][grasp])).tolist():
                 part = _plain(charts["vertices"][grasp, sensor], charts["chart_faces"], TOUCH_COLOR[:3])
-                self._add(scene, f"chart-{grasp}-{sensor}", part, f"grasp-{grasp}-charts")
+                self.add(scene, f"chart-{grasp}-{sensor}", part, f"grasp-{grasp}-charts")
 
-    def _add(self, scene: Scene, name: str, mesh: trimesh.Trimesh, group: str, pose: NDArray[np.float64] | None = None) -> None:
+    def add(self, scene: Scene, name: str, mesh: trimesh.Trimesh, group: str, pose: NDArray[np.float64] | None = None) -> None:
         """Add a mesh below the node `group`; a mesh that is there by its name is shared."""
         if group not in scene.graph.nodes:
             scene.graph.update(frame_from="world", frame_to=group, matrix=Y_UP)
@@ -141,7 +142,7 @@ def _merged(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     return vertices, number.reshape(-1)[mesh.faces]
 
 
-def _simplified(vertices: NDArray[np.float64], faces: NDArray[np.int64], most: int) -> tuple[NDArray[Any], NDArray[Any]]:
+def _simplified(vertices: NDArray[Any], faces: NDArray[Any], most: int) -> tuple[NDArray[Any], NDArray[Any]]:
     """Simplify a mesh to about `most` faces by quadric error."""
     if len(faces) <= most:
         return vertices, faces
