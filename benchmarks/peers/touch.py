@@ -48,7 +48,8 @@ def measure(cases: Sequence[Case], turns: int) -> Table:
             f"({min(len(case.mesh.faces) for case in cases)} to {max(len(case.mesh.faces) for case in cases)} faces). Processor "
             "milliseconds of one core, rounds in turns; frames/s and ratios from the least. What is done once an object is in no time: "
             "sorting its faces here, uploading them in TACTO.",
-            "Ours is what `simulate-touch` stores: exact orthographic depth, rounded as stored, and the reading made from it.",
+            "Ours is what `simulate-touch` stores: exact orthographic depth, rounded as stored, and the reading made from it: by the "
+            "supplement's lamps, or with the colours of the shipped GelSight.",
             "Not comparable with TACTO: it rasterises a DIGIT (perspective camera of 60°, curved gel of 20 × 30 mm, its own lamps and "
             "noise) by pyrender, here placed so that its gel's middle is ours. Its points come from its depth with its camera taken into "
             "account, where the object stands in its gel.",
@@ -111,7 +112,8 @@ def add_taxim(table: Table, rounds: dict[str, Round], cases: Sequence[Case], sen
     large = sensor.model_copy(update={"rows": rows, "cols": cols})
     large_depth = our_depth(cases, large)
     rounds[OURS_LARGE] = over_cases(cases, lambda number, pose: tactile_image(large_depth(number, pose), large))
-    ways = [(sensor, False), (large, False), (large, True)]
+    add_calibrated(rounds, cases, [sensor, large])
+    ways = [(sensor, False), (sensor, True), (large, False), (large, True)]
     try:
         taxim = load_taxim()
     except ImportError as error:
@@ -120,6 +122,20 @@ def add_taxim(table: Table, rounds: dict[str, Round], cases: Sequence[Case], sen
     for size, shadow in ways:
         name = f"Taxim on our depth, {size.rows} × {size.cols}{', shadows' if shadow else ''}"
         rounds[name] = over_cases(cases, _taxim_call(taxim, our_depth(cases, size), size, shadow))
+
+
+def add_calibrated(rounds: dict[str, Round], cases: Sequence[Case], sizes: Sequence[Sensor]) -> None:
+    """Our rounds with the colours of the shipped GelSight, as Taxim has them, without and with membrane and shadows."""
+    gelsight = load_sensor("gelsight")
+    assert gelsight.calibrated is not None
+    plain = gelsight.calibrated.model_copy(update={"shadows": ()})
+    for size in sizes:
+        both = size.model_copy(update={"lights": None, "calibrated": gelsight.calibrated, "membrane": gelsight.membrane})
+        neither = both.model_copy(update={"calibrated": plain, "membrane": 0.0})
+        for worn, what in ((neither, ""), (both, ", membrane and shadows")):
+            depth = our_depth(cases, worn)
+            name = f"vt-pipeline, a GelSight's colours, {size.rows} × {size.cols}{what}"
+            rounds[name] = over_cases(cases, lambda number, pose, d=depth, s=worn: tactile_image(d(number, pose), s))
 
 
 def _taxim_call(taxim: Any, depth: Depth, sensor: Sensor, shadow: bool) -> Callable[[int, NDArray[np.float64]], object]:

@@ -25,8 +25,14 @@ from schemas.catalogue import artifact_of
 CACHE_BYTES = 256 * 2**20
 """Of decoded arrays that are kept: a small dataset is read once, a large one streams through."""
 
-DERIVED = ("local_points", "local_count")
+POINTS = ("local_points", "local_count")
 """Arrays that need not be stored: depth and sensor pose give them again, to the bit."""
+
+DIFFERENCE = "difference"
+"""Not stored: the reading minus that of the untouched sensor, (grasp, sensor, row, col, rgb) int16, levels."""
+
+DERIVED = {**dict.fromkeys(POINTS, ("depth", "sensor_pose")), DIFFERENCE: ("reading", "untouched")}
+"""What arrays follow from that need not be stored."""
 
 Described = TypeVar("Described")
 
@@ -90,7 +96,8 @@ class ObjectRows:
 
     def _needed(self) -> list[str]:
         """The arrays, and those that derived ones follow from."""
-        return [*self.arrays, *(("depth", "sensor_pose") if set(DERIVED) & set(self.arrays) else ())]
+        sources = (source for name in self.arrays for source in DERIVED.get(name, ()))
+        return list(dict.fromkeys([*(name for name in self.arrays if name != DIFFERENCE), *sources]))
 
     def _refuse_unmade(self, collection: Collection) -> None:
         shard = collection.first
@@ -129,6 +136,8 @@ class ObjectRows:
 
         The result is shared with other readers: copy it to change it.
         """
+        if array == DIFFERENCE:
+            return self._difference(object_id, grasp)
         artifact = self._owner[array]
         shard = self._collections[artifact.name].shard(object_id)
         if array in DERIVED and not shard.has(array):
@@ -151,10 +160,14 @@ class ObjectRows:
         sensors = self.sensors()
         depth, pose = (self.read(name, object_id, grasp) for name in ("depth", "sensor_pose"))
         sites = depth.shape[:-2]  # ([grasp,] sensor)
-        found = [
-            local_points(depth[site], pose[site], sensors[site[-1] % len(sensors)])[DERIVED.index(array)] for site in np.ndindex(sites)
-        ]
+        found = [local_points(depth[site], pose[site], sensors[site[-1] % len(sensors)])[POINTS.index(array)] for site in np.ndindex(sites)]
         return np.stack(found).reshape(*sites, *np.shape(found[0]))
+
+    def _difference(self, object_id: str, grasp: int | None) -> np.ndarray:
+        """Subtract the untouched image: that of each sensor, where the fingers wear different ones."""
+        touch = self._collections["touch"].first
+        untouched = touch.read("untouched_of_sensor") if touch.has("untouched_of_sensor") else self.read("untouched", object_id)
+        return np.asarray(self.read("reading", object_id, grasp).astype(np.int16) - untouched)
 
 
 class _Cache:

@@ -140,3 +140,11 @@ def test_fingers_with_different_sensors_have_no_one_sensor(data, monkeypatch):
 def test_a_folder_that_is_not_there_is_named(tmp_path) -> None:
     with pytest.raises(StoreError, match=r"there is no folder .*/nowhere; give a data directory"):
         ObjectRows(tmp_path / "nowhere", ["points"])
+
+
+def test_difference_images_are_readings_minus_the_untouched_one(data):
+    rows = ObjectRows(data, ["difference"], None)
+    reading, untouched = (rows.read(name, "b").astype(int) for name in ("reading", "untouched"))
+    assert (rows.read("difference", "b") == reading - untouched).all()
+    assert (rows.read("difference", "b", 1) == rows.read("difference", "b")[1]).all()
+    assert rows.read("difference", "b").dtype == np.int16
