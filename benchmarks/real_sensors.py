@@ -43,8 +43,8 @@ PAGE_HEAD = """# Shipped sensors beside photographs
 Written by `make test-sensors`: {}.
 
 Mean |model - photograph|, levels of 255, on the odd photographs of two sets in the package taxim 1.4.1 (MIT licence, copyright 2021
-CMURoboTouch), in the contact and
-in the ring from 1 to 3 contact radii. What ships was fitted to the even ones alone; contacts are as annotated there. Images are
+CMURoboTouch), in the contact and in the ring from 1 to 3 contact radii.
+What ships was fitted to the even ones alone; contacts are as annotated there. Images are
 added to the untouched photograph, where no line names the background. What a setting of the sensor file costs and gains is the
 difference between two lines; milliseconds are an image's, depth not counted, at 480 × 640 on one core.
 """

@@ -25,8 +25,8 @@ NOTES = {
     "exterior point is, and on objects of abutting parts more keep finding the walls of narrower gaps.",
     "simulate-grasps": "Single settings are varied at `attempts=12`: with 50 nearly every sensor touches whatever the others are.",
     "simulate-touch": "The error of `sphere` is its tolerance; `paper` keeps it because the supplement prescribes it, although `ray` is "
-    "faster and more accurate. Settings of the sensor file (`membrane`, `shadows`, `noise`, `background`, coefficients) are measured against "
-    "photographs in [sensors.md](sensors.md).",
+    "faster and more accurate. Settings of the sensor file (`membrane`, `shadows`, `noise`, `background`, coefficients) are measured "
+    "against photographs in [sensors.md](sensors.md).",
     "fit-charts": "`paper` continues as long as the supplement's rule says, with its step: 25 times the time, and no closer.",
     "train-unet": "Seeds differ from the base in nothing but chance: smaller differences than theirs are noise.",
     "train-gcn": "As above: compare with the seeds before believing a difference. A network with touch alone has no image encoder: the "
