@@ -148,7 +148,7 @@ def report(
         trained = [name for name in ("models/unet", *directory.folder(evaluated[0]).models) if exists(directory.folder_record(name))]
         show_training({Path(name).name: directory.folder(name).facts for name in trained}, console)
     else:
-        say("no network has been evaluated: the report shows the dataset alone; `make evaluate` trains and evaluates some")
+        say("no network has been evaluated: the report shows the dataset alone; `make report`, with the same variables, trains some")
     say(f"report: {write_report(directory.root, console, most)}")
 
 

@@ -71,7 +71,7 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
         (folder / "figures").mkdir(exist_ok=True)
         for name in COPIED:
             shutil.copyfile(ASSETS / name, folder / name)
-        objects = _write_objects(source, folder, console)
+        objects = write_objects(source, folder, console)
         common = {"objects": len(objects), "evaluated": source.evaluation is not None}
         cards = [{"id": name, **known} for name, known in objects.items()]
         chosen = [cards[place] for place in np.linspace(0, len(cards) - 1, min(CARDS, len(cards))).astype(int)]
@@ -86,7 +86,7 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
     return data / "report" / "index.html"
 
 
-def _write_objects(source: ReportSource, folder: Path, console: Console) -> dict[str, Any]:
+def write_objects(source: ReportSource, folder: Path, console: Console) -> dict[str, Any]:
     """Write the pages that are not there or not up to date; returns what the other pages say of each object."""
     path = folder / WRITTEN
     known = json.loads(path.read_text()) if path.exists() else {}

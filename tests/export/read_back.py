@@ -103,7 +103,8 @@ def test_webdataset_reads_every_sample_as_it_is_stored(data, stored, tmp_path): 
 
 def test_rerun_reads_what_was_recorded(tmp_path, made):  # noqa: F811
     file = tmp_path / "grasps.rrd"
-    vt("view", made, "duck", "--save", file)
+    (test,) = ObjectRows(made, ["points"], split="test").object_ids  # that one has predictions
+    vt("view", made, test, "--save", file)
     read = [Path(sys.prefix) / "bin" / "rerun", "rrd", "print", file]
     said = subprocess.run(read, capture_output=True, text=True, check=True).stdout
     entities = set(re.findall(r"(/[\w/.-]+)", said))
