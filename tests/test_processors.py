@@ -38,6 +38,7 @@ def digests(folder: Path, **variables: str) -> dict[str, str]:
     command = [sys.executable, "-c", MAKE, str(manifest), str(folder / "data"), *SETTINGS]
     done = subprocess.run(command, env={**os.environ, **variables}, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+    assert "leaked" not in done.stderr  # by workers that were killed at the end
     report = json.loads(done.stdout.partition("status\n")[2])
     assert len(report) == 4
     assert not any(artifact["failures"] for artifact in report.values()), report

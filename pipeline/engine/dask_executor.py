@@ -147,7 +147,7 @@ class Dask(Executor):
         """
         client, cluster, self._client, self._cluster = self._client, self._cluster, None, None
         if client is not None and cluster is not None and not at_once:
-            closed = [client.submit(dask_worker.close_session, workers=[address], pure=False) for address in client.nthreads()]
+            closed = [client.submit(dask_worker.end_session, workers=[address], pure=False) for address in client.nthreads()]
             client.gather(closed, errors="skip")
         for worker in cluster.workers.values() if cluster is not None else ():
             worker.auto_restart = False

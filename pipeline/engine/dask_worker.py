@@ -6,6 +6,7 @@ import pickle
 import signal
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from multiprocessing import util
 
 from distributed import Worker, WorkerPlugin
 
@@ -56,6 +57,12 @@ def close_session() -> None:
     if _opened is not None:
         context, _opened = _opened[1], None
         context.__exit__(None, None, None)
+
+
+def end_session() -> None:
+    """Close what is open in a worker that is about to be killed, and the semaphores of its libraries: Python would warn that they leak."""
+    close_session()
+    util._exit_function()  # type: ignore[attr-defined]
 
 
 def do(packed: bytes, jobs: Sequence[Job], seconds: float) -> list[Outcome]:
