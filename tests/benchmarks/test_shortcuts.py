@@ -56,7 +56,7 @@ WORK = {
     "sure of side": Work(EscapeTest, "_escape", lambda test, points, directions: len(points) * len(directions)),
     "doubtful spheres": Work(DistanceField, "exact", lambda field, points: len(points)),
     "enough attempts": Work(GraspSearch, "attempt"),
-    "prism": Work(ray_depth, "scan_convert", lambda faces, width, depth: faces.shape[2]),
+    "prism": Work(ray_depth, "scan_convert", lambda faces, *_: faces.shape[2]),
     "fewer samples per step": Work(Target, "nearest", lambda target, points: len(points)),
     "sparse neighbours": Work(torch.Tensor, "__matmul__", lambda matrix, columns: entries(matrix) * columns.shape[1]),
     "each case once": Work(DeformationNetwork, "forward"),

@@ -196,7 +196,7 @@ def test_items_begin_with_each_grasp_in_turn_and_never_repeat_one(data):
 
 
 def test_fewer_items_than_grasps_begin_with_each_of_them_in_time(data):
-    items = Items(data, "train", GcnSettings(configuration="touch").network(9), 1)
+    items = Items(data, "train", GcnSettings(configuration="none").network(9), 1)
     firsts = {items.grasps_of(0, 2, np.random.default_rng(epoch).permutation(5))[0] for epoch in range(40)}
     assert firsts == set(range(5))
     assert items.grasps_of(0, 3, np.array([3, 1, 0, 2, 4])) == [3, 1, 0]

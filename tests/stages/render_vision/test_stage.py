@@ -84,7 +84,7 @@ def test_further_cameras_need_not_be_square(tmp_path) -> None:
     wide = described["camera"] | {"name": "wide", "size": [96, 48], "centre": [48, 24]}
     path = tmp_path / "wide.yaml"
     path.write_text(json.dumps(described | {"cameras": [wide]}))
-    (row,) = rows(VisionSettings(resolution=64, scene=str(path)), task("a", 0.1))
+    (row,) = rows(VisionSettings(resolution=64, scene=str(path), hand=HAND), task("a", 0.1))
     assert row["unoccluded"].shape == (64, 64, 3)
     assert row["further_occluded"].shape == (GRASPS, 1, 48, 96, 3)
     assert row["further_depth"].shape == (1 + GRASPS, 1, 48, 96)
