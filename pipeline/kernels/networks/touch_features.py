@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
+
+from pipeline.kernels.metrics.chamfer import Target
 
 NEAREST = 9
 """Features of the nearest point: offset and normal, the height above its tangent plane, and how close it is, at two scales."""
@@ -43,16 +46,20 @@ class Touches:
 
     def features(self, queries: Tensor) -> Tensor:
         """Describe what is nearest to queries (N, 3), in radii from the centre: (N, `FELT`); zeros where there is no such point."""
-        parts = [_nearest(queries, self.points[of], self.normals[of]) for of in (self.touched, ~self.touched)]
-        return torch.cat(parts, dim=1)
+        return torch.cat([_nearest(queries, *side) for side in self._sides], dim=1)
+
+    @cached_property
+    def _sides(self) -> tuple[tuple[Target | None, Tensor], ...]:
+        """The touched points, and those that are known to be outside: searchable, with their normals; None where there is none."""
+        masks = (self.touched, ~self.touched)
+        return tuple((Target(self.points[mask]) if bool(mask.any()) else None, self.normals[mask]) for mask in masks)
 
 
-def _nearest(queries: Tensor, points: Tensor, normals: Tensor) -> Tensor:
-    if not len(points):
+def _nearest(queries: Tensor, target: Target | None, normals: Tensor) -> Tensor:
+    if target is None:
         return queries.new_zeros(len(queries), NEAREST)
-    with torch.no_grad():
-        nearest = torch.cdist(queries, points).argmin(dim=1)
-    offset, normal = queries - points[nearest], normals[nearest]
+    nearest = target.nearest(queries)
+    offset, normal = queries - target.points[nearest], normals[nearest]
     distance, height = offset.norm(dim=1, keepdim=True), (offset * normal).sum(dim=1, keepdim=True)
     return torch.cat([offset, normal, height, *(torch.exp(-distance / scale) for scale in SCALES)], dim=1)
 
