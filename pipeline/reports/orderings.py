@@ -98,7 +98,8 @@ def _modalities(values: Values) -> Iterator[Claim]:
     pairs = [
         pair for image in ("occluded", "unoccluded") for pair in ((f"{image}-touch", image), (image, "touch"), (f"{image}-touch", "touch"))
     ]
-    for smaller, larger in (*pairs, ("touch", "none"), ("occluded", "none"), ("unoccluded", "none")):
+    pairs += [("touch", "none"), ("occluded", "none"), ("unoccluded", "none")]
+    for smaller, larger in (*pairs, *((f"implicit-{nearer}", f"implicit-{further}") for nearer, further in pairs)):
         if {smaller, larger} <= values.keys():
             figures = _printed(TABLE_3, (smaller, 0), (larger, 0))
             yield Claim(f"{smaller} < {larger}", chamfer_of(values[smaller], 1), chamfer_of(values[larger], 1), figures)
@@ -106,7 +107,8 @@ def _modalities(values: Values) -> Iterator[Claim]:
 
 def _grasps(values: Values) -> Iterator[Claim]:
     """Claim that more grasps are better: each against one fewer, and the most against one."""
-    for name in ("touch", "occluded-touch", "unoccluded-touch"):
+    felt = ("touch", "occluded-touch", "unoccluded-touch")
+    for name in (*felt, *(f"implicit-{name}" for name in felt)):
         given = values[name][0]["grasps_given"].tolist() if name in values else []
         for fewer, more in (*pairwise(given), *([(given[0], given[-1])] if len(given) > 2 else [])):
             figures = _printed(TABLE_3, (name, more - 1), (name, fewer - 1))

@@ -264,6 +264,16 @@ def test_orderings_of_an_evaluation(evaluation):
     assert f"of {len(verdicts)}" in printed
 
 
+def test_implicit_networks_are_ordered_as_those_of_charts(evaluation, monkeypatch):
+    values = {f"implicit-{name}": found for name, found in read_values([evaluation[0]]).items() if name != "none"}
+    monkeypatch.setattr("pipeline.reports.orderings.read_values", lambda folders: values)
+    found = {one.claim: one for one in orderings([evaluation[0]])}
+    monkeypatch.undo()
+    assert {"implicit-occluded-touch < implicit-occluded", "implicit-touch: 2 grasps < 1"} <= found.keys()
+    same = {one.claim: one for one in orderings([evaluation[0]])}["occluded-touch < occluded"]
+    assert found["implicit-occluded-touch < implicit-occluded"].difference.mean == same.difference.mean
+
+
 @pytest.mark.parametrize(
     ("low", "high", "count", "answer"),
     [
