@@ -24,6 +24,8 @@ CONFIGURATIONS ?= none touch occluded occluded-touch unoccluded unoccluded-touch
 SEEDS    ?= 0
 VENV     ?= .venv
 PYTHON   ?= python3.11
+PEERS    := .venv-peers
+HANDS    := .venv-hands
 
 # The number of shards: as asked for, else as the dataset says of itself, else 1.
 ifneq ($(findstring ://,$(DATA)),)
@@ -232,8 +234,6 @@ faults: $(VENV)/installed-dev  ## inject some 500 faults (kills, full disks, dam
 fuzz: $(VENV)/installed-dev  ## feed a million wrong files to whatever reads files (half an hour)
 	@$(BIN)/python -m benchmarks.fuzz
 
-PEERS    := .venv-peers
-
 bench-peers: $(PEERS)/installed $(PEERS)-tacto/installed simulate-touch.0  ## measure TACTO, Taxim, KeOps, HDF5 … beside ours; writes docs/peers.md
 	@KEOPS_CACHE_FOLDER=$(abspath $(PEERS))/keops OMP_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.peers --data $(DATA) --write docs/peers.md
 
@@ -249,8 +249,6 @@ $(PEERS)-tacto/installed: benchmarks/peers/requirements-tacto.txt | system
 	@test -x $(PEERS)-tacto/bin/python || $(PYTHON) -m venv $(PEERS)-tacto
 	@$(PEERS)-tacto/bin/pip install --quiet --disable-pip-version-check --no-deps -r $<
 	@touch $@
-
-HANDS    := .venv-hands
 
 test-hands: $(HANDS)/installed  ## grasp MANIFEST's objects with seven hands of others, from wheels; contact sheets in data/hands (an hour on 2 cores)
 	@$(BIN)/python -m benchmarks.hands --manifest $(MANIFEST) --site-packages $(HANDS)/hands \

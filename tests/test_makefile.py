@@ -77,6 +77,12 @@ def test_the_number_of_shards_is_the_one_asked_for_or_the_datasets_own(asked, kn
     )
 
 
+def test_everything_that_a_target_needs_has_a_rule():
+    targets = [target for target in re.findall(r"^([a-z-]+):.*## ", (ROOT / "Makefile").read_text(), re.MULTILINE)]
+    assert {"dataset", "test-sensors", "test-hands", "showcase"} <= set(targets)
+    make(*targets)
+
+
 def test_a_number_of_shards_that_is_none_is_refused(tmp_path):
     done = subprocess.run(["make", "-n", "dataset", "SHARDS=0"], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode != 0
