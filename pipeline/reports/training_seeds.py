@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -27,9 +28,8 @@ Values = dict[str, list[Arrays]]
 
 def evaluations(directory: DataDirectory) -> list[str]:
     """Name the evaluations of a data directory, that of training seed 0 first."""
-    first = evaluation_name()
-    found = [name.removesuffix(".json") for name in names_in(directory.root) if name.startswith(first) and name.endswith(".json")]
-    return sorted(found, key=lambda name: (len(name), name))
+    found = [re.fullmatch(r"evaluation(?:-seed-(\d+))?\.json", name) for name in names_in(directory.root)]
+    return [evaluation_name(seed) for seed in sorted(int(match[1] or 0) for match in found if match)]
 
 
 def read_values(folders: Sequence[Path]) -> Values:

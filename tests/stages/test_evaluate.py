@@ -312,6 +312,7 @@ def test_trainings_that_differ_by_chance_are_evaluated_apart_and_shown_as_one(tm
         (plan,) = make_plans(replace(asked, objects=spheres.objects(4, ("train", "test", "test", "test"))))
         run(plan, console)
     directory = DataDirectory(balls)
+    (balls / "evaluation-single-image.json").write_text("{}")  # another experiment's
     assert evaluations(directory) == ["evaluation", "evaluation-seed-1"]
     folders = [directory.whole_folder(name) for name in evaluations(directory)]
     means = [9000 * values["chamfer"][:, :, 0].mean() for values in read_values(folders)["none"]]
