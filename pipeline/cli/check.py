@@ -11,7 +11,7 @@ from pipeline.console import say
 
 
 def check(
-    file: Annotated[str, typer.Argument(help="A description file (a sensor), or the name of a shipped one.")],
+    file: Annotated[str, typer.Argument(help="A hand, sensor, scene or manifest file, or the name of a shipped one.")],
     picture: Annotated[Path | None, typer.Option(help="PNG to draw it in; by default NAME.png in the current folder.")] = None,
 ) -> None:
     """Check a description file: name all its faults at once, or say what it describes and draw it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -40,7 +40,7 @@ from pipeline.tuning.quote import quote
 from stages.registry import STAGES, load_stage
 
 NAMED = 5
-"""Objects that failed for one reason that are named."""
+"""Objects or files named in one line."""
 
 
 def run(
@@ -124,8 +124,7 @@ def run_plan(plan: ShardPlan | FolderPlan) -> None:
 def _say_how_files_are_read(request: Request[Any], left_out: Mapping[str, list[str]]) -> None:
     """Say what of a folder is left out, and that files without units are scaled to one size."""
     for reason, files in left_out.items():
-        few = ", ".join(files[:NAMED]) + (", …" if len(files) > NAMED else "")
-        say(f"left out {len(files)} files ({few}): {reason}")
+        say(f"left out {len(files)} files ({_few(files)}): {reason}")
     unitless = sum("file" in item.source and item.source.get("metres_per_unit") is None for item in request.objects)
     if unitless:
         size = getattr(request.settings, "diagonal", 0.5)
@@ -139,8 +138,12 @@ def _say_what_is_missing(plan: ShardPlan) -> None:
     counts = plan.published.read("missing_files")
     names = [name for name, row in plan.published.position.items() if counts[row]]
     if names:
-        few = ", ".join(names[:NAMED]) + (", …" if len(names) > NAMED else "")
-        say(f"{len(names)} objects name textures or materials that are not below their folder, and are drawn without ({few})")
+        say(f"{len(names)} objects name textures or materials that are not below their folder, and are drawn without ({_few(names)})")
+
+
+def _few(names: Sequence[str]) -> str:
+    """List the first names."""
+    return ", ".join(names[:NAMED]) + (", …" if len(names) > NAMED else "")
 
 
 def _print_failures(failures: Mapping[str, Failure]) -> None:
@@ -150,7 +153,7 @@ def _print_failures(failures: Mapping[str, Failure]) -> None:
         alike.setdefault(re.sub(rf"^{re.escape(object_id)}\b", "…", failure.reason), []).append(object_id)
     for shared, names in alike.items():
         reason = shared if len(names) > 1 else failures[names[0]].reason
-        few = ", ".join(names[:NAMED]) + (f", … ({len(names)} objects)" if len(names) > NAMED else "")
+        few = _few(names) + (f" ({len(names)} objects)" if len(names) > NAMED else "")
         errors.print(f"  [yellow]failed[/] {escape(few)}: {escape(reason)}")
 
 

@@ -25,7 +25,7 @@ LEAST_WAY = 1e-3
 
 
 def check(path: Path, picture: Path) -> list[str]:
-    """Say what a hand file describes and what stands in its way, and draw it; parameters, result and errors as `check_file`."""
+    """Say what a hand file describes and which links collide, and draw it; parameters, result and errors as `check_file`."""
     hand = load_hand(path)
     sensors = load_worn_sensors(sensor_names(hand))
     angles = numpy_rng(0, "check", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
