@@ -1,8 +1,8 @@
-"""What each choice in training is worth. `python -m benchmarks.training_choices DATA OUT`.
+"""What each choice in training is worth: `python -m benchmarks.training_choices DATA OUT [--configuration NAME]`.
 
-Each choice is a training of the draft network with each seed, in a data directory below OUT that shares DATA's artifacts (manifest
-four-classes), measured on the test objects. What is there already is not made again: calls with other seeds can run side by side, and
-a last one prints the whole table.
+Each choice changes one thing of the draft networks. It is trained with each seed, for a part of draft's epochs, in a data directory
+below OUT that shares DATA's artifacts (manifest four-classes), and measured on the test objects with one grasp. What is there already
+is not made again: calls with other seeds can run side by side, and a last one prints the whole table.
 """
 
 from __future__ import annotations
@@ -17,73 +17,85 @@ import numpy as np
 from benchmarks.provenance import provenance
 from benchmarks.tradeoff.runs import command
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
+from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS
+from pipeline.models.trained_networks import model_name
 from pipeline.store.directory import DataDirectory
-from stages.evaluate.evaluation_files import read_table
+from stages.evaluate.evaluation_files import evaluation_name, read_table
 
-SHARED = ("surfaces", "grasps", "vision", "touch", "models/unet", "charts")
-SHORT = ("epochs=8", "loss_points=1000")
-"""Minutes per training."""
-PLAIN = ("learning_rate=0.003", "schedule=constant", "gradient_limit=null", "seams=open", "edge_weight=0", "encoder_layers=12")
-FALLING = ("learning_rate=0.006", "schedule=cosine", "gradient_limit=5")
-CHOICES: dict[str, tuple[str, ...]] = {
-    "plain": (),
-    "cosine": ("schedule=cosine",),
-    "cosine 6e-3": ("learning_rate=0.006", "schedule=cosine"),
-    "cosine 6e-3, limit 5": FALLING,
-    "… seams tied": (*FALLING, "seams=tied"),
-    "… seams tied, edge 0.05": (*FALLING, "seams=tied", "edge_weight=0.05"),
-    "… seams tied, edge 0.2": (*FALLING, "seams=tied", "edge_weight=0.2"),
-    "… seams tied, laplacian 0.5": (*FALLING, "seams=tied", "laplacian_weight=0.5"),
-    "… seams tied, bending 0.1": (*FALLING, "seams=tied", "bending_weight=0.1"),
-    "… seams tied, edge 0.05, bending 0.1": (*FALLING, "seams=tied", "edge_weight=0.05", "bending_weight=0.1"),
-    "… seams tied, touch to all": (*FALLING, "seams=tied", "touch_edges=all"),
-    "… seams tied, touch to all, edge 0.05": (*FALLING, "seams=tied", "touch_edges=all", "edge_weight=0.05"),
+SHARED = ("surfaces", "grasps", "vision", "touch", "distances", "models/unet*", "charts")
+VARIED = ("image_gain=0.2", "image_shift=10", "image_noise=3")
+COMMON: dict[str, tuple[str, ...]] = {
+    "as draft": (),
+    "constant rate": ("schedule=constant",),
+    "gradients not limited": ("gradient_limit=null",),
+    "weights averaged, 0.99": ("weight_average=0.99",),
+    "group normalisation": ("encoder_norm=group",),
+    "colours varied": VARIED,
+    "a fifth of the touches dropped": ("dropped_touches=0.2",),
+    "batches of 8": ("batch_size=8",),
 }
-"""By name, the settings that differ from `PLAIN`."""
-QUALITY = ("area_ratio", "dihedral", "seam_gap", "spike", "normal_consistency", "crossing")
+"""By name, the settings that differ from draft's."""
+CHARTS = COMMON | {
+    "each object once an epoch, five times the epochs": ("items=1", "epochs=15"),
+    "3000 loss points": ("loss_points=3000",),
+    "seams open": ("seams=open",),
+    "no edge term": ("edge_weight=0",),
+    "edge 0.2": ("edge_weight=0.2",),
+    "laplacian 0.5": ("laplacian_weight=0.5",),
+    "bending 0.1": ("bending_weight=0.1",),
+    "touch through the charts' centres": ("touch_edges=centres",),
+}
+IMPLICIT = COMMON | {"2000 queries": ("queries=2000",), "twice the features": ("features=256",)}
+FAMILIES = {"train-gcn": (("epochs=3",), CHARTS), "train-implicit": (("epochs=20",), IMPLICIT)}
+"""By stage: how short these trainings are, and the choices."""
+QUALITY = ("area_ratio", "dihedral", "spike", "normal_consistency")
+
+
+def stage_of(configuration: str) -> str:
+    """Name the stage that trains a network."""
+    return "train-implicit" if configuration in IMPLICIT_CONFIGURATIONS else "train-gcn"
 
 
 def measure(source: Path, out: Path, configuration: str, choice: str, seed: int) -> dict[str, float]:
     """Train and evaluate one choice with one seed; return its figures over the test objects."""
-    data = out / f"{configuration} {list(CHOICES).index(choice)} seed {seed}".replace(" ", "-")
-    for name in SHARED:
-        (data / name).parent.mkdir(parents=True, exist_ok=True)
-        if (source / name).exists() and not (data / name).exists():
-            (data / name).symlink_to((source / name).resolve())
+    stage = stage_of(configuration)
+    short, choices = FAMILIES[stage]
+    data = out / f"{configuration} {choice} {seed}".replace(" ", "-")
+    (data / "models").mkdir(parents=True, exist_ok=True)
+    for path in (path for name in SHARED for path in source.glob(name)):
+        if not (link := data / path.relative_to(source)).exists():
+            link.symlink_to(path.resolve())
     shutil.copy(source / "dataset.json", data)
-    settings = [
-        f"train-gcn.{one.removeprefix('train-gcn.')}" for one in (*SHORT, *PLAIN, *CHOICES[choice], f"configuration={configuration}")
-    ]
-    manifest = Path("four-classes")
-    command("train-gcn", manifest, "draft", data, settings, seed)
+    settings = (*short, *choices[choice], f"configuration={configuration}", f"training_seed={seed}")
+    command(stage, Path("four-classes"), "draft", data, [f"{stage}.{one}" for one in settings], 0)
     # retrieval, which is looked up among the training objects, is the same for each choice and takes longer than the rest
-    command("evaluate", manifest, "draft", data, [f"evaluate.configurations=[{configuration}]", "evaluate.looked_up=1"])
-    facts = DataDirectory(data).folder(f"models/gcn/{configuration}").facts
-    values = read_table(DataDirectory(data).whole_folder("evaluation"), f"values/{configuration}")
-    chamfer = TABLE_3_FACTOR * values["chamfer"].mean(axis=1)  # (object, number of grasps)
+    asked = (f"configurations=[{configuration}]", f"training_seed={seed}", "looked_up=1", "grasps=[1]")
+    command("evaluate", Path("four-classes"), "draft", data, [f"evaluate.{one}" for one in asked], 0)
+    facts = DataDirectory(data).folder(model_name(configuration, seed)).facts
+    values = read_table(DataDirectory(data).whole_folder(evaluation_name(seed)), f"values/{configuration}")
+    chamfer = TABLE_3_FACTOR * values["chamfer"].mean(axis=1)[:, 0]  # (object,)
     return {
         "seconds": facts["training_seconds"],
-        "mean": chamfer[:, 0].mean(),
-        "median": float(np.median(chamfer[:, 0])),
-        "mean, all grasps": chamfer[:, -1].mean(),
+        "mean": chamfer.mean(),
+        "median": float(np.median(chamfer)),
         **{name: float(np.mean(values[name])) for name in QUALITY},
     }
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure the choices, and print a table: the mean over seeds, and the Chamfer distance of each."""
+    """Measure the choices, and print a table: the mean over seeds, and the Chamfer distance of each beside that of draft."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--configuration", default="unoccluded")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    parser.add_argument("--choices", nargs="+", choices=CHOICES, default=list(CHOICES), metavar="NAME")
+    parser.add_argument("--choices", nargs="+", metavar="NAME")
     given = parser.parse_args(arguments)
     print(provenance("python -m benchmarks.training_choices", "python -m benchmarks.training_choices"))
-    for number, choice in enumerate(given.choices):
+    for number, choice in enumerate(given.choices or FAMILIES[stage_of(given.configuration)][1]):
         found = [measure(given.data, given.out, given.configuration, choice, seed) for seed in given.seeds]
         if not number:
-            print("", "choice", *found[0], "each seed", "", sep=" | ")
+            print("", given.configuration, *found[0], "mean of each seed", "", sep=" | ")
         means = [f"{np.mean([one[name] for one in found]):.4g}" for name in found[0]]
         print("", choice, *means, ", ".join(f"{one['mean']:.2f}" for one in found), "", sep=" | ", flush=True)
 

@@ -35,20 +35,34 @@ class Progress:
     history: list[dict[str, float]] = field(default_factory=list)
 
 
-def save(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer, best: Mapping[str, Tensor], progress: Progress) -> None:
+@dataclass(frozen=True)
+class State:
+    """What a training changes beside its progress: the network, Adam, and the running average of the weights, where one is taken."""
+
+    module: nn.Module
+    optimizer: torch.optim.Optimizer
+    average: nn.Module | None = None
+
+    @property
+    def modules(self) -> dict[str, nn.Module]:
+        """Name the modules as the file does."""
+        return {"module": self.module} | ({} if self.average is None else {"average": self.average})
+
+
+def save(folder: Path, state: State, best: Mapping[str, Tensor], progress: Progress) -> None:
     """Write the weights, the optimizer's moments, the best weights so far and the progress."""
-    tensors = {f"module/{name}": value for name, value in module.state_dict().items()}
+    tensors = {f"{part}/{name}": value for part, module in state.modules.items() for name, value in module.state_dict().items()}
     tensors |= {f"best/{name}": value for name, value in best.items()}
-    for index, moments in optimizer.state_dict()["state"].items():
+    for index, moments in state.optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer/{index}/{name}": torch.as_tensor(value) for name, value in moments.items()}
     kept = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
     write_at_once(folder / FILE, safetensors.torch.save(kept, metadata={"progress": json.dumps(progress.__dict__)}))
 
 
-def load(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer) -> tuple[dict[str, Tensor], Progress]:
-    """Bring module and optimizer to where the checkpoint in `folder` left them; return the best weights and the progress.
+def load(folder: Path, state: State) -> tuple[dict[str, Tensor], Progress]:
+    """Bring the state to where the checkpoint in `folder` left it; return the best weights and the progress.
 
-    Both must have the type and device they are trained with: moments are brought to those of their parameters. Without a
+    The modules must have the type and device they are trained with: moments are brought to those of their parameters. Without a
     checkpoint, or with one that a crash of the machine cut short, everything stays as it is: a fresh start.
     """
     try:
@@ -57,12 +71,13 @@ def load(folder: Path, module: nn.Module, optimizer: torch.optim.Optimizer) -> t
             progress = Progress(**json.loads(file.metadata()["progress"]))
     except (FileNotFoundError, SafetensorError):
         return {}, Progress()
-    module.load_state_dict(_below("module", tensors))
+    for part, module in state.modules.items():
+        module.load_state_dict(_below(part, tensors))
     moments: dict[int, dict[str, Tensor]] = defaultdict(dict)
     for name, value in _below("optimizer", tensors).items():
         index, moment = name.split("/")
         moments[int(index)][moment] = value
-    optimizer.load_state_dict(optimizer.state_dict() | {"state": moments})
+    state.optimizer.load_state_dict(state.optimizer.state_dict() | {"state": moments})
     return _below("best", tensors), progress
 
 

@@ -23,6 +23,7 @@ from pipeline.engine.peers import HelpDone, peers
 from pipeline.errors import InvalidInput, StageError
 from pipeline.rng import numpy_rng, torch_generator
 from pipeline.training import checkpoint
+from pipeline.training.averaging import averaged, running_average
 from pipeline.training.batch_norm import share_batch_norm
 from pipeline.training.learner import Learner
 from pipeline.training.processes import GO_ON, end_with_parent, lost_peers_as_words, make_fabric, no_process_left, processors_of
@@ -116,7 +117,9 @@ class _Training:
         self.adam = torch.optim.Adam(self.module.parameters(), lr=settings.learning_rate)
         wrapped: Any = fabric.setup(self.module, self.adam)
         learner.module, self.optimizer = wrapped
-        self.best, self.progress = checkpoint.load(folder, self.module, self.adam)  # now that they have their type and device
+        self.average = running_average(self.module, settings.weight_average)
+        self.state = checkpoint.State(self.module, self.adam, self.average)
+        self.best, self.progress = checkpoint.load(folder, self.state)  # now that they have their type and device
         if fabric.broadcast(self.progress) != self.progress:
             raise StageError(f"{name}: processes read different checkpoints from {folder}: the file system shows an old one; run again")
         self.began = time.perf_counter() - self.progress.seconds
@@ -205,6 +208,8 @@ class _Training:
             torch.nn.utils.clip_grads_with_norm_(self.module.parameters(), self.settings.gradient_limit, norm)
         self.set_rate()
         self.optimizer.step()
+        if self.average is not None:
+            self.average.update_parameters(self.module)
         mean: Any = fabric.all_reduce(weighted.detach())
         return float(mean)
 
@@ -227,9 +232,14 @@ class _Training:
         return StageError(f"{self.name}: {reason}, {step}; {advice}: {', '.join(map(self.learner.describe, items))}")
 
     def validate(self) -> None:
-        """Validate, keep the weights if they are the best so far, and go to the next epoch."""
-        progress = self.progress
+        """Validate the network, with averaged weights if they are averaged."""
         self.learner.module.eval()
+        with averaged(self.module, self.average):
+            self.judge()
+
+    def judge(self) -> None:
+        """Compute the metrics of the weights as they are, keep them if they are the best so far, and go to the next epoch."""
+        progress = self.progress
         try:
             with torch.no_grad():
                 metrics = self.learner.validate()
@@ -249,7 +259,7 @@ class _Training:
         """Write the checkpoint."""
         self.progress.seconds = time.perf_counter() - self.began
         if self.fabric.is_global_zero:
-            checkpoint.save(self.folder, self.module, self.adam, self.best, self.progress)
+            checkpoint.save(self.folder, self.state, self.best, self.progress)
 
 
 def read_metrics(folder: Path) -> list[dict[str, float]]:

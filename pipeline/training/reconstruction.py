@@ -17,6 +17,7 @@ from pipeline.models.observation import NetworkBatch, Observation, stack_observa
 from pipeline.models.trained_networks import model_name
 from pipeline.rng import torch_generator
 from pipeline.training import checkpoint
+from pipeline.training.augmentation import varied_observation
 from pipeline.training.items import Items
 from pipeline.training.learner import Learner
 from pipeline.training.loop import train
@@ -53,9 +54,9 @@ class ReconstructionLearner(Learner):
         return self._train.name(item)
 
     def observe(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> list[Observation]:
-        """Read what the network is given of training items, each with as many grasps as are drawn for it."""
-        drawn = zip(items, generators, strict=True)
-        return [self._train.drawn_view(item, self._fewest, self._most, generator) for item, generator in drawn]
+        """Read what the network is given of training items, each with as many grasps as are drawn for it, varied as the settings say."""
+        drawn = [(self._train.drawn_view(item, self._fewest, self._most, one), one) for item, one in zip(items, generators, strict=True)]
+        return [varied_observation(seen, self._settings, one) for seen, one in drawn]
 
     def observe_in_turn(self) -> Iterator[tuple[range, list[Observation]]]:
         """Read what the network is given of validation items, with 1, 2, … grasps in turn: batch by batch, with the items' numbers."""

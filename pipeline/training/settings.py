@@ -18,6 +18,17 @@ class TrainingSettings(Settings):
         "constant", "cosine: the rate rises over the first twentieth of all steps, then falls to 0 along half a cosine"
     )
     gradient_limit: float | None = setting(None, "norm to which a longer gradient is shortened before each step; null leaves it", gt=0)
+    weight_average: float | None = setting(
+        None,
+        "share of the running average of the weights that each step keeps, 0.99 say; it is what is validated and kept; null has none",
+        gt=0,
+        lt=1,
+    )
+    image_gain: float = setting(
+        0.0, "an item's image has each of its colours scaled by a factor within 1 ± this, drawn for each item", ge=0, lt=1
+    )
+    image_shift: float = setting(0.0, "levels, of 255, within which each colour of an item's image is shifted, likewise", ge=0, le=255)
+    image_noise: float = setting(0.0, "standard deviation of noise of each pixel of an item's image, levels, likewise", ge=0, le=255)
     batch_size: int = setting(16, "items a step", ge=1)
     epochs: int = setting(100, "at most", ge=1)
     patience: int | None = setting(None, "epochs without a better validation loss after which training stops; null never does", ge=1)
@@ -52,6 +63,7 @@ class ReconstructionSettings(TrainingSettings):
     )
     min_grasps: int = setting(1, "fewest grasps an item is given; how many, between fewest and most, is drawn for every item", ge=1)
     max_grasps: int = setting(5, "most grasps", ge=1)
+    dropped_touches: float = setting(0.0, "share of an item's touch charts that is left out, drawn for each item", ge=0, lt=1)
     items: int = setting(5, "items per object and epoch, each beginning with another grasp, whether a network feels or not", ge=1)
     validation_items: int = setting(5, "items per validation object, with 1, 2, … grasps", ge=1)
 

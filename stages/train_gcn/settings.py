@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from pipeline.config.settings import setting
+from pipeline.kernels.networks.image_encoder import Norm
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, NetworkConfig, Seams, TouchEdges
 from pipeline.training.schedule import Schedule
 from pipeline.training.settings import ReconstructionSettings
@@ -21,6 +22,9 @@ class GcnSettings(ReconstructionSettings):
     encoder_layers: Literal[12, 15, 18, 25] | None = setting(None, "the table's; 12, 15 or 18 of 3.4's grid")
     encoder_kernel: Literal[3, 5] = setting(
         5, "as released, padded by 1; the 3 of the tables gives the same sizes, and 2.5 times the error after as many epochs"
+    )
+    encoder_norm: Norm | None = setting(
+        None, "what follows each convolution; null is the table's: batch, or instance for single images; group pays no heed to the batch"
     )
     encoder_width: float = setting(0.5, "share of the tables' channels, likewise", gt=0, le=2)
     mixed: float = setting(1 / 3, "share of features averaged over neighbours; the cited work has 1/10 as well", ge=0, le=1)

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from pipeline.config.settings import setting
+from pipeline.kernels.networks.image_encoder import Norm
 from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS, ImplicitConfig
 from pipeline.training.schedule import Schedule
 from pipeline.training.settings import ReconstructionSettings
@@ -22,6 +23,7 @@ class ImplicitSettings(ReconstructionSettings):
     spacing: float = setting(0.004, "of the grid of a reconstruction's mesh, m; half of it takes four times as long", ge=1e-3)
     encoder_layers: Literal[12, 15, 18] = setting(12, "as in Table 10")
     encoder_kernel: Literal[3, 5] = setting(5, "as `train-gcn`'s")
+    encoder_norm: Norm = setting("batch", "as `train-gcn`'s")
     encoder_width: float = setting(0.25, "share of the tables' channels", gt=0, le=2)
     learning_rate: float = setting(2e-3, "with the cosine schedule", gt=0)
     schedule: Schedule = setting("cosine", "rises for a twentieth of all steps, then falls to 0: distances settle in its last third")

@@ -17,6 +17,7 @@ from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.storage import Place
+from pipeline.training.augmentation import varied_image
 from pipeline.training.learner import Learner
 from stages.train_unet.settings import UnetSettings
 
@@ -93,11 +94,13 @@ class UnetLearner(Learner):
         number, grasp, sensor = self.train.where[item]
         return f"{self.train.rows.object_ids[number]} grasp {grasp} sensor {sensor}"
 
-    def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> tuple[Tensor, Tensor]:
-        """Read training touches; nothing is drawn."""
-        return self.train.read(items)
+    def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> tuple[Tensor, Tensor, Tensor]:
+        """Read training touches: tactile images, depths, and the images varied as the settings say."""
+        readings, depth = self.train.read(items)
+        drawn = zip(readings.numpy(), generators, strict=True)
+        return readings, depth, torch.from_numpy(np.stack([varied_image(image, self.settings, one) for image, one in drawn]))
 
-    def loss(self, batch: tuple[Tensor, Tensor]) -> Tensor:
+    def loss(self, batch: tuple[Tensor, Tensor, Tensor]) -> Tensor:
         """Compute the chosen loss of some training touches, in sensor widths squared."""
         return self._loss(*self._predict(*batch))
 
@@ -106,7 +109,8 @@ class UnetLearner(Learner):
         loss = squares = pixels = 0.0
         for start in range(0, len(self.valid), self.settings.batch_size):
             items = range(len(self.valid))[start : start + self.settings.batch_size]
-            predicted, depth, mask = self._predict(*self.valid.read(items))
+            readings, depths = self.valid.read(items)
+            predicted, depth, mask = self._predict(readings, depths, readings)
             loss += len(items) * float(self._loss(predicted, depth, mask))
             error = (predicted - visible_depth(depth, self.valid.sensor.w))[mask].double()
             squares += float(error.square().sum())
@@ -114,12 +118,13 @@ class UnetLearner(Learner):
         rms = (squares / max(pixels, 1)) ** 0.5
         return {"loss": loss / len(self.valid), "depth_rms_um": rms * MICROMETRES}
 
-    def _predict(self, readings: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Predict depth: predicted and true (B, H, W), m, and the mask (B, H, W)."""
+    def _predict(self, readings: Tensor, depth: Tensor, varied: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Predict depth from `varied` readings: predicted and true (B, H, W), m, and the mask (B, H, W) of the readings themselves."""
         parameter = next(self.module.parameters())
         readings, untouched = readings.to(parameter.device), torch.tensor(self.train.untouched, device=parameter.device)
         mask = contact_mask(readings, untouched, self.settings.mask_threshold)
-        return self.module(network_input(readings, parameter.dtype)) * self.train.sensor.w, depth.to(parameter), mask
+        given = network_input(varied.to(parameter.device), parameter.dtype)
+        return self.module(given) * self.train.sensor.w, depth.to(parameter), mask
 
     def _loss(self, predicted: Tensor, depth: Tensor, mask: Tensor) -> Tensor:
         compute = masked_depth_loss if self.settings.loss == "depth" else projected_chamfer_loss

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from math import gcd
 from typing import Literal
 
 from torch import Tensor, nn
@@ -12,7 +13,9 @@ from torch import Tensor, nn
 from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.image_tensors import COLOURS, check_intensities
 
-Norm = Literal["batch", "instance"]
+Norm = Literal["batch", "instance", "group"]
+GROUPS = 8
+"""Most groups of channels that a group normalisation has; fewer where they would not be equal."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,12 @@ ENCODER_PLANS: Mapping[int, EncoderPlan] = {
 """Encoders by their number of layers."""
 
 
+def _normalisation(norm: Norm, channels: int) -> nn.Module:
+    if norm == "batch":
+        return nn.BatchNorm2d(channels)
+    return nn.InstanceNorm2d(channels) if norm == "instance" else nn.GroupNorm(gcd(GROUPS, channels), channels)
+
+
 class ImageEncoder(nn.Module):
     """Computes feature maps of images at several depths.
 
@@ -79,7 +88,8 @@ class ImageEncoder(nn.Module):
     kernel
         Pixels per side of each convolution, 3 (the tables) or 5 (the authors' release).
     norm
-        What follows each convolution: batch normalisation (Tables 7-10) or instance normalisation (Table 11).
+        What follows each convolution: batch normalisation (Tables 7-10), instance normalisation (Table 11), or group normalisation, of
+        groups of channels of one image.
     width
         Each layer's channels over the plan's, rounded, one at least; below 1 for drafts.
 
@@ -101,8 +111,7 @@ class ImageEncoder(nn.Module):
         layers, grids = [], [MapGrid()]
         for (before, after), (_, stride) in zip(pairwise(channels), plan.layers, strict=True):
             convolution = nn.Conv2d(before, after, kernel, stride, self.padding)
-            normalisation = nn.BatchNorm2d(after) if norm == "batch" else nn.InstanceNorm2d(after)
-            layers.append(nn.Sequential(convolution, normalisation, nn.ReLU(inplace=True)))
+            layers.append(nn.Sequential(convolution, _normalisation(norm, after), nn.ReLU(inplace=True)))
             grids.append(grids[-1].after(kernel, stride, self.padding))
         self.layers = nn.ModuleList(layers)
         self.grids = tuple(grids[tap] for tap in plan.taps)
@@ -147,7 +156,7 @@ class ImageEncoder(nn.Module):
         return tapped
 
     def _check_size(self, images: Tensor) -> None:
-        alone = self.norm == "instance" or (self.training and len(images) == 1)  # one map has to hold several values to normalise
+        alone = self.norm != "batch" or (self.training and len(images) == 1)  # one map has to hold several values to normalise
         size = tuple(images.shape[2:])
         for index, (_, stride) in enumerate(self.plan.layers, start=1):
             size = tuple((side + 2 * self.padding - self.kernel) // stride + 1 for side in size)

@@ -87,3 +87,11 @@ def test_narrow_encoders() -> None:
 def test_images_of_four_channels_are_refused() -> None:
     with pytest.raises(ValueError, match=r"images are \(1, 4, 256, 256\)"):
         ImageEncoder(ENCODER_PLANS[12])(torch.zeros(1, 4, 256, 256))
+
+
+def test_group_normalisation_pays_no_heed_to_the_other_images_of_a_batch():
+    images = torch.rand(2, 3, 256, 256, generator=torch.Generator().manual_seed(0))
+    for norm, alike in (("group", True), ("batch", False)):
+        encoder = ImageEncoder(ENCODER_PLANS[12], kernel=5, norm=norm, width=0.25).train()
+        together, alone = encoder(images)[0][:1], encoder(images[:1])[0]
+        assert torch.allclose(together, alone, atol=1e-4) == alike

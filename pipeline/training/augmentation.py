@@ -1,0 +1,37 @@
+"""Training items varied by chance, so that a network does not learn the training set's colours and sensors by heart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pipeline.models.observation import Observation
+from pipeline.training.settings import ReconstructionSettings, TrainingSettings
+
+
+def varied_image(image: np.ndarray, settings: TrainingSettings, generator: torch.Generator) -> np.ndarray:
+    """Scale and shift the colours of an image (H, W, 3) uint8, and add noise to its pixels, as the settings say."""
+    if not (settings.image_gain or settings.image_shift or settings.image_noise):
+        return image
+    scale = 1 + settings.image_gain * _within_one(3, generator)
+    levels = torch.tensor(image, dtype=torch.float32) * scale + settings.image_shift * _within_one(3, generator)
+    if settings.image_noise:
+        levels += settings.image_noise * torch.randn(levels.shape, generator=generator, dtype=torch.float32)
+    return np.asarray(levels.round_().clamp_(0, 255).to(torch.uint8).numpy())
+
+
+def varied_observation(seen: Observation, settings: ReconstructionSettings, generator: torch.Generator) -> Observation:
+    """Vary the image of an observation, and leave out some of its touch charts, as the settings say."""
+    if seen.image is not None:
+        seen = replace(seen, image=varied_image(seen.image, settings, generator))
+    if settings.dropped_touches:
+        kept = (torch.rand(len(seen.touched), generator=generator, dtype=torch.float32) >= settings.dropped_touches).numpy()
+        seen = replace(seen, touch_vertices=seen.touch_vertices[kept], touched=seen.touched[kept])
+    return seen
+
+
+def _within_one(count: int, generator: torch.Generator) -> Tensor:
+    return 2 * torch.rand(count, generator=generator, dtype=torch.float32) - 1

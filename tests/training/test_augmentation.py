@@ -1,0 +1,62 @@
+"""What varies training items by chance: as much as asked, and nothing where nothing is asked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.models.observation import Observation
+from pipeline.training.augmentation import varied_image, varied_observation
+from pipeline.training.settings import ReconstructionSettings
+
+GREY = np.full((64, 64, 3), 100, np.uint8)
+NOTHING = ReconstructionSettings()
+
+
+def chance(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def varied(seed: int = 0, image: np.ndarray = GREY, **settings: float) -> np.ndarray:
+    return varied_image(image, ReconstructionSettings.model_validate(settings), chance(seed))
+
+
+def test_without_variation_nothing_is_drawn_or_copied():
+    generator = chance()
+    before = generator.get_state()
+    seen = Observation(GREY, np.zeros((4, 9, 3), np.float32), np.ones(4, bool))
+    same = varied_observation(seen, NOTHING, generator)
+    assert same.image is GREY
+    assert same.touched is seen.touched
+    assert torch.equal(generator.get_state(), before)
+
+
+def test_gain_and_shift_move_each_colour_as_a_whole_and_within_their_limits():
+    for settings, reach in (({"image_gain": 0.2}, 20), ({"image_shift": 10.0}, 10)):
+        levels = np.array([varied(seed, **settings)[0, 0] for seed in range(200)], int) - 100
+        assert np.abs(levels).max() <= reach
+        assert np.abs(levels).max() > 0.9 * reach
+        assert abs(np.corrcoef(levels.T)[0, 1]) < 0.3, "each colour is drawn for itself"
+        assert len(np.unique(varied(**settings).reshape(-1, 3), axis=0)) == 1
+
+
+def test_noise_is_of_each_pixel_and_as_wide_as_asked():
+    noise = varied(image_noise=5.0).astype(float) - 100
+    assert noise.std() == pytest.approx(5, rel=0.05)
+    assert abs(noise.mean()) < 0.3
+
+
+def test_levels_stay_within_a_byte():
+    for level in (0, 255):
+        image = np.full((32, 32, 3), level, np.uint8)
+        assert np.abs(varied(image=image, image_noise=30.0, image_shift=40.0).astype(int) - level).max() <= 40 + 6 * 30
+
+
+def test_a_share_of_the_touch_charts_is_left_out():
+    vertices = np.arange(1000, dtype=np.float32)[:, None, None].repeat(9, 1).repeat(3, 2)
+    seen = Observation(None, vertices, np.arange(1000) % 2 == 0)
+    fewer = varied_observation(seen, ReconstructionSettings(dropped_touches=0.3), chance())
+    kept = fewer.touch_vertices[:, 0, 0].astype(int)
+    assert len(kept) == pytest.approx(700, abs=60)
+    assert (fewer.touched == (kept % 2 == 0)).all()
