@@ -1,27 +1,32 @@
-"""What each choice in training is worth: `python -m benchmarks.training_choices DATA OUT [--configuration NAME]`.
+"""What each choice in training is worth: `python -m benchmarks.tradeoff.training_choices DATA OUT [--configuration NAME] [--write]`.
 
 Each choice changes one thing of the draft networks. It is trained with each seed, for a part of draft's epochs, in a data directory
 below OUT that shares DATA's artifacts (manifest four-classes), and measured on the test objects with one grasp. What is there already
-is not made again: calls with other seeds can run side by side, and a last one prints the whole table.
+is not made again: calls with other seeds can run side by side, and a last one with `--write` puts all into docs/tradeoff.md.
 """
 
 from __future__ import annotations
 
 import argparse
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmarks.provenance import provenance
+from benchmarks.tradeoff.figures import read_figures, write_figures
+from benchmarks.tradeoff.page import write_page
 from benchmarks.tradeoff.runs import command
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS
 from pipeline.models.trained_networks import model_name
 from pipeline.store.directory import DataDirectory
+from pipeline.tuning.measurements import load_studies
 from stages.evaluate.evaluation_files import evaluation_name, read_table
 
+COMMAND = "python -m benchmarks.tradeoff.training_choices data/four-classes/draft data/choices --write"
 SHARED = ("surfaces", "grasps", "vision", "touch", "distances", "models/unet*", "charts")
 VARIED = ("image_gain=0.2", "image_shift=10", "image_noise=3")
 COMMON: dict[str, tuple[str, ...]] = {
@@ -82,22 +87,35 @@ def measure(source: Path, out: Path, configuration: str, choice: str, seed: int)
     }
 
 
+def summarised(configuration: str, choice: str, found: Sequence[Mapping[str, float]]) -> dict[str, Any]:
+    """Summarise a choice's seeds as a row of the trade: means over the seeds, and the Chamfer distance of each."""
+    means = {name: float(f"{np.mean([one[name] for one in found]):.4g}") for name in found[0]}
+    return {"network": configuration, "label": choice, **means, "each": [round(one["mean"], 3) for one in found]}
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure the choices, and print a table: the mean over seeds, and the Chamfer distance of each beside that of draft."""
+    """Measure choices, and put them into the trade in place of what was measured of them before."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--configuration", default="unoccluded")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--choices", nargs="+", metavar="NAME")
+    parser.add_argument("--write", action="store_true", help="into docs/tradeoff.md")
     given = parser.parse_args(arguments)
-    print(provenance("python -m benchmarks.training_choices", "python -m benchmarks.training_choices"))
-    for number, choice in enumerate(given.choices or FAMILIES[stage_of(given.configuration)][1]):
+    rows = []
+    for choice in given.choices or FAMILIES[stage_of(given.configuration)][1]:
         found = [measure(given.data, given.out, given.configuration, choice, seed) for seed in given.seeds]
-        if not number:
-            print("", given.configuration, *found[0], "mean of each seed", "", sep=" | ")
-        means = [f"{np.mean([one[name] for one in found]):.4g}" for name in found[0]]
-        print("", choice, *means, ", ".join(f"{one['mean']:.2f}" for one in found), "", sep=" | ", flush=True)
+        rows.append(summarised(given.configuration, choice, found))
+        print(*rows[-1].values(), sep=" | ", flush=True)
+    if given.write:
+        figures, measured = read_figures(), {(row["network"], row["label"]) for row in rows}
+        before = figures["sections"].get("training", {"rows": []})["rows"]
+        kept = [row for row in before if (row["network"], row["label"]) not in measured]
+        made = provenance(COMMAND, COMMAND) | {"command": COMMAND}
+        figures["sections"]["training"] = {"provenance": made, "rows": sorted([*kept, *rows], key=lambda row: str(row["network"]))}
+        write_figures(figures)
+        write_page(figures, load_studies().values())
 
 
 if __name__ == "__main__":
