@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
+from benchmarks.tradeoff.figures import read_figures
 from benchmarks.tradeoff.study_plan import StudyPlan, study_plans
+from benchmarks.tradeoff.training_choices import FAMILIES, choices_of
 from pipeline.tuning.measurements import Study, load_studies
 from stages.registry import STAGES, load_settings_type
 
@@ -15,6 +18,7 @@ def unmeasured(plans: Sequence[StudyPlan], studies: Mapping[str, Study]) -> Iter
         settings = load_settings_type(stage)
         own = [plan for plan in plans if plan.stage == stage]
         varied = {name for plan in own for values in (plan.settings, *plan.combinations) for name in values}
+        varied |= {setting.partition("=")[0] for choice in FAMILIES.get(stage, ((), {}))[1].values() for setting in choice}
         for name in settings.model_fields:
             if settings.changes(name) == "results" and name not in varied:
                 yield f"{stage}.{name}: varied by no study"
@@ -31,6 +35,14 @@ def unmeasured(plans: Sequence[StudyPlan], studies: Mapping[str, Study]) -> Iter
             yield f"{plan.name}: measured at {study.source()}"
 
 
+def unmeasured_choices(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Name the choices in training that were not measured, of the networks of which some were."""
+    measured = {(row["network"], row["label"]) for row in rows}
+    for network in sorted({network for network, _ in measured}):
+        yield from (f"training, {network}, {name}: not measured" for name in choices_of(network) if (network, name) not in measured)
+
+
 if __name__ == "__main__":
-    for line in unmeasured(study_plans(), load_studies()):
+    choices = read_figures()["sections"].get("training", {"rows": []})["rows"]
+    for line in (*unmeasured(study_plans(), load_studies()), *unmeasured_choices(choices)):
         print(line)

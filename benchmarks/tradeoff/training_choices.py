@@ -20,7 +20,7 @@ from benchmarks.tradeoff.figures import read_figures, write_figures
 from benchmarks.tradeoff.page import write_page
 from benchmarks.tradeoff.runs import command
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS
+from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION, IMPLICIT_CONFIGURATIONS
 from pipeline.models.trained_networks import model_name
 from pipeline.store.directory import DataDirectory
 from pipeline.tuning.measurements import load_studies
@@ -53,6 +53,8 @@ CHARTS = COMMON | {
 IMPLICIT = COMMON | {"2000 queries": ("queries=2000",), "twice the features": ("features=256",)}
 FAMILIES = {"train-gcn": (("epochs=3",), CHARTS), "train-implicit": (("epochs=20",), IMPLICIT)}
 """By stage: how short these trainings are, and the choices."""
+OF_IMAGES = {"group normalisation", "colours varied"}
+OF_TOUCHES = {"a fifth of the touches dropped", "touch through the charts' centres"}
 QUALITY = ("area_ratio", "dihedral", "spike", "normal_consistency")
 
 
@@ -61,17 +63,24 @@ def stage_of(configuration: str) -> str:
     return "train-implicit" if configuration in IMPLICIT_CONFIGURATIONS else "train-gcn"
 
 
+def choices_of(configuration: str) -> dict[str, tuple[str, ...]]:
+    """Take the choices that make a difference to a network, for what it sees and feels."""
+    given, choices = EVERY_CONFIGURATION[configuration], FAMILIES[stage_of(configuration)][1]
+    idle = (OF_IMAGES if given.image is None else set()) | (set() if given.touch else OF_TOUCHES)
+    return {name: settings for name, settings in choices.items() if name not in idle}
+
+
 def measure(source: Path, out: Path, configuration: str, choice: str, seed: int) -> dict[str, float]:
     """Train and evaluate one choice with one seed; return its figures over the test objects."""
     stage = stage_of(configuration)
-    short, choices = FAMILIES[stage]
+    short, _ = FAMILIES[stage]
     data = out / f"{configuration} {choice} {seed}".replace(" ", "-")
     (data / "models").mkdir(parents=True, exist_ok=True)
     for path in (path for name in SHARED for path in source.glob(name)):
         if not (link := data / path.relative_to(source)).exists():
             link.symlink_to(path.resolve())
     shutil.copy(source / "dataset.json", data)
-    settings = (*short, *choices[choice], f"configuration={configuration}", f"training_seed={seed}")
+    settings = (*short, *choices_of(configuration)[choice], f"configuration={configuration}", f"training_seed={seed}")
     command(stage, Path("four-classes"), "draft", data, [f"{stage}.{one}" for one in settings], 0)
     # retrieval, which is looked up among the training objects, is the same for each choice and takes longer than the rest
     asked = (f"configurations=[{configuration}]", f"training_seed={seed}", "looked_up=1", "grasps=[1]")
@@ -104,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--write", action="store_true", help="into docs/tradeoff.md")
     given = parser.parse_args(arguments)
     rows = []
-    for choice in given.choices or FAMILIES[stage_of(given.configuration)][1]:
+    for choice in given.choices or choices_of(given.configuration):
         found = [measure(given.data, given.out, given.configuration, choice, seed) for seed in given.seeds]
         rows.append(summarised(given.configuration, choice, found))
         print(*rows[-1].values(), sep=" | ", flush=True)
