@@ -11,8 +11,9 @@ from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, Surface, pixel_centres, ray_origins
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
-from tests.kernels.touch.shapes import SENSOR, ball, pose_at, random_pose, sheet
+from tests.kernels.touch.shapes import SENSOR, ball, pose_at, pybullet_triangles, random_pose, sheet
 from tests.references.brute_force_depth import brute_force
+from tests.references.gel_heights import gel_heights
 from tests.references.slow_tactile_image import slow_tactile_image
 
 WIDE = Sensor.model_validate({**SENSOR.model_dump(), "name": "wide", "width": 0.03, "height": 0.02, "rows": 60, "cols": 120})
@@ -21,6 +22,14 @@ RADIUS = 0.04
 
 def curved(along: str, **changes) -> Sensor:
     return WIDE.model_copy(update={"surface": Surface(radius=RADIUS, along=along), **changes})
+
+
+COARSE = WIDE.model_copy(update={"rows": 16, "cols": 24})
+GELS = {
+    "rectangle": COARSE,
+    **{along: COARSE.model_copy(update={"surface": Surface(radius=RADIUS, along=along)}) for along in ("both", "x", "y")},
+    "map": COARSE.model_copy(update={"surface": Surface(heights=((0.005, 0.0068, 0.004), (0.006, 0.0065, 0.003)))}),
+}
 
 
 def test_pixels_of_a_rectangular_gel_fill_its_sides() -> None:
@@ -45,15 +54,30 @@ def test_depth_of_a_rectangular_gel_is_that_of_a_tilted_plane_and_of_brute_force
     np.testing.assert_allclose(ray_depth(box_faces(triangles), pose, sensor)[sure], true.depth[sure], atol=1e-12)
 
 
-def test_image_of_a_rectangular_gel_follows_the_equations() -> None:
-    """On a gel twice as wide as high, with twice the columns, pixels are square: equations 1 to 5 of the square with its rows doubled."""
-    half = Sensor.model_validate({**SENSOR.model_dump(), "width": 0.016, "height": 0.008, "rows": 20, "cols": 40})
-    whole = half.model_copy(update={"given_height": 0.016, "rows": 40})
-    depth = np.full((40, 40), half.w)
-    depth[4:12, 5:20] -= 0.002
-    lamps = [whole.lights.red, whole.lights.green, whole.lights.blue]
-    slow = slow_tactile_image(depth, whole.width, whole.w, whole.diffuse, lamps)
-    assert np.abs(tactile_image(depth[:20], half)[:19].astype(int) - slow[:19]).max() <= 1
+@pytest.mark.parametrize("shape", list(GELS))
+def test_touches_of_any_gel_are_those_of_brute_force(shape: str) -> None:
+    """Impression, points and image of a mug in a gel, against all rays x all faces, rays from the gel's surface, and equations 1 to 5."""
+    sensor, triangles = GELS[shape], pybullet_triangles("objects/mug.obj")
+    rng, touched = np.random.default_rng(3), 0
+    for _ in range(3):
+        pose = random_pose(triangles, rng)
+        depth = ray_depth(box_faces(triangles), pose, sensor)
+        true = brute_force(triangles, ray_origins(pose, sensor), pose[:3, 2], sensor.range)
+        pressed = np.maximum(gel_heights(sensor) - true.depth, 0)
+        sure = ~true.doubtful & (np.abs(gel_heights(sensor) - true.depth) > 1e-8)
+        assert sure.mean() > 0.99
+        np.testing.assert_allclose(impression(depth, sensor)[sure], pressed[sure], atol=1e-12)
+        assert (in_gel(depth, sensor) == (pressed > 0))[sure].all()
+        stored = depth.astype(np.float32)
+        points, count = local_points(stored, pose, sensor)
+        inside = in_gel(stored.astype(float), sensor)
+        met = ray_origins(pose, sensor)[inside] + true.depth[inside, None] * pose[:3, 2]
+        np.testing.assert_allclose(points[:count][sure[inside]], met[sure[inside]], atol=1e-7)
+        difference = np.abs(tactile_image(depth, sensor).astype(int) - slow_tactile_image(depth, sensor))
+        assert difference.max() <= 1
+        assert (difference > 0).mean() < 0.01
+        touched += count
+    assert touched > 100
 
 
 def test_surfaces_are_spheres_cylinders_and_maps() -> None:
