@@ -220,8 +220,9 @@ test-storage: $(VENV)/installed-dev  ## run all stages with their data on two se
 bench: $(VENV)/installed-dev  ## measure every stage beside its raw limit, in one run
 	@for name in surfaces grasps vision touch chamfer unet charts gcn; do $(BIN)/python -m benchmarks.$$name || exit 1; done
 
-tradeoff: $(VENV)/installed-dev  ## measure what every setting costs and how wrong it is; writes docs/tradeoff.md (about two hours)
+tradeoff: $(PEERS)/installed  ## measure what every setting costs and how wrong it is; writes docs/tradeoff.md (about two hours)
 	@$(BIN)/python -m benchmarks.tradeoff
+	@OMP_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.tradeoff --only sensors
 
 tradeoff-missing: $(VENV)/installed-dev  ## list the settings that make tradeoff has not measured, or on older code
 	@$(BIN)/python -m benchmarks.tradeoff.missing

@@ -25,7 +25,6 @@ from benchmarks.peers.taxim_shim import load_taxim
 from benchmarks.provenance import commit, machine
 from pipeline.config.sensor_file import load_sensor
 from pipeline.inference.calibrate_sensor import modelled
-from pipeline.kernels.touch.calibrated_shading import polynomial_background
 from pipeline.kernels.touch.calibration_fit import RING, Circle, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
@@ -33,6 +32,8 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image
 from pipeline.reports.calibration_report import draw_calibration
 
+Model = Callable[[Photograph, Sensor], NDArray[np.uint8]]
+"""Makes the image of a photograph's contact."""
 SETS = ("gelsight", "gelsight_mini")
 BALL = 0.002
 """m, radius of the ball; of the Mini's set an assumption."""
@@ -44,9 +45,9 @@ Written by `make test-sensors`: {}.
 
 Mean |model - photograph|, levels of 255, on the odd photographs of two sets in the package taxim 1.4.1 (MIT licence, copyright 2021
 CMURoboTouch), in the contact and in the ring from 1 to 3 contact radii.
-What ships was fitted to the even ones alone; contacts are as annotated there. Images are
-added to the untouched photograph, where no line names the background. What a setting of the sensor file costs and gains is the
-difference between two lines; milliseconds are an image's, depth not counted, at 480 × 640 on one core.
+What ships was fitted to the even ones alone; contacts are as annotated there. Images are added to the untouched photograph;
+milliseconds are an image's, depth not counted, at 480 × 640 on one core. What each setting of a sensor file costs and gains is in
+[tradeoff.md](tradeoff.md#settings-of-a-sensor-file).
 """
 PAGE_END = """- One core, processor time, the least of nine; a ball of 5 mm radius 1 mm deep in the gel. Ours is depth and image.
 - The GelSight's circles are annotated about 6 pixels inside the rim that the photographs show: the ring of colour in the differences.
@@ -92,50 +93,29 @@ class Row:
     ms: float | None
 
 
-def variants(sensor: Sensor) -> dict[str, Sensor]:
-    """The shipped sensor, with its settings off one by one."""
-    optics = sensor.calibrated
-    assert optics is not None
-    mean = tuple(polynomial_background(sensor, optics.background).mean(axis=(0, 1)).tolist())
-    plain = sensor.model_copy(update={"calibrated": optics.model_copy(update={"shadows": ()})})
-    return {
-        "as shipped": sensor,
-        "without `shadows`": plain,
-        "without `membrane`": sensor.model_copy(update={"membrane": 0.0}),
-        "without both": plain.model_copy(update={"membrane": 0.0}),
-        "as shipped, its own polynomial `background`": sensor,
-        "as shipped, a constant `background`": sensor.model_copy(update={"calibrated": optics.model_copy(update={"background": (mean,)})}),
-        "as shipped, its own `background`, `noise: 2`": sensor.model_copy(update={"noise": 2.0}),
-    }
-
-
 def compare(name: str, folder: Path | None) -> list[Row]:
-    """Compare a shipped sensor, variants of it, and Taxim, with the odd photographs of its set; draw some into `folder`."""
+    """Compare a shipped sensor, and Taxim, with the odd photographs of its set; draw some into `folder`."""
     some, untouched = photographs(name)
     odd, shipped = some[1::2], load_sensor(name)
     rows = [_row("the untouched photograph", lambda one, sensor: untouched, odd, shipped, None)]
-    for title, sensor in variants(shipped).items():
-        depth = sensor.w - ball_impression(sensor, odd[0].contact, BALL)
-        ms = _least(lambda d=depth, s=sensor: tactile_image(d, s, np.random.default_rng(0)))
-        rows.append(_row(title, _own if "background" in title else _added(untouched), odd, sensor, ms))
+    depth = shipped.w - ball_impression(shipped, odd[0].contact, BALL)
+    rows.append(_row("as shipped", added(untouched), odd, shipped, least_ms(lambda: tactile_image(depth, shipped))))
     if name == "gelsight":
         taxim = load_taxim()
         for shadow in (False, True):
-            ms = _least(lambda s=shadow: _taxim(taxim, odd[0], shipped, shadow=s), 3)
+            ms = least_ms(lambda s=shadow: _taxim(taxim, odd[0], shipped, shadow=s), 3)
             rows.append(
                 _row("Taxim" + ", shadows" * shadow, lambda one, sensor, s=shadow: _taxim(taxim, one, sensor, shadow=s), odd, shipped, ms)
             )
     if folder is not None:
-        models = [_added(untouched)(one, shipped) for one in odd]
+        models = [added(untouched)(one, shipped) for one in odd]
         draw_calibration(odd, models, folder / f"sensors-{name}.png")
     return rows
 
 
-def _own(one: Photograph, sensor: Sensor) -> NDArray[np.uint8]:
-    return tactile_image(sensor.w - ball_impression(sensor, one.contact, BALL), sensor, np.random.default_rng(0))
+def added(untouched: NDArray[np.uint8]) -> Model:
+    """How a calibrated sensor's image of a contact is made: its change, added to the untouched photograph."""
 
-
-def _added(untouched: NDArray[np.uint8]) -> Callable[[Photograph, Sensor], NDArray[np.uint8]]:
     def image(one: Photograph, sensor: Sensor) -> NDArray[np.uint8]:
         assert sensor.calibrated is not None
         return modelled(sensor, sensor.calibrated, one, untouched, BALL)
@@ -143,11 +123,14 @@ def _added(untouched: NDArray[np.uint8]) -> Callable[[Photograph, Sensor], NDArr
     return image
 
 
-def _row(
-    name: str, way: Callable[[Photograph, Sensor], NDArray[np.uint8]], some: list[Photograph], sensor: Sensor, ms: float | None
-) -> Row:
-    contact, ring = np.mean([_errors(way(one, sensor), one, sensor) for one in some], axis=0).tolist()
-    return Row(name, contact, ring, ms)
+def _row(name: str, model: Model, some: list[Photograph], sensor: Sensor, ms: float | None) -> Row:
+    return Row(name, *mean_errors(model, some, sensor), ms)
+
+
+def mean_errors(model: Model, some: list[Photograph], sensor: Sensor) -> tuple[float, float]:
+    """Mean |model - photograph| over photographs, levels of 255: in the contact, and in the ring around it."""
+    contact, ring = np.mean([_errors(model(one, sensor), one, sensor) for one in some], axis=0).tolist()
+    return contact, ring
 
 
 def _errors(image: NDArray[np.uint8], one: Photograph, sensor: Sensor) -> tuple[float, float]:
@@ -177,15 +160,16 @@ def speeds() -> list[tuple[str, ...]]:
         assert optics is not None
         bare = full.model_copy(update={"membrane": 0.0, "calibrated": optics.model_copy(update={"shadows": ()})})
         for title, sensor, shadow in (("membrane and shadows off", bare, False), ("both on", full, True)):
-            ours = _least(lambda s=sensor: tactile_image(ray_depth(faces, pose, s), s))
+            ours = least_ms(lambda s=sensor: tactile_image(ray_depth(faces, pose, s), s))
             height = np.minimum(ray_depth(faces, pose, sensor), sensor.range) - sensor.w
             heights = (1e3 * height).astype(np.float32)
-            theirs = _least(lambda h=heights, s=shadow: taxim.render(h, with_shadow=s))
+            theirs = least_ms(lambda h=heights, s=shadow: taxim.render(h, with_shadow=s))
             found.append((f"{shape[0]} × {shape[1]}, {title}", f"{ours:.2f}", f"{theirs:.1f}", f"{theirs / ours:.1f}"))
     return found
 
 
-def _least(call: Callable[[], object], turns: int = 9) -> float:
+def least_ms(call: Callable[[], object], turns: int = 9) -> float:
+    """Processor milliseconds of a call, the least of some turns."""
     call()
     times = []
     for _ in range(turns):

@@ -26,6 +26,7 @@ from benchmarks.tradeoff.errors import ERRORS, Errors
 from benchmarks.tradeoff.figures import SECTIONS, read_figures, write_figures
 from benchmarks.tradeoff.page import write_page
 from benchmarks.tradeoff.same import same_results
+from benchmarks.tradeoff.sensor_settings import sensor_settings
 from benchmarks.tradeoff.shortcuts import measure_all
 from benchmarks.tradeoff.study_plan import StudyPlan, Variant, study_plans
 from pipeline.console import Meter, console_on
@@ -37,8 +38,16 @@ LEARNING = ("train-unet", "fit-charts", "train-gcn")
 TOUCH_NETWORK = "train-gcn.configuration=touch"
 COMMON = {"few": ("standard", DATASET), "four": ("standard", TOUCH_ONLY), "learning": ("draft", (*DATASET, *LEARNING))}
 """Preset and stages of the common directory of each manifest."""
-MANIFESTS_OF = {"same": {"few", "learning"}, "end_to_end": set[str](), "alternatives": {"few"}, "shortcuts": set[str]()}
+MANIFESTS_OF = {
+    "same": {"few", "learning"},
+    "end_to_end": set[str](),
+    "alternatives": {"few"},
+    "shortcuts": set[str](),
+    "sensors": set[str](),
+}
 """The common directories that each section reads."""
+APART = ("sensors",)
+"""Sections that are measured only where `--only` names them: they need the package taxim, which holds the photographs."""
 
 
 def main() -> None:
@@ -49,7 +58,7 @@ def main() -> None:
     parser.add_argument("--only", action="append", choices=[*(plan.name for plan in plans), *SECTIONS], help="the rest stays as it was")
     parser.add_argument("--page", action="store_true", help="only write the page and its plots")
     options = parser.parse_args()
-    figures, asked = read_figures(), options.only or [*(plan.name for plan in plans), *SECTIONS]
+    figures, asked = read_figures(), options.only or [*(plan.name for plan in plans), *(name for name in SECTIONS if name not in APART)]
     if not options.page:
         _measure(figures, [plan for plan in plans if plan.name in asked], [name for name in SECTIONS if name in asked], options.root)
     write_page(figures, load_studies().values())
@@ -80,6 +89,8 @@ def _section(name: str, root: Path, console: Console) -> list[dict[str, Any]]:
             return end_to_end(root, console)
         case "alternatives":
             return alternatives(root / "few" / runs.COMMON)
+        case "sensors":
+            return sensor_settings()
         case _:
             return measure_all()
 

@@ -9,7 +9,7 @@ from benchmarks.provenance import ROOT
 from pipeline.tuning.measurements import ASSET, load_studies
 
 PATH = ROOT / "pipeline" / "tuning" / ASSET
-SECTIONS = ("same", "end_to_end", "alternatives", "shortcuts")
+SECTIONS = ("same", "end_to_end", "alternatives", "shortcuts", "sensors")
 
 
 def read_figures() -> dict[str, Any]:
