@@ -46,6 +46,13 @@ GRASPS = Artifact(
             "Margin of force closure, to 0.001: 0 where the contacts cannot hold the object by friction, 1 where all of them press alike.",
             optional=True,
         ),
+        "held": Array(
+            ("object", "grasp"),
+            "bool",
+            "1",
+            "Whether the object, freed in the grasp, stays in the hand for a second of gravity: its centre within 0.1 m of where it was.",
+            optional=True,
+        ),
         "penetration": Array(
             ("object", "grasp"),
             "float32",

@@ -30,6 +30,8 @@ class Tally:
     attempts: int = 0
     held: list[np.ndarray] = field(default_factory=list)
     """(grasp, 3) of every object: area of contact, mm², greatest angle between two contacts, degrees, and margin of force closure."""
+    lifted: list[np.ndarray] = field(default_factory=list)
+    """(grasp,) bool of every object: which grasps hold it in the lift test; none where that was not asked for."""
 
     def row(self) -> tuple[int, int, int, float, float]:
         """Objects, grasps, touches, and per cent of touches that succeed: of those kept, of all attempts."""
@@ -39,8 +41,10 @@ class Tally:
 
 def tally(data: Place) -> dict[str, Tally]:
     """Count the touches of every category in a data directory; failed objects are left out."""
-    judged = HELD if first_shard(data, GRASPS).has("closure") else ()  # older datasets have none
-    rows = ObjectRows(data, ["touch_success", "attempt_success", "attempts", *judged], split=None)
+    shard = first_shard(data, GRASPS)
+    judged = HELD if shard.has("closure") else ()  # older datasets have none
+    lifted = ("held",) if shard.has("held") else ()
+    rows = ObjectRows(data, ["touch_success", "attempt_success", "attempts", *judged, *lifted], split=None)
     found: dict[str, Tally] = defaultdict(Tally)
     for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
         entry = found[category]
@@ -50,6 +54,8 @@ def tally(data: Place) -> dict[str, Tally]:
         if judged:
             area, angle, margin = (rows.read(name, object_id) for name in HELD)
             entry.held.append(np.stack([1e6 * area.sum(axis=1), angle, margin], axis=1))
+        if lifted:
+            entry.lifted.append(rows.read("held", object_id))
     return dict(sorted(found.items()))
 
 

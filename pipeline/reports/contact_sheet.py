@@ -21,7 +21,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
-from pipeline.reports.contact_sheet_page import Band, draw, finger_colors
+from pipeline.reports.contact_sheet_page import Band, draw, finger_colors, lift_verdict
 from pipeline.reports.second_view import GraspView, gel_squares, second_view, touch_patch
 from pipeline.store import digest
 from pipeline.store.collection import Collection
@@ -111,6 +111,8 @@ class BandMaker:
         if "closure" in list(grasps):
             angle, margin, area = (float(np.sum(grasps[name][0])) for name in ("opposition", "closure", "contact_area"))
             note += f"; {1e6 * area:.0f} mm² of contact, {angle:.0f}° between the most opposed, closure {margin:.2f}"
+        if "held" in list(grasps):
+            note += f"; {lift_verdict(grasps['held'][0])}"
         return Band(
             title=object_id,
             note=note,

@@ -146,6 +146,11 @@ def _band(page: Image.Image, top: int, band: Band, sensors: Sequence[Sensor]) ->
         left += TILE + GAP
 
 
+def lift_verdict(held: object) -> str:
+    """Say how a grasp did in the lift test."""
+    return "held in the lift test" if held else "dropped in the lift test"
+
+
 def verdict(touched: bool, least: float) -> str:
     """Say how near the surface comes, from the least depth, mm."""
     if not np.isfinite(least):

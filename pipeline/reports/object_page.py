@@ -16,7 +16,7 @@ from PIL import Image
 
 from pipeline.kernels.touch.contact import contact_mask
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.reports.contact_sheet_page import depth_colors, finger_colors, verdict
+from pipeline.reports.contact_sheet_page import depth_colors, finger_colors, lift_verdict, verdict
 from pipeline.reports.grasp_scene import GraspScenes, Rows
 from pipeline.reports.report_source import ReportSource
 
@@ -107,6 +107,8 @@ class ObjectPages:
         if "closure" in list(rows["grasps"]):
             margin, angle = (float(rows["grasps"][name][number]) for name in ("closure", "opposition"))
             note += f"; margin of force closure {margin:.2f}, most opposed contacts {angle:.0f}°"
+        if "held" in list(rows["grasps"]):
+            note += f"; {lift_verdict(rows['grasps']['held'][number])}"
         touches = f"{touched.sum()} of {len(touched)} sensors touch"
         return {"touches": touches, "note": note, "pictures": pictures, "sensors": sensors}
 

@@ -23,6 +23,7 @@ def show(found: dict[str, Tally], sensors: list[str], console: Console) -> None:
     """Print the tables; the supplement's touches per grasp beside ours where there are as many sensors."""
     everything = Tally([t for e in found.values() for t in e.touched], [t for e in found.values() for t in e.tried])
     everything.held = [grasps for entry in found.values() for grasps in entry.held]
+    everything.lifted = [grasps for entry in found.values() for grasps in entry.lifted]
     rows = []
     for name, entry in [*found.items(), ("all", everything)]:
         *counts, kept, tried = entry.row()
@@ -58,9 +59,11 @@ def _show_hold(found: dict[str, Tally], everything: Tally, console: Console) -> 
     rows = []
     for name, entry in [*found.items(), ("all", everything)]:
         area, angle, margin = np.concatenate(entry.held).T
-        rows.append((escape(name), f"{area.mean():.0f}", f"{100 * (angle > OPPOSED).mean():.1f}", f"{100 * (margin > 0).mean():.1f}"))
+        lifted = (f"{100 * np.concatenate(entry.lifted).mean():.1f}",) if entry.lifted else ()
+        shares = (f"{100 * (angle > OPPOSED).mean():.1f}", f"{100 * (margin > 0).mean():.1f}", *lifted)
+        rows.append((escape(name), f"{area.mean():.0f}", *shares))
     titles = ("class", "area of contact per grasp, mm²", f"% with contacts over {OPPOSED}° apart", "% with force closure")
-    print_table(console, titles, rows)
+    print_table(console, (*titles, "% held in the lift test") if everything.lifted else titles, rows)
 
 
 def _rounded(shares: Iterable[float]) -> list[str]:

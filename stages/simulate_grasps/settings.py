@@ -67,6 +67,15 @@ class GraspSettings(ObjectSettings):
         gt=0,
     )
 
+    lift_test: bool = setting(
+        False,
+        "free the object in each kept grasp and record whether it stays in the hand for a second of gravity; 0.1 to 0.3 s per object",
+        changes="definition",
+    )
+    lift_mass: float = setting(
+        0.2, "kg of any object in the lift test, spread evenly over its surface: a full glass; with 1 kg few grasps hold", gt=0, le=1000
+    )
+
     @model_validator(mode="after")
     def _distances_are_in_order(self) -> GraspSettings:
         if self.least_distance > self.greatest_distance:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from stages.simulate_grasps.grasp_search import Grasp, GraspSearch, keep_best
+from stages.simulate_grasps.lift_test import LiftTest
 from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
@@ -68,17 +69,22 @@ class SimulateGrasps(ObjectStage):
     def cost(self, settings: GraspSettings) -> Cost:
         """Mostly attempts, of about 0.08 s each; some dozen are enough where not all are asked for."""
         attempts = settings.attempts if settings.exhaustive else min(settings.attempts, 12)
-        return Cost(seconds=0.3 + 0.08 * attempts, kilobytes=settings.grasps)
+        lifts = 0.05 * settings.grasps if settings.lift_test else 0
+        return Cost(seconds=0.3 + 0.08 * attempts + lifts, kilobytes=settings.grasps)
 
     @contextmanager
     def session(self, settings: GraspSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         """Prepare the hand and open a physics client, for all objects of a worker."""
         prepared_hand = prepare_hand(settings)
-        with Simulation(prepared_hand.hand) as physics:
-            yield lambda task: _grasp(prepared_hand, physics, settings, task)
+        with ExitStack() as opened:
+            physics = opened.enter_context(Simulation(prepared_hand.hand))
+            lift = LiftTest(prepared_hand.hand, prepared_hand.sensors, mass=settings.lift_mass) if settings.lift_test else None
+            if lift is not None:
+                opened.enter_context(lift)
+            yield lambda task: _grasp(prepared_hand, physics, lift, settings, task)
 
 
-def _grasp(prepared_hand: PreparedHand, physics: Simulation, settings: GraspSettings, task: Task) -> Row:
+def _grasp(prepared_hand: PreparedHand, physics: Simulation, lift: LiftTest | None, settings: GraspSettings, task: Task) -> Row:
     surface, mesh = task.inputs["surfaces"], task.mesh()
     prepared_object = prepare_object(mesh, surface["points"], surface["normals"], cell=settings.grid_cell)
     physics.load(mesh)
@@ -100,6 +106,10 @@ def _grasp(prepared_hand: PreparedHand, physics: Simulation, settings: GraspSett
             f"({', '.join(f'{extent:.3g}' for extent in np.ptp(mesh.vertices, axis=0))} m); scale it to between one and five hands, "
             f"or raise simulate-grasps.attempts"
         )
+    held: Row = {}
+    if lift is not None:
+        lift.load(mesh, prepared_object.points)
+        held["held"] = np.array([lift.stays(grasp.hand_pose, grasp.joint_angles, grasp.contacts) for grasp in kept])
     return {
         "hand_pose": np.stack([grasp.hand_pose for grasp in kept]),
         "joint_angles": np.stack([grasp.joint_angles for grasp in kept]),
@@ -111,4 +121,5 @@ def _grasp(prepared_hand: PreparedHand, physics: Simulation, settings: GraspSett
         "penetration": np.array([grasp.penetration for grasp in kept], np.float32),
         "attempts": np.array(len(touched), np.int32),
         "attempt_success": np.mean(touched, axis=0).astype(np.float32),
+        **held,
     }

@@ -19,3 +19,14 @@ def test_a_hand_of_other_fingers_is_told_by_its_names():
     assert ["all", "attempts", "100.0", "25.0", "50.0"] in lines
     assert ["here", "0.0", "50.0", "50.0", "0.0"] in lines
     assert not any(line[:2] == ["supplement", "–"] for line in lines)  # its hand has four
+
+
+def test_share_held_in_the_lift_test_is_told_where_it_was_asked_for():
+    entry = Tally([np.ones((2, 2), bool)], [np.ones(2)], attempts=2, held=[np.array([[50.0, 120.0, 0.3]] * 2)])
+    for lifted, expected in (([], "100.0"), ([np.array([True, False])], "50.0")):
+        entry.lifted = lifted
+        written = io.StringIO()
+        show({"mug": entry}, ["left", "right"], Console(file=written, width=160))
+        lines = written.getvalue().splitlines()
+        start = next(number for number, line in enumerate(lines) if "area of contact" in line)
+        assert next(line.split()[-1] for line in lines[start:] if line.split()[:1] == ["mug"]) == expected

@@ -10,6 +10,7 @@ from scipy.optimize import linprog
 
 from pipeline.kernels.geometry.transforms import length, solve_3x3
 from pipeline.kernels.touch.contact import contact_mask
+from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 
 CONE_EDGES = 8
@@ -27,13 +28,17 @@ class Contact:
     ----------
     point, normal
         (3,) world, m: the middle of the contact, and the unit normal of the object's surface there, into the object.
-    area
-        Of the sensor plane over which the surface presses into the gel, m².
+    area, volume
+        Of the sensor plane over which the surface presses into the gel, m², and of what it displaces, m³.
+    nearest
+        Least distance of the surface from the sensor plane, m.
     """
 
     point: NDArray[np.float64]
     normal: NDArray[np.float64]
     area: float
+    volume: float = 0.0
+    nearest: float = 0.0
 
 
 def contact_of(depth: np.ndarray, pose: NDArray[np.float64], sensor: Sensor) -> Contact | None:
@@ -56,7 +61,8 @@ def contact_of(depth: np.ndarray, pose: NDArray[np.float64], sensor: Sensor) -> 
     -----
     The normal is that of the plane through the points in the gel (least squares); of fewer than three points, the sensor's.
     """
-    points = masked_points(depth, contact_mask(depth, sensor), sensor)
+    mask = contact_mask(depth, sensor)
+    points = masked_points(depth, mask, sensor)
     if not len(points):
         return None
     middle = points.mean(axis=0)
@@ -69,8 +75,15 @@ def contact_of(depth: np.ndarray, pose: NDArray[np.float64], sensor: Sensor) -> 
         slope = solve_3x3(normal_matrix, np.array([*(away[:, :2] * away[:, 2:]).sum(axis=0), 0.0]))[:2]
     normal = np.array([-slope[0], -slope[1], 1.0])
     turn = pose[:3, :3]
-    area = len(points) * sensor.pitch[0] * sensor.pitch[1]
-    return Contact((turn * middle).sum(axis=1) + pose[:3, 3], (turn * normal).sum(axis=1) / length(normal), area)
+    pixel = sensor.pitch[0] * sensor.pitch[1]
+    volume = float((np.broadcast_to(gel_surface(sensor), depth.shape)[mask] - points[:, 2]).sum()) * pixel
+    return Contact(
+        point=(turn * middle).sum(axis=1) + pose[:3, 3],
+        normal=(turn * normal).sum(axis=1) / length(normal),
+        area=len(points) * pixel,
+        volume=volume,
+        nearest=float(points[:, 2].min()),
+    )
 
 
 def opposition_angle(contacts: list[Contact]) -> float:

@@ -39,6 +39,9 @@ def test_two_sensors_on_opposite_sides_of_a_sphere(pressed: float) -> None:
     left, right = (contact for contact in contacts if contact)
     disc = np.pi * (2 * radius * pressed - pressed**2)
     assert left.area == pytest.approx(disc, rel=0.02)
+    deep = pressed + CONTACT_MARGIN
+    assert left.volume == pytest.approx(np.pi * deep**2 * (radius - deep / 3), rel=0.03)  # of the cap
+    assert left.nearest == pytest.approx(SENSOR.w - deep, abs=1e-5)
     np.testing.assert_allclose(left.normal, [1, 0, 0], atol=1e-9)
     assert opposition_angle([left, right]) == pytest.approx(180)
     assert closure_margin([left, right], friction=0.5, size=radius) == 1

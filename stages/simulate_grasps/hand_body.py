@@ -1,0 +1,85 @@
+"""The hand as a body in PyBullet: fixed in the world by its root link, its fingers driven by motors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pipeline.kernels.hand.model import Hand
+from stages.simulate_grasps.quiet_pybullet import PhysicsClient, pybullet
+
+MOTOR_GAIN = 0.3
+"""Share of the remaining way that a position motor asks for in one step: closes 0.3 rad to within 1e-4 in about 25 steps."""
+GEAR_FORCE = 1000.0
+"""N m (N), with which a joint is held to the one that it follows: as rigid as a gear."""
+GEAR_SLACK = 0.01
+"""rad that a following joint may be off where the fingers rest: 0.5 mm at the end of 50 mm; of a prismatic joint a tenth of that in m."""
+
+
+class HandBody:
+    """A hand that a client has loaded; `links` are PyBullet's numbers of the hand's links, `motors` those of its joint vector."""
+
+    def __init__(self, client: PhysicsClient, hand: Hand, urdf: Path) -> None:
+        """Load a URDF that `write_physics_urdf` wrote, which may have got further links."""
+        self.client, self.hand = client, hand
+        flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_IGNORE_VISUAL_SHAPES
+        self.body = client.loadURDF(str(urdf), useFixedBase=True, flags=flags)
+        infos = [client.getJointInfo(self.body, joint) for joint in range(client.getNumJoints(self.body))]
+        self.numbers = {hand.links[0].name: -1} | {info[12].decode(): info[0] for info in infos}  # by the link that each moves
+        self.links = [self.numbers[link.name] for link in hand.links]
+        self.motors = [self.links[link] for link in hand.joint_links]
+        for link in self.links:
+            client.changeDynamics(self.body, link, lateralFriction=hand.friction)
+        for first, second in hand.allowed_contacts:
+            client.setCollisionFilterPair(self.body, self.body, self.links[first], self.links[second], 0)
+        self._followers = [self._couple(number) for number in range(len(hand.followers))]
+
+    def _couple(self, number: int) -> int:
+        """Hold a joint that follows another one to it, as a gear does; its number."""
+        follower = self.hand.followers[number]
+        leader: int = self.motors[follower.entry]
+        joint: int = self.links[follower.link]
+        self.client.setJointMotorControl2(self.body, joint, pybullet.VELOCITY_CONTROL, force=0)
+        frame = [0.0, 0.0, 0.0]
+        gear = self.client.createConstraint(self.body, leader, self.body, joint, pybullet.JOINT_GEAR, [0, 1, 0], frame, frame)
+        ratio = -1 / follower.multiplier  # Bullet holds leader + ratio * follower at the target
+        offset = ratio * follower.offset
+        self.client.changeConstraint(gear, gearRatio=ratio, erp=0.5, relativePositionTarget=offset, maxForce=GEAR_FORCE)
+        return joint
+
+    def place(self, hand_pose: NDArray[np.float64], start: NDArray[np.float64], target: NDArray[np.float64]) -> None:
+        """Put the root link's frame (4, 4) somewhere in the world and the joints (J,) at `start`; motors drive them to `target`."""
+        client = self.client
+        # PyBullet takes the pose of the root's inertial frame; the pose given is that of the URDF frame.
+        offset, turn = client.getDynamicsInfo(self.body, -1)[3:5]
+        quaternion = Rotation.from_matrix(hand_pose[:3, :3]).as_quat().tolist()
+        base = pybullet.multiplyTransforms(hand_pose[:3, 3].tolist(), quaternion, offset, turn)
+        client.resetBasePositionAndOrientation(self.body, *base)
+        following = [one.multiplier * start[one.entry] + one.offset for one in self.hand.followers]
+        for motor, angle in zip([*self.motors, *self._followers], [*start.tolist(), *map(float, following)], strict=True):
+            client.resetJointState(self.body, motor, angle)
+        client.setJointMotorControlArray(
+            self.body,
+            self.motors,
+            pybullet.POSITION_CONTROL,
+            targetPositions=target.tolist(),
+            forces=[self.hand.torque] * len(self.motors),
+            positionGains=[MOTOR_GAIN] * len(self.motors),
+        )
+
+    def joint_states(self) -> tuple[NDArray[np.float64], float]:
+        """The joint vector (J,), rad, and the greatest speed of a joint, rad/s."""
+        states = self.client.getJointStates(self.body, self.motors)
+        return np.array([state[0] for state in states]), max(abs(state[1]) for state in states)
+
+    def gears_hold(self, angles: NDArray[np.float64]) -> bool:
+        """Tell whether every joint that follows another one is where that puts it."""
+        for follower, joint in zip(self.hand.followers, self._followers, strict=True):
+            slack = GEAR_SLACK / (10 if self.hand.joints[follower.link - 1].kind == "prismatic" else 1)
+            off = self.client.getJointState(self.body, joint)[0] - (follower.multiplier * angles[follower.entry] + follower.offset)
+            if abs(off) > slack:
+                return False
+        return True
