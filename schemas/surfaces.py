@@ -50,6 +50,13 @@ SURFACES = Artifact(
         "meshes/face_material": Array(("face",), "int32", "1", "Row of `base_color` that paints the face."),
         "meshes/base_color": Array(("material", "rgba"), "uint8", "1/255", "sRGB colour and opacity of a material."),
         "meshes/material_texture": Array(("material",), "int32", "1", "N of the `texture_N` a material wears, -1 for none."),
+        "meshes/vertex_color": Array(
+            ("vertex", "rgba"),
+            "uint8",
+            "1/255",
+            "sRGB colour and opacity of a vertex, linear over faces, times `base_color`; of files that state vertex colours.",
+            optional=True,
+        ),
         "meshes/texture_*": Array(("texture_row", "texture_column", "rgba"), "uint8", "1/255", "A texture, top row first."),
     },
 )

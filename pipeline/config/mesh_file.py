@@ -127,7 +127,8 @@ def _read(file: Path, companions: Companions, skip_materials: bool = False) -> l
     _check("faces", sum(len(parts[name].faces) for _, name in nodes), MAX_FACES, "decimate the mesh")
     _check("vertices", sum(len(parts[name].vertices) for _, name in nodes), 3 * MAX_FACES, "decimate the mesh")
     textures = Textures()
-    looks = {name: _look(part, textures) for name, part in parts.items()}
+    linear = file.suffix.lower() in (".gltf", ".glb")  # glTF states vertex colours in linear light, other formats in sRGB
+    looks = {name: _look(part, textures, linear=linear) for name, part in parts.items()}
     return [_placed(parts[name], pose, looks[name]) for pose, name in nodes]
 
 
@@ -153,9 +154,18 @@ def _join(meshes: list[Mesh]) -> Mesh:
         base_color=np.concatenate([look.base_color for look in looks]),
         material_texture=np.concatenate([_renumber(look, numbers) for look in looks]),
         textures=tuple(textures),
+        vertex_color=_join_colors(looks),
     )
     vertices = [mesh.vertices for mesh in meshes]
     return Mesh(np.concatenate(vertices), _join_indices([mesh.faces for mesh in meshes], vertices), look)
+
+
+def _join_colors(looks: Sequence[Look]) -> NDArray[np.uint8] | None:
+    """Join the colours of vertices, white where a part states none; None where no part does."""
+    if all(look.vertex_color is None for look in looks):
+        return None
+    white = (np.full((len(look.uv), 4), 255, np.uint8) for look in looks)
+    return np.concatenate([blank if look.vertex_color is None else look.vertex_color for look, blank in zip(looks, white, strict=True)])
 
 
 def _join_indices(indices: Sequence[NDArray[np.int32]], lists: Sequence[Sized]) -> NDArray[np.int32]:
@@ -170,7 +180,7 @@ def _renumber(look: Look, numbers: dict[int, int]) -> NDArray[np.int32]:
     return np.array([-1 if index < 0 else numbers[id(look.textures[index])] for index in look.material_texture], np.int32)
 
 
-def _look(part: trimesh.Trimesh, textures: Textures) -> Look:
+def _look(part: trimesh.Trimesh, textures: Textures, *, linear: bool) -> Look:
     visual: Any = part.visual
     colors, texture = np.array([GREY], np.uint8), None
     uv = np.zeros((len(part.vertices), 2), np.float32)
@@ -182,8 +192,9 @@ def _look(part: trimesh.Trimesh, textures: Textures) -> Look:
         elif texture is not None:
             stated = np.asarray(visual.uv, np.float64)[:, :2]
             uv[:] = np.where(np.abs(stated) < MAX_UV, stated, 0)  # NaN too
-    elif visual.kind in ("face", "vertex"):
-        # A vertex colour becomes the colour of the faces around it: `face_colors` takes their mean.
+    elif visual.kind == "vertex":
+        colors[0] = 255
+    elif visual.kind == "face":
         colors, face_material = np.unique(np.asarray(visual.face_colors, np.uint8), axis=0, return_inverse=True)
     return Look(
         uv=uv,
@@ -191,7 +202,19 @@ def _look(part: trimesh.Trimesh, textures: Textures) -> Look:
         base_color=colors,
         material_texture=np.full(len(colors), -1 if texture is None else 0, np.int32),
         textures=() if texture is None else (texture,),
+        vertex_color=_vertex_color(visual, len(part.vertices), linear=linear),
     )
+
+
+def _vertex_color(visual: Any, count: int, *, linear: bool) -> NDArray[np.uint8] | None:
+    """The (V, 4) sRGB colours of vertices, where a part states them, alone or beside a material."""
+    stated = visual.vertex_colors if visual.kind == "vertex" else getattr(visual, "vertex_attributes", {}).get("color")
+    if stated is None or len(stated) != count:
+        return None
+    colors = np.array(trimesh.visual.color.to_rgba(stated), np.uint8)
+    if linear:
+        colors[:, :3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(colors[:, :3]))
+    return colors
 
 
 def _material(material: Any, textures: Textures) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:

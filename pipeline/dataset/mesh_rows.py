@@ -18,12 +18,14 @@ def read_mesh(view: Mapping[str, np.ndarray]) -> Mesh:
         base_color=view["meshes/base_color"],
         material_texture=view["meshes/material_texture"],
         textures=tuple(view[f"meshes/texture_{number}"] for number in range(textures)),
+        vertex_color=view["meshes/vertex_color"] if "meshes/vertex_color" in set(view) else None,
     )
     return Mesh(view["meshes/vertices"], view["meshes/faces"], look)
 
 
 def mesh_row(mesh: Mesh) -> dict[str, np.ndarray]:
     """The part of a row of `surfaces` that holds a mesh: `read_mesh` reads it back."""
+    colors = {} if mesh.look.vertex_color is None else {"meshes/vertex_color": mesh.look.vertex_color}
     return {
         "meshes/vertices": mesh.vertices,
         "meshes/faces": mesh.faces,
@@ -32,4 +34,5 @@ def mesh_row(mesh: Mesh) -> dict[str, np.ndarray]:
         "meshes/base_color": mesh.look.base_color,
         "meshes/material_texture": mesh.look.material_texture,
         **{f"meshes/texture_{number}": texture for number, texture in enumerate(mesh.look.textures)},
+        **colors,
     }

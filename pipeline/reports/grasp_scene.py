@@ -124,10 +124,10 @@ class GraspScenes:
 
     def _object(self, surface: Mapping[str, np.ndarray]) -> list[trimesh.Trimesh]:
         mesh = read_mesh(surface)
-        if not self.small or len(mesh.faces) <= OBJECT_FACES:
+        if mesh.look.vertex_color is None and (not self.small or len(mesh.faces) <= OBJECT_FACES):
             side = TEXTURE if self.small else None
             return [_of_material(mesh, material, side) for material in np.unique(mesh.look.face_material)]
-        vertices, faces = _simplified(*_merged(mesh), OBJECT_FACES)
+        vertices, faces = _simplified(*_merged(mesh), OBJECT_FACES) if self.small else (mesh.vertices, mesh.faces)
         painted = _vertex_colors(mesh)[cKDTree(mesh.vertices).query(vertices)[1]]
         return [trimesh.Trimesh(vertices, faces, vertex_colors=_linear(painted), process=False)]
 
@@ -181,6 +181,8 @@ def _vertex_colors(mesh: Mesh) -> NDArray[np.uint8]:
         rows, cols = texture.shape[:2]
         u, v = (look.uv[wears] % 1).T
         colors[wears] *= texture[((1 - v) * (rows - 1)).astype(int), (u * (cols - 1)).astype(int)] / 255
+    if look.vertex_color is not None:
+        colors *= look.vertex_color / 255
     return colors.astype(np.uint8)
 
 

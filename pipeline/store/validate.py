@@ -89,8 +89,8 @@ def _row_problems(shard: Shard, row: RowRecord, common: dict[str, object]) -> It
             yield f"{name}: {row.object_id} has {common[name]!r}, its record says {value!r}; {shard.remedy}"
     view = shard.view(row.object_id)
     names = set(view)
-    for name in shard.artifact.ragged if row.failure is None else ():
-        if "*" not in name and name not in names:
+    for name, array in shard.artifact.ragged.items() if row.failure is None else ():
+        if "*" not in name and not array.optional and name not in names:
             yield f"{name}: the array of {row.object_id} is missing; {shard.remedy}"
             return
     for name, value in view.verify().items():

@@ -150,6 +150,7 @@ def _gl_primitive(gl: Any, primitive: Primitive) -> Any:
         positions=primitive.positions,
         normals=primitive.normals,
         texcoord_0=primitive.uv if texture is not None else None,
+        color_0=primitive.vertex_color,
         indices=primitive.indices,
         material=material,
     )

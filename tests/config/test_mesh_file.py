@@ -9,8 +9,11 @@ import pytest
 import trimesh
 from PIL import EpsImagePlugin, Image
 
-from pipeline.config.mesh_file import load_mesh
+from pipeline.config.mesh_file import _join, load_mesh
+from pipeline.dataset.mesh_rows import mesh_row, read_mesh
 from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
 
 POINTS = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n"
 BOX = trimesh.creation.box((1, 2, 3))
@@ -83,6 +86,26 @@ def test_face_colours_become_materials(tmp_path):
     box.export(tmp_path / "box.ply")
     look = load_mesh(tmp_path / "box.ply").look
     np.testing.assert_array_equal(look.base_color[look.face_material], box.visual.face_colors)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
+def test_vertex_colours_stay_those_of_the_vertices(tmp_path, suffix):
+    """Also through cleaning, a row of `surfaces`, and beside a part that states none. glTF states linear light."""
+    box = BOX.copy()
+    colors = np.array([[255 * (x > 0), 255 * (y > 0), 255 * (z > 0), 255] for x, y, z in BOX.vertices], np.uint8)
+    colors[0, :3] = 128
+    box.visual.vertex_colors = colors
+    box.export(tmp_path / f"box{suffix}")
+    mesh = load_mesh(tmp_path / f"box{suffix}")
+    mesh = read_mesh(mesh_row(clean_mesh(mesh, 100)[0]))
+    expected = colors.copy()
+    expected[0, :3] = 188 if suffix == ".glb" else 128
+    where = np.linalg.norm(mesh.vertices[:, None] - BOX.vertices, axis=2).argmin(axis=1)
+    np.testing.assert_allclose(mesh.look.vertex_color.astype(int), expected[where], atol=1)
+    assert mesh.look.base_color.tolist() == [[255, 255, 255, 255]]
+    joined = _join([mesh, Mesh.bare(BOX.vertices, BOX.faces)])
+    assert (joined.look.vertex_color[len(mesh.vertices) :] == 255).all()
+    assert joined.look.vertex_color.shape == (len(mesh.vertices) + 8, 4)
 
 
 def test_scene_is_joined_with_its_transforms(tmp_path):

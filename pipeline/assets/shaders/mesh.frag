@@ -17,6 +17,9 @@ in vec3 turned;
 #ifdef TEXCOORD_0_LOC
 in vec2 at_uv;
 #endif
+#ifdef COLOR_0_LOC
+in vec3 at_color;  // sRGB, interpolated as it is stored
+#endif
 out vec4 shown;
 
 vec3 to_linear(vec3 srgb)
@@ -34,6 +37,9 @@ void main()
     vec3 albedo = material.base_color_factor.rgb;
 #ifdef TEXCOORD_0_LOC
     albedo *= to_linear(texture(material.base_color_texture, at_uv).rgb);
+#endif
+#ifdef COLOR_0_LOC
+    albedo *= to_linear(at_color);
 #endif
 
     // The face's own normal, on the camera's side; the smooth normal goes where it goes, whatever way the face is wound.

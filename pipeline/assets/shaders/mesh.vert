@@ -6,6 +6,10 @@ layout(location = NORMAL_LOC) in vec3 normal;
 layout(location = TEXCOORD_0_LOC) in vec2 texcoord;
 out vec2 at_uv;
 #endif
+#ifdef COLOR_0_LOC
+layout(location = COLOR_0_LOC) in vec4 vertex_color;
+out vec3 at_color;
+#endif
 
 uniform mat4 M;  // part to world
 uniform mat4 V;  // world to camera
@@ -22,5 +26,8 @@ void main()
     turned = mat3(M) * normal;
 #ifdef TEXCOORD_0_LOC
     at_uv = texcoord;
+#endif
+#ifdef COLOR_0_LOC
+    at_color = vertex_color.rgb;
 #endif
 }

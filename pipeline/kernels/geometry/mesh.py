@@ -24,6 +24,8 @@ class Look:
         (M,) int32, the index in `textures` of each material's texture, -1 for none.
     textures
         Images, each (height, width, 4) uint8, sRGB and opacity, first row at the top.
+    vertex_color
+        (V, 4) uint8, sRGB and opacity of every vertex, linear in between, which multiplies the base colour; None for white.
     """
 
     uv: NDArray[np.float32]
@@ -31,6 +33,7 @@ class Look:
     base_color: NDArray[np.uint8]
     material_texture: NDArray[np.int32]
     textures: tuple[NDArray[np.uint8], ...] = ()
+    vertex_color: NDArray[np.uint8] | None = None
 
     @staticmethod
     def plain(vertices: int, faces: int, color: tuple[int, int, int] = (178, 178, 178)) -> Look:

@@ -88,5 +88,6 @@ def number_positions(vertices: NDArray[np.float64]) -> NDArray[np.intp]:
 def _keep_faces(mesh: Mesh, keep: NDArray[Any]) -> Mesh:
     """The mesh with these faces and the vertices they use, in the order of their use: readers of files number them by an unstable sort."""
     used, faces = unique_ordered(mesh.faces[keep].ravel(), return_inverse=True)
-    look: Look = replace(mesh.look, uv=mesh.look.uv[used], face_material=mesh.look.face_material[keep])
+    colors = None if mesh.look.vertex_color is None else mesh.look.vertex_color[used]
+    look: Look = replace(mesh.look, uv=mesh.look.uv[used], face_material=mesh.look.face_material[keep], vertex_color=colors)
     return Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32), look)

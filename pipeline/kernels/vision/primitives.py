@@ -36,6 +36,8 @@ class Primitive:
         (3,) float64, linear RGB.
     texture
         (height, width, 4) uint8, opaque, first row at the top; or None.
+    vertex_color
+        (V, 4) float32 in 0..1, sRGB, opaque, by which colour and texture are multiplied; or None.
     """
 
     positions: NDArray[np.float32]
@@ -44,6 +46,7 @@ class Primitive:
     indices: NDArray[np.uint32]
     color: NDArray[np.float64]
     texture: NDArray[np.uint8] | None
+    vertex_color: NDArray[np.float32] | None = None
 
 
 def mesh_primitives(mesh: Mesh) -> list[Primitive]:
@@ -110,7 +113,15 @@ def _primitive(
         indices=np.stack([corner, corner[:, ::-1]], axis=1).reshape(-1, 3).astype(np.uint32),
         color=srgb_to_linear(np.array(color, np.uint8)),
         texture=texture,
+        vertex_color=None if mesh.look.vertex_color is None else _opaque(mesh.look.vertex_color[vertex[first]]),
     )
+
+
+def _opaque(colors: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """The colours (V, 4) in 0..1 without their opacity: every surface is rendered opaque."""
+    shown = (colors / 255).astype(np.float32)
+    shown[:, 3] = 1
+    return shown
 
 
 def shrink_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -156,6 +158,23 @@ def test_materials_paint_their_own_faces(renderer) -> None:
     rgb = seen(renderer, Mesh(mesh.vertices, mesh.faces, look)).rgb.astype(int)
     assert rgb[128, 90, 0] > rgb[128, 90, 2] + 50
     assert rgb[128, 165, 2] > rgb[128, 165, 0] + 50
+
+
+def test_vertex_colours_are_smooth(renderer) -> None:
+    """A card that goes from black to red: many levels, in order; white vertices look like none at all."""
+    grey = card(0.1, None, (255, 255, 255, 255))
+    right = camera_pose(SCENE.camera)[:3, 0]
+    across = (grey.vertices - CENTRE) @ right
+    red = np.zeros((len(across), 4), np.uint8)
+    red[across > 0, 0] = 255
+    row = seen(renderer, replace(grey, look=replace(grey.look, vertex_color=red)))
+    levels = row.rgb[128, row.segmentation[128] == Label.OBJECT, 0].astype(int)
+    assert len(np.unique(levels)) > 20
+    assert (np.diff(levels) >= 0).all()
+    assert np.diff(levels).max() < 20
+    white = np.full_like(red, 255)
+    plain, painted = seen(renderer, grey).rgb, seen(renderer, replace(grey, look=replace(grey.look, vertex_color=white))).rgb
+    assert np.abs(plain.astype(int) - painted.astype(int)).max() <= 1
 
 
 def test_only_the_given_meshes_are_rendered_at_their_poses(renderer) -> None:
