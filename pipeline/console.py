@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TextIO
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -14,6 +14,8 @@ from rich.segment import Segment
 from rich.table import Table
 
 SECONDS_PER_LINE = 15.0
+NAMED = 5
+"""Objects or files named in one line."""
 WIDE = 160
 """Columns where no terminal says how many it has: a table in a log is not squeezed."""
 
@@ -43,6 +45,11 @@ console, errors = console_on(sys.stdout), console_on(sys.stderr)
 def say(line: str) -> None:
     """Print a line as it is."""
     console.print(escape(line))
+
+
+def few(names: Sequence[str]) -> str:
+    """List the first `NAMED` names."""
+    return ", ".join(names[:NAMED]) + (", …" if len(names) > NAMED else "")
 
 
 def print_table(console: Console, columns: Iterable[object], rows: Iterable[Iterable[object]], title: str = "") -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -25,7 +25,7 @@ from pipeline.cli.request import (
     make_request,
 )
 from pipeline.config.manifest import load_manifest
-from pipeline.console import console, errors, say
+from pipeline.console import NAMED, console, errors, few, say
 from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.peers import peers
 from pipeline.engine.plan import Forecast, Request
@@ -33,14 +33,12 @@ from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as run_stage
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import DatasetStage
+from pipeline.reports.object_fit import misfits
 from pipeline.store.record import Failure
 from pipeline.store.storage import Place
 from pipeline.tuning.explain import explain_plan
 from pipeline.tuning.quote import quote
 from stages.registry import STAGES, load_stage
-
-NAMED = 5
-"""Objects or files named in one line."""
 
 
 def run(
@@ -108,6 +106,8 @@ def run_plan(plan: ShardPlan | FolderPlan) -> None:
     if plan.up_to_date():
         say(f"{stage} {plan.path}: up to date, {plan.total} objects")
     else:
+        for line in misfits(plan) if isinstance(plan, ShardPlan) else ():
+            say(line)
         result = run_stage(plan, console)
         what = f"made {result.made} objects" if isinstance(plan, ShardPlan) else f"made from {plan.total} objects"
         left = f"; {result.waiting} of {plan.total} not made yet, run without --object to publish the shard" if result.waiting else ""
@@ -124,7 +124,7 @@ def run_plan(plan: ShardPlan | FolderPlan) -> None:
 def _say_how_files_are_read(request: Request[Any], left_out: Mapping[str, list[str]]) -> None:
     """Say what of a folder is left out, and that files without units are scaled to one size."""
     for reason, files in left_out.items():
-        say(f"left out {len(files)} files ({_few(files)}): {reason}")
+        say(f"left out {len(files)} files ({few(files)}): {reason}")
     unitless = sum("file" in item.source and item.source.get("metres_per_unit") is None for item in request.objects)
     if unitless:
         size = getattr(request.settings, "diagonal", 0.5)
@@ -138,12 +138,7 @@ def _say_what_is_missing(plan: ShardPlan) -> None:
     counts = plan.published.read("missing_files")
     names = [name for name, row in plan.published.position.items() if counts[row]]
     if names:
-        say(f"{len(names)} objects name textures or materials that are not below their folder, and are drawn without ({_few(names)})")
-
-
-def _few(names: Sequence[str]) -> str:
-    """List the first names."""
-    return ", ".join(names[:NAMED]) + (", …" if len(names) > NAMED else "")
+        say(f"{len(names)} objects name textures or materials that are not below their folder, and are drawn without ({few(names)})")
 
 
 def _print_failures(failures: Mapping[str, Failure]) -> None:
@@ -153,8 +148,8 @@ def _print_failures(failures: Mapping[str, Failure]) -> None:
         alike.setdefault(re.sub(rf"^{re.escape(object_id)}\b", "…", failure.reason), []).append(object_id)
     for shared, names in alike.items():
         reason = shared if len(names) > 1 else failures[names[0]].reason
-        few = _few(names) + (f" ({len(names)} objects)" if len(names) > NAMED else "")
-        errors.print(f"  [yellow]failed[/] {escape(few)}: {escape(reason)}")
+        listed = few(names) + (f" ({len(names)} objects)" if len(names) > NAMED else "")
+        errors.print(f"  [yellow]failed[/] {escape(listed)}: {escape(reason)}")
 
 
 def _print_explanation(plan: ShardPlan | FolderPlan) -> None:

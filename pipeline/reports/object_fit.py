@@ -1,0 +1,84 @@
+"""Objects that do not fit: too small or too large for the hand, or beyond the edge of an image; said before a stage works on them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pipeline.config.hand_file import load_hand
+from pipeline.config.physics_urdf import links_without_mass
+from pipeline.config.scene_file import load_scene
+from pipeline.config.sensor_file import load_worn_sensors, sensor_names
+from pipeline.console import few
+from pipeline.engine.shard_plan import ShardPlan
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_links
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
+from pipeline.rng import numpy_rng
+from stages.render_vision.settings import VisionSettings
+from stages.simulate_grasps.settings import GraspSettings
+
+POSTURES = 512
+"""Random postures of which the widest is how far a hand opens."""
+
+
+def misfits(plan: ShardPlan) -> Iterator[str]:
+    """Say what a run of `simulate-grasps` or `render-vision` should tell before it starts: object by name, reason and remedy."""
+    if isinstance(plan.settings, GraspSettings):
+        hand = load_hand(plan.settings.hand)
+        if massless := links_without_mass(hand):
+            yield f"hand {hand.name}: its URDF states no mass for {few(massless)}; estimated from collision shapes at 1000 kg/m³"
+        widest = max(sensor.width for sensor in load_worn_sensors(sensor_names(hand, plan.settings.sensor)))
+        extents = {name: np.ptp(points, axis=0) for name, points in _points(plan)}
+        yield from _of_unfit_size(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
+    if isinstance(plan.settings, VisionSettings):
+        scene = load_scene(plan.settings.scene)
+        outside: dict[str, list[str]] = {}
+        for name, points in _points(plan):
+            for camera_name, camera in (("the camera", scene.camera), *((f"camera {one.name}", one) for one in scene.cameras)):
+                if leaves_image(camera, points):
+                    outside.setdefault(camera_name, []).append(name)
+        for camera_name, names in outside.items():
+            where = f"move it back in a scene file ({plan.settings.scene})"
+            yield f"{len(names)} objects leave the image of {camera_name} ({few(names)}): {where}, or scale the objects"
+
+
+def _points(plan: ShardPlan) -> Iterator[tuple[str, np.ndarray]]:
+    """The exterior points of each object that a run would make, world frame, m."""
+    surfaces = next(collection for collection in plan.inputs if collection.artifact.name == "surfaces")
+    for member in plan.members:
+        name = member.item.object_id
+        if plan.request.only in (None, name) and surfaces.failure(name) is None:
+            yield name, surfaces.view(name)["points"]
+
+
+def _of_unfit_size(extents: dict[str, np.ndarray], *, smallest: float, largest: float, hand: str) -> Iterator[str]:
+    small = [name for name, sides in extents.items() if sides.max() < smallest]
+    large = [name for name, sides in extents.items() if sides.min() > largest]
+    if small:
+        yield (
+            f"{len(small)} objects are smaller than two sensors of {hand} side by side, {1e3 * smallest:.0f} mm ({few(small)}): "
+            "is the unit right?"
+        )
+    if large:
+        yield (
+            f"{len(large)} objects are wider on every side than {hand} opens, {1e3 * largest:.0f} mm ({few(large)}): their fingers touch "
+            "one side only, if any; is the unit right?"
+        )
+
+
+def opening(hand: Hand) -> float:
+    """Compute how far a hand opens: the greatest distance between two of its sensors, or one and the palm's centre, m."""
+    angles = numpy_rng(0, "opening", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
+    places = sensors_of_links(hand, forward_kinematics(hand, np.eye(4), np.concatenate([angles, [hand.lower, hand.upper]])))[..., :3, 3]
+    palm = np.broadcast_to(hand.palm_centre, (len(places), 1, 3))
+    ends = np.concatenate([places, palm], axis=1)
+    return float(np.linalg.norm(ends[:, :, None] - ends[:, None], axis=-1).max())
+
+
+def leaves_image(camera: Camera, points: np.ndarray) -> bool:
+    """Tell whether some points (N, 3), world frame, m, are not within a camera's image."""
+    rows, cols = camera.shape
+    places = project_points(projection_matrix(camera), points.astype(np.float64))
+    return not bool(((places >= 0) & (places <= [cols, rows])).all())  # NaN behind the camera is not

@@ -1,0 +1,31 @@
+"""Warnings of objects that fit neither the hand nor the image."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.config.hand_file import load_hand
+from pipeline.kernels.vision.camera import Camera
+from pipeline.reports.object_fit import _of_unfit_size, leaves_image, opening
+
+ABOVE = Camera(position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=(32, 32), resolution=64)
+
+
+def test_gripper_opens_as_far_as_its_fingers_slide() -> None:
+    assert opening(load_hand("two_finger_gripper")) == pytest.approx(0.14)
+
+
+@pytest.mark.parametrize(("point", "leaves"), [((0.31, 0, 0), False), ((0.33, 0, 0), True), ((0, -0.33, 0), True), ((0, 0, 2), True)])
+def test_object_leaves_the_image_where_one_of_its_points_does(point: tuple[float, float, float], leaves: bool) -> None:
+    assert leaves_image(ABOVE, np.array([(0, 0, 0), point])) == leaves
+
+
+def test_objects_of_unfit_size_are_named() -> None:
+    sides = {"speck": (0.002, 0.003, 0.004), "mug": (0.1, 0.1, 0.12), "crate": (0.9, 0.7, 1.2), "pole": (2.0, 0.02, 0.02)}
+    extents = {name: np.array(one) for name, one in sides.items()}
+    small, large = _of_unfit_size(extents, smallest=0.03, largest=0.14, hand="claw")
+    assert "1 objects are smaller" in small
+    assert "speck" in small
+    assert "1 objects are wider" in large
+    assert "crate" in large
