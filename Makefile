@@ -1,11 +1,12 @@
 # Makes datasets and trained models with vt-pipeline. `make` lists the targets and the variables below.
 #
-#   MANIFEST=toy      which objects: toy, procedural, four-classes, pybullet-objects, household, directory, warehouse, single-image, or a YAML file
+#   MANIFEST=toy      which objects: toy, one-of-each, procedural, four-classes, pybullet-objects, household, directory, warehouse, single-image,
+#                     or a YAML file
 #   PRESET=draft      draft, standard or paper
 #   DATA=...          data directory, or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET
 #   OBJECTS=...       folder of meshes, for manifests that name none
 #   UNITS=mm UP=y     unit and up-axis of OBJECTS' files, to keep real sizes; by default they are scaled to 0.5 m, z up (glTF: metres, y up)
-#   SET="..."         settings: SET="simulate-grasps.attempts=20 simulate-touch.tracer=sphere"
+#   SET="..."         settings: SET="simulate-grasps.attempts=20 simulate-touch.tracer=sphere", no value with a blank (vt-pipeline --set takes it)
 #   SHARDS=...        shards the objects are split into; by default the number that the dataset has, 1 for a new one
 #   WORKERS=0         processes per shard; 0 is one per core (1 where `make -j` runs several shards at a time)
 #   CONFIGURATIONS="none touch occluded occluded-touch unoccluded unoccluded-touch"

@@ -1,4 +1,4 @@
-"""Objects that do not fit: too small or too large for the hand, or beyond the edge of an image; said before a stage works on them."""
+"""Objects that do not fit: too small or too large for the hand or for an image; said before a stage works on them."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from pipeline.rng import numpy_rng
 from stages.render_vision.settings import VisionSettings
 from stages.simulate_grasps.settings import GraspSettings
 
+SPECK = 0.1
+"""Share of an image below which an object has too few pixels: 25 of 256."""
 POSTURES = 512
 """Random postures of which the widest is how far a hand opens."""
 
@@ -34,14 +36,15 @@ def misfits(plan: ShardPlan) -> Iterator[str]:
         yield from _of_unfit_size(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
     if isinstance(plan.settings, VisionSettings):
         scene = load_scene(plan.settings.scene)
-        outside: dict[str, list[str]] = {}
+        cameras = [("the camera", scene.camera), *((f"camera {one.name}", one) for one in scene.cameras)]
+        found: dict[tuple[str, ...], list[str]] = {}
         for name, points in _points(plan):
-            for camera_name, camera in (("the camera", scene.camera), *((f"camera {one.name}", one) for one in scene.cameras)):
-                if leaves_image(camera, points):
-                    outside.setdefault(camera_name, []).append(name)
-        for camera_name, names in outside.items():
-            where = f"move it back in a scene file ({plan.settings.scene})"
-            yield f"{len(names)} objects leave the image of {camera_name} ({few(names)}): {where}, or scale the objects"
+            for fault, is_so in (("leave the image of", leaves_image), (f"span less than {100 * SPECK:.0f} % of the image of", is_speck)):
+                if views := [title for title, camera in cameras if is_so(camera, points)]:
+                    found.setdefault((fault, *views), []).append(name)
+        for (fault, *views), names in found.items():
+            remedy = f"move it or change its focal length in a scene file ({plan.settings.scene}), or scale the objects"
+            yield f"{len(names)} objects {fault} {', '.join(views)} ({few(names)}): {remedy}"
 
 
 def _points(plan: ShardPlan) -> Iterator[tuple[str, np.ndarray]]:
@@ -82,3 +85,10 @@ def leaves_image(camera: Camera, points: np.ndarray) -> bool:
     rows, cols = camera.shape
     places = project_points(projection_matrix(camera), points.astype(np.float64))
     return not bool(((places >= 0) & (places <= [cols, rows])).all())  # NaN behind the camera is not
+
+
+def is_speck(camera: Camera, points: np.ndarray) -> bool:
+    """Tell whether points (N, 3), world frame, m, span less than `SPECK` of a camera's image both ways."""
+    rows, cols = camera.shape
+    spans = np.ptp(project_points(projection_matrix(camera), points.astype(np.float64)), axis=0)
+    return bool((spans < [SPECK * cols, SPECK * rows]).all())

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.config.hand_file import load_hand
 from pipeline.kernels.vision.camera import Camera
-from pipeline.reports.object_fit import _of_unfit_size, leaves_image, opening
+from pipeline.reports.object_fit import _of_unfit_size, is_speck, leaves_image, opening
 
 ABOVE = Camera(position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=(32, 32), resolution=64)
 
@@ -19,6 +19,12 @@ def test_gripper_opens_as_far_as_its_fingers_slide() -> None:
 @pytest.mark.parametrize(("point", "leaves"), [((0.31, 0, 0), False), ((0.33, 0, 0), True), ((0, -0.33, 0), True), ((0, 0, 2), True)])
 def test_object_leaves_the_image_where_one_of_its_points_does(point: tuple[float, float, float], leaves: bool) -> None:
     assert leaves_image(ABOVE, np.array([(0, 0, 0), point])) == leaves
+
+
+@pytest.mark.parametrize(("side", "speck"), [(0.02, True), (0.08, False)])
+def test_object_of_few_pixels_is_a_speck(side: float, speck: bool) -> None:
+    """At 1 m and a focal length of 100 pixels, 64 mm are a tenth of 64 pixels."""
+    assert is_speck(ABOVE, side * np.array([(-0.5, 0, 0), (0.5, 0, 0)])) == speck
 
 
 def test_objects_of_unfit_size_are_named() -> None:
