@@ -12,6 +12,7 @@ import yaml
 
 from pipeline.cli import app
 from stages.registry import STAGES, load_settings_type
+from tests.examples import run_commands
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -73,6 +74,27 @@ def test_targets_of_make_and_settings_in_documents_exist(page):
         assert {word.partition("=")[0] for word in words if "=" in word} <= variables, line
     for stage, setting in re.findall(rf"\b({'|'.join(STAGES)})\.([a-z_]+)", shell):
         assert setting in load_settings_type(stage).model_fields, f"{stage}.{setting}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_of_documents_are_run_or_said_not_to_be(page):
+    name = page.relative_to(ROOT).as_posix()
+    assert not run_commands.commands(name) or name in {*run_commands.PAGES, *run_commands.NOT_RUN_PAGES}
+
+
+def test_reasons_not_to_run_a_command_are_of_a_command_in_the_documents():
+    printed = [command for page in run_commands.PAGES for command in run_commands.commands(page)]
+    assert {pattern for command in printed for pattern in run_commands.reasons(command)} == set(run_commands.NOT_RUN)
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_page_says_how_each_stage_works_with_a_small_picture(stage):
+    pages = [
+        page for page in (ROOT / "docs" / "how-it-works").glob("*.md") if stage in re.findall(r"[\w-]+", page.read_text().splitlines()[0])
+    ]
+    (picture,) = re.findall(r"^!\[.{20,}\]\((.*)\)$", pages[0].read_text(), re.MULTILINE)
+    assert 3_000 < (pages[0].parent / picture).stat().st_size < 60_000
+    assert f"how-it-works/{pages[0].name}" in (ROOT / "mkdocs.yml").read_text()
 
 
 def test_readme_is_short_and_begins_with_a_picture():

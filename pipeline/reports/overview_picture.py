@@ -11,11 +11,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.reports.contact_sheet import SHOWN, band_maker
 from pipeline.reports.contact_sheet_page import depth_colors
+from pipeline.reports.picture_row import draw_row
 from pipeline.reports.reconstruction_gallery import predicted_mesh, render_mesh
 from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
@@ -34,7 +34,7 @@ def draw_overview(data: Path, object_id: str, path: Path) -> None:
         band = maker.band(object_id, rows)
         reconstruction = render_mesh(maker.renderer, predicted_mesh(directory.collection(CHARTS), object_id, table, case))
     (_, seen), (_, occluded), (_, held), _ = band.pictures
-    part = _surroundings(rows["vision"]["segmentation"][:2] > 0)
+    part = surroundings(rows["vision"]["segmentation"][:2] > 0)
     panels = [
         ("object", seen[part]),
         ("in a grasp", occluded[part]),
@@ -43,15 +43,10 @@ def draw_overview(data: Path, object_id: str, path: Path) -> None:
         ("depth maps", _grid([depth_colors(depth, sensor) for depth, sensor in zip(band.depths, maker.sensors, strict=True)])),
         (f"reconstruction, {table['grasps_given'][case]} grasps", reconstruction[part]),
     ]
-    figure = Figure((2 * len(panels), 2.25), dpi=110, layout="constrained")
-    for axes, (title, image) in zip(figure.subplots(1, len(panels)), panels, strict=True):
-        axes.imshow(image)
-        axes.set_axis_off()
-        axes.set_title(title, fontsize=9)
-    figure.savefig(path, pil_kwargs={"optimize": True})
+    draw_row(panels, path)
 
 
-def _surroundings(shown: NDArray[np.bool_]) -> tuple[slice, slice]:
+def surroundings(shown: NDArray[np.bool_]) -> tuple[slice, slice]:
     """Find the square part of images around what any of these masks (view, row, col) shows."""
     found = np.argwhere(shown.any(axis=0))
     middle, reach = (found.min(axis=0) + found.max(axis=0)) // 2, int(np.ptp(found, axis=0).max() * 0.6)

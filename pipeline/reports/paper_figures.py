@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from PIL import Image
 
 from pipeline.config.scene_file import load_scene
 from pipeline.dataset.touch_charts import is_surface
-from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
+from pipeline.kernels.charts.vision_charts import CHART_VERTICES, VisionCharts, vision_charts
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
@@ -57,7 +58,8 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
     most
         Reconstructions shown at most.
     """
-    object_id, grasp = _clearest_grasp(source)
+    ids = source.object_ids
+    object_id, grasp = clearest_grasp(source, [ids[place] for place in np.linspace(0, len(ids) - 1, min(LOOKED_AT, len(ids))).astype(int)])
     vision = source.collections.get("vision")
     scene = load_scene(str(vision.first.attributes["settings"]["scene"]) if vision else SCENE)
     with Renderer(scene, PIXELS) as renderer:
@@ -79,12 +81,10 @@ def _figure(title: str, text: str, pictures: list[tuple[Path, str, str]], kind: 
     return {"title": title, "text": text, "pictures": shown, "kind": kind}
 
 
-def _clearest_grasp(source: ReportSource) -> tuple[str, int]:
-    """Choose an object and a grasp of many touches in whose image both the object and the hand are large."""
-    ids = source.object_ids
-    looked_at = [ids[place] for place in np.linspace(0, len(ids) - 1, min(LOOKED_AT, len(ids))).astype(int)]
+def clearest_grasp(source: ReportSource, ids: Sequence[str]) -> tuple[str, int]:
+    """Choose, among these objects, one and a grasp of many touches in whose image both the object and the hand are large."""
     scores = {}
-    for object_id in looked_at:
+    for object_id in ids:
         rows = source.rows(object_id)
         touches = rows["grasps"]["touch_success"].sum(axis=1)
         seen = rows["vision"]["segmentation"][1:] if "vision" in rows else np.ones((len(touches), 1, 1))
@@ -95,7 +95,19 @@ def _clearest_grasp(source: ReportSource) -> tuple[str, int]:
 
 
 def _procedure(source: ReportSource, renderer: Renderer, scene: Scene, folder: Path, object_id: str, grasp: int) -> dict[str, Any]:
-    """Draw the steps of a grasp, from the stored one: hand, fingers drawn back, fingers closed, touched surface."""
+    files = []
+    for number, (caption, image) in enumerate(procedure_steps(source, renderer, scene, object_id, grasp), start=1):
+        path = folder / f"procedure-{number}.png"
+        Image.fromarray(image).save(path, optimize=True)
+        files.append((path, f"{object_id}, step {number} of its grasp", f"{number}. {caption}"))
+    text = f"Grasp {grasp + 1} of {object_id}. Of many such attempts the grasps with most touches are kept."
+    return _figure("How a grasp is made (Figure 1)", text, files, "steps")
+
+
+def procedure_steps(
+    source: ReportSource, renderer: Renderer, scene: Scene, object_id: str, grasp: int
+) -> list[tuple[str, NDArray[np.uint8]]]:
+    """Render the steps of a grasp, `PIXELS` a side, with captions: hand, fingers drawn back, fingers closed, touched surface."""
     rows, hand = source.rows(object_id), source.hand()
     pose, angles = rows["grasps"]["hand_pose"][grasp], rows["grasps"]["joint_angles"][grasp]
     postures = [
@@ -106,22 +118,17 @@ def _procedure(source: ReportSource, renderer: Renderer, scene: Scene, folder: P
         ),
         ("in physics the fingers close until contact settles", angles),
     ]
-    pictures = []
+    steps = []
     maker = BandMaker(renderer, scene=scene, hand=hand, sensors=source.sensors())
     with maker.grasp_view(rows, grasp) as view:
         near, _ = grasp_cameras(renderer, scene, PIXELS, view)
-        for number, (caption, posture) in enumerate(postures, start=1):
+        for caption, posture in postures:
             frames = forward_kinematics(hand, pose, posture)
             shown = [(view.object_mesh[0], np.eye(4)), *((shape, frames[link]) for link, shape, _ in maker.shapes)]
-            pictures.append((renderer.render(shown, near, lamp_beside(scene, near)).rgb, f"{number}. {caption}"))
-        pictures.append((second_view(renderer, scene, PIXELS, view)[1], "4. each sensor measures the surface in its gel (coloured)"))
-    files = []
-    for number, (image, caption) in enumerate(pictures, start=1):
-        path = folder / f"procedure-{number}.png"
-        Image.fromarray(image).save(path, optimize=True)
-        files.append((path, f"{object_id}, step {number} of its grasp", caption))
-    text = f"Grasp {grasp + 1} of {object_id}. Of many such attempts the grasps with most touches are kept."
-    return _figure("How a grasp is made (Figure 1)", text, files, "steps")
+            steps.append((caption, renderer.render(shown, near, lamp_beside(scene, near)).rgb))
+        touched = second_view(renderer, scene, PIXELS, view)[1]
+        steps.append(("each sensor measures the surface in its gel (coloured)", touched))
+    return steps
 
 
 def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int) -> dict[str, Any]:
@@ -150,9 +157,8 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
                 axes.imshow(image)
                 axes.set(xticks=[], yticks=[], title=title if row == 0 else "", ylabel=names[number] if column == 1 else "")
             axes.set_xlabel(f"mean error {1e3 * apart[inside].mean():.2f} mm")
-            _draw_points(
-                figure.add_subplot(len(touched), 4, 4 * row + 4, projection="3d"), rows, true[:count], clouds[row], grasp, number, pose
-            )
+            axes = figure.add_subplot(len(touched), 4, 4 * row + 4, projection="3d")
+            draw_local_points(axes, rows, true[:count], clouds[row], grasp, number)
         figure.savefig(path)
     text = (
         "Per touch: what the sensor sees, the depth it has, the depth the U-Net predicts from the image, and in 3D the true local points "
@@ -162,9 +168,9 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     return _figure("Local points and touch charts, predicted and true (Figure 3)", text, [(path, alt, "")], "wide")
 
 
-def _draw_points(axes: Any, rows: Any, true: NDArray[Any], cloud: NDArray[Any], grasp: int, sensor: int, pose: NDArray[Any]) -> None:
-    """Draw points and chart in the sensor's frame, mm."""
-    to_sensor = np.linalg.inv(pose)
+def draw_local_points(axes: Any, rows: Any, true: NDArray[Any], cloud: NDArray[Any], grasp: int, sensor: int) -> None:
+    """Draw true points (world), predicted ones (sensor frame) and the chart of a touch into 3D axes, in the sensor's frame, mm."""
+    to_sensor = np.linalg.inv(rows["grasps"]["sensor_pose"][grasp, sensor])
     for points, color in ((_local(true, to_sensor), COLORS[0]), (1e3 * cloud, COLORS[1])):
         axes.scatter(*points[:: max(1, len(points) // POINTS)].T, s=0.6, color=tuple(channel / 255 for channel in color))
     charts = rows["charts"]
@@ -192,15 +198,20 @@ def _sphere(renderer: Renderer, folder: Path, middle: NDArray[np.float64]) -> di
     for number, (gap, caption) in enumerate(((1.0, "closed: vertices at the seams coincide"), (1.25, "the charts drawn apart"))):
         chart = np.arange(len(charts.vertices)) // CHART_VERTICES
         away = (gap - 1) * charts.vertices[charts.centres][chart]
-        look = Look(
-            uv=np.zeros((len(chart), 2), np.float32),
-            face_material=(chart[charts.faces[:, 0]] % len(COLORS)).astype(np.int32),
-            base_color=np.array([[*color, 255] for color in COLORS], np.uint8),
-            material_texture=np.full(len(COLORS), -1, np.int32),
-        )
-        mesh = Mesh(RADIUS * (charts.vertices + away) + middle, charts.faces.astype(np.int32), look)
+        mesh = colored_charts(charts, RADIUS * (charts.vertices + away) + middle)
         path = folder / f"sphere-{number + 1}.png"
         Image.fromarray(render_mesh(renderer, mesh)).save(path, optimize=True)
         shown.append((path, f"Sphere of {len(charts.centres)} charts, {caption}", caption))
     text = f"The {len(charts.centres)} vision charts, {len(charts.vertices)} vertices, that the graph network deforms."
     return _figure("The sphere of vision charts (Figure 4)", text, shown, "steps")
+
+
+def colored_charts(charts: VisionCharts, vertices: NDArray[np.float64]) -> Mesh:
+    """Make a mesh of vision charts whose vertices (V, 3), m, may have moved; neighbouring charts have different colours."""
+    look = Look(
+        uv=np.zeros((len(vertices), 2), np.float32),
+        face_material=(charts.faces[:, 0] // CHART_VERTICES % len(COLORS)).astype(np.int32),
+        base_color=np.array([[*color, 255] for color in COLORS], np.uint8),
+        material_texture=np.full(len(COLORS), -1, np.int32),
+    )
+    return Mesh(vertices, charts.faces.astype(np.int32), look)

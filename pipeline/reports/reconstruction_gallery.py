@@ -86,13 +86,18 @@ def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, case: int)
         vertices += list(charts[grasps][touched[grasps]])
         faces += [row["chart_faces"]] * (len(vertices) - 1)
     points, triangles = trimesh.util.append_faces(vertices, faces)
+    return two_coloured(points, triangles, len(faces[0]))
+
+
+def two_coloured(vertices: NDArray[np.floating], faces: NDArray[np.integer], grey: int) -> Mesh:
+    """Make a mesh whose first `grey` faces are grey and whose others, those of touch charts, are orange."""
     look = Look(
-        uv=np.zeros((len(points), 2), np.float32),
-        face_material=(np.arange(len(triangles)) >= len(faces[0])).astype(np.int32),
+        uv=np.zeros((len(vertices), 2), np.float32),
+        face_material=(np.arange(len(faces)) >= grey).astype(np.int32),
         base_color=np.array([VISION_COLORS[0], TOUCH_COLOR], np.uint8),
         material_texture=np.array([-1, -1], np.int32),
     )
-    return Mesh(points.astype(np.float64), triangles.astype(np.int32), look)
+    return Mesh(vertices.astype(np.float64), faces.astype(np.int32), look)
 
 
 def render_mesh(renderer: Renderer, mesh: Mesh) -> NDArray[np.uint8]:
