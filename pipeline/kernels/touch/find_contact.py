@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy import fft, ndimage
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.calibration_fit import Circle
@@ -16,8 +16,12 @@ SMALLEST = 8.0
 """Pixels: radius of a contact that is looked for at least."""
 LEAST_CHANGE = 6.0
 """Levels by which a contact differs from the untouched image at least, where it differs most."""
+MARGIN = 20
+"""Pixels around the place where colours change, in which they fade."""
 ANGLES = np.linspace(0, 2 * np.pi, 180, endpoint=False)
-STEPS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)
+REFINED = 0.1
+"""Radii by which a circle found by symmetry is moved at most: where the rim is blurred, colours jump most in the middle of the contact."""
+STEPS = (2.0, 1.0, 0.5, 0.25)
 """Pixels by which centre and radius are moved, in turn."""
 
 
@@ -40,29 +44,40 @@ def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circ
 
     Notes
     -----
-    The rim is the circle across which the change of colour jumps most. The search begins at the place where colours change, from
-    several radii, and moves centre and radius by ever smaller steps.
+    Opposite sides of a ball slope oppositely, and their colours change oppositely: the centre is where the change of colour is most
+    nearly an odd function. The rim is the circle around it where colours fade fastest; then centre and radius are moved, by ever
+    smaller steps, to where the jump of colours across the circle is greatest.
     """
     change = ndimage.gaussian_filter(image.astype(float) - untouched, (1.5, 1.5, 0))
     size = ndimage.gaussian_filter(np.abs(change - np.median(change, axis=(0, 1))).mean(axis=2), 3)
     if size.max() < LEAST_CHANGE:
         raise InvalidInput(f"nothing touches: it differs from the untouched one by {size.max():.1f} levels, {LEAST_CHANGE:g} are needed")
     labels, _ = ndimage.label(size > size.max() / 3)
-    blob = labels == labels[np.unravel_index(size.argmax(), size.shape)]
-    y, x = ndimage.center_of_mass(blob)
-    radius = float(np.sqrt(blob.sum() / np.pi))
-    starts = [(x, y, share * radius) for share in (0.5, 0.65, 0.8, 1.0, 1.2) if share * radius >= SMALLEST]
-    if not starts:
-        raise InvalidInput(f"the contact's radius is {radius:.1f} pixels; {SMALLEST:g} are needed")
-    found = max((_climb(change, start) for start in starts), key=lambda circle: _jump(change, circle))
-    x, y, radius = found
+    start = _by_symmetry(change, labels == labels[np.unravel_index(size.argmax(), size.shape)])
+    if start[2] < SMALLEST:
+        raise InvalidInput(f"the contact's radius is {start[2]:.1f} pixels; {SMALLEST:g} are needed")
+    x, y, radius = _climb(change, start)
     if not (radius <= x <= image.shape[1] - 1 - radius and radius <= y <= image.shape[0] - 1 - radius):
         raise InvalidInput(f"the contact at ({x:.0f}, {y:.0f}), of {radius:.0f} pixels radius, reaches over the image's rim")
     return Circle(x, y, radius)
 
 
+def _by_symmetry(change: NDArray[np.float64], blob: NDArray[np.bool_]) -> tuple[float, float, float]:
+    """Centre and radius, pixels, of a contact in (rows, cols) `blob`, by symmetry and by how colours fade outwards."""
+    rows, cols = ndimage.find_objects(blob.astype(int))[0]
+    rows, cols = (slice(max(part.start - MARGIN, 0), part.stop + MARGIN) for part in (rows, cols))
+    window = (change - np.median(change, axis=(0, 1)))[rows, cols]
+    size = [2 * count for count in window.shape[:2]]
+    opposite = -np.sum([fft.irfft2(fft.rfft2(channel, size) ** 2, size) for channel in np.moveaxis(window, 2, 0)], axis=0)
+    y, x = (index / 2 for index in np.unravel_index(opposite.argmax(), opposite.shape))  # at i: of pixels whose indices sum to i
+    radii = np.arange(2.0, 2 * np.sqrt(blob.sum() / np.pi) + 2 * SMALLEST)
+    strength = ndimage.gaussian_filter1d([np.abs(_on_circle(window, x, y, radius)).mean() for radius in radii], 2)
+    brightest = int(strength.argmax())
+    return cols.start + x, rows.start + y, float(radii[brightest + np.gradient(strength)[brightest:].argmin()])
+
+
 def _climb(change: NDArray[np.float64], start: tuple[float, float, float]) -> tuple[float, float, float]:
-    best, value = start, _jump(change, start)
+    best, value, reach = start, _jump(change, start), REFINED * start[2]
     for step in STEPS:
         better = True
         while better:
@@ -70,7 +85,7 @@ def _climb(change: NDArray[np.float64], start: tuple[float, float, float]) -> tu
             for axis in range(3):
                 for sign in (-step, step):
                     other = (best[0] + sign * (axis == 0), best[1] + sign * (axis == 1), best[2] + sign * (axis == 2))
-                    if other[2] >= SMALLEST and (new := _jump(change, other)) > value:
+                    if np.abs(np.subtract(other, start)).max() <= reach and (new := _jump(change, other)) > value:
                         best, value, better = other, new, True
     return best
 
@@ -78,11 +93,10 @@ def _climb(change: NDArray[np.float64], start: tuple[float, float, float]) -> tu
 def _jump(change: NDArray[np.float64], circle: tuple[float, float, float]) -> float:
     """Mean jump of colours across a circle, levels: between 2 pixels inside and 2 outside."""
     x, y, radius = circle
-    near, far = (
-        [
-            ndimage.map_coordinates(change[..., c], [y + r * np.sin(ANGLES), x + r * np.cos(ANGLES)], order=1, mode="nearest")
-            for c in range(3)
-        ]
-        for r in (radius - 2, radius + 2)
-    )
-    return float(np.abs(np.subtract(near, far)).mean())
+    return float(np.abs(_on_circle(change, x, y, radius - 2) - _on_circle(change, x, y, radius + 2)).mean())
+
+
+def _on_circle(change: NDArray[np.float64], x: float, y: float, radius: float) -> NDArray[np.float64]:
+    """(angle, rgb) values on a circle."""
+    at = [y + radius * np.sin(ANGLES), x + radius * np.cos(ANGLES)]
+    return np.stack([ndimage.map_coordinates(change[..., c], at, order=1, mode="nearest") for c in range(3)], axis=-1)
