@@ -19,7 +19,7 @@ LEAST_CHANGE = 6.0
 MARGIN = 20
 """Pixels around the place where colours change, in which they fade."""
 ANGLES = np.linspace(0, 2 * np.pi, 180, endpoint=False)
-REFINED = 0.1
+REFINED = 0.05
 """Radii by which a circle found by symmetry is moved at most: where the rim is blurred, colours jump most in the middle of the contact."""
 STEPS = (2.0, 1.0, 0.5, 0.25)
 """Pixels by which centre and radius are moved, in turn."""
