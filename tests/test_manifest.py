@@ -37,7 +37,17 @@ def warehouse(root: Path, **counts: int) -> Path:
 
 def test_every_built_in_manifest_loads():
     names = list(shipped_files("manifest"))
-    assert names == ["directory", "four-classes", "household", "procedural", "pybullet-objects", "single-image", "toy", "warehouse"]
+    assert names == [
+        "directory",
+        "four-classes",
+        "household",
+        "one-of-each",
+        "procedural",
+        "pybullet-objects",
+        "single-image",
+        "toy",
+        "warehouse",
+    ]
     for name in names:
         assert load_manifest(name).name == name
 
@@ -221,7 +231,7 @@ def test_what_is_wrong_in_a_file_is_named(tmp_path, change, reason):
 
 def test_an_unknown_manifest_lists_the_known():
     with pytest.raises(
-        InvalidInput, match="built in are directory, four-classes, household, procedural, pybullet-objects, single-image, toy, warehouse"
+        InvalidInput, match="built in are directory, four-classes, household, one-of-each, procedural, pybullet-objects, single-image, toy"
     ):
         load_manifest("moon")
 

@@ -153,10 +153,10 @@ class Dask(Executor):
             worker.auto_restart = False
             with suppress(ProcessLookupError, TypeError):  # it is gone, or was not started yet
                 os.kill(worker.pid, signal.SIGKILL)
-        if client is not None:
-            client.close()
-        if cluster is not None:
-            cluster.close()
+        for end in (client, cluster):
+            if end is not None:
+                with suppress(TimeoutError):  # on a busy machine: the work is done, and the workers are gone
+                    end.close()
 
 
 def _client_of(scheduler: str) -> Client:
