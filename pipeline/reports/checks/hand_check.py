@@ -15,6 +15,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.resting_contacts import Overlap, frequent_overlaps
 from pipeline.kernels.hand.self_collision import fingers_clear_of_palm
 from pipeline.reports.hand_picture import closing_directions, hand_picture
+from pipeline.reports.object_fit import opening
 from pipeline.rng import numpy_rng
 
 POSTURES = 512
@@ -37,7 +38,7 @@ def check(path: Path, picture: Path) -> list[str]:
     return [
         f"{path}: hand {hand.name}, {len(hand.links)} links, {'faults below' if _faults(hand, free) else 'no faults'}",
         f"moves: {fingers}; {len(hand.followers)} joints follow another, {len(hand.frozen)} are frozen",
-        f"motors {hand.torque:g} N m (N), friction {hand.friction:g}",
+        f"motors {hand.torque:g} N m (N), friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
         *_faults(hand, free),
         *(_overlap(hand, one) for one in overlaps),
         *_notes(hand),
