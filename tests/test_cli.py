@@ -77,7 +77,12 @@ def test_an_error_names_the_thing_and_the_way_out(arguments, message):
 
 @pytest.mark.parametrize(
     ("raised", "message"),
-    [(OSError("no room"), "error: no room"), (KeyboardInterrupt(), "run the same command to continue"), (KeyError("x"), "this is a bug")],
+    [
+        (OSError("no room"), "error: no room"),
+        (TimeoutError(), "error: TimeoutError; what is finished is kept"),
+        (KeyboardInterrupt(), "run the same command to continue"),
+        (KeyError("x"), "this is a bug"),
+    ],
 )
 def test_every_command_ends_with_words_for_what_it_raises(monkeypatch, raised, message):
     def fails():

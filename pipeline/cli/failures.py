@@ -40,7 +40,7 @@ def failures_as_words() -> Iterator[None]:
     try:
         yield
     except (PipelineError, OSError) as error:
-        fail(str(error) or repr(error))
+        fail(str(error) or f"{type(error).__name__}; {KEPT}")  # a timeout may say nothing
     except KeyboardInterrupt as stop:
         ended, number = ("terminated", signal.SIGTERM) if isinstance(stop, _Terminated) else ("interrupted", signal.SIGINT)
         fail(f"{ended}; {str(stop) or KEPT}", status=128 + number)

@@ -43,6 +43,8 @@ LOOK_SECONDS = 10
 BUNDLE_SECONDS = 2.0
 """What a worker is given at once takes about so long: a hundred times the way to it and back."""
 
+HINT = "run again, with fewer --workers where memory is short, or with --executor serial"
+"""What helps where workers of this machine do not start."""
 NOBODY_ELSE = "127.0.0.1:0"
 """Where Dask's web servers listen: any free port, which other machines do not reach."""
 
@@ -108,9 +110,12 @@ class Dask(Executor):
             if self._scheduler:
                 self._client = _client_of(self._scheduler)
             else:
-                self._cluster = _local_cluster(self._count)
-                self._client = Client(self._cluster, set_as_default=False)
-                self._client.register_plugin(dask_worker.LocalWorker())
+                try:
+                    self._cluster = _local_cluster(self._count)
+                    self._client = Client(self._cluster, set_as_default=False)
+                    self._client.register_plugin(dask_worker.LocalWorker())
+                except TimeoutError as error:
+                    raise StageError(f"{self._count} worker processes did not start in time on a machine this busy; {HINT}") from error
         return self._client
 
     def _workers(self, client: Client) -> int:
@@ -190,8 +195,7 @@ def _local_cluster(processes: int) -> LocalCluster:
     try:
         return start()
     except RuntimeError as error:
-        hint = "run again, with fewer --workers where memory is short, or with --executor serial"
-        raise StageError(f"worker processes cannot be started ({error}); {hint}") from error
+        raise StageError(f"worker processes cannot be started ({error}); {HINT}") from error
 
 
 @contextmanager

@@ -192,6 +192,15 @@ def test_workers_that_stay_see_inputs_that_were_made_again(tmp_path):
         assert [*profiling.values()] == [False]  # else a worker grows by 0.1 MB per second
 
 
+def test_workers_that_do_not_start_in_time_are_named_with_a_way_out(monkeypatch):
+    def late(*_: object, **__: object) -> None:
+        raise TimeoutError
+
+    monkeypatch.setattr(dask_executor, "LocalCluster", late)
+    with pytest.raises(StageError, match=r"2 worker processes did not start in time.*--executor serial"):
+        Dask(2)._connect()
+
+
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
     monkeypatch.setattr(dask_executor, "CONNECT_SECONDS", 1)
     with pytest.raises(StageError, match=r"there is no Dask scheduler with workers at tcp://127\.0\.0\.1:9: .*; start both first"):
