@@ -51,8 +51,9 @@ milliseconds are an image's, depth not counted, at 480 × 640 on one core. What 
 """
 PAGE_END = """- One core, processor time, the least of nine; a ball of 5 mm radius 1 mm deep in the gel. Ours is depth and image.
 - The GelSight's circles are annotated about 6 pixels inside the rim that the photographs show: the ring of colour in the differences.
-- GelSight Mini: neither ball nor pixel size is stated with the photographs, and all contacts lie in the middle of the gel. Trust its
-  colours as little as these figures say.
+- GelSight Mini: neither ball nor pixel size is stated with the photographs, and all contacts lie in the middle of the gel. Its circles
+  are annotated up to 26 pixels (median 8) beside the point around which the colours turn, with radii 20 pixels larger than that at
+  which they fade fastest; `calibrate-sensor` finds the latter. Trust its colours as little as these figures say.
 - The polynomial background is what ships instead of a photograph; `calibrate-sensor` takes your own untouched photograph.
 """
 
