@@ -46,7 +46,7 @@ def test_follower_stays_with_its_leader_in_physics(blocked: bool) -> None:
             pose[:3, 3] = [0, 0.04, 0.6 - 0.08]  # the block's far side is 3 cm on the right finger's side of the middle
         start, target = np.array([0.06]), np.array([0.01])
         angles, rests = physics.settle(pose, start, target, max_steps=800, resting_speed=2e-3)
-        states = [physics.client.getJointState(physics._body, joint)[0] for joint in range(2)]
+        states = [physics.client.getJointState(physics._body.body, joint)[0] for joint in range(2)]
     assert rests
     assert states[1] == pytest.approx(angles[0], abs=1e-3)
     if blocked:

@@ -63,6 +63,11 @@ def learner(touches: Touches, **changes: Any) -> UnetLearner:
         return UnetLearner(UNet(settings.width), touches, touches, settings)
 
 
+def everything(trained: UnetLearner) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Read all items as one batch."""
+    return trained.read(range(len(trained)), [torch.Generator() for _ in range(len(trained))])
+
+
 def test_items_are_the_sensors_that_touched(touches: Touches) -> None:
     assert len(touches) == 4 * GRASPS_EACH * (SENSORS - 1)
     assert (touches.where[:, 2] < SENSORS - 1).all()
@@ -88,7 +93,7 @@ def test_the_loss_falls_and_its_measures_agree(touches: Touches, loss: Literal["
     for _ in range(40):
         trained.module.train()
         optimizer.zero_grad()
-        trained.loss(touches.read(range(len(touches)))).backward()
+        trained.loss(everything(trained)).backward()
         optimizer.step()
     last = validate()
     assert last.keys() == {"loss", "depth_rms_um"}
@@ -114,7 +119,16 @@ def test_a_network_that_has_diverged_is_refused(touches: Touches) -> None:
     with torch.no_grad():
         next(trained.module.parameters()).fill_(torch.nan)
     with pytest.raises(InvalidInput, match="the network has diverged"):
-        trained.loss(touches.read([0, 1]))
+        trained.loss(everything(trained))
+
+
+def test_images_vary_and_depths_do_not(touches: Touches) -> None:
+    readings, depth, varied = everything(learner(touches, image_gain=0.3))
+    given = touches.read(range(len(touches)))
+    assert torch.equal(readings, given[0])
+    assert torch.equal(depth, given[1])
+    assert not torch.equal(varied, readings)
+    assert torch.equal(everything(learner(touches))[2], readings), "off by default"
 
 
 @pytest.fixture(scope="module")
