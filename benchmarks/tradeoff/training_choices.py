@@ -34,13 +34,13 @@ COMMON: dict[str, tuple[str, ...]] = {
     "constant rate": ("schedule=constant",),
     "gradients not limited": ("gradient_limit=null",),
     "weights averaged, 0.99": ("weight_average=0.99",),
+    "group normalisation": ("encoder_norm=group",),
     "colours varied": VARIED,
     "a fifth of the touches dropped": ("dropped_touches=0.2",),
     "batches of 8": ("batch_size=8",),
 }
 """By name, the settings that differ from draft's."""
 CHARTS = COMMON | {
-    "group normalisation": ("encoder_norm=group",),
     "each object once an epoch, five times the epochs": ("items=1", "epochs=15"),
     "3000 loss points": ("loss_points=3000",),
     "seams open": ("seams=open",),
@@ -51,13 +51,12 @@ CHARTS = COMMON | {
     "touch through the charts' centres": ("touch_edges=centres",),
 }
 IMPLICIT = COMMON | {
-    "batch normalisation": ("encoder_norm=batch",),
     "2000 queries": ("queries=2000",),
     "twice the features": ("features=256",),
 }
 FAMILIES = {"train-gcn": (("epochs=3",), CHARTS), "train-implicit": (("epochs=20",), IMPLICIT)}
 """By stage: how short these trainings are, and the choices."""
-OF_IMAGES = {"group normalisation", "batch normalisation", "colours varied"}
+OF_IMAGES = {"group normalisation", "colours varied"}
 OF_TOUCHES = {"a fifth of the touches dropped", "touch through the charts' centres"}
 QUALITY = ("area_ratio", "dihedral", "spike", "normal_consistency")
 
