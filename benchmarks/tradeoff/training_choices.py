@@ -26,7 +26,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.tuning.measurements import load_studies
 from stages.evaluate.evaluation_files import evaluation_name, read_table
 
-COMMAND = "python -m benchmarks.tradeoff.training_choices data/four-classes/draft data/choices --write"
+COMMAND = "python -m benchmarks.tradeoff.training_choices data/four-classes/draft data/choices --seeds {} --write"
 SHARED = ("surfaces", "grasps", "vision", "touch", "distances", "models/unet*", "charts")
 VARIED = ("image_gain=0.2", "image_shift=10", "image_noise=3")
 COMMON: dict[str, tuple[str, ...]] = {
@@ -124,7 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         figures, measured = read_figures(), {(row["network"], row["label"]) for row in rows}
         before = figures["sections"].get("training", {"rows": []})["rows"]
         kept = [row for row in before if (row["network"], row["label"]) not in measured]
-        made = provenance(COMMAND, COMMAND) | {"command": COMMAND}
+        made = provenance("", "") | {"command": COMMAND.format(" ".join(map(str, given.seeds)))}
         figures["sections"]["training"] = {"provenance": made, "rows": sorted([*kept, *rows], key=lambda row: str(row["network"]))}
         write_figures(figures)
         write_page(figures, load_studies().values())
