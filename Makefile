@@ -208,7 +208,7 @@ site: $(VENV)/installed  ## build the documentation as pages: site/index.html
 	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --site-dir site && echo "site/index.html"
 
-test-docs: $(VENV)/installed-dev site  ## check the pages' links, run the documents' commands and the notebook (a quarter of an hour on 2 cores)
+test-docs: $(VENV)/installed-dev site  ## check the pages' links, run the documents' commands and the notebook (half an hour on 2 cores)
 	@$(BIN)/pytest -n 0 tests/examples/run_commands.py
 	@PATH=$(abspath $(BIN)):$$PATH $(BIN)/python -m tests.examples.run_notebook examples/first_steps.ipynb
 
