@@ -98,10 +98,12 @@ def repository(tmp_path_factory) -> Path:
     copy = tmp_path_factory.mktemp("documents") / "repository"
     shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".*", "data", "site", "__pycache__"))
     (copy / ".venv").symlink_to(ROOT / ".venv")
-    for name, sources in SOURCES.items():
+    manifests = copy / "data_manifests"
+    renderings = yaml.safe_load((manifests / "single-image.yaml").read_text())
+    for name, sources in (*SOURCES.items(), ("single-image", renderings["sources"])):
         splits = {"train": 0.5, "valid": 0.25, "test": 0.25}
         said = {"name": name, "description": "small", "seed": 0, "splits": splits, "sources": sources}
-        (copy / "data_manifests" / f"{name}.yaml").write_text(yaml.safe_dump(said))
+        (manifests / f"{name}.yaml").write_text(yaml.safe_dump(said))
     presets = copy / "pipeline" / "assets" / "presets.yaml"
     presets.write_text(yaml.safe_dump(yaml.safe_load(presets.read_text()) | {"draft": DRAFT}))
     (copy / "home" / "meshes" / "boxes").mkdir(parents=True)
