@@ -18,6 +18,12 @@ def read_figures() -> dict[str, Any]:
     return content
 
 
+def section_rows(figures: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    """Take the rows of a section; none where it was not measured yet."""
+    rows: list[dict[str, Any]] = figures["sections"].get(name, {"rows": []})["rows"]
+    return rows
+
+
 def write_figures(figures: dict[str, Any]) -> None:
     """Write the figures where the package finds them."""
     PATH.write_text(json.dumps(figures, indent=1, allow_nan=False) + "\n")

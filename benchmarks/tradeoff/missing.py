@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from benchmarks.tradeoff.figures import read_figures
+from benchmarks.tradeoff.figures import read_figures, section_rows
 from benchmarks.tradeoff.study_plan import StudyPlan, study_plans
 from benchmarks.tradeoff.training_choices import FAMILIES, choices_of
 from pipeline.tuning.measurements import Study, load_studies
@@ -43,6 +43,6 @@ def unmeasured_choices(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    choices = read_figures()["sections"].get("training", {"rows": []})["rows"]
+    choices = section_rows(read_figures(), "training")
     for line in (*unmeasured(study_plans(), load_studies()), *unmeasured_choices(choices)):
         print(line)

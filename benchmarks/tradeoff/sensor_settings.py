@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.real_sensors import BALL, SETS, added, least_ms, mean_errors, photographs
+from benchmarks.real_sensors import BALL, SETS, Model, added, least_ms, mean_errors, photographs
 from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.touch.calibrated_shading import polynomial_background
 from pipeline.kernels.touch.calibration_fit import Photograph, ball_impression
@@ -16,7 +16,6 @@ from pipeline.kernels.touch.optics import Shadow
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 
-Model = Callable[[Photograph, Sensor], NDArray[np.uint8]]
 NOISE = 2.0
 """Levels; photographs have 1 to 3."""
 

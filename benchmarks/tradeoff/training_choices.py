@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.provenance import provenance
-from benchmarks.tradeoff.figures import read_figures, write_figures
+from benchmarks.tradeoff.figures import read_figures, section_rows, write_figures
 from benchmarks.tradeoff.page import write_page
 from benchmarks.tradeoff.runs import command
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION, IMPLICIT_CONFIGURATIONS
-from pipeline.models.trained_networks import model_name
+from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
+from pipeline.models.trained_networks import family_of, model_name
 from pipeline.store.directory import DataDirectory
 from pipeline.tuning.measurements import load_studies
 from stages.evaluate.evaluation_files import evaluation_name, read_table
@@ -63,7 +63,7 @@ QUALITY = ("area_ratio", "dihedral", "spike", "normal_consistency")
 
 def stage_of(configuration: str) -> str:
     """Name the stage that trains a network."""
-    return "train-implicit" if configuration in IMPLICIT_CONFIGURATIONS else "train-gcn"
+    return f"train-{family_of(configuration)}"
 
 
 def choices_of(configuration: str) -> dict[str, tuple[str, ...]]:
@@ -122,8 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(*rows[-1].values(), sep=" | ", flush=True)
     if given.write:
         figures, measured = read_figures(), {(row["network"], row["label"]) for row in rows}
-        before = figures["sections"].get("training", {"rows": []})["rows"]
-        kept = [row for row in before if (row["network"], row["label"]) not in measured]
+        kept = [row for row in section_rows(figures, "training") if (row["network"], row["label"]) not in measured]
         made = provenance("", "") | {"command": COMMAND.format(" ".join(map(str, given.seeds)))}
         figures["sections"]["training"] = {"provenance": made, "rows": sorted([*kept, *rows], key=lambda row: str(row["network"]))}
         write_figures(figures)

@@ -232,7 +232,7 @@ class _Training:
         return StageError(f"{self.name}: {reason}, {step}; {advice}: {', '.join(map(self.learner.describe, items))}")
 
     def validate(self) -> None:
-        """Validate the network, with averaged weights if they are averaged."""
+        """Validate the network, with the average of its weights if one is taken."""
         self.learner.module.eval()
         with averaged(self.module, self.average):
             self.judge()

@@ -24,7 +24,7 @@ class GcnSettings(ReconstructionSettings):
         5, "as released, padded by 1; the 3 of the tables gives the same sizes, and 2.5 times the error after as many epochs"
     )
     encoder_norm: Norm | None = setting(
-        None, "what follows each convolution; null is the table's: batch, or instance for single images; group pays no heed to the batch"
+        None, "what follows each convolution; null is the table's: batch, or instance for single images; group does not depend on the batch"
     )
     encoder_width: float = setting(0.5, "share of the tables' channels, likewise", gt=0, le=2)
     mixed: float = setting(1 / 3, "share of features averaged over neighbours; the cited work has 1/10 as well", ge=0, le=1)

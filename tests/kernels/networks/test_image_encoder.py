@@ -89,7 +89,7 @@ def test_images_of_four_channels_are_refused() -> None:
         ImageEncoder(ENCODER_PLANS[12])(torch.zeros(1, 4, 256, 256))
 
 
-def test_group_normalisation_pays_no_heed_to_the_other_images_of_a_batch():
+def test_group_normalisation_does_not_depend_on_the_other_images_of_a_batch():
     images = torch.rand(2, 3, 256, 256, generator=torch.Generator().manual_seed(0))
     for norm, alike in (("group", True), ("batch", False)):
         encoder = ImageEncoder(ENCODER_PLANS[12], kernel=5, norm=norm, width=0.25).train()
