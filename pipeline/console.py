@@ -47,6 +47,11 @@ def say(line: str) -> None:
     console.print(escape(line))
 
 
+def counted(number: int, what: str = "object") -> str:
+    """Write a number of things: 1 object, 2 objects."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 def few(names: Sequence[str]) -> str:
     """List the first `NAMED` names."""
     return ", ".join(names[:NAMED]) + (", …" if len(names) > NAMED else "")

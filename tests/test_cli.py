@@ -41,7 +41,7 @@ def test_a_run_with_nothing_to_do_starts_no_executor_and_imports_none(tmp_path):
     program = "import sys; from pipeline.cli import app; app(sys.argv[1:], standalone_mode=False); assert 'distributed' not in sys.modules"
     again = subprocess.run([sys.executable, "-c", program, *command], capture_output=True, text=True, check=False)
     assert again.returncode == 0, again.stderr
-    assert "up to date, 1 objects" in again.stdout
+    assert "up to date, 1 object\n" in again.stdout
 
 
 def test_doctor_finds_everything_here():

@@ -88,7 +88,7 @@ def test_stage_setting_and_array_added_by_the_recipes_run(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "made 1 objects" in done.stdout
+    assert "made 1 object " in done.stdout
     assert "`least_press`" in (copy / "docs" / "settings.md").read_text()
 
     record = json.loads((data / "contact" / "0000-of-0001.json").read_text())

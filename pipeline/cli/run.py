@@ -25,7 +25,7 @@ from pipeline.cli.request import (
     make_request,
 )
 from pipeline.config.manifest import load_manifest
-from pipeline.console import NAMED, console, errors, few, say
+from pipeline.console import NAMED, console, counted, errors, few, say
 from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.peers import peers
 from pipeline.engine.plan import Forecast, Request
@@ -93,10 +93,10 @@ def run(
 
 def _print_forecast(stage: str, path: Place, foreseen: Forecast) -> None:
     if not foreseen.missing:
-        say(f"{stage} {path}: up to date, {foreseen.total} objects")
+        say(f"{stage} {path}: up to date, {counted(foreseen.total)}")
         return
     size = f"about {foreseen.seconds / 60:.1f} min and {foreseen.kilobytes / 1e3:.0f} MB"
-    say(f"{stage} {path}: would make {foreseen.missing} of {foreseen.total} objects, {size}")
+    say(f"{stage} {path}: would make {foreseen.missing} of {counted(foreseen.total)}, {size}")
 
 
 def run_plan(plan: ShardPlan | FolderPlan) -> None:
@@ -104,12 +104,12 @@ def run_plan(plan: ShardPlan | FolderPlan) -> None:
     stage, request = plan.stage.name, plan.request
     failures: dict[str, Failure] = {}
     if plan.up_to_date():
-        say(f"{stage} {plan.path}: up to date, {plan.total} objects")
+        say(f"{stage} {plan.path}: up to date, {counted(plan.total)}")
     else:
         for line in misfits(plan) if isinstance(plan, ShardPlan) else ():
             say(line)
         result = run_stage(plan, console)
-        what = f"made {result.made} objects" if isinstance(plan, ShardPlan) else f"made from {plan.total} objects"
+        what = f"made {counted(result.made)}" if isinstance(plan, ShardPlan) else f"made from {counted(plan.total)}"
         left = f"; {result.waiting} of {plan.total} not made yet, run without --object to publish the shard" if result.waiting else ""
         failures = plan.failures() if isinstance(plan, ShardPlan) else {}
         say(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + left)
@@ -118,17 +118,17 @@ def run_plan(plan: ShardPlan | FolderPlan) -> None:
     failures = failures or (plan.failures() if isinstance(plan, ShardPlan) else {})
     _print_failures({name: failure for name, failure in failures.items() if request.only in (None, name)})
     if failures and request.strict:
-        fail(f"{len(failures)} objects have failed, and --strict was asked for")
+        fail(f"{counted(len(failures))} failed, and --strict was asked for")
 
 
 def _say_how_files_are_read(request: Request[Any], left_out: Mapping[str, list[str]]) -> None:
     """Say what of a folder is left out, and that files without units are scaled to one size."""
     for reason, files in left_out.items():
-        say(f"left out {len(files)} files ({few(files)}): {reason}")
+        say(f"left out {counted(len(files), 'file')} ({few(files)}): {reason}")
     unitless = sum("file" in item.source and item.source.get("metres_per_unit") is None for item in request.objects)
     if unitless:
         size = getattr(request.settings, "diagonal", 0.5)
-        say(f"{unitless} objects are scaled to a diagonal of {size:g} m; --units mm (make: UNITS=mm), or another unit, keeps real sizes")
+        say(f"{counted(unitless)} scaled to a diagonal of {size:g} m; --units mm (make: UNITS=mm), or another unit, keeps real sizes")
 
 
 def _say_what_is_missing(plan: ShardPlan) -> None:
@@ -138,7 +138,7 @@ def _say_what_is_missing(plan: ShardPlan) -> None:
     counts = plan.published.read("missing_files")
     names = [name for name, row in plan.published.position.items() if counts[row]]
     if names:
-        say(f"{len(names)} objects name textures or materials that are not below their folder, and are drawn without ({few(names)})")
+        say(f"{counted(len(names))} drawn without textures or materials that are not below their folder ({few(names)})")
 
 
 def _print_failures(failures: Mapping[str, Failure]) -> None:

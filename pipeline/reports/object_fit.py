@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.config.hand_file import load_hand
 from pipeline.config.physics_urdf import links_without_mass
 from pipeline.config.scene_file import load_scene
 from pipeline.config.sensor_file import load_worn_sensors, sensor_names
-from pipeline.console import few
+from pipeline.console import counted, few
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_links
 from pipeline.kernels.hand.model import Hand
@@ -39,12 +40,12 @@ def misfits(plan: ShardPlan) -> Iterator[str]:
         cameras = [("the camera", scene.camera), *((f"camera {one.name}", one) for one in scene.cameras)]
         found: dict[tuple[str, ...], list[str]] = {}
         for name, points in _points(plan):
-            for fault, is_so in (("leave the image of", leaves_image), (f"span less than {100 * SPECK:.0f} % of the image of", is_speck)):
+            for fault, is_so in (("not whole in the image of", leaves_image), (f"within {100 * SPECK:.0f} % of the image of", is_speck)):
                 if views := [title for title, camera in cameras if is_so(camera, points)]:
                     found.setdefault((fault, *views), []).append(name)
         for (fault, *views), names in found.items():
             remedy = f"move it or change its focal length in a scene file ({plan.settings.scene}), or scale the objects"
-            yield f"{len(names)} objects {fault} {', '.join(views)} ({few(names)}): {remedy}"
+            yield f"{counted(len(names))} {fault} {', '.join(views)} ({few(names)}): {remedy}"
 
 
 def _points(plan: ShardPlan) -> Iterator[tuple[str, np.ndarray]]:
@@ -61,20 +62,26 @@ def _of_unfit_size(extents: dict[str, np.ndarray], *, smallest: float, largest: 
     large = [name for name, sides in extents.items() if sides.min() > largest]
     if small:
         yield (
-            f"{len(small)} objects are smaller than two sensors of {hand} side by side, {1e3 * smallest:.0f} mm ({few(small)}): "
+            f"{counted(len(small))} smaller than two sensors of {hand} side by side, {1e3 * smallest:.0f} mm ({few(small)}): "
             "is the unit right?"
         )
     if large:
         yield (
-            f"{len(large)} objects are wider on every side than {hand} opens, {1e3 * largest:.0f} mm ({few(large)}): their fingers touch "
+            f"{counted(len(large))} wider on every side than {hand} opens, {1e3 * largest:.0f} mm ({few(large)}): fingers touch "
             "one side only, if any; is the unit right?"
         )
 
 
+def sensor_places(hand: Hand) -> NDArray[np.float64]:
+    """Compute where the S sensors are in P random postures and at the joints' limits: (P, S, 3), frame of the palm's link, m."""
+    angles = numpy_rng(0, "opening", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
+    frames = forward_kinematics(hand, np.eye(4), np.concatenate([angles, [hand.lower, hand.upper]]))
+    return sensors_of_links(hand, frames)[..., :3, 3]
+
+
 def opening(hand: Hand) -> float:
     """Compute how far a hand opens: the greatest distance between two of its sensors, or one and the palm's centre, m."""
-    angles = numpy_rng(0, "opening", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
-    places = sensors_of_links(hand, forward_kinematics(hand, np.eye(4), np.concatenate([angles, [hand.lower, hand.upper]])))[..., :3, 3]
+    places = sensor_places(hand)
     palm = np.broadcast_to(hand.palm_centre, (len(places), 1, 3))
     ends = np.concatenate([places, palm], axis=1)
     return float(np.linalg.norm(ends[:, :, None] - ends[:, None], axis=-1).max())

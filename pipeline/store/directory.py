@@ -228,17 +228,16 @@ class DataDirectory:
         return sorted(used)
 
     def _check_folder(self, name: str) -> list[str]:
-        record = self.folder(name)
+        record, path = self.folder(name), self.folder_record(name)
+        again = f"run {record.stage} again with the settings in {path}, or delete that file if this folder is no longer needed"
         if unknown := sorted(record.inputs.keys() - ARTIFACTS.keys()):
-            raise StoreError(
-                f"{self.folder_record(name)}: there is no artifact {unknown[0]}; delete the record and run {record.stage} again"
-            )
+            raise StoreError(f"{path}: there is no artifact {unknown[0]}; delete the record and run {record.stage} again")
         for artifact, made_from in record.inputs.items():
             if self.collection(ARTIFACTS[artifact]).rows_digest(record.splits) != made_from:
-                raise StoreError(f"{self.root / name} was made from other {artifact} than the current ones; run {record.stage} again")
+                raise StoreError(f"{self.root / name} was made from other {artifact} than the current ones; {again}")
         for model, made_with in record.models.items():
             if folder_digest(self.folder(model)) != made_with:
-                raise StoreError(f"{self.root / name} was made from another {model} than the current one; run {record.stage} again")
+                raise StoreError(f"{self.root / name} was made from another {model} than the current one; {again}")
         return [*record.inputs, *record.models]
 
 

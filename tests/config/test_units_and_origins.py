@@ -61,7 +61,7 @@ def test_object_to_world_and_back(folder: Path, tmp_path: Path) -> None:
 
 def test_without_units_objects_are_scaled_and_that_is_said(folder: Path, tmp_path: Path) -> None:
     output = run(folder, tmp_path / "d")
-    assert "1 objects are scaled to a diagonal of 0.5 m; --units mm (make: UNITS=mm)" in output
+    assert "1 object scaled to a diagonal of 0.5 m; --units mm (make: UNITS=mm)" in output
 
 
 def test_gltf_keeps_its_metres_and_its_up_axis(folder: Path) -> None:
@@ -78,8 +78,8 @@ def test_files_that_are_no_objects_are_named_with_the_reason(folder: Path, tmp_p
     (tmp_path / "elsewhere").mkdir()
     (folder / "linked").symlink_to(tmp_path / "elsewhere")
     output = run(folder, tmp_path / "d")
-    assert "left out 1 files (part.step): .step cannot be read; convert to one of .obj" in output
-    assert "left out 1 files (linked): links to folders are not followed" in output
+    assert "left out 1 file (part.step): .step cannot be read; convert to one of .obj" in output
+    assert "left out 1 file (linked): links to folders are not followed" in output
 
 
 def test_textures_that_are_not_there_are_counted_and_said(folder: Path, tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_textures_that_are_not_there_are_counted_and_said(folder: Path, tmp_path
     ]
     (folder / "bare.obj").write_text("\n".join(lines))
     output = run(folder, tmp_path / "d")
-    assert "1 objects name textures or materials that are not below their folder, and are drawn without (bare)" in output
+    assert "1 object drawn without textures or materials that are not below their folder (bare)" in output
     rows = ObjectRows(tmp_path / "d", ["missing_files"], None)
     assert [int(rows.read("missing_files", name)) for name in ("bare", "wedge")] == [1, 0]
 

@@ -41,6 +41,14 @@ def test_hand_whose_sensor_faces_sideways_and_whose_fingers_are_in_the_palm_is_f
     assert "overlap: [palm" not in text  # joined by a joint: what hangs from the palm may touch it
 
 
+def test_palm_far_from_the_fingers_is_a_fault(tmp_path: Path) -> None:
+    palm = {"link": "palm", "facing": [0, 0, 1], "centre": [0, 0, -0.6]}  # as at the base of an arm
+    urdf = str(load_hand("two_finger_gripper").urdf)
+    lines = check_file(str(edited("hand", "two_finger_gripper", tmp_path / "far.yaml", palm=palm, urdf=urdf)), tmp_path / "a.png")
+    assert "faults below" in lines[0]
+    assert any("no sensor comes nearer to the palm's centre than 6" in line and "is palm.link, palm, the link" in line for line in lines)
+
+
 def test_all_faults_of_a_hand_file_are_named_at_once(tmp_path: Path) -> None:
     described = yaml.safe_load(description_path("hand", "two_finger_gripper").read_text())
     described["fingers"][0]["joints"] = ["left_slip"]

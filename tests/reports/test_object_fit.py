@@ -31,7 +31,7 @@ def test_objects_of_unfit_size_are_named() -> None:
     sides = {"speck": (0.002, 0.003, 0.004), "mug": (0.1, 0.1, 0.12), "crate": (0.9, 0.7, 1.2), "pole": (2.0, 0.02, 0.02)}
     extents = {name: np.array(one) for name, one in sides.items()}
     small, large = _of_unfit_size(extents, smallest=0.03, largest=0.14, hand="claw")
-    assert "1 objects are smaller" in small
+    assert "1 object smaller" in small
     assert "speck" in small
-    assert "1 objects are wider" in large
+    assert "1 object wider" in large
     assert "crate" in large

@@ -15,7 +15,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.resting_contacts import Overlap, frequent_overlaps
 from pipeline.kernels.hand.self_collision import fingers_clear_of_palm
 from pipeline.reports.hand_picture import closing_directions, hand_picture
-from pipeline.reports.object_fit import opening
+from pipeline.reports.object_fit import opening, sensor_places
 from pipeline.rng import numpy_rng
 
 POSTURES = 512
@@ -23,6 +23,9 @@ POSTURES = 512
 
 LEAST_WAY = 1e-3
 """m along its normal that a sensor should go as its finger closes."""
+
+FAR = 2.0
+"""Times the greatest distance between two sensors, at which no sensor comes near what lies at the palm."""
 
 
 def check(path: Path, picture: Path) -> list[str]:
@@ -66,7 +69,20 @@ def _faults(hand: Hand, free: np.ndarray) -> list[str]:
         for number, mount in enumerate(hand.sensors)
         if number in on_fingers and np.linalg.norm(way[number]) < LEAST_WAY
     ]
-    return [*stuck, *bare, *still]
+    return [*stuck, *bare, *still, *_far_palm(hand)]
+
+
+def _far_palm(hand: Hand) -> list[str]:
+    """Tell a palm that is not where the fingers are, as the base of an arm."""
+    places = sensor_places(hand)
+    away = np.linalg.norm(places - hand.palm_centre, axis=-1).min()
+    apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1).max()
+    if len(hand.sensors) < 2 or away <= FAR * apart:
+        return []
+    return [
+        f"fault: no sensor comes nearer to the palm's centre than {1e3 * away:.0f} mm, and sensors part by {1e3 * apart:.0f} mm at most; "
+        f"is palm.link, {hand.links[0].name}, the link that the fingers grow from, and palm.centre in its frame?"
+    ]
 
 
 def _overlap(hand: Hand, one: Overlap) -> str:
