@@ -104,3 +104,4 @@ def _arrow(axes: Any, start: NDArray[np.float64], by: NDArray[np.float64], color
     style = {"arrowstyle": "->", "color": color, "linestyle": "--" if dashed else "-", "linewidth": 1.5}
     axes.annotate("", xy=start + by, xytext=start, arrowprops=style)
     axes.text(*(start + by), label, color=color, fontsize=7)
+    axes.update_datalim([start, start + by])  # annotations alone do not widen the view
