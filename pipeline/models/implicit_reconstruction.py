@@ -50,13 +50,15 @@ class ImplicitReconstructor(Reconstructor):
 
         def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
             queries = torch.from_numpy(points).to(code.overall)
-            parts = [self.implicit.decode(code, part[None])[0] for part in torch.split(queries, QUERIES)]
+            parts = [self.implicit.decode_trusting_touches(code, part[None])[0] for part in torch.split(queries, QUERIES)]
             return np.asarray(torch.cat(parts).double().cpu().numpy())
 
         config = self.implicit.config
         centre, reach, spacing = np.array(config.centre), MARGIN * config.radius, config.spacing
         box = centre - reach, centre + reach
-        vertices, faces = level_set_mesh(distances, *box, spacing, halvings=HALVINGS)
+        vertices, faces = level_set_mesh(
+            distances, *box, spacing, halvings=HALVINGS, steep=self.implicit.touched_points(code), within=config.touch_reach
+        )
         if len(faces):
             return vertices, faces
         coarse = spacing * 2**HALVINGS

@@ -21,6 +21,12 @@ class ImplicitSettings(ReconstructionSettings):
     blocks: int = setting(3, "residual blocks of the decoder, of two layers each", ge=0)
     band: float = setting(0.03, "m beyond which distances count the same: more than the 28 mm at which meshing begins to look closer", gt=0)
     spacing: float = setting(0.004, "of the grid of a reconstruction's mesh, m; half of it takes four times as long", ge=1e-3)
+    touch_reach: float = setting(
+        0.01,
+        "m around what was felt in which a reconstruction goes by it, not by the network; 0 goes by the network alone",
+        ge=0,
+        le=1,
+    )
     encoder_layers: Literal[12, 15, 18] = setting(12, "as in Table 10")
     encoder_kernel: Literal[3, 5] = setting(5, "as `train-gcn`'s")
     encoder_norm: Norm = setting(

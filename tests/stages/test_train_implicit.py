@@ -94,6 +94,19 @@ def test_what_was_felt_decides_on_the_size(data):
     assert large > 1.4 * small
 
 
+def test_the_mesh_goes_through_what_was_felt_even_where_nothing_was_expected(data):
+    model = load_reconstructor(NAME, folder_of(data, f"models/implicit/{NAME}"))
+    model.implicit.config = model.implicit.config.model_copy(update={"spacing": 0.004})  # touch reaches 10 mm
+    side = np.linspace(-0.008, 0.008, 9)
+    flat = np.stack([*np.meshgrid(side, side[::-1]), np.zeros((9, 9))], axis=-1).reshape(-1, 3)
+    for away in (-0.02, 0.02):
+        felt = spheres.CENTRE + flat + [0.003, -0.002, TRUE_RADIUS + away]  # on the ball's top the network expects it 2 cm off
+        observation = Observation(None, felt[None].astype(np.float32), np.array([True]))
+        made = model.reconstruct([observation])[0]
+        apart = trimesh.proximity.closest_point(trimesh.Trimesh(made.vertices, made.faces, process=False), felt)[1]
+        assert apart.max() < 5e-4
+
+
 def test_it_is_drawn_and_written_as_one_mesh(data, tmp_path):
     table = read_surfaces(folder_of(data, "evaluation"), NAME)
     drawn = predicted_mesh(DataDirectory(data).collection(CHARTS), "d", table, 1)

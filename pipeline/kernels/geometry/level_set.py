@@ -22,7 +22,15 @@ CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0
 
 
 def level_set_mesh(
-    field: Field, low: Points, high: Points, spacing: float, *, slope: float = 1.0, halvings: int = 3
+    field: Field,
+    low: Points,
+    high: Points,
+    spacing: float,
+    *,
+    slope: float = 1.0,
+    halvings: int = 3,
+    steep: Points | None = None,
+    within: float = 0.0,
 ) -> tuple[Points, NDArray[np.int64]]:
     """Make the closed mesh that encloses where a field is negative, in a box.
 
@@ -39,6 +47,8 @@ def level_set_mesh(
     halvings
         The field is computed on a grid 2^halvings times as wide; this is halved again and again, and the field is computed only at points
         where it can be 0, as slope and neighbours tell. 0 computes it at all points, and needs no slope.
+    steep, within
+        The field may change faster within this distance of these points (M, 3): there it is computed at each point of the grid.
 
     Returns
     -------
@@ -64,7 +74,10 @@ def level_set_mesh(
     for _ in range(halvings):
         reach, step = np.sqrt(3) * step * slope, step / 2
         values = _halved(values)
-        _compute(values, np.abs(values) <= reach, field, low, step)
+        where = np.abs(values) <= reach
+        if steep is not None:
+            _mark_around(where, np.asarray(steep) - low, step, within)
+        _compute(values, where, field, low, step)
     return _march(np.pad(values, 1, constant_values=slope * step), low - step, step)  # closed where the box ends
 
 
@@ -72,6 +85,15 @@ def _compute(values: NDArray[np.float64], where: NDArray[np.bool_], field: Field
     values[where] = found = field(low + step * np.argwhere(where))
     if not np.isfinite(found).all():
         raise InvalidInput(f"a field is NaN or infinite at {np.count_nonzero(~np.isfinite(found))} of {len(found)} points of a grid")
+
+
+def _mark_around(where: NDArray[np.bool_], places: Points, step: float, within: float) -> None:
+    """Set what is within a distance of places (M, 3) along each axis, on a grid that begins at 0; and one more point on each side."""
+    reach = int(np.ceil(within / step)) + 1
+    offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    marked = (np.rint(places / step).astype(np.int64)[:, None] + offsets).reshape(-1, 3)
+    marked = marked[((marked >= 0) & (marked < where.shape)).all(axis=1)]
+    where[tuple(marked.T)] = True
 
 
 def _halved(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -29,6 +29,8 @@ class ImplicitConfig(BaseModel):
         Distances beyond this many m, on either side, count the same.
     spacing
         Of the grid that a reconstruction's mesh is made on, m.
+    touch_reach
+        Around what was felt, a reconstruction goes by it: m at which its weight has fallen to 1/e. 0 goes by the network alone.
     side
         Vertices along a side of a touch chart.
     centre, radius
@@ -47,6 +49,7 @@ class ImplicitConfig(BaseModel):
     blocks: int = Field(default=3, ge=0, le=100)
     band: float = Field(default=0.03, gt=0)
     spacing: float = Field(default=0.004, ge=1e-3)
+    touch_reach: float = Field(default=0.01, ge=0, le=1)
     side: int = Field(default=9, ge=3, le=MOST_SIDE)
     centre: tuple[float, float, float] = (0.0, 0.0, 0.6)
     radius: float = Field(default=0.25, gt=0)

@@ -48,6 +48,22 @@ class Touches:
         """Describe what is nearest to queries (N, 3), in radii from the centre: (N, `FELT`); zeros where there is no such point."""
         return torch.cat([_nearest(queries, *side) for side in self._sides], dim=1)
 
+    def heights(self, queries: Tensor, reach: float, finger: float) -> tuple[Tensor, Tensor]:
+        """Compute how high queries (N, 3), in radii from the centre, are above the tangent plane at the touched point nearest to each.
+
+        Returns (N,) heights, and how much they say, (N,): exp(-(distance / reach)⁴), zeros where nothing was touched. Up to `finger` above
+        the plane there is the finger, and nothing of the object: there height adds nothing to the distance.
+        """
+        target, normals = self._sides[0]
+        if target is None:
+            return queries.new_zeros(len(queries)), queries.new_zeros(len(queries))
+        nearest = target.nearest(queries)
+        offset = queries - target.points[nearest]
+        height = (offset * normals[nearest]).sum(dim=1)
+        beyond = height - height.clamp(0, finger)
+        squared = offset.square().sum(dim=1) - height.square() + beyond.square()
+        return height, torch.exp(-((squared / reach**2) ** 2))
+
     @cached_property
     def _sides(self) -> tuple[tuple[Target | None, Tensor], ...]:
         """The touched points, and those that are known to be outside: searchable, with their normals; None where there is none."""

@@ -43,6 +43,21 @@ def test_the_field_is_computed_near_the_surface_alone():
     assert sum(asked[1:]) < asked[0] / 4
 
 
+def test_a_field_that_is_steep_somewhere_is_computed_there():
+    """A small ball far below the slope that is asked for, beside a large one."""
+    small = np.array([1.0, 0, 0.163])
+
+    def field(points):
+        beside = np.linalg.norm(points - small, axis=1)
+        return np.where(beside < 0.02, 10 * (beside - 0.008), ball(points).clip(0.05))
+
+    box, options = ([0.8, -0.2, -0.2], [1.2, 0.2, 0.2], 0.004), {"halvings": 3, "slope": 0.2}
+    assert mesh_of(field, *box, **options).is_empty
+    found = mesh_of(field, *box, **options, steep=small[None], within=0.01)
+    assert found.is_watertight
+    assert found.volume == pytest.approx(4 / 3 * np.pi * 0.008**3, rel=0.2)
+
+
 def test_any_field_gives_a_closed_mesh_that_stays_closed_in_float32():
     rng = np.random.default_rng(0)
     noise = rng.normal(size=(12, 12, 12)).round(1)  # a tenth of the differences, and many values, are 0

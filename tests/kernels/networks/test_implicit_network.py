@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS, ImplicitConfig
-from pipeline.kernels.networks.implicit_network import ImplicitNetwork
+from pipeline.kernels.networks.implicit_network import FINGER, ImplicitNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from tests.kernels.networks.test_deformation_network import inputs
 
@@ -84,6 +85,37 @@ def test_a_ball_that_was_touched_is_learned():
         loss.backward()
         optimizer.step()
     assert loss.item() < 0.3 * float(truth.clamp(-0.1, 0.1).abs().mean())
+
+
+def test_near_a_touch_a_reconstruction_goes_by_the_touch_and_far_away_by_the_network():
+    network, seen = small(), given([1])
+    flat = torch.tensor([[x, y, 0.6] for y in (0.02, 0.0, -0.02) for x in (-0.02, 0.0, 0.02)], dtype=torch.float64)  # faces +z
+    seen |= {"touch_vertices": flat[None], "touched": torch.tensor([True])}
+    code = network.encode(**seen)
+
+    def both(*points: tuple[float, float, float]) -> tuple[torch.Tensor, torch.Tensor]:
+        asked = torch.tensor([points], dtype=torch.float64)
+        return network.decode_trusting_touches(code, asked)[0], network.decode(code, asked)[0]
+
+    (on, above, below, *_), (alone, *_) = both((0.02, 0.02, 0.6), (0.02, 0.02, 0.601), (0.02, 0.02, 0.599))
+    assert alone.abs() > 1e-4
+    torch.testing.assert_close(torch.stack([on, above, below]), torch.tensor([0, 1e-3, -1e-3], dtype=torch.float64), atol=3e-6, rtol=0)
+    assert on.abs() < 1e-12
+    reach, weight = SMALL.touch_reach, np.exp(-1)
+    trusting, alone = both((0.0, 0.0, 0.6 - reach), (0.02 + reach, 0.0, 0.6), (0.0, 0.0, 0.6 + FINGER), (0.0, 0.0, 0.6 + FINGER + reach))
+    heights = torch.tensor([-reach, 0, FINGER, FINGER + reach], dtype=torch.float64)
+    weights = torch.tensor([weight, weight, 1, weight], dtype=torch.float64)  # in the finger there is nothing
+    torch.testing.assert_close(trusting, weights * heights + (1 - weights) * alone)
+    torch.testing.assert_close(*both((0.0, 0.0, 0.7)))
+
+
+@pytest.mark.parametrize("changes", [{"touch": False}, {"touch_reach": 0.0}, {}])
+def test_without_a_touch_or_a_reach_a_reconstruction_is_the_networks(changes: dict[str, Any]):
+    network, seen, asked = small(**changes), given([2 if changes.get("touch", True) else 0]), queries(1)
+    if not changes:
+        seen |= {"touched": torch.tensor([False, False])}
+    code = network.encode(**seen)
+    assert torch.equal(network.decode_trusting_touches(code, asked), network.decode(code, asked))
 
 
 def test_what_is_superfluous_missing_or_not_finite_is_refused():
