@@ -47,9 +47,10 @@ def _variants(shipped: Sensor, untouched: NDArray[np.uint8]) -> Iterator[tuple[s
     lamps = changed(calibrated=None, lights=load_sensor("gel_16mm").lights, membrane=0.0)
     on_photograph = added(untouched)
     yield "as shipped, on the untouched photograph", shipped, on_photograph
-    yield "`shadows: []`", changed(shadows=()), on_photograph
     yield "`membrane: 0`", changed(membrane=0.0), on_photograph
-    yield "`shadows: []`, `membrane: 0`", changed(shadows=(), membrane=0.0), on_photograph
+    if optics.shadows:
+        yield "`shadows: []`", changed(shadows=()), on_photograph
+        yield "`shadows: []`, `membrane: 0`", changed(shadows=(), membrane=0.0), on_photograph
     yield "`lights` of `gel_16mm` (equations 1 to 5), `membrane: 0`", lamps, _lit(untouched)
     yield "`background`: the shipped polynomial", shipped, _own
     yield "`background`: one colour", constant, _own

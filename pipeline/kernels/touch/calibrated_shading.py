@@ -45,7 +45,7 @@ def calibrated_change(pressed: NDArray[np.float64], sensor: Sensor, calibration:
         x, y = (centres / sensor.width for centres in pixel_centres(sensor))
         shading = np.array(calibration.coefficients)
         degrees = SLOPE_TERMS[shading.shape[1]], POSITION_TERMS[shading.shape[2]]
-        _shade(bump, sensor.pitch, x, y, shading, degrees, change)
+        _shade(bump, sensor.pitch, x, y, shading, degrees, calibration.steepest, change)
     for shadow in calibration.shadows if bump.any() else ():
         depth = shade_depth(bump, sensor.pitch, direction=np.deg2rad(shadow.direction), slope=shadow.slope)
         _darken(np.ascontiguousarray(depth), MM * np.array(shadow.gain), change)
@@ -87,6 +87,7 @@ def _shade(
     y: NDArray[np.float64],
     shading: NDArray[np.float64],
     degrees: tuple[int, int],
+    steepest: float,
     change: NDArray[np.float64],
 ) -> None:
     """Add the change of colours at every pixel that is drawn in or next to one that is, row by row."""
@@ -108,7 +109,10 @@ def _shade(
             left, right = max(col - 1, 0), min(col + 1, cols - 1)
             slope_x = (bump[row, right] - bump[row, left]) / ((right - left) * pitch[1])
             slope_y = (bump[below, col] - bump[above, col]) / ((below - above) * pitch[0])
-            size = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+            squared = slope_x * slope_x + slope_y * slope_y
+            size = np.sqrt(1.0 + squared)
+            if squared > steepest * steepest * size * size:
+                size = np.sqrt(squared) / steepest
             terms[0, col], terms[1, col] = slope_x / size, slope_y / size
         number = 2
         for degree in range(2, slopes + 1):  # each term is one of the degree before times nx, the last times ny

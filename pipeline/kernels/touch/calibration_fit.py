@@ -189,7 +189,9 @@ class _Fit:
         shading = np.round(self.coefficients[:count].T.reshape(3, terms, -1), 3)
         gains = np.round(self.coefficients[count:], 3).tolist()
         shadows = [Shadow(direction=d, slope=s, gain=tuple(gain)) for (d, s), gain in zip(self.shadows, gains, strict=True)]
-        return Calibration(coefficients=shading.tolist(), background=background, shadows=tuple(shadows))
+        places = len(powers(self.options.position_degree))
+        steepest = float(np.hypot(self.features[:, 0], self.features[:, places]).max())  # of the normal's components alone
+        return Calibration(coefficients=shading.tolist(), background=background, shadows=tuple(shadows), steepest=round(steepest, 3))
 
 
 def normal_and_place(bump: NDArray[np.float64], sensor: Sensor, options: FitOptions) -> NDArray[np.float64]:

@@ -49,6 +49,9 @@ class Calibration(_Entry):
         Field(description="the untouched image: levels by term of the position, or a PNG beside the sensor file"),
     ]
     shadows: tuple[Shadow, ...] = ()
+    steepest: Annotated[
+        float, Field(gt=0, le=1, description="sine of the steepest slope that was fitted: a steeper one has its colours, none are guessed")
+    ] = 1.0
 
     @model_validator(mode="after")
     def _are_polynomials(self) -> Calibration:

@@ -32,7 +32,9 @@ def slow_change(sensor, pressed) -> np.ndarray:
                     (pressed[below, c] - pressed[above, c]) / ((below - above) * sensor.pitch[0]),
                 ]
             )
-            a, b = slope / np.sqrt(1 + slope @ slope)
+            a, b = tilt = slope / np.sqrt(1 + slope @ slope)
+            if (size := np.linalg.norm(tilt)) > sensor.calibrated.steepest:
+                a, b = tilt / size * sensor.calibrated.steepest
             normal = [a**i * b**j for i, j in powers(3)[1:]]
             place = [x[c] ** i * y[r] ** j for i, j in powers(2)]
             found[r, c] = np.einsum("csp,s,p->c", np.array(sensor.calibrated.coefficients), normal, place)
@@ -45,6 +47,18 @@ def test_colours_are_the_polynomial_of_normal_and_position() -> None:
     pressed = bump() + 0.0004 * np.eye(48, 64)[::-1]
     np.testing.assert_allclose(calibrated_change(pressed, sensor, optics), slow_change(sensor, pressed), atol=1e-9)
     assert (calibrated_change(np.zeros(sensor.shape), sensor, optics) == 0).all()
+
+
+@pytest.mark.parametrize("steepest", [0.3, 0.05])
+def test_slopes_that_were_not_fitted_have_the_colours_of_the_steepest_one_that_was(steepest: float) -> None:
+    optics = SMALL.calibrated.model_copy(update={"shadows": (), "steepest": steepest})
+    sensor = SMALL.model_copy(update={"membrane": 0.0, "calibrated": optics})
+    found = calibrated_change(bump(), sensor, optics)
+    np.testing.assert_allclose(found, slow_change(sensor, bump()), atol=1e-9)
+    cone = [slope * np.hypot(*np.meshgrid(*pixel_centres(sensor))) for slope in (1.0, 2.0)]  # both steeper than the steepest
+    away = np.hypot(*np.meshgrid(*pixel_centres(sensor))) > 4 * max(sensor.pitch)
+    changes = [calibrated_change(one, sensor, optics)[away] for one in cone]
+    np.testing.assert_allclose(*changes, atol=1e-6)
 
 
 def test_background_is_the_polynomial_and_what_nothing_touches_shows_it() -> None:
