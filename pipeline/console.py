@@ -16,7 +16,7 @@ from rich.table import Table
 SECONDS_PER_LINE = 15.0
 NAMED = 5
 """Objects or files named in one line."""
-WIDE = 160
+WIDE = 200
 """Columns where no terminal says how many it has: a table in a log is not squeezed."""
 
 
