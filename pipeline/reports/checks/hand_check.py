@@ -9,6 +9,7 @@ import numpy as np
 from pipeline.config.hand_file import load_hand
 from pipeline.config.physics_urdf import links_without_mass
 from pipeline.config.sensor_file import load_worn_sensors, sensor_names
+from pipeline.console import counted
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
@@ -37,10 +38,12 @@ def check(path: Path, picture: Path) -> list[str]:
     overlaps = frequent_overlaps(hand, boxes, frames)
     hand_picture(hand, [sensor.width for sensor in sensors], [(one.first, one.second) for one in overlaps], picture)
     free = fingers_clear_of_palm(hand, boxes, frames, 0.0).mean(axis=0)
-    fingers = ", ".join(f"{finger.name} ({len(finger.joints)} joints, {len(finger.sensors)} sensors)" for finger in hand.fingers)
+    fingers = ", ".join(
+        f"{finger.name} ({counted(len(finger.joints), 'joint')}, {counted(len(finger.sensors), 'sensor')})" for finger in hand.fingers
+    )
     return [
         f"{path}: hand {hand.name}, {len(hand.links)} links, {'faults below' if _faults(hand, free) else 'no faults'}",
-        f"moves: {fingers}; {len(hand.followers)} joints follow another, {len(hand.frozen)} are frozen",
+        f"moves: {fingers}; joints that follow another: {len(hand.followers)}, frozen: {len(hand.frozen)}",
         f"motors {hand.torque:g} N m (N), friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
         *_faults(hand, free),
         *(_overlap(hand, one) for one in overlaps),
