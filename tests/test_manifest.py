@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from pipeline.config.description_file import shipped_files
-from pipeline.config.manifest import Manifest, load_manifest
+from pipeline.config.manifest import Manifest, _sizes, load_manifest
 from pipeline.config.sources import checksum, fingerprint
 from pipeline.errors import InvalidInput
 
@@ -59,6 +59,22 @@ def test_toy_needs_nothing_and_has_every_split():
     assert Counter(item.split for item in objects) == {"train": 15, "valid": 5, "test": 5}
     for category in ("bottle", "cellphone", "knife", "rifle"):
         assert {item.split for item in objects if item.category == category} == {"train", "valid", "test"}
+
+
+@pytest.mark.parametrize(
+    ("shares", "objects", "sizes"),
+    [
+        ((0.75, 0.15, 0.1), 100, [75, 15, 10]),
+        ((0.75, 0.15, 0.1), 4, [2, 1, 1]),  # rounding alone: 3, 1, 0
+        ((0.75, 0.15, 0.1), 3, [1, 1, 1]),
+        ((0.75, 0.15, 0.1), 2, [1, 1, 0]),
+        ((0.75, 0.15, 0.1), 1, [1, 0, 0]),
+        ((0.0, 0.0, 1.0), 3, [0, 0, 3]),
+        ((0.05, 0.05, 0.9), 4, [1, 1, 2]),
+    ],
+)
+def test_no_split_with_a_share_is_empty_where_there_are_enough_objects(shares, objects, sizes):
+    assert _sizes(shares, objects) == sizes
 
 
 def test_pybullet_objects_are_the_thousand_and_four():

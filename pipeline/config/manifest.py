@@ -119,9 +119,20 @@ class Manifest(BaseModel):
         sizes, ranks = Counter(item.category for item in items), defaultdict[str, Iterator[int]](count)
         shares = {item.object_id: (next(ranks[item.category]) + 0.5) / sizes[item.category] for item in drawn}
         order = sorted(shares, key=lambda object_id: (shares[object_id], lots[object_id]))
-        scale = 1 if self.splits.are_counts else len(items)
-        ends = [round(wanted[0] * scale), round((wanted[0] + wanted[1]) * scale)]
-        return {object_id: SPLITS[sum(place >= end for end in ends)] for place, object_id in enumerate(order)}
+        split_sizes = [round(number) for number in wanted] if self.splits.are_counts else _sizes(wanted, len(items))
+        names = [split for split, size in zip(SPLITS, split_sizes, strict=True) for _ in range(size)]
+        return dict(zip(order, names, strict=True))
+
+
+def _sizes(shares: Sequence[float], objects: int) -> list[int]:
+    """Round shares of some objects to whole numbers; what is left without an object gets one of the largest split, if that has two."""
+    ends = [0, round(shares[0] * objects), round((shares[0] + shares[1]) * objects), objects]
+    sizes = [last - first for first, last in pairwise(ends)]
+    for split, share in enumerate(shares):
+        if share > 0 and sizes[split] == 0 and max(sizes) > 1:
+            sizes[sizes.index(max(sizes))] -= 1
+            sizes[split] = 1
+    return sizes
 
 
 def _check_names(found: Sequence[Found]) -> None:

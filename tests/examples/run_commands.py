@@ -67,7 +67,7 @@ SOURCES = {
 CONFIGURATIONS = "touch occluded-touch"
 GRAPH = {"epochs": 1, "gcn_layers": 3, "gcn_features": 12, "encoder_width": 0.1, "loss_points": 300}
 DRAFT = {
-    "sample-surfaces": {"points": 2000},
+    "sample-surfaces": {"points": 3000},
     "simulate-grasps": {"attempts": 6, "ik_samples": 512},
     "sample-distances": {"queries": 1024},
     "train-unet": {"width": 4, "epochs": 1},
