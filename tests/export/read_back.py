@@ -9,7 +9,6 @@ import re
 import subprocess
 import sys
 import types
-from pathlib import Path
 
 import datasets
 import numpy as np
@@ -105,7 +104,7 @@ def test_rerun_reads_what_was_recorded(tmp_path, made):  # noqa: F811
     file = tmp_path / "grasps.rrd"
     (test,) = ObjectRows(made, ["points"], split="test").object_ids  # that one has predictions
     vt("view", made, test, "--save", file)
-    read = [Path(sys.prefix) / "bin" / "rerun", "rrd", "print", file]
+    read = [sys.executable, "-m", "rerun", "rrd", "print", file]
     said = subprocess.run(read, capture_output=True, text=True, check=True).stdout
     entities = set(re.findall(r"(/[\w/.-]+)", said))
     assert {"/world/object", "/world/hand/base_link", "/joint_angles", "/camera/in_grasp", "/touch/thumb/tactile_image"} <= entities
