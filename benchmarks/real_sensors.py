@@ -68,11 +68,12 @@ def photographs(name: str) -> tuple[list[Photograph], np.ndarray]:
     if found is None or found.origin is None:
         raise SystemExit("the package taxim is not installed: run `make test-sensors`, which installs it into an environment of its own")
     data = np.load(Path(found.origin).parent / "calib" / name / "dataPack.npz")
-    places = zip(data["touch_center"].astype(float), data["touch_radius"].astype(float), strict=True)
-    contacts = [Circle(float(x), float(y), float(radius)) for (x, y), radius in places]
     images, untouched = data["imgs"][..., ::-1], data["f0"][..., ::-1]  # BGR
     if name in SOUGHT:
         contacts = [find_contact(image, untouched) for image in images]
+    else:
+        places = zip(data["touch_center"].astype(float), data["touch_radius"].astype(float), strict=True)
+        contacts = [Circle(float(x), float(y), float(radius)) for (x, y), radius in places]
     named = enumerate(zip(images, contacts, strict=True))
     return [Photograph(f"{number:02d}.png", image, contact) for number, (image, contact) in named], untouched
 

@@ -30,7 +30,7 @@ TAXIM_SHAPE = (480, 640)
 """Rows and columns of the images that Taxim was calibrated on."""
 OURS = "vt-pipeline, 100 × 100"
 LARGE = f"{TAXIM_SHAPE[0]} × {TAXIM_SHAPE[1]}"
-SIZES = {"TACTO 0.0.3, 100 × 100": (100, 100), "TACTO 0.0.3, 120 × 160 (its default)": (120, 160), f"TACTO 0.0.3, {LARGE}": (640, 480)}
+SIZES = {"TACTO 0.0.3, 100 × 100": (100, 100), "TACTO 0.0.3, 160 × 120 (its default)": (120, 160), f"TACTO 0.0.3, {LARGE}": (640, 480)}
 """Width and height of the images that TACTO is asked for."""
 OURS_LARGE = f"vt-pipeline, {LARGE}"
 MM = 1e3

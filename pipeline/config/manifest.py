@@ -125,7 +125,7 @@ class Manifest(BaseModel):
 
 
 def _sizes(shares: Sequence[float], objects: int) -> list[int]:
-    """Round shares of some objects to whole numbers; what is left without an object gets one of the largest split, if that has two."""
+    """Round shares of some objects to whole numbers; a split that this leaves empty gets one of the largest, if that has two."""
     ends = [0, round(shares[0] * objects), round((shares[0] + shares[1]) * objects), objects]
     sizes = [last - first for first, last in pairwise(ends)]
     for split, share in enumerate(shares):

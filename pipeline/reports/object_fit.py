@@ -40,7 +40,10 @@ def misfits(plan: ShardPlan) -> Iterator[str]:
         cameras = [("the camera", scene.camera), *((f"camera {one.name}", one) for one in scene.cameras)]
         found: dict[tuple[str, ...], list[str]] = {}
         for name, points in _points(plan):
-            for fault, is_so in (("not whole in the image of", leaves_image), (f"within {100 * SPECK:.0f} % of the image of", is_speck)):
+            for fault, is_so in (
+                ("not whole in the image of", leaves_image),
+                (f"smaller than {100 * SPECK:.0f} % of the image of", is_speck),
+            ):
                 if views := [title for title, camera in cameras if is_so(camera, points)]:
                     found.setdefault((fault, *views), []).append(name)
         for (fault, *views), names in found.items():

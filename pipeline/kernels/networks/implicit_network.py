@@ -24,7 +24,7 @@ FIRST_STEP = 0.1
 """Share of their usual size that the last weights of each residual block begin with."""
 
 FINGER = 0.015
-"""m behind the place that a sensor touches where its finger is, and nothing of the object."""
+"""m: the finger is as deep behind a place that its sensor touches, and nothing of the object is there."""
 
 LEAK = 0.05
 """Slope that is added to the tanh of the predicted distances: a tanh alone is flat where most points are, and stops learning there."""
@@ -161,7 +161,7 @@ class ImplicitNetwork(nn.Module):
         return self.config.band * (torch.tanh(last) + LEAK * last)
 
     def decode_trusting_touches(self, code: Code, queries: Tensor) -> Tensor:
-        """Predict distances as `decode`, but near what was felt by what was felt: for reconstructions.
+        """Predict distances as `decode`, but go by the touches where one is near: for reconstructions.
 
         A network learns from few points near touches, and misses them by millimetres where charts miss them by tenths. At a distance d from
         the nearest touched point, and the finger above it, the height above its tangent plane has the weight exp(-(d / touch_reach)⁴), the

@@ -57,9 +57,8 @@ class Touches:
         target, normals = self._sides[0]
         if target is None:
             return queries.new_zeros(len(queries)), queries.new_zeros(len(queries))
-        nearest = target.nearest(queries)
-        offset = queries - target.points[nearest]
-        height = (offset * normals[nearest]).sum(dim=1)
+        offset, _, height = _above(queries, target, normals)
+        height = height[:, 0]
         beyond = height - height.clamp(0, finger)
         squared = offset.square().sum(dim=1) - height.square() + beyond.square()
         return height, torch.exp(-((squared / reach**2) ** 2))
@@ -71,12 +70,18 @@ class Touches:
         return tuple((Target(self.points[mask]) if bool(mask.any()) else None, self.normals[mask]) for mask in masks)
 
 
+def _above(queries: Tensor, target: Target, normals: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Offset (N, 3) of each query from the point nearest to it, the normal (N, 3) there, and the height (N, 1) above its tangent plane."""
+    nearest = target.nearest(queries)
+    offset, normal = queries - target.points[nearest], normals[nearest]
+    return offset, normal, (offset * normal).sum(dim=1, keepdim=True)
+
+
 def _nearest(queries: Tensor, target: Target | None, normals: Tensor) -> Tensor:
     if target is None:
         return queries.new_zeros(len(queries), NEAREST)
-    nearest = target.nearest(queries)
-    offset, normal = queries - target.points[nearest], normals[nearest]
-    distance, height = offset.norm(dim=1, keepdim=True), (offset * normal).sum(dim=1, keepdim=True)
+    offset, normal, height = _above(queries, target, normals)
+    distance = offset.norm(dim=1, keepdim=True)
     return torch.cat([offset, normal, height, *(torch.exp(-distance / scale) for scale in SCALES)], dim=1)
 
 

@@ -111,7 +111,7 @@ def _shade(
             slope_y = (bump[below, col] - bump[above, col]) / ((below - above) * pitch[0])
             squared = slope_x * slope_x + slope_y * slope_y
             size = np.sqrt(1.0 + squared)
-            if squared > steepest * steepest * size * size:
+            if squared > steepest * steepest * size * size:  # as tilted as the steepest that was fitted
                 size = np.sqrt(squared) / steepest
             terms[0, col], terms[1, col] = slope_x / size, slope_y / size
         number = 2

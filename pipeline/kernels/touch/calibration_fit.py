@@ -190,7 +190,7 @@ class _Fit:
         gains = np.round(self.coefficients[count:], 3).tolist()
         shadows = [Shadow(direction=d, slope=s, gain=tuple(gain)) for (d, s), gain in zip(self.shadows, gains, strict=True)]
         places = len(powers(self.options.position_degree))
-        steepest = float(np.hypot(self.features[:, 0], self.features[:, places]).max())  # of the normal's components alone
+        steepest = float(np.hypot(self.features[:, 0], self.features[:, places]).max())  # the columns of nx and ny alone
         return Calibration(coefficients=shading.tolist(), background=background, shadows=tuple(shadows), steepest=round(steepest, 3))
 
 

@@ -26,7 +26,7 @@ LEAST_WAY = 1e-3
 """m along its normal that a sensor should go as its finger closes."""
 
 FAR = 2.0
-"""Times the greatest distance between two sensors, at which no sensor comes near what lies at the palm."""
+"""A palm is far if no sensor comes nearer to its centre than this many times the greatest distance between two sensors."""
 
 
 def check(path: Path, picture: Path) -> list[str]:
@@ -41,11 +41,12 @@ def check(path: Path, picture: Path) -> list[str]:
     fingers = ", ".join(
         f"{finger.name} ({counted(len(finger.joints), 'joint')}, {counted(len(finger.sensors), 'sensor')})" for finger in hand.fingers
     )
+    faults = _faults(hand, free)
     return [
-        f"{path}: hand {hand.name}, {len(hand.links)} links, {'faults below' if _faults(hand, free) else 'no faults'}",
+        f"{path}: hand {hand.name}, {len(hand.links)} links, {'faults below' if faults else 'no faults'}",
         f"moves: {fingers}; joints that follow another: {len(hand.followers)}, frozen: {len(hand.frozen)}",
         f"motors {hand.torque:g} N m (N), friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
-        *_faults(hand, free),
+        *faults,
         *(_overlap(hand, one) for one in overlaps),
         *_notes(hand),
         f"picture: {picture}",
@@ -83,7 +84,7 @@ def _far_palm(hand: Hand) -> list[str]:
     if len(hand.sensors) < 2 or away <= FAR * apart:
         return []
     return [
-        f"fault: no sensor comes nearer to the palm's centre than {1e3 * away:.0f} mm, and sensors part by {1e3 * apart:.0f} mm at most; "
+        f"fault: no sensor comes nearer to the palm's centre than {1e3 * away:.0f} mm, and sensors are at most {1e3 * apart:.0f} mm apart; "
         f"is palm.link, {hand.links[0].name}, the link that the fingers grow from, and palm.centre in its frame?"
     ]
 
