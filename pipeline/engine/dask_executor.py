@@ -21,11 +21,11 @@ from pipeline.engine.executor import Executor
 from pipeline.engine.jobs import MORE_MEMORY, Job, Outcome, Work, give_up
 from pipeline.errors import StageError
 
-CRASHES = 2
+TRIES = 2
 """A process that dies may have been killed from outside; the object is to blame when it dies again."""
 
 LOCAL = {
-    "distributed.scheduler.allowed-failures": CRASHES - 1,
+    "distributed.scheduler.allowed-failures": 0,  # each death is told, with the time that its object had taken
     "distributed.scheduler.worker-ttl": None,  # native code may keep a worker silent for long; `object_seconds` limits it
     "distributed.worker.profile.enabled": False,  # what it notes of a second takes 0.1 MB, and 1000 of them are kept
     "distributed.comm.timeouts.connect": "60s",
@@ -62,6 +62,7 @@ class Dask(Executor):
 
     def __init__(self, processes: int = 1, scheduler: str | None = None) -> None:
         self._count, self._scheduler = processes, scheduler
+        self._tries = 1 if scheduler else TRIES  # a scheduler that is not ours has tried more than once itself
         self._cluster: LocalCluster | None = None
         self._client: Client | None = None
 
@@ -78,6 +79,7 @@ class Dask(Executor):
         self._open_sessions(client, packed, work.stage.name)
         limit, waiting, suspects = work.settings.object_seconds, deque(jobs), deque[Job]()
         done, seconds = 0, 0.0
+        survived: dict[str, list[float]] = {}  # seconds until its process died, of each time that an object was tried alone
         running: dict[Future, tuple[list[Job], float]] = {}
         while waiting or suspects or running:
             workers = self._workers(client)
@@ -99,7 +101,12 @@ class Dask(Executor):
                     if len(bundle) > 1:
                         suspects.extend(bundle)
                         continue
-                    outcomes = [give_up(work, bundle[0], _why(time.monotonic() - began, limit))]
+                    tries = survived.setdefault(bundle[0].item.object_id, [])
+                    tries.append(time.monotonic() - began)
+                    if len(tries) < self._tries:
+                        suspects.extend(bundle)
+                        continue
+                    outcomes = [give_up(work, bundle[0], _why(max(tries), limit))]
                 done, seconds = done + len(outcomes), seconds + sum(outcome.seconds for outcome in outcomes)
                 yield from outcomes
 
@@ -135,15 +142,14 @@ class Dask(Executor):
 
     def _open_sessions(self, client: Client, packed: bytes, stage: str) -> None:
         """Open the stage's session, where it can be opened, in every worker; those that come later open theirs with their first job."""
-        opened = [client.submit(dask_worker.open_ahead, packed, pure=False) for _ in client.nthreads()]
-        try:
-            for future in opened:
-                future.result()
-        except KilledWorker as error:
-            raise StageError(
-                f"{stage} cannot start: its process died {CRASHES} times while it opened (killed, or memory ran out?); "
-                "run again, with fewer --workers where memory is short"
-            ) from error
+        for _ in range(self._tries):
+            with suppress(KilledWorker):
+                client.gather([client.submit(dask_worker.open_ahead, packed, pure=False) for _ in range(self._workers(client))])
+                return
+        raise StageError(
+            f"{stage} cannot start: its process died each time while it opened (killed, or memory ran out?); "
+            "run again, with fewer --workers where memory is short"
+        )
 
     def close(self, *, at_once: bool) -> None:
         """End the workers that were started here; those of a scheduler go on.
@@ -220,7 +226,7 @@ def _bundle_size(rate: float, share: float) -> int:
 
 
 def _why(seconds: float, limit: float) -> str:
-    """Why an object's processes died, by the time that they took."""
-    if seconds >= CRASHES * limit:
-        return f"it took longer than object_seconds = {limit}, {CRASHES} times; simplify the mesh, or raise it and run again with --retry"
-    return f"its process died {CRASHES} times (a crash in a native library, or memory ran out); {MORE_MEMORY}"
+    """Why an object's processes died, by the longest time that one of them lived."""
+    if seconds >= limit:
+        return f"it took longer than object_seconds = {limit}; simplify the mesh, or raise it and run again with --retry"
+    return f"its process died each time (a crash in a native library, or memory ran out); {MORE_MEMORY}"
