@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pipeline.config.file_content import read_file
+from pipeline.config.file_units import stated_units
 from pipeline.config.mesh_companions import SUFFIXES, Companions
 from pipeline.errors import InvalidInput
 
@@ -74,18 +75,18 @@ class Placed(Source):
     """A source of mesh files: which axis of theirs points up, and how large they are."""
 
     up: Literal["x", "y", "z"] | None = None
-    """By default, the format's: y of glTF, else z."""
+    """By default, what the file or its format states (`file_units`), else z."""
     metres_per_unit: float | None = Field(None, gt=0)
-    """Metres per unit of the file, to keep real sizes; without it, objects of glTF keep theirs, and others are scaled to one size."""
+    """Metres per unit of the file, to keep real sizes; by default what the file or its format states; others are scaled to one size."""
 
     def placed(self, file: Path, root: Path, up: str | None = None) -> dict[str, Any]:
         """Say how to load a file of this source, which may name files below `root`."""
-        gltf = file.suffix.lower() in (".glb", ".gltf")  # whose specification says metres, y up
+        unit, axis = stated_units(file)
         return {
             "file": str(file),
             "root": str(root),
-            "up": up or self.up or ("y" if gltf else "z"),
-            "metres_per_unit": self.metres_per_unit or (1.0 if gltf else None),
+            "up": up or self.up or axis or "z",
+            "metres_per_unit": self.metres_per_unit or unit,
             "licence": self.licence,
         }
 

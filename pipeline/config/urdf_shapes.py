@@ -12,6 +12,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from pipeline.config.file_units import stated_units
 from pipeline.config.mesh_file import load_mesh
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Look, Mesh
@@ -61,9 +62,10 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color]) -> 
             size = _sizes(part, radius=1, length=1)
             body = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=32)
         elif part.tag == "mesh":
-            size = scale = tuple(numbers_of(part, "scale", scale).tolist())
             path = mesh_path(part.get("filename", ""), folder)
             body = load_mesh(path)
+            unit, _ = stated_units(path)  # COLLADA's counts, as in ROS; its up-axis does not
+            size = scale = tuple((numbers_of(part, "scale", scale) * (unit or 1)).tolist())
         else:
             continue
         vertices, faces = transform_points(origin, body.vertices * scale), np.asarray(body.faces, np.int32)

@@ -1,0 +1,67 @@
+"""The unit and the up-axis that a mesh file states, or its format's specification for it."""
+
+from __future__ import annotations
+
+import math
+import re
+import zipfile
+import zlib
+from contextlib import suppress
+from pathlib import Path
+
+HEAD = 65_536
+"""Bytes from the start of a file in which it states its unit: they are read of each file that is listed."""
+
+MODEL = "3D/3dmodel.model"
+"""The part of a 3MF file that holds its meshes."""
+
+THREEMF = {b"micron": 1e-6, b"millimeter": 1e-3, b"centimeter": 1e-2, b"inch": 0.0254, b"foot": 0.3048, b"meter": 1.0}
+"""Metres per unit, by its name in a 3MF file."""
+
+
+def stated_units(file: Path) -> tuple[float | None, str | None]:
+    """Read what a mesh file says of its unit and its up-axis.
+
+    Returns
+    -------
+    Metres per unit, and "x", "y" or "z"; None for what neither the file nor its format states.
+
+    Notes
+    -----
+    glTF 2.0, section 3.4: metres, y up. COLLADA 1.4: ``<unit meter="...">`` and ``<up_axis>`` of its asset; Y_UP where it states none. 3MF
+    core, section 3.4: ``<model unit="...">``, millimetres where it states none; z up. A file that cannot be read states nothing: what is
+    wrong with it is said when its mesh is loaded.
+    """
+    with suppress(OSError, KeyError, NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error):
+        match file.suffix.lower() if file.is_file() else "":  # a pipe may never say anything
+            case ".gltf" | ".glb":
+                return 1.0, "y"
+            case ".dae":
+                return _collada(_head(file))
+            case ".3mf":
+                return _threemf(file), "z"
+    return None, None
+
+
+def _head(file: Path) -> bytes:
+    with file.open("rb") as stream:
+        return stream.read(HEAD)
+
+
+def _collada(head: bytes) -> tuple[float | None, str]:
+    unit = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)", head)
+    axis = re.search(rb"<up_axis>\s*([XYZ])_UP", head)
+    return _positive(unit[1]) if unit else None, axis[1].decode().lower() if axis else "y"
+
+
+def _threemf(file: Path) -> float | None:
+    with zipfile.ZipFile(file) as archive, archive.open(MODEL) as stream:
+        unit = re.search(rb"<model\b[^>]*\bunit\s*=\s*[\"']([^\"']*)", stream.read(HEAD))
+    return THREEMF.get(unit[1]) if unit else 1e-3
+
+
+def _positive(text: bytes) -> float | None:
+    with suppress(ValueError):
+        if math.isfinite(number := float(text)) and number > 0:
+            return number
+    return None
