@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib import resources
+from contextlib import contextmanager, suppress
+from importlib import import_module, resources
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,7 @@ class OpenGLContext:
         """Open a context for square images of `resolution` pixels per side."""
         try:
             with _environment():
+                _load_triton()
                 import pyrender
                 from OpenGL import EGL
                 from pyrender.platforms.egl import EGLPlatform
@@ -87,6 +88,12 @@ class OpenGLContext:
         egl.eglMakeCurrent(display, egl.EGL_NO_SURFACE, egl.EGL_NO_SURFACE, egl.EGL_NO_CONTEXT)
         egl.eglDestroyContext(display, context)
         self._platform._egl_display = self._platform._egl_context = None
+
+
+def _load_triton() -> None:
+    """Load torch's compiler where it is installed: its LLVM and Mesa's have the same symbols, and it crashes if Mesa's are there first."""
+    with suppress(ImportError):
+        import_module("triton")
 
 
 @contextmanager

@@ -76,6 +76,13 @@ print("PYOPENGL_PLATFORM" in os.environ or "LP_NATIVE_VECTOR_WIDTH" in os.enviro
     assert run(code) == "False\n"
 
 
+def test_a_process_that_renders_can_load_torchs_compiler() -> None:
+    """PyPI's torch for GPUs comes with triton, whose LLVM ends a process where Mesa's was loaded first."""
+    pytest.importorskip("triton")
+    code = "from tests.kernels.vision.shapes import SCENE; from stages.render_vision.renderer import Renderer; Renderer(SCENE); "
+    assert run(code + "import torch._dynamo; print('there')") == "there\n"
+
+
 def resident_megabytes() -> float:
     """Megabytes of this process in memory."""
     with open("/proc/self/statm") as file:
