@@ -77,11 +77,12 @@ def sweep(
 
 def predict(
     out: Annotated[Path, typer.Argument(help="Mesh file to write: .obj, .ply or .glb. Metres, world frame; GLB is y up.")],
-    configuration: Annotated[str, typer.Option(help="Which model under MODELS/gcn.")] = "occluded-touch",
+    configuration: Annotated[str, typer.Option(help="Which model of MODELS/gcn or implicit; or single-image.")] = "occluded-touch",
     data: Annotated[str | None, typer.Option(help="Data directory; with --object, instead of files.")] = None,
     models: Annotated[str | None, typer.Option(help="Folder of trained models; by default DATA/models.")] = None,
     object_id: Annotated[str | None, typer.Option("--object", help="An object of the data directory.")] = None,
     grasps: Annotated[list[int] | None, typer.Option("--grasp", min=0, help="Of its grasps, from 0; several times for several.")] = None,
+    view: Annotated[int, typer.Option(min=0, help="Of its renderings, from 0; for single-image.")] = 0,
     image: Annotated[Path | None, typer.Option(help="8-bit RGB file from the camera the model was trained with.")] = None,
     readings: Annotated[list[Path] | None, typer.Option("--reading", help="A tactile image, one per sensor, as the poses.")] = None,
     poses: Annotated[Path | None, typer.Option(help=".json or .npz: poses (4 x 4, sensor frame to world, m), perhaps touched.")] = None,
@@ -104,6 +105,7 @@ def predict(
         data=directory,
         object_id=object_id,
         grasps=grasps or [0],
+        view=view,
         image=image,
         readings=readings or [],
         poses=poses,

@@ -29,7 +29,7 @@ from pipeline.models.closed_reconstruction import closed
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.models.touch_model import TouchModel, load_touch_model
-from pipeline.models.trained_networks import FAMILIES, family_of, load_reconstructor, model_name
+from pipeline.models.trained_networks import FAMILIES, SINGLE_IMAGE_MODEL, load_reconstructor, model_name
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place, names_in
@@ -92,6 +92,7 @@ def predict(
     data: Place | None = None,
     object_id: str | None = None,
     grasps: Sequence[int] = (0,),
+    view: int = 0,
     image: Path | None = None,
     readings: Sequence[Path] = (),
     poses: Path | None = None,
@@ -108,10 +109,11 @@ def predict(
         File to write, .obj, .ply or .glb. With `surface` "both" the charts go there, and the joined surface beside it under the
         same name with -joined; an implicit network's one mesh goes there alone. Metres, world frame (in GLB turned to y up).
     models, configuration
-        A folder of models (DATA/models), and which of its gcn/ or implicit/ to use. Tactile images need its unet/ too.
-    data, object_id, grasps
+        A folder of models (DATA/models), and which of its gcn/ or implicit/ to use, or "single-image". Tactile images need its unet/
+        too.
+    data, object_id, grasps, view
         From a data directory: an object, and the grasps to give; the occluded image is the first one's. Touch charts that are stored
-        there are taken as they are.
+        there are taken as they are. The single-image model is given the rendering from this viewpoint, in place of grasps.
     image, readings, poses
         From files: an image from the camera that the network was trained with; tactile images, one per sensor; and their sensors'
         poses in that camera's world, see `read_poses`. Where the poses' file does not say which sensors touched, those did whose
@@ -140,7 +142,7 @@ def predict(
             raise StageError("from a data directory: name an object, and no files; from files: name no data directory")
         if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
             DataDirectory(data).check_origins([model_name(configuration)])
-        observation = observer.of_object(data, object_id, grasps)
+        observation = observer.of_object(data, object_id, [view] if observer.model.image == "rendering" else grasps)
     else:
         if object_id is not None:
             raise StageError(f"object {object_id} of which data directory? Name it, or leave the object out")
@@ -155,12 +157,13 @@ def predict(
 
 
 def _load(models: Place, configuration: str, device: torch.device) -> Reconstructor:
-    families = [models / family for family in FAMILIES]
-    there = sorted(name.removesuffix(".json") for folder in families for name in names_in(folder) if name.endswith(".json"))
+    folders = {name: DataDirectory(models / family) for family in FAMILIES for name in names_in(models / family)}
+    folders |= {name: DataDirectory(models) for name in names_in(models) if name == f"{SINGLE_IMAGE_MODEL}.json"}
+    there = sorted(name.removesuffix(".json") for name in folders if name.endswith(".json"))
     if configuration not in there:
         known = ", ".join(there) or "none"
         raise StageError(f"{models} has no model {configuration} (there: {known}); train it with train-gcn or train-implicit")
-    return load_reconstructor(configuration, DataDirectory(models / family_of(configuration)).whole_folder(configuration), device)
+    return load_reconstructor(configuration, folders[f"{configuration}.json"].whole_folder(configuration), device)
 
 
 @dataclass(frozen=True)
@@ -176,11 +179,13 @@ class _Observer:
         if not grasps:
             raise StageError(f"{object_id}: name a grasp at least")
         config = self.model.config
+        if config.image == "rendering":
+            return stored_observation(_open(data, observed_arrays(config), object_id, grasps, "viewpoint"), object_id, grasps, config)
         if not config.touch or DataDirectory(data).collection(CHARTS).shards:
-            rows = _open_grasps(data, observed_arrays(config), object_id, grasps)
+            rows = _open(data, observed_arrays(config), object_id, grasps)
             return stored_observation(rows, object_id, grasps, config)
         images = () if config.image is None else (config.image,)
-        rows = _open_grasps(data, [*images, *TOUCHES], object_id, grasps)
+        rows = _open(data, [*images, *TOUCHES], object_id, grasps)
         image = rows.read(config.image, object_id, grasps[0]) if config.image else None
         readings, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
         self.unet.check_sensor(rows.sensor())
@@ -188,6 +193,8 @@ class _Observer:
 
     def of_files(self, image: Path | None, readings: Sequence[Path], poses: Path | None) -> Observation:
         model = self.model
+        if model.image == "rendering":
+            raise StageError(f"model {model.configuration} needs the camera of its image: name a data directory, an object and a viewpoint")
         needed = [("an image", model.image, image), ("tactile images", model.touch, readings), ("the sensors' poses", model.touch, poses)]
         if missing := [what for what, needs, given in needed if needs and not given]:
             raise StageError(f"model {model.configuration} needs {' and '.join(missing)}, and none is given")
@@ -231,23 +238,24 @@ class _Observer:
         return settings
 
 
-def _open_grasps(data: Place, arrays: Sequence[str], object_id: str, grasps: Sequence[int]) -> ObjectRows:
-    """Open these arrays of a data directory, in which there must be an object with these grasps.
+def _open(data: Place, arrays: Sequence[str], object_id: str, chosen: Sequence[int], kind: str = "grasp") -> ObjectRows:
+    """Open these arrays of a data directory, in which there must be an object with these grasps, or viewpoints.
 
     Raises
     ------
     StoreError
         There is no such object, it failed, or it has no such grasp.
     """
-    rows = ObjectRows(data, [*arrays, "joint_angles"], split=None)  # which says how many grasps there are
+    counted = {"grasp": "joint_angles", "viewpoint": "rendering"}[kind]  # which says how many there are
+    rows = ObjectRows(data, [*arrays, *({counted} - {*arrays})], split=None)
     if object_id in rows.left_out:
         raise StoreError(f"{object_id} failed in {rows.left_out[object_id]}")
     if object_id not in rows.object_ids:
         few = ", ".join(rows.object_ids[:5])
         raise StoreError(f"{data.resolve()} has no object {object_id}; it has {few}{', …' if len(rows) > 5 else ''}")
-    available = rows.size("joint_angles", "grasp")
-    if wrong := [grasp for grasp in grasps if not 0 <= grasp < available]:
-        raise StoreError(f"{object_id} has no grasp {wrong[0]}; there are grasps 0 to {available - 1}")
+    available = rows.size(counted, kind)
+    if wrong := [number for number in chosen if not 0 <= number < available]:
+        raise StoreError(f"{object_id} has no {kind} {wrong[0]}; there are {kind}s 0 to {available - 1}")
     return rows
 
 

@@ -13,6 +13,9 @@ from pipeline.models.reconstruction import Reconstructor
 FAMILIES = ("gcn", "implicit")
 """Folders of models of a data directory, by what is in them: networks that deform charts, and implicit ones."""
 
+SINGLE_IMAGE_MODEL = "single-image"
+"""The model of the supplement's last experiment, which is of no family: it is given a rendering."""
+
 
 def family_of(configuration: str) -> str:
     """Name the family of a configuration's network."""
@@ -21,6 +24,8 @@ def family_of(configuration: str) -> str:
 
 def model_name(configuration: str, training_seed: int = 0) -> str:
     """Name the folder of a configuration's model, below a data directory, which holds further trainings below `models/seed-1` and so on."""
+    if configuration == SINGLE_IMAGE_MODEL:
+        return f"models/{SINGLE_IMAGE_MODEL}"
     seed = f"seed-{training_seed}/" if training_seed else ""
     return f"models/{seed}{family_of(configuration)}/{configuration}"
 

@@ -8,6 +8,7 @@ from typing import Any
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.models.reconstruction import Reconstructor
+from pipeline.models.trained_networks import SINGLE_IMAGE_MODEL, model_name
 from pipeline.store.directory import DataDirectory
 from pipeline.training.device import device_of
 from schemas.base import Artifact
@@ -18,7 +19,7 @@ from stages.evaluate_single_image.printed_table import METRICS, show
 from stages.evaluate_single_image.settings import SingleImageEvaluationSettings
 from stages.evaluate_single_image.table_4 import FIGURES, means_by_class
 
-MODEL = "models/single-image"
+MODEL = model_name(SINGLE_IMAGE_MODEL)
 
 
 class EvaluateSingleImage(DatasetStage):

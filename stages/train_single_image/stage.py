@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from pipeline.models.trained_networks import SINGLE_IMAGE_MODEL, model_name
 from schemas.base import Artifact
 from schemas.renderings import RENDERINGS
 from schemas.surfaces import SURFACES
@@ -25,7 +26,7 @@ class TrainSingleImage(TrainGcn):
 
     def writes(self, settings: GcnSettings) -> str:
         """Name the folder of the model."""
-        return "models/single-image"
+        return model_name(SINGLE_IMAGE_MODEL)
 
     def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
         """Give none: the supplement searched none here."""

@@ -17,6 +17,8 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
+from pipeline.errors import StageError, StoreError
+from pipeline.inference.predict import predict
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.reports.write_renderings import write_dataset
@@ -134,6 +136,24 @@ def test_evaluation_has_the_published_rows_beside_ours_and_says_of_what(data):
     assert np.shape(values) == (2, 3)
     np.testing.assert_allclose(np.mean(values, axis=0), said["rows"]["network"]["mean"])
     assert values[0] != values[1]  # another view, another reconstruction
+
+
+def test_a_view_of_an_object_becomes_a_mesh(data, tmp_path):
+    models, object_id = data / "models", ObjectRows(data, ["rendering"], "test").object_ids[0]
+    made = [predict(tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, view=view) for view in (0, 3)]
+    assert made[0].reconstruction.vertices.shape == made[1].reconstruction.vertices.shape
+    assert (made[0].reconstruction.vertices != made[1].reconstruction.vertices).any()
+    coloured = predict(
+        tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, view=3, surface="closed", resolution=32
+    ).closed
+    assert coloured is not None
+    assert coloured.seen.any()
+    with pytest.raises(StoreError, match=f"{object_id} has no viewpoint 24; there are viewpoints 0 to 23"):
+        predict(tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, view=24)
+    with pytest.raises(StageError, match="needs the camera of its image: name a data directory"):
+        predict(tmp_path / "out.ply", models, "single-image", image=tmp_path / "view.png")
+    with pytest.raises(StageError, match=r"has no model touch \(there: single-image\)"):
+        predict(tmp_path / "out.ply", models, "touch", data=data, object_id=object_id)
 
 
 def test_figures_of_two_points_on_paper():
