@@ -16,7 +16,7 @@ from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder,
 from pipeline.kernels.networks.image_tensors import COLOURS
 from pipeline.kernels.networks.implicit_configurations import ImplicitConfig
 from pipeline.kernels.networks.perceptual_pooling import pool_features, project_to_pixels
-from pipeline.kernels.networks.touch_features import DESCRIBED, FELT, Touches, split_touches
+from pipeline.kernels.networks.touch_features import DESCRIBED, FELT, Touches, heights_above_touches, split_touches
 
 WINDOWS = 4
 """The deepest map is averaged in 4 x 4 windows, of which a linear layer makes the global features of an image."""
@@ -148,17 +148,22 @@ class ImplicitNetwork(nn.Module):
 
     def decode(self, code: Code, queries: Tensor) -> Tensor:
         """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m, about the band where they are larger."""
-        unit = self._unit(queries)
+        return self._decode(code, queries)[0]
+
+    def _decode(self, code: Code, queries: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Predict as `decode`; also returns what was felt nearest to the queries, (B, N, FELT), of a network with touch."""
+        unit, felt = self._unit(queries), None
         parts = [unit, code.overall[:, None].expand(-1, queries.shape[1], -1)]
         if self.encoder is not None and code.cameras is not None:
             parts.append(pool_features(code.maps, (MapGrid(), *self.encoder.grids), project_to_pixels(code.cameras, queries)))
         if code.touches is not None:
-            parts.append(torch.stack([one.features(query) for one, query in zip(code.touches, unit, strict=True)]))
+            felt = torch.stack([one.features(query) for one, query in zip(code.touches, unit, strict=True)])
+            parts.append(felt)
         features: Tensor = self.first(torch.cat(parts, dim=2))
         for block in self.blocks:
             features = features + block(features)
         last: Tensor = self.last(features.relu())[..., 0]
-        return self.config.band * (torch.tanh(last) + LEAK * last)
+        return self.config.band * (torch.tanh(last) + LEAK * last), felt
 
     def decode_trusting_touches(self, code: Code, queries: Tensor) -> Tensor:
         """Predict distances as `decode`, but go by the touches where one is near: for reconstructions.
@@ -167,13 +172,10 @@ class ImplicitNetwork(nn.Module):
         the nearest touched point, and the finger above it, the height above its tangent plane has the weight exp(-(d / touch_reach)⁴), the
         network the rest. Near the point this is flat: the height decides on the sign, however far off the network is.
         """
-        predicted = self.decode(code, queries)
-        if code.touches is None or self.config.touch_reach == 0:
+        (predicted, felt), radius = self._decode(code, queries), self.config.radius
+        if felt is None or self.config.touch_reach == 0:
             return predicted
-        unit, radius = self._unit(queries), self.config.radius
-        reach, finger = self.config.touch_reach / radius, FINGER / radius
-        felt = [one.heights(query, reach, finger) for one, query in zip(code.touches, unit, strict=True)]
-        heights, weights = (torch.stack(list(parts)) for parts in zip(*felt, strict=True))
+        heights, weights = heights_above_touches(felt, self.config.touch_reach / radius, FINGER / radius)
         return torch.lerp(predicted, radius * heights, weights)
 
     def touched_points(self, code: Code) -> NDArray[np.float64]:

@@ -48,21 +48,6 @@ class Touches:
         """Describe what is nearest to queries (N, 3), in radii from the centre: (N, `FELT`); zeros where there is no such point."""
         return torch.cat([_nearest(queries, *side) for side in self._sides], dim=1)
 
-    def heights(self, queries: Tensor, reach: float, finger: float) -> tuple[Tensor, Tensor]:
-        """Compute how high queries (N, 3), in radii from the centre, are above the tangent plane at the touched point nearest to each.
-
-        Returns (N,) heights, and how much they say, (N,): exp(-(distance / reach)⁴), zeros where nothing was touched. Up to `finger` above
-        the plane there is the finger, and nothing of the object: there height adds nothing to the distance.
-        """
-        target, normals = self._sides[0]
-        if target is None:
-            return queries.new_zeros(len(queries)), queries.new_zeros(len(queries))
-        offset, _, height = _above(queries, target, normals)
-        height = height[:, 0]
-        beyond = height - height.clamp(0, finger)
-        squared = offset.square().sum(dim=1) - height.square() + beyond.square()
-        return height, torch.exp(-((squared / reach**2) ** 2))
-
     @cached_property
     def _sides(self) -> tuple[tuple[Target | None, Tensor], ...]:
         """The touched points, and those that are known to be outside: searchable, with their normals; None where there is none."""
@@ -70,19 +55,26 @@ class Touches:
         return tuple((Target(self.points[mask]) if bool(mask.any()) else None, self.normals[mask]) for mask in masks)
 
 
-def _above(queries: Tensor, target: Target, normals: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Offset (N, 3) of each query from the point nearest to it, the normal (N, 3) there, and the height (N, 1) above its tangent plane."""
-    nearest = target.nearest(queries)
-    offset, normal = queries - target.points[nearest], normals[nearest]
-    return offset, normal, (offset * normal).sum(dim=1, keepdim=True)
-
-
 def _nearest(queries: Tensor, target: Target | None, normals: Tensor) -> Tensor:
     if target is None:
         return queries.new_zeros(len(queries), NEAREST)
-    offset, normal, height = _above(queries, target, normals)
+    nearest = target.nearest(queries)
+    offset, normal = queries - target.points[nearest], normals[nearest]
+    height = (offset * normal).sum(dim=1, keepdim=True)
     distance = offset.norm(dim=1, keepdim=True)
     return torch.cat([offset, normal, height, *(torch.exp(-distance / scale) for scale in SCALES)], dim=1)
+
+
+def heights_above_touches(felt: Tensor, reach: float, finger: float) -> tuple[Tensor, Tensor]:
+    """Take from features (..., `FELT`) of queries how high each is above the tangent plane at the touched point nearest to it.
+
+    Returns (...) heights, in radii, and how much they say, (...): exp(-(distance / reach)⁴), zeros where nothing was touched. Up to
+    `finger` above the plane there is the finger, and nothing of the object: there height adds nothing to the distance.
+    """
+    offset, normal, height = felt[..., :3], felt[..., 3:6], felt[..., 6]
+    beyond = height - height.clamp(0, finger)
+    squared = offset.square().sum(dim=-1) - height.square() + beyond.square()
+    return height, torch.exp(-((squared / reach**2) ** 2)) * normal.any(dim=-1)
 
 
 def chart_normals(vertices: Tensor) -> Tensor:
