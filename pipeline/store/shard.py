@@ -35,7 +35,7 @@ class Shard:
         self.artifact = artifact
         self.record = record
         self.position = {row.object_id: position for position, row in enumerate(record.rows)}
-        self._checked: set[str] = set()
+        self._opened: dict[str, Any] = {}
         if record.schema_version != artifact.version:
             raise StoreError(
                 f"{self.path}: schema {artifact.name} is version {artifact.version} here, the shard has {record.schema_version}; "
@@ -115,16 +115,18 @@ class Shard:
         StoreError
             There is none, its metadata changed, or one of its files is missing or empty: Zarr would read zeros in its place.
         """
-        if name not in self._checked and "/" not in name:
+        if name in self._opened:
+            return self._opened[name]
+        if "/" not in name:
             self._check_metadata(name)
         with self.errors_as_damage(f"{name} cannot be opened"):
             array: Any = self.group[name]
             files = math.prod(math.ceil(size / part) for size, part in zip(array.shape, array.shards or array.chunks, strict=True))
-        if name not in self._checked:
-            if (sound := self._sound_files[name]) < files:
-                raise StoreError(f"{self.path}: of {name} {files - sound} of {files} files are missing or empty; {self.remedy}")
-            self._check_declaration(name, array)
-            self._checked.add(name)
+        if (sound := self._sound_files[name]) < files:
+            raise StoreError(f"{self.path}: of {name} {files - sound} of {files} files are missing or empty; {self.remedy}")
+        self._check_declaration(name, array)
+        if "/" not in name:  # the others are of one object each: too many to keep
+            self._opened[name] = array
         return array
 
     def _check_declaration(self, name: str, array: Any) -> None:
