@@ -102,7 +102,7 @@ def measure(source: Path, out: Path, configuration: str, choice: str, seed: int)
 def summarised(configuration: str, choice: str, found: Sequence[Mapping[str, float]]) -> dict[str, Any]:
     """Summarise a choice's seeds as a row of the trade: means over the seeds, and the Chamfer distance of each."""
     means = {name: float(f"{np.mean([one[name] for one in found]):.4g}") for name in found[0]}
-    return {"network": configuration, "label": choice, **means, "each": [round(one["mean"], 3) for one in found]}
+    return {"network": configuration, "label": choice, **means, "each": [round(float(one["mean"]), 3) for one in found]}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
