@@ -1,6 +1,9 @@
-"""Where networks run."""
+"""Where networks run, and on how many threads."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import torch
 
@@ -17,3 +20,18 @@ def device_of(accelerator: str) -> torch.device:
     except (RuntimeError, AssertionError, NotImplementedError) as error:
         raise StageError(f"accelerator {accelerator} cannot be used ({error}); take auto or cpu") from error
     return device
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """Let torch compute on this many threads of a CPU.
+
+    With one, results do not depend on the machine. With several, each operation waits for its slowest thread: where other processes share
+    the cores, that takes ten times as long.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

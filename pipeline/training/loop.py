@@ -25,6 +25,7 @@ from pipeline.rng import numpy_rng, torch_generator
 from pipeline.training import checkpoint
 from pipeline.training.averaging import averaged, running_average
 from pipeline.training.batch_norm import share_batch_norm
+from pipeline.training.device import torch_threads
 from pipeline.training.learner import Learner
 from pipeline.training.processes import GO_ON, end_with_parent, lost_peers_as_words, make_fabric, no_process_left, processors_of
 from pipeline.training.read_ahead import read_ahead
@@ -70,7 +71,7 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
         raise StageError(f"{name}: there are no items to train on; take more objects, or look at why theirs failed")
     fabric = make_fabric(settings, folder, name)
     begin: Any = _begin  # Fabric's signature leaves out the arguments that it passes on
-    threads, network = torch.get_num_threads(), learner.module
+    network = learner.module
     try:
         with no_process_left():
             facts: dict[str, Any] = fabric.launch(begin, learner, settings, folder=folder, seed=seed, name=name)
@@ -78,8 +79,6 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
         raise StageError(re.sub(r"^pipeline\.errors\.\w+: ", "", str(error).strip().splitlines()[-1])) from error
     except ProcessExitedException as error:
         raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {GO_ON}") from error
-    finally:
-        torch.set_num_threads(threads)
     if (together := peers()) and together.rank:
         raise HelpDone
     learner.module = network
@@ -92,9 +91,8 @@ def _how_it_ended(error: ProcessExitedException) -> str:
 
 
 def _begin(fabric: Fabric, learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> dict[str, Any]:
-    torch.set_num_threads(settings.threads)
     end_with_parent()
-    with lost_peers_as_words(fabric, name):
+    with torch_threads(settings.threads), lost_peers_as_words(fabric, name):
         return _Training(fabric, learner, settings, folder=folder, seed=seed, name=name).run()
 
 

@@ -52,4 +52,5 @@ class EvaluationSettings(Settings):
         le=400,
     )
     batch_size: int = setting(16, "as in training; more needs more memory, and sums may differ in their last bit with it", ge=1)
+    threads: int = setting(1, "of torch on a CPU, as in training", ge=1)
     accelerator: str = setting("auto", "a GPU where there is one", changes="speed")

@@ -13,7 +13,7 @@ from pipeline.models.trained_networks import load_reconstructor, model_name
 from pipeline.store.directory import DataDirectory
 from pipeline.store.pieces import Pieces
 from pipeline.store.storage import remove
-from pipeline.training.device import device_of
+from pipeline.training.device import device_of, torch_threads
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
@@ -68,8 +68,9 @@ class Evaluate(DatasetStage):
         models = {name: load_reconstructor(name, folder, device) for name, folder in folders.items()}
         truth = Truth(job.data, list(models.values()), settings)
         groups: dict[str, Arrays] = {}
-        for name, model in models.items():
-            groups |= _measured(name, model, truth, job)
+        with torch_threads(settings.threads):
+            for name, model in models.items():
+                groups |= _measured(name, model, truth, job)
         facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
         felt = [name for name, model in models.items() if model.touch]
         shut = {name: groups[f"closed/{name}"] for name in models if f"closed/{name}" in groups}

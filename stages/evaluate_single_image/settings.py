@@ -14,4 +14,5 @@ class SingleImageEvaluationSettings(Settings):
     tau: float = setting(1e-4, "squared distance of F1 in the scaled unit, the standard's; at twice it too", gt=0, changes="definition")
     looked_up: int = setting(200, "training objects among which the baselines look, spread evenly, of each the first `views`", ge=1)
     batch_size: int = setting(16, "more needs more memory, and sums may differ in their last bit with it", ge=1)
+    threads: int = setting(1, "of torch on a CPU, as in training", ge=1)
     accelerator: str = setting("auto", "a GPU where there is one", changes="speed")

@@ -10,7 +10,7 @@ from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.trained_networks import SINGLE_IMAGE_MODEL, model_name
 from pipeline.store.directory import DataDirectory
-from pipeline.training.device import device_of
+from pipeline.training.device import device_of, torch_threads
 from schemas.base import Artifact
 from schemas.renderings import RENDERINGS
 from schemas.surfaces import SURFACES
@@ -53,7 +53,8 @@ class EvaluateSingleImage(DatasetStage):
         """Measure the network and the baselines, then write and print the tables."""
         settings: SingleImageEvaluationSettings = job.settings
         measurement = Measurement(job)
-        network = measurement.of_network(Reconstructor(job.models[MODEL], device_of(settings.accelerator)))
+        with torch_threads(settings.threads):
+            network = measurement.of_network(Reconstructor(job.models[MODEL], device_of(settings.accelerator)))
         figures = {"network": network, **{f"training object, {how}": found for how, found in measurement.of_baselines().items()}}
         rows, trained = measurement.rows, DataDirectory(job.data).folder(MODEL)
         means = {name: means_by_class(found, rows.categories) for name, found in figures.items()}

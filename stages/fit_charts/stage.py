@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from pipeline.dataset.touch_sensors import touch_sensor
@@ -20,6 +19,7 @@ from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sen
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
 from pipeline.store.rows import Row
+from pipeline.training.device import torch_threads
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
@@ -59,13 +59,9 @@ class FitCharts(ObjectStage):
     @contextmanager
     def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
         """Load the U-Net, if need be; compute on one thread per worker: results do not depend on how many share the machine."""
-        threads = torch.get_num_threads()
-        torch.set_num_threads(1)
-        try:
+        with torch_threads(1):
             model = load_touch_model(models[UNET], settings.device) if settings.cloud == "predicted" else None
             yield lambda task: _process(task, settings, model)
-        finally:
-            torch.set_num_threads(threads)
 
 
 def _process(task: Task, settings: ChartSettings, model: TouchModel | None) -> Row:
