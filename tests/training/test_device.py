@@ -18,7 +18,8 @@ def test_threads_are_as_before_even_after_an_error() -> None:
             inside.append(torch.get_num_threads())
             raise ZeroDivisionError
 
-    pytest.raises(ZeroDivisionError, fail)
+    with pytest.raises(ZeroDivisionError):
+        fail()
     assert inside == [before + 1]
     assert torch.get_num_threads() == before
 
