@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 HEAD = 65_536
-"""Bytes from the start of a file in which it states its unit: they are read of each file that is listed."""
+"""Bytes within which a COLLADA or 3MF file states its unit: all that is read of it while objects are listed."""
 
 MODEL = "3D/3dmodel.model"
 """The part of a 3MF file that holds its meshes."""
@@ -37,18 +37,15 @@ def stated_units(file: Path) -> tuple[float | None, str | None]:
             case ".gltf" | ".glb":
                 return 1.0, "y"
             case ".dae":
-                return _collada(_head(file))
+                return _collada(file)
             case ".3mf":
                 return _threemf(file), "z"
     return None, None
 
 
-def _head(file: Path) -> bytes:
+def _collada(file: Path) -> tuple[float | None, str]:
     with file.open("rb") as stream:
-        return stream.read(HEAD)
-
-
-def _collada(head: bytes) -> tuple[float | None, str]:
+        head = stream.read(HEAD)
     unit = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)", head)
     axis = re.search(rb"<up_axis>\s*([XYZ])_UP", head)
     return _positive(unit[1]) if unit else None, axis[1].decode().lower() if axis else "y"

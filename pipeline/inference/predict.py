@@ -157,13 +157,15 @@ def predict(
 
 
 def _load(models: Place, configuration: str, device: torch.device) -> Reconstructor:
-    folders = {name: DataDirectory(models / family) for family in FAMILIES for name in names_in(models / family)}
-    folders |= {name: DataDirectory(models) for name in names_in(models) if name == f"{SINGLE_IMAGE_MODEL}.json"}
-    there = sorted(name.removesuffix(".json") for name in folders if name.endswith(".json"))
+    records = ((family, name) for family in FAMILIES for name in names_in(models / family) if name.endswith(".json"))
+    there = {name.removesuffix(".json"): models / family for family, name in records}
+    if f"{SINGLE_IMAGE_MODEL}.json" in names_in(models):
+        there[SINGLE_IMAGE_MODEL] = models
     if configuration not in there:
-        known = ", ".join(there) or "none"
-        raise StageError(f"{models} has no model {configuration} (there: {known}); train it with train-gcn or train-implicit")
-    return load_reconstructor(configuration, folders[f"{configuration}.json"].whole_folder(configuration), device)
+        known = ", ".join(sorted(there)) or "none"
+        ways = "train-gcn, train-implicit or train-single-image"
+        raise StageError(f"{models} has no model {configuration} (there: {known}); train it with {ways}")
+    return load_reconstructor(configuration, DataDirectory(there[configuration]).whole_folder(configuration), device)
 
 
 @dataclass(frozen=True)
@@ -244,10 +246,10 @@ def _open(data: Place, arrays: Sequence[str], object_id: str, chosen: Sequence[i
     Raises
     ------
     StoreError
-        There is no such object, it failed, or it has no such grasp.
+        There is no such object, it failed, or it has no such grasp or viewpoint.
     """
-    counted = {"grasp": "joint_angles", "viewpoint": "rendering"}[kind]  # which says how many there are
-    rows = ObjectRows(data, [*arrays, *({counted} - {*arrays})], split=None)
+    counted = "joint_angles" if kind == "grasp" else "rendering"  # which says how many there are
+    rows = ObjectRows(data, sorted({*arrays, counted}), split=None)
     if object_id in rows.left_out:
         raise StoreError(f"{object_id} failed in {rows.left_out[object_id]}")
     if object_id not in rows.object_ids:
