@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, cast
 
 from rich.console import Console
 
 from pipeline.config.hand_file import load_hand
+from pipeline.config.manifest import Object
 from pipeline.config.scene_file import load_scene
 from pipeline.config.sensor_file import load_sensor
 from pipeline.engine.folder_plan import FolderPlan
@@ -35,6 +37,13 @@ def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Shar
     if isinstance(request.stage, DatasetStage):
         yield FolderPlan(request)
         return
+    shards, numbers = _shards(request, shard)
+    for number in numbers:
+        yield ShardPlan(cast(Request[ObjectStage], request), number, shards)
+
+
+def _shards(request: Request[Any], shard: int | None) -> tuple[int, Sequence[int]]:
+    """Say into how many shards the dataset is split, and which of them are asked for."""
     shards = DataDirectory(request.data).settled_shards(request.shards)
     if shard is not None and shard >= shards:
         raise StoreError(f"there is no shard {shard} of {shards}: shards are numbered 0 to {shards - 1}")
@@ -42,19 +51,35 @@ def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Shar
     if None not in (shard, own) and shard != own:
         raise StoreError(f"object {request.only} is in shard {own} of {shards}, shard {shard} was asked for; leave one of them out")
     asked = own if shard is None else shard
-    for number in range(shards) if asked is None else [asked]:
-        yield ShardPlan(cast(Request[ObjectStage], request), number, shards)
+    return shards, range(shards) if asked is None else [asked]
 
 
 def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[Place, Forecast]]:
-    """Say of each output what a run would do; where an input has not been made yet, what the stage says of itself."""
+    """Say of each output what a run would do; where an input has not been made yet, what the stage says of itself.
+
+    Raises
+    ------
+    StoreError
+        The dataset is split into another number of shards, or the one object is in another shard than `shard`.
+    """
     _check_descriptions(request)
+    if isinstance(request.stage, DatasetStage):
+        yield _foreseen(request, request.objects, lambda: FolderPlan(request))
+        return
+    shards, numbers = _shards(request, shard)
+    for number in numbers:
+        own = [item for item in request.objects if shard_of(item.object_id, shards) == number and request.only in (None, item.object_id)]
+        yield _foreseen(request, own, partial(ShardPlan, request, number, shards))
+
+
+def _foreseen(request: Request[Any], objects: Sequence[Object], make_plan: Callable[[], ShardPlan | FolderPlan]) -> tuple[Place, Forecast]:
     try:
-        yield from ((plan.path, plan.forecast()) for plan in make_plans(request, shard))
+        plan = make_plan()
+        return plan.path, plan.forecast()
     except StoreError:
-        total, cost = request.stage.cost_of(request.settings, request.objects)
+        total, cost = request.stage.cost_of(request.settings, objects)
         cores = 1 if isinstance(request.stage, DatasetStage) else request.executor.processes
-        yield request.data / request.stage.writes(request.settings), Forecast(total, total, cost.seconds / cores, cost.kilobytes)
+        return request.data / request.stage.writes(request.settings), Forecast(total, total, cost.seconds / cores, cost.kilobytes)
 
 
 def _check_descriptions(request: Request[Any]) -> None:

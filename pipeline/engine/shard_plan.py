@@ -24,12 +24,12 @@ from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.directory import shard_name
 from pipeline.store.pieces import PieceFacts, Pieces
-from pipeline.store.publish import publish_shard
+from pipeline.store.publish import publish_shard, withdraw
 from pipeline.store.record import Failure, RowRecord, ShardRecord, read_record
 from pipeline.store.reshard import shard_key, shard_of
 from pipeline.store.rows import Row, conform, row_digest
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place
+from pipeline.store.storage import Place, exists
 from pipeline.store.validate import problems_of
 from pipeline.store.write import RowToPack
 
@@ -55,19 +55,23 @@ class ShardPlan(Plan[ObjectStage]):
         self.directory.check_origins(
             [*(collection.artifact.name for collection in self.inputs), *self.models], {item.object_id for item in items}
         )
-        roots = {  # the rows of a shard come from those of the same number
-            collection.artifact.name: (collection.shard(items[0].object_id) if items else collection.first).attributes
-            for collection in self.inputs
-        }
-        with description_errors(self.stage):
-            self.settings = self.stage.settle(self.settings, roots)
-            self.stage.check_inputs(self.settings, roots)
+        if items:  # a shard without objects reads nothing, whether or not its inputs have been made
+            # the rows of a shard come from those of the same number
+            roots = {collection.artifact.name: collection.shard(items[0].object_id).attributes for collection in self.inputs}
+            with description_errors(self.stage):
+                self.settings = self.stage.settle(self.settings, roots)
+                self.stage.check_inputs(self.settings, roots)
         self.members = [self._from_inputs(item) if self.inputs else self._from_source(item) for item in items]
 
     @property
     def path(self) -> Place:
         """The record's path without its suffix."""
         return self.directory.root / self.artifact.name / shard_name(self.number, self.shards)
+
+    @property
+    def record_path(self) -> Place:
+        """Where the record of the shard is, if it is published."""
+        return self.directory.shard_record(self.artifact.name, self.number, self.shards)
 
     @property
     def lock(self) -> Place:
@@ -118,9 +122,8 @@ class ShardPlan(Plan[ObjectStage]):
     @cached_property
     def published(self) -> Shard | None:
         """The shard that readers see, None where there is none that can be used."""
-        path = self.directory.shard_record(self.artifact.name, self.number, self.shards)
         try:
-            return Shard(path.parent, self.artifact, read_record(path, ShardRecord))
+            return Shard(self.record_path.parent, self.artifact, read_record(self.record_path, ShardRecord))
         except StoreError:
             return None
 
@@ -134,7 +137,7 @@ class ShardPlan(Plan[ObjectStage]):
     def up_to_date(self) -> bool:
         """Whether the shard is there, complete, made under the same key, with no failure that is to be tried again."""
         if not self.members:
-            return True
+            return not exists(self.record_path)
         shard = self.published
         if shard is None or shard.record.key != self.key:
             return False
@@ -143,11 +146,18 @@ class ShardPlan(Plan[ObjectStage]):
         return not any(problems_of(shard)) if self.request.check else shard.is_complete()
 
     def failures(self) -> dict[str, Failure]:
-        """The objects that failed in this stage, with their reasons: those of the published shard, and those that wait to be packed."""
-        rows = self.published.record.rows if self.published else ()
-        found = {row.object_id: row.failure for row in rows if row.failure and self._is_own(row.failure)}
-        waiting = {member.item.object_id: facts.failure for member in self.members if (facts := self.facts(member)) and facts.failure}
-        return found | {object_id: failure for object_id, failure in waiting.items() if self._is_own(failure)}
+        """The objects that failed in this stage, with their reasons: as it would do them now, packed or not."""
+        found = {member.item.object_id: self._failure(member) for member in self.members}
+        return {object_id: failure for object_id, failure in found.items() if failure and self._is_own(failure)}
+
+    def _failure(self, member: Member) -> Failure | None:
+        """Why an object has no row; None where it has one, or none was made yet under its key."""
+        if (facts := self.facts(member)) is not None:
+            return facts.failure
+        if self.published is None or member.item.object_id not in self.published.position:
+            return None
+        row = self.published.row(member.item.object_id)
+        return row.failure if row.key == member.job.key else None
 
     def facts(self, member: Member) -> PieceFacts | None:
         """What became of an object, None where that is not known yet."""
@@ -195,9 +205,15 @@ class ShardPlan(Plan[ObjectStage]):
     # ---- making it
 
     def make(self, console: Console) -> Result:
-        """Process what is missing, then pack and publish; with `only`, the shard is packed only if that was all that was missing."""
+        """Process what is missing, then pack and publish; with `only`, the shard is packed only if that was all that was missing.
+
+        A shard that has no objects any more is withdrawn.
+        """
         self.directory.claim_shards(self.shards)
         self._refuse_strangers()
+        if not self.members:  # the objects that it had are gone
+            withdraw(self.record_path)
+            return Result()
         self._forget_failures()
         self._keep_rows()
         self._refuse_failures()

@@ -15,13 +15,10 @@ from filelock import FileLock, Timeout
 from obstore.exceptions import AlreadyExistsError, PreconditionError
 
 from pipeline.errors import StoreError
-from pipeline.store.storage import Place, bucket_of, cache_of, copy, files_below, key_of, read_bytes, remove_files
+from pipeline.store.storage import Place, bucket_of, cache_of, copy, files_below, key_of, read_bytes, remove_files, temporary
 
 CONFLICTS = 12
 """How often a conditional put is tried that object storage refuses although nobody else has written: it answers so to a race."""
-
-TEMPORARY = ".tmp"
-"""How the names of files end that are being written."""
 
 
 def write_at_once(path: Place, content: bytes) -> None:
@@ -81,6 +78,8 @@ def create(path: Place, content: bytes) -> None:
     if not isinstance(path, Path):
         replace_version(path, content, None)
         return
+    if path.exists():
+        return
     path.parent.mkdir(parents=True, exist_ok=True)
     with temporary(path) as beside, suppress(FileExistsError):
         beside.write_bytes(content)
@@ -100,16 +99,6 @@ def flush_folder(folder: Path) -> None:
     """Let the disk have a folder with everything in it."""
     for path in [*folder.rglob("*"), folder]:
         flush(path)
-
-
-@contextmanager
-def temporary(path: Path) -> Iterator[Path]:
-    """Give the name of a file beside `path` to write and rename or link; whatever happens, nothing is left of it."""
-    beside = path.with_name(f"{path.name}.{os.getpid()}{TEMPORARY}")
-    try:
-        yield beside
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def move_folder(source: Path, target: Place) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Container, Iterable, Iterator
+from contextlib import suppress
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from pipeline.store.atomic import create
 from pipeline.store.collection import Collection
 from pipeline.store.record import FolderRecord, ShardRecord, first_line, read_record
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, cache_of, copy, exists, files_below, in_threads, names_in, place, read_bytes
+from pipeline.store.storage import Place, cache_of, copy, files_below, in_threads, names_in, place, read_bytes
 from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
 
@@ -27,12 +28,14 @@ LOGS = "tensorboard"
 
 TREES = ("models", "sweeps")
 """Folders that hold records of folders, and folders that do."""
-EVALUATIONS = ("evaluation", "evaluation-single-image")
-"""Folders beside the artifacts."""
+EVALUATION = re.compile(r"evaluation(-single-image|-seed-\d+)?\.json")
+"""Records of folders beside the artifacts."""
 
 SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
 """What the record of a shard is called."""
 
+_MODEL = re.compile(r"models/(?:seed-(\d+)/)?([^/]+)(?:/([^/]+))?")
+"""Training seed, family and network of a model's folder."""
 _VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
 
 
@@ -128,7 +131,7 @@ class DataDirectory:
     def folders(self) -> list[str]:
         """Names of the folders that were published."""
         trees = (f"{where}/{name}" for where in TREES for name in files_below(self.root / where))
-        found = [f"{name}.json" for name in EVALUATIONS if exists(self.folder_record(name))]
+        found = [name for name in names_in(self.root) if EVALUATION.fullmatch(name)]
         found += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
         return sorted(path.removesuffix(".json") for path in found)
 
@@ -143,7 +146,7 @@ class DataDirectory:
 
     def folder(self, name: str) -> FolderRecord:
         """The record of a folder; a `StoreError` where there is none."""
-        return read_record(self.folder_record(name), FolderRecord)
+        return read_record(self.folder_record(name), FolderRecord, _maker(name))
 
     def folder_path(self, name: str) -> Place:
         """The folder that the record names."""
@@ -164,7 +167,7 @@ class DataDirectory:
         """
         record, folder = self.folder(name), self.folder_path(name)
         local = folder if isinstance(folder, Path) else cache_of(folder)
-        if local != folder and hashes_of(local) != record.files:
+        if local != folder and _hashes(local, record.files) != record.files:
             copy(folder, local, files_below(folder).keys() & record.files)
         if problem := next(_departures(record, local, folder), None):
             raise StoreError(f"{folder}: {problem}")
@@ -245,9 +248,19 @@ def _read_shard_record(path: Place) -> ShardRecord:
     return read_record(path, ShardRecord)
 
 
+def _maker(name: str) -> str:
+    """Say what makes a folder: `models/seed-1/gcn/touch` comes from `train-gcn`, told its network and seed."""
+    if not (found := _MODEL.fullmatch(name)):
+        return "the stage that makes it"
+    seed, family, network = found.groups()
+    stage = f"train-{family}"
+    stated = [f" --set {stage}.{what}={value}" for what, value in (("configuration", network), ("training_seed", seed)) if value]
+    return f"`vt-pipeline run {stage}{''.join(stated)}`"
+
+
 def _departures(record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
     """Compare the files of a folder, read there or as a copy, with what its record says: a line for each that differs."""
-    there = hashes_of(read)
+    there = _hashes(read, record.files)
     for file, written in record.files.items():
         if there.get(file) != written:
             problem = "is missing" if file not in there else "differs from what was written"
@@ -281,7 +294,16 @@ def folder_digest(record: FolderRecord) -> str:
 
 def hashes_of(folder: Place) -> dict[str, str]:
     """Compute the SHA-256 of every file below a folder that its digest is made of."""
-    return {name: hashlib.sha256(read_bytes(folder / name)).hexdigest() for name in files_of(folder)}
+    return _hashes(folder, files_of(folder))
+
+
+def _hashes(folder: Place, names: Iterable[str]) -> dict[str, str]:
+    """Compute the SHA-256 of files below a folder; one that is not there has none."""
+    found = {}
+    for name in names:
+        with suppress(FileNotFoundError):
+            found[name] = hashlib.sha256(read_bytes(folder / name)).hexdigest()
+    return found
 
 
 def files_of(folder: Place) -> list[str]:

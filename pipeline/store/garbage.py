@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.errors import StoreError
-from pipeline.store.atomic import TEMPORARY, write_at_once
+from pipeline.store.atomic import write_at_once
 from pipeline.store.directory import DESCRIPTION, DataDirectory, is_version
 from pipeline.store.record import read_content
-from pipeline.store.storage import Place, files_below, names_in, remove, remove_files
+from pipeline.store.storage import TEMPORARY, Place, files_below, names_in, remove, remove_files
 
 GRACE_SECONDS = 3600.0
 """How long a group that was replaced is kept: readers that opened it may still be at work."""

@@ -9,8 +9,7 @@ from threading import Event, Thread
 
 from obstore.exceptions import BaseError
 
-from pipeline.store.atomic import TEMPORARY
-from pipeline.store.storage import File, Place, cache_of, copy, files_below
+from pipeline.store.storage import TEMPORARY, File, Place, cache_of, copy, files_below
 
 SECONDS = 30.0
 """Between two looks at what has changed: what a machine that is lost takes with it at most."""

@@ -13,10 +13,10 @@ from typing import IO, Any
 import numpy as np
 from pydantic import ValidationError
 
-from pipeline.store.atomic import temporary, write_at_once
+from pipeline.store.atomic import write_at_once
 from pipeline.store.record import Failure
 from pipeline.store.rows import Row, row_digest
-from pipeline.store.storage import Place, files_below, read_bytes, remove, remove_files
+from pipeline.store.storage import Place, files_below, read_bytes, remove, remove_files, temporary
 
 UNREADABLE = (OSError, EOFError, zipfile.BadZipFile, KeyError, ValueError, ValidationError)
 """What reading a piece raises that is missing, or that a full disk or a crash of the machine cut short."""

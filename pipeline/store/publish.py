@@ -15,7 +15,7 @@ from pipeline.store.directory import DataDirectory, shard_name, versioned
 from pipeline.store.garbage import collect, named_location, note_replaced
 from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord, sealed
 from pipeline.store.rows import Row
-from pipeline.store.storage import Place
+from pipeline.store.storage import Place, remove
 from pipeline.store.write import RowToPack, metadata_digests, write_group
 from schemas.base import Artifact
 
@@ -73,6 +73,13 @@ def publish_folder(directory: DataDirectory, name: str, beside: Path, record: Fo
     location = versioned(place.stem, [record.key, record.files])
     _publish(beside, place.with_name(location), place, _completed(record, {"location": location}), version_of(place))
     return place.with_name(location)
+
+
+def withdraw(record_path: Place) -> None:
+    """Remove a record, so that nobody finds what it names; who reads that already is given time."""
+    if (named := named_location(record_path)) is not None:
+        note_replaced(record_path.with_name(named))
+    remove(record_path)
 
 
 def _completed(record: R, fields: Mapping[str, Any]) -> R:

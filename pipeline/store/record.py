@@ -142,35 +142,28 @@ def sealed(record: Provenance) -> bytes:
     return json.dumps({"checksum": digest.of_json(content), **content}, indent=1).encode()
 
 
-def read_record(path: Place, kind: type[R]) -> R:
-    """Read a record.
+def read_record(path: Place, kind: type[R], maker: str = "the stage that makes it") -> R:
+    """Read a record; where there is none, the error says to run `maker`.
 
     Raises
     ------
     StoreError
         There is none, it is damaged, or another version of this project wrote it.
     """
-    content = read_content(path)
+    content = read_content(path, maker)
     try:
         return kind.model_validate(content)
     except ValidationError as error:
         raise _damaged(path, error) from error
 
 
-def _command(path: Place) -> str:
-    """What makes a folder: `models/gcn/touch` comes from `train-gcn`."""
-    parts = path.with_suffix("").parts
-    after = parts[parts.index("models") + 1 :] if "models" in parts else ()
-    return f"`vt-pipeline run train-{after[0]}`" if after else "the stage that makes it"
-
-
-def read_content(path: Place) -> dict[str, Any]:
+def read_content(path: Place, maker: str = "the stage that makes it") -> dict[str, Any]:
     """Read the fields of a record of any kind; errors are those of `read_record`."""
     try:
         content = json.loads(read_bytes(path))
         found, checksum = content.get("format"), content.pop("checksum", None)
     except FileNotFoundError:
-        raise StoreError(f"{path.with_suffix('')} has not been made; run {_command(path)} first") from None
+        raise StoreError(f"{path.with_suffix('')} has not been made; run {maker} first") from None
     except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise _damaged(path, error) from error
     if isinstance(found, int) and found != FORMAT:

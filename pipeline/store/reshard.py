@@ -11,10 +11,10 @@ from pipeline.store import digest
 from pipeline.store.atomic import one_writer, write_at_once
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DESCRIPTION, DataDirectory, Description
-from pipeline.store.publish import publish_shard
+from pipeline.store.publish import publish_shard, withdraw
 from pipeline.store.record import RowRecord
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, remove
+from pipeline.store.storage import Place
 from pipeline.store.write import RowToPack
 
 
@@ -61,7 +61,7 @@ def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
 def _discard_records(directory: DataDirectory, shards: int) -> None:
     for path in directory.shard_records():
         if path.stem.endswith(f"-of-{shards:04d}"):
-            remove(path)
+            withdraw(path)
 
 
 def _refuse_mixture(collection: Collection) -> None:

@@ -18,6 +18,7 @@ from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
+from uuid import uuid4
 
 import obstore
 from obstore.exceptions import BaseError
@@ -43,6 +44,9 @@ RETRY: Any = {"max_retries": 10_000, "retry_timeout": timedelta(minutes=3)}
 
 Place = Path | UPath
 """A folder or file: `pathlib.Path` on a disk, `UPath` in object storage."""
+
+TEMPORARY = ".tmp"
+"""How the names of files end that are being written."""
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -143,6 +147,16 @@ def remove_files(folder: UPath, names: Iterable[str]) -> None:
         obstore.delete(bucket_of(folder), keys)
 
 
+@contextmanager
+def temporary(path: Path) -> Iterator[Path]:
+    """Give a name that no other process has for a file beside `path` to write and rename or link; in the end nothing is left of it."""
+    beside = path.with_name(f"{path.name}.{uuid4().hex}{TEMPORARY}")  # processes in containers have equal numbers
+    try:
+        yield beside
+    finally:
+        beside.unlink(missing_ok=True)
+
+
 def cache_of(folder: Place) -> Path:
     """Name the folder on this machine's disk that keeps a copy of one in object storage; below `XDG_CACHE_HOME`."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vt-pipeline"
@@ -157,11 +171,11 @@ def copy(source: Place, target: Place, names: Iterable[str]) -> None:
 def _copy_file(source: Place, target: Place) -> None:
     if isinstance(target, Path):
         target.parent.mkdir(parents=True, exist_ok=True)
-        beside = target.with_name(f"{target.name}.{os.getpid()}.tmp")
-        with beside.open("wb") as file:
-            for part in obstore.get(bucket_of(source), key_of(source)).stream():
-                file.write(part)
-        beside.replace(target)
+        with temporary(target) as beside:
+            with beside.open("wb") as file:
+                for part in obstore.get(bucket_of(source), key_of(source)).stream():
+                    file.write(part)
+            beside.replace(target)
     elif isinstance(source, Path):
         obstore.put(bucket_of(target), key_of(target), source)
     else:

@@ -100,6 +100,9 @@ def test_an_input_that_is_not_there_is_an_error_that_says_so(tmp_path):
         make(tmp_path, items=objects(5, split="valid"))
     with pytest.raises(StoreError, match=r"models/average has not been made; run `vt-pipeline run train-average` first"):
         make(tmp_path, Average(reads=("models/average",)))
+    further = "vt-pipeline run train-gcn --set train-gcn.configuration=touch --set train-gcn.training_seed=1"
+    with pytest.raises(StoreError, match=rf"models/seed-1/gcn/touch has not been made; run `{further}` first"):
+        make(tmp_path, Average(reads=("models/seed-1/gcn/touch",)))
 
 
 def test_a_model_made_from_what_has_changed_since_is_refused_and_reported(tmp_path):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 
 from pipeline.errors import StoreError
 from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory
+from pipeline.store.garbage import collect_everything
 from pipeline.store.reshard import reshard
 from pipeline.store.validate import problems_below
 from tests.engine.tiny_stages import MEAN, MakeNoise, TakeMean, digest, objects, published, request, run
@@ -37,6 +40,16 @@ def test_a_reshard_that_is_killed_changes_nothing_that_readers_see(tmp_path):
     run(request(tmp_path, items=objects(3)))
     list(reshard(DataDirectory(tmp_path), 4))
     assert list(published(tmp_path)) == ["a", "b", "c"], "records of the one that was killed are gone"
+
+
+def test_what_was_split_otherwise_is_kept_for_its_readers(tmp_path):
+    run(request(tmp_path, shards=2))
+    groups = list((tmp_path / "noise").glob("*-of-0002-*.zarr"))
+    for group in groups:
+        os.utime(group, (0, 0))
+    list(reshard(DataDirectory(tmp_path), 4))
+    assert collect_everything(DataDirectory(tmp_path)) == []
+    assert all(group.exists() for group in groups)
 
 
 def test_shards_are_not_split_while_a_run_is_at_work(tmp_path):

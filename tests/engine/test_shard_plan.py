@@ -145,6 +145,14 @@ def test_a_description_file_that_is_missing_ends_a_dry_run_too(tmp_path):
         list(forecast(request(tmp_path)))
 
 
+def test_a_dry_run_foresees_the_shard_that_is_asked_for(tmp_path):
+    asked = request(tmp_path, stage=TakeMean(), shards=5)
+    assert [foreseen.total for _, foreseen in forecast(asked)] == [3, 0, 0, 1, 1], "before its inputs have been made"
+    assert [foreseen.missing for _, foreseen in forecast(asked, 0)] == [3]
+    with pytest.raises(StoreError, match="there is no shard 9 of 5"):
+        list(forecast(asked, 9))
+
+
 def test_failures_are_tried_again_when_asked(tmp_path):
     flag = tmp_path / "mended"
     items = objects(3, b=f"until {flag}")
@@ -160,6 +168,37 @@ def test_strict_refuses_what_failed_before(tmp_path):
     run(request(tmp_path, items=objects(3, b="bad"), only="b"))
     with pytest.raises(InvalidInput, match="b: it is bad"):
         run(request(tmp_path, items=objects(3, b="bad"), strict=True))
+
+
+def test_a_shard_without_objects_needs_no_inputs(tmp_path):
+    """Of 5 shards 1 and 2 have none of a to e; they are asked for before any input has been made."""
+    asked = request(tmp_path, stage=TakeMean(), shards=5)
+    assert [run(asked, shard) for shard in (1, 2)] == [0, 0]
+    with pytest.raises(StoreError, match="noise has not been made"):
+        run(asked, 4)
+
+
+def test_a_shard_whose_only_object_is_gone_is_withdrawn(tmp_path):
+    """Of 4 shards b is alone in the second."""
+    for stage in (MakeNoise(), TakeMean()):
+        run(request(tmp_path, stage=stage, shards=4))
+    assert "b" in published(tmp_path)
+    left = [item for item in objects(5) if item.object_id != "b"]
+    for stage in (MakeNoise(), TakeMean()):
+        assert run(request(tmp_path, stage=stage, items=left, shards=4)) == 0
+    assert sorted(published(tmp_path)) == sorted(published(tmp_path, MEAN)) == list("acde")
+    assert len(list((tmp_path / "noise").glob("0001-of-0004-*.zarr"))) == 1, "kept for its readers"
+    assert not any(lines for lines in problems_below(tmp_path).values())
+
+
+def test_a_failure_under_other_settings_is_not_this_runs(tmp_path):
+    mended = tmp_path / "mended"
+    items = objects(3, b=f"until {mended}")
+    run(request(tmp_path, items=items))
+    mended.touch()
+    with_more = request(tmp_path, items=items, settings={"samples": 60}, only="b")
+    assert run(with_more) == 1
+    assert plan_of(with_more).failures() == {}
 
 
 def test_an_object_more_is_made_alone(tmp_path):
