@@ -65,7 +65,8 @@ def test_doctor_finds_everything_here():
         ([*RUN, "--dry-run", "--explain"], "--dry-run makes nothing: leave one of them out"),
         (["run", "simulate-touch", "--data", "/nonexistent"], "vt-pipeline run sample-surfaces"),
         (["status", "/nonexistent"], "is no data directory"),
-        (["sweep", "evaluate", "--grid", "points=100,200"], "evaluate has no grid to sweep over"),
+        (["sweep", "evaluate", "--grid", "points=100,200"], "evaluate trains nothing: sweep over settings of train-unet"),
+        (["sweep", "train-implicit"], "the supplement has no grid for train-implicit: name one, --grid"),
         (["validate", "/nonexistent"], "holds no records; looked for ARTIFACT/NNNN-of-NNNN.json"),
     ],
 )

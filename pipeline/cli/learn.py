@@ -36,7 +36,7 @@ SINGLE = "evaluation-single-image"
 
 
 def sweep(
-    stage: Annotated[str, typer.Argument(help="train-unet or train-gcn.")],
+    stage: Annotated[str, typer.Argument(help="A stage that trains.")],
     grid: Annotated[list[str] | None, typer.Option(help="SETTING=VALUE,VALUE,… to try; without any, the supplement's grid.")] = None,
     manifest: ManifestOption = "toy",
     preset: PresetOption = "draft",
@@ -51,8 +51,10 @@ def sweep(
         fail(f"a sweep runs in one process, {together.launcher} started {together.count}; start `vt-pipeline run` so, point by point")
     loaded = load_stage(stage) if stage in STAGES else None
     given = loaded.grid(resolve(stage, preset, assignments or ())) if isinstance(loaded, DatasetStage) else {}
-    if not isinstance(loaded, DatasetStage) or not given:
-        fail(f"{stage} has no grid to sweep over; train-unet and train-gcn have")
+    if not isinstance(loaded, DatasetStage) or not loaded.trains:
+        fail(f"{stage} trains nothing: sweep over settings of train-unet, train-gcn, train-implicit or train-single-image")
+    if not (grid or given):
+        fail(f"the supplement has no grid for {stage}: name one, --grid learning_rate=1e-3,2e-3")
     plain = make_request(loaded, manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
     found, failed = [], 0
     for point in sweeps.grid_points(_grid(grid) if grid else given):
@@ -86,6 +88,7 @@ def predict(
     image: Annotated[Path | None, typer.Option(help="8-bit RGB file from the camera the model was trained with.")] = None,
     readings: Annotated[list[Path] | None, typer.Option("--reading", help="A tactile image, one per sensor, as the poses.")] = None,
     poses: Annotated[Path | None, typer.Option(help=".json or .npz: poses (4 x 4, sensor frame to world, m), perhaps touched.")] = None,
+    training_seed: Annotated[int, typer.Option(min=0, help="Which training of the model, where there are several.")] = 0,
     surface: Annotated[str, typer.Option(help="charts, joined (at their seams), both, or closed: one smooth watertight mesh.")] = "both",
     resolution: Annotated[int, typer.Option(min=8, max=400, help="Of the closed mesh: edges along its longest side.")] = 128,
     seed: Annotated[int, typer.Option(min=0, help="Of the chart fitting.")] = 0,
@@ -111,6 +114,7 @@ def predict(
         poses=poses,
         surface=cast(prediction.Surface, surface),
         resolution=resolution,
+        training_seed=training_seed,
         seed=seed,
     )
     touches = f"{made.touched.sum()} touches" if made.touched.any() else "no touch, so that no place of it is certain"
@@ -129,9 +133,8 @@ def report(
 ) -> None:
     """Print the evaluation's tables and whether the supplement's orderings hold; write pages with a gallery and figures: DATA/report."""
     from pipeline.reports.html_report import write_report
-    from pipeline.reports.orderings import orderings, show_orderings
-    from pipeline.reports.training_seeds import evaluations, show_trainings
-    from stages.evaluate.printed_tables import show, show_training
+    from pipeline.reports.results import show_results
+    from pipeline.reports.training_seeds import evaluations
     from stages.evaluate_single_image.printed_table import show as show_single_image
 
     directory = DataDirectory(data)
@@ -143,12 +146,7 @@ def report(
             return
     if evaluated:
         directory.check_origins(evaluated)
-        folders = [directory.whole_folder(name) for name in evaluated]
-        show(folders[0], console)
-        show_trainings(folders, console)
-        show_orderings(orderings(folders), console)
-        trained = [name for name in ("models/unet", *directory.folder(evaluated[0]).models) if exists(directory.folder_record(name))]
-        show_training({Path(name).name: directory.folder(name).facts for name in trained}, console)
+        show_results(directory, evaluated, console)
     else:
         say("no network has been evaluated: the report shows the dataset alone; `make report`, with the same variables, trains some")
     say(f"report: {write_report(directory.root, console, most)}")

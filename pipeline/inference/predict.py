@@ -98,6 +98,7 @@ def predict(
     poses: Path | None = None,
     surface: Surface = "both",
     resolution: int = RESOLUTION,
+    training_seed: int = 0,
     accelerator: str = "auto",
     seed: int = 0,
 ) -> Prediction:
@@ -123,6 +124,8 @@ def predict(
         it and grey elsewhere.
     resolution
         Edges of the closed mesh along the longest side of its box.
+    training_seed
+        Of which training the network is.
     accelerator
         Where the networks run, "auto" on a GPU where there is one.
     seed
@@ -136,12 +139,12 @@ def predict(
     """
     check_output(out)
     device = device_of(accelerator)
-    observer = _Observer(_load(models, configuration, device), models, device, seed)
+    observer = _Observer(_load(models, configuration, training_seed, device), models, device, seed)
     if data is not None:
         if object_id is None or image is not None or readings or poses is not None:
             raise StageError("from a data directory: name an object, and no files; from files: name no data directory")
         if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
-            DataDirectory(data).check_origins([model_name(configuration)])
+            DataDirectory(data).check_origins([model_name(configuration, training_seed)])
         observation = observer.of_object(data, object_id, [view] if observer.model.image == "rendering" else grasps)
     else:
         if object_id is not None:
@@ -156,15 +159,16 @@ def predict(
     return Prediction([out], made, observation.touched, mesh)
 
 
-def _load(models: Place, configuration: str, device: torch.device) -> Reconstructor:
-    records = ((family, name) for family in FAMILIES for name in names_in(models / family) if name.endswith(".json"))
-    there = {name.removesuffix(".json"): models / family for family, name in records}
+def _load(models: Place, configuration: str, training_seed: int, device: torch.device) -> Reconstructor:
+    trained = models / f"seed-{training_seed}" if training_seed else models
+    records = ((family, name) for family in FAMILIES for name in names_in(trained / family) if name.endswith(".json"))
+    there = {name.removesuffix(".json"): trained / family for family, name in records}
     if f"{SINGLE_IMAGE_MODEL}.json" in names_in(models):
         there[SINGLE_IMAGE_MODEL] = models
     if configuration not in there:
         known = ", ".join(sorted(there)) or "none"
         ways = "train-gcn, train-implicit or train-single-image"
-        raise StageError(f"{models} has no model {configuration} (there: {known}); train it with {ways}")
+        raise StageError(f"{trained} has no model {configuration} (there: {known}); train it with {ways}")
     return load_reconstructor(configuration, DataDirectory(there[configuration]).whole_folder(configuration), device)
 
 
@@ -185,6 +189,11 @@ class _Observer:
             return stored_observation(_open(data, observed_arrays(config), object_id, grasps, "viewpoint"), object_id, grasps, config)
         if not config.touch or DataDirectory(data).collection(CHARTS).shards:
             rows = _open(data, observed_arrays(config), object_id, grasps)
+            if config.touch and (stored := rows.size("vertices", "vertex")) != config.side**2:
+                raise StageError(
+                    f"the touch charts of {data} have {stored} vertices, model {self.model.configuration} takes {config.side**2}; "
+                    f"run fit-charts with fit-charts.side={config.side}, or train the model on these"
+                )
             return stored_observation(rows, object_id, grasps, config)
         images = () if config.image is None else (config.image,)
         rows = _open(data, [*images, *TOUCHES], object_id, grasps)
@@ -200,6 +209,8 @@ class _Observer:
         needed = [("an image", model.image, image), ("tactile images", model.touch, readings), ("the sensors' poses", model.touch, poses)]
         if missing := [what for what, needs, given in needed if needs and not given]:
             raise StageError(f"model {model.configuration} needs {' and '.join(missing)}, and none is given")
+        if model.image is None and image is not None:
+            raise StageError(f"model {model.configuration} takes no image: leave it out, or name one that does")
         if not model.touch and (readings or poses is not None):
             raise StageError(f"model {model.configuration} takes no touch: leave readings and poses out, or name one that does")
         seen = read_image(image) if model.image is not None and image is not None else None
@@ -212,7 +223,11 @@ class _Observer:
 
     @cached_property
     def unet(self) -> TouchModel:
-        """Load the U-Net beside the model."""
+        """Load the U-Net beside the models."""
+        if "unet.json" not in names_in(self.models):
+            raise StageError(
+                f"{self.models} has no U-Net, which makes points of tactile images; name the models of a data directory with one"
+            )
         return load_touch_model(DataDirectory(self.models).whole_folder("unet"), self.device)
 
     def _charts(

@@ -23,16 +23,14 @@ from pipeline.engine.keys import sources_hash
 from pipeline.reports import touch_tables
 from pipeline.reports.learning_curves import draw_curves
 from pipeline.reports.object_page import ObjectPages
-from pipeline.reports.orderings import orderings, show_orderings
 from pipeline.reports.paper_figures import draw_figures
 from pipeline.reports.printed_html import PrintedRow, PrintedTable, printed
 from pipeline.reports.provenance import commands, contents_table, records, settings_tables, versions_tables
 from pipeline.reports.report_source import ReportSource
+from pipeline.reports.results import show_results, trained
 from pipeline.reports.svg_plots import draw_bars, draw_histogram, svg_theme
-from pipeline.reports.training_seeds import evaluations, show_trainings
 from pipeline.store import digest
-from pipeline.store.storage import Place, exists, written_to
-from stages.evaluate.printed_tables import show, show_training
+from pipeline.store.storage import Place, written_to
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
 COPIED = ("style.css", "viewer.js", "gallery.js", "three.min.js", "three.LICENSE")
@@ -168,17 +166,8 @@ def _plots(source: ReportSource, objects: Mapping[str, Any], folder: Path) -> li
 
 def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
     """The evaluation's tables, whether the supplement's orderings hold, and the learning curves."""
-    directory, evaluation = source.directory, source.evaluation
-    trained = ["models/unet"] + (list(directory.folder("evaluation").models) if evaluation else [])
-    there = {Path(name).name: name for name in trained if exists(directory.folder_record(name))}
-    tables: list[PrintedTable] = []
-    if evaluation:
-        folders = [directory.whole_folder(name) for name in evaluations(directory)]
-        tables += printed(lambda kept: show(evaluation.folder, kept))
-        tables += printed(lambda kept: show_trainings(folders, kept))
-        tables += printed(lambda kept: show_orderings(orderings(folders), kept))
-    if there:
-        tables += printed(lambda kept: show_training({name: directory.folder(place).facts for name, place in there.items()}, kept))
+    directory, there = source.directory, trained(source.directory, source.evaluated)
+    tables = printed(lambda kept: show_results(directory, source.evaluated, kept))
     curves = []
     if there:
         path = folder / "figures" / "learning-curves.svg"

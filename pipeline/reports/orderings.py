@@ -94,7 +94,7 @@ def _verdict(claim: Claim, rng: np.random.Generator) -> Verdict:
 
 
 def _modalities(values: Values) -> Iterator[Claim]:
-    """Claim that touch and vision together beat vision, vision beats touch, both and each beat nothing: with one grasp."""
+    """Claim that touch and vision together beat vision, vision beats touch, each beats nothing: with one grasp."""
     pairs = [
         pair for image in ("occluded", "unoccluded") for pair in ((f"{image}-touch", image), (image, "touch"), (f"{image}-touch", "touch"))
     ]

@@ -15,9 +15,10 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.reports.printed_html import PrintedRow, PrintedTable
+from pipeline.reports.training_seeds import evaluations
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import RowView
-from pipeline.store.storage import Place, exists
+from pipeline.store.storage import Place
 from schemas.catalogue import ARTIFACTS
 from stages.evaluate.evaluation_files import Arrays, read_root, read_surfaces, read_table, surface_of
 
@@ -38,8 +39,10 @@ class ReportSource:
         The objects that failed in none of them.
     failures
         Stage and reason, by object, of the others.
+    evaluated
+        The names of the evaluations, one per training seed.
     evaluation
-        None where no network has been evaluated.
+        The first of them; None where no network has been evaluated.
 
     Raises
     ------
@@ -53,15 +56,15 @@ class ReportSource:
         self.collections = {name: collection for name, collection in found.items() if name in NEEDED or collection.shards}
         for collection in self.collections.values():
             collection.first  # noqa: B018 (an error where it has not been made)
-        evaluated = exists(self.directory.folder_record("evaluation"))
-        self.directory.check_origins([*self.collections, *(["evaluation"] if evaluated else [])])
+        self.evaluated = evaluations(self.directory)
+        self.directory.check_origins([*self.collections, *self.evaluated])
         names = list(self.collections["surfaces"])
         failures = {name: why for name in names for one in self.collections.values() if (why := one.failure(name))}
         self.failures = {name: (why.stage, why.reason) for name, why in failures.items()}
         self.object_ids = [name for name in names if name not in failures]
         if not self.object_ids:
             raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status` says why")
-        self.evaluation = Evaluation(self.directory.whole_folder("evaluation")) if evaluated else None
+        self.evaluation = Evaluation(self.directory.whole_folder(self.evaluated[0])) if self.evaluated else None
 
     def rows(self, object_id: str) -> dict[str, Mapping[str, np.ndarray]]:
         """An object's rows, by artifact; each array is read once."""

@@ -22,6 +22,9 @@ from stages.evaluate.evaluation_files import Arrays, evaluation_name, has_table,
 from stages.evaluate.printed_tables import NONE, QUALITY_UNITS
 from stages.evaluate.tables import ALL, per_object
 
+OF_ONE = ("training_seed", "configurations")
+"""Settings in which evaluations of one report may differ."""
+
 Values = dict[str, list[Arrays]]
 """By configuration, the group `values` of each of its trainings."""
 
@@ -33,10 +36,15 @@ def evaluations(directory: DataDirectory) -> list[str]:
 
 
 def read_values(folders: Sequence[Path]) -> Values:
-    """Read the values per object of evaluations; a `StoreError` where they are not of the same objects."""
+    """Read the values per object of evaluations; a `StoreError` where they are not of the same objects, or measured otherwise."""
     found: Values = {}
-    objects = read_table(folders[0], "objects")["object_id"].tolist()
+    objects, settings = read_table(folders[0], "objects")["object_id"].tolist(), read_root(folders[0])["settings"]
     for folder in folders:
+        theirs = read_root(folder)["settings"]
+        if differing := [name for name, value in settings.items() if name not in OF_ONE and theirs[name] != value]:
+            name = differing[0]
+            said = f"{folders[0]} was made with {name}={settings[name]}, {folder} with {name}={theirs[name]}"
+            raise StoreError(f"{said}; run evaluate again for each training seed with the same settings")
         if read_table(folder, "objects")["object_id"].tolist() != objects:
             raise StoreError(f"{folder} and {folders[0]} evaluate different objects; run evaluate again for each training seed")
         for name in read_root(folder)["configurations"]:
@@ -52,11 +60,12 @@ def chamfer_of(trainings: Sequence[Arrays], given: int) -> NDArray[np.float64]:
 def show_trainings(folders: Sequence[Path], console: Console) -> None:
     """Print a row per configuration: how near it comes, beside a training object that is looked up, and how its surfaces look."""
     values = read_values(folders)
-    seeds = max(map(len, values.values()))
+    counts = set(map(len, values.values()))
+    seeds, uneven = max(counts), len(counts) > 1
     columns = ("model", "mean", "each training", "median", "most grasps", "looked up", *(label for label, _ in QUALITY_UNITS.values()))
     title = (
-        f"Chamfer distance × {TABLE_3_FACTOR:.0f} with one grasp, {seeds} training{'s' * (seeds > 1)} of each network; "
-        "intervals over objects and trainings; surfaces: medians over objects"
+        f"Chamfer distance × {TABLE_3_FACTOR:.0f} with one grasp, {seeds} training{'s' * (seeds > 1)} of each network"
+        f"{' at most' * uneven}; intervals over objects and trainings; surfaces: medians over objects"
     )
     print_table(console, columns, _rows(values, folders[0]), title)
     console.print(

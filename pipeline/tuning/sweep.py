@@ -11,6 +11,7 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
+from pipeline.models.trained_networks import FAMILIES
 from pipeline.store.record import FolderRecord
 
 
@@ -26,9 +27,10 @@ def assignment(name: str, value: Any) -> str:
 
 
 def point_folder(stage: str, folder: str, point: Mapping[str, Any]) -> str:
-    """Name the folder of a point, below the data directory, by what it varies."""
+    """Name the folder of a point, below the data directory, by what it varies; `folder` is where the model would go otherwise."""
     name = ",".join(f"{setting}={value}" for setting, value in point.items())
-    return f"sweeps/{stage}/{folder.rpartition('/')[2]}/{file_name(name)}"
+    where = "/".join(part for part in folder.split("/") if part not in ("models", *FAMILIES))
+    return f"sweeps/{stage}/{where}/{file_name(name)}"
 
 
 def file_name(label: str) -> str:

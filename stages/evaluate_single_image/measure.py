@@ -77,7 +77,7 @@ class Measurement:
     def of_baselines(self) -> dict[str, NDArray[np.float64]]:
         """Measure training objects in place of reconstructions, by how they are chosen: the figures (object, view, figure).
 
-        mean shape
+        typical
             The one with the least mean distance to the others, whatever the image.
         by silhouette
             The one of which a view has most in common with the image's silhouette (intersection over union).
@@ -92,7 +92,7 @@ class Measurement:
         alike = [silhouette_overlap(self._silhouettes(self.rows, name), masks).argmax(axis=1) for name in self.rows.object_ids]
         size = (len(self.rows), self.views)
         chosen = {
-            "mean shape": np.full(size, chamfer_matrix(few, few).mean(axis=0).argmin()),
+            "typical": np.full(size, chamfer_matrix(few, few).mean(axis=0).argmin()),
             "by silhouette": np.array(alike) // self.views,
             "by truth": np.broadcast_to(chamfer_matrix(asked, few).argmin(axis=1)[:, None], size),
         }

@@ -208,14 +208,35 @@ def test_files_that_do_not_fit_are_errors(data, files, tmp_path):
     refused(r"small.png has \(50, 50\)", readings=[*readings(files)[:3], small])
     refused("trained on images", configuration="unoccluded", image=small, readings=[], poses=None)
     refused("takes no touch", configuration="unoccluded", image=small)
+    refused("takes no image", image=files / "image.png")
     refused("cannot be read as an image", readings=[files / "poses.json"] * 4)
     clear = tmp_path / "clear.png"
     Image.new("RGBA", (100, 100)).save(clear)
     refused("RGBA", readings=[clear] * 4)
     bare = tmp_path / "models"
     shutil.copytree(data / "models", bare, ignore=shutil.ignore_patterns("unet*"))
-    with pytest.raises(StoreError, match="unet has not been made; run `vt-pipeline run train-unet` first"):
+    with pytest.raises(StageError, match="models has no U-Net, which makes points of tactile images; name the models of a data directory"):
         predict(tmp_path / "ball.ply", bare, "touch", **given)
+
+
+def test_another_training_is_used_where_it_is_asked_for(data, files, tmp_path):
+    copy = shutil.copytree(data, tmp_path / "data")
+    spheres.make_model(copy, "touch", training_seed=1)
+    given = {"readings": readings(files), "poses": files / "poses.json"}
+    first, second = (predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=seed, **given) for seed in (0, 1))
+    assert not np.array_equal(first.reconstruction.vertices, second.reconstruction.vertices)
+    with pytest.raises(StageError, match=r"seed-2 has no model touch \(there: none\)"):
+        predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=2, **given)
+
+
+def test_stored_charts_of_another_size_are_an_error(data, tmp_path):
+    made = shutil.copytree(DataDirectory(data).folder_path("models/gcn/touch"), tmp_path / "made")
+    description = json.loads((made / "model.json").read_text())
+    (made / "model.json").write_text(json.dumps(description | {"network": description["network"] | {"side": 5}}))
+    shutil.copytree(data / "models", tmp_path / "models")
+    publish(tmp_path, "models/gcn/touch", made, "train-gcn")
+    with pytest.raises(StageError, match=r"have 9 vertices, model touch takes 25; run fit-charts with fit-charts.side=5"):
+        predict(tmp_path / "ball.ply", tmp_path / "models", "touch", data=data, object_id="a")
 
 
 @pytest.mark.parametrize("file", ["models/gcn/touch", "models/unet"])

@@ -324,6 +324,13 @@ def test_trainings_that_differ_by_chance_are_evaluated_apart_and_shown_as_one(tm
     assert f"{np.mean(means):.3f}" in printed
     (claim,) = (one for one in orderings(folders) if one.claim == "touch < none")
     assert claim.larger == pytest.approx(np.mean(means))
+    assert {"evaluation", "evaluation-seed-1"} <= set(directory.folders())
+    attributes = zarr.open_group(folders[1] / TABLES_ZARR).attrs
+    settings = attributes["settings"]
+    attributes["settings"] = settings | {"grasps": [1, 5]}
+    with pytest.raises(StoreError, match=r"evaluation-\w+ was made with grasps=\[1, 2\], .*seed-1-\w+ with grasps=\[1, 5\]"):
+        read_values(folders)
+    attributes["settings"] = settings
     zarr.open_group(folders[1] / TABLES_ZARR)["objects/object_id"][0] = "another"
     with pytest.raises(StoreError, match="evaluate different objects"):
         read_values(folders)

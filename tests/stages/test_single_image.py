@@ -131,7 +131,7 @@ def test_evaluation_has_the_published_rows_beside_ours_and_says_of_what(data):
     assert [name for name in PUBLISHED if name not in printed] == []
     assert "of the manifest single-image: 1 test objects of 1 classes, 2 views each, learned from 1 objects" in " ".join(printed.split())
     said = json.loads((evaluation / "metrics.json").read_text())
-    assert said["rows"].keys() == {"network", *(f"training object, {how}" for how in ("mean shape", "by silhouette", "by truth"))}
+    assert said["rows"].keys() == {"network", *(f"training object, {how}" for how in ("typical", "by silhouette", "by truth"))}
     (values,) = said["values"]["network"].values()
     assert np.shape(values) == (2, 3)
     np.testing.assert_allclose(np.mean(values, axis=0), said["rows"]["network"]["mean"])
