@@ -5,7 +5,7 @@
 #   PRESET=draft      draft, standard or paper
 #   DATA=...          data directory, or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET
 #   OBJECTS=...       folder of meshes, for manifests that name none
-#   UNITS=mm UP=y     unit and up-axis of OBJECTS' files, to keep real sizes; by default they are scaled to 0.5 m, z up (glTF: metres, y up)
+#   UNITS=mm UP=y     unit and up-axis of OBJECTS' files, to keep real sizes; by default what glTF, COLLADA and 3MF state; others: 0.5 m, z up
 #   SET="..."         settings: SET="simulate-grasps.attempts=20 simulate-touch.tracer=sphere", no value with a blank (vt-pipeline --set takes it)
 #   SHARDS=...        shards the objects are split into; by default the number that the dataset has, 1 for a new one
 #   WORKERS=0         processes per shard; 0 is one per core (1 where `make -j` runs several shards at a time)
@@ -105,7 +105,7 @@ evaluate: $(addprefix evaluate.,$(SEEDS))  ## evaluate these networks on the tes
 report: evaluate  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
 	@$(BIN)/vt-pipeline report "$(DATA)"
 
-# LONG=1: thirteen times the epochs, a night on 2 cores; killed, it continues where it was.
+# LONG=1: thirteen times the epochs for charts, five times for implicit networks, a night on 2 cores; killed, it continues where it was.
 FOUR      = MANIFEST=four-classes PRESET=draft DATA=data/four-classes/$(if $(LONG),long,draft) \
             CONFIGURATIONS="$(CONFIGURATIONS) implicit-occluded-touch implicit-unoccluded" \
             SET="$(if $(LONG),train-gcn.epochs=80 train-implicit.epochs=500,evaluate.grasps=[1,5])"

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.failures import fail
-from pipeline.cli.request import ManifestOption, ObjectsOption
+from pipeline.cli.request import ManifestOption, ObjectsOption, UnitsOption, UpOption
 from pipeline.console import console, errors, say
 from pipeline.tuning.advice import STAGES_OF, Question
 from pipeline.tuning.advice import advise as advise_settings
@@ -23,6 +23,8 @@ def advise(
         str | None, typer.Option(help="Limit on a stage's error, as 5um, 2% or simulate-touch=1um: see docs/tradeoff.md.")
     ] = None,
     objects: ObjectsOption = None,
+    units: UnitsOption = None,
+    up: UpOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
     """Advise settings: the most accurate within a time, or the fastest within an error.
@@ -38,7 +40,7 @@ def advise(
     else:
         fail("give either --budget or --error")
     try:
-        advice = advise_settings(Question(target, manifest, objects, goal), errors)
+        advice = advise_settings(Question(target, manifest, objects, goal, units, up), errors)
     except KeyboardInterrupt as stop:
         stop.args = ("what was tried out is removed",)
         raise

@@ -11,6 +11,7 @@ from typing import Annotated, Literal, TypeVar
 import typer
 
 from pipeline.cli.failures import fail
+from pipeline.config.file_units import METRES
 from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import load_presets
 from pipeline.engine.executor import Deferred, Executor, Serial
@@ -21,7 +22,6 @@ from stages.registry import resolve
 
 S = TypeVar("S", bound=Stage)
 
-METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 Unit = Literal["mm", "cm", "dm", "m", "in", "ft"]
 Axis = Literal["x", "y", "z"]
 
@@ -33,8 +33,12 @@ DataOption = Annotated[
     typer.Option(help="Directory or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET."),
 ]
 ObjectsOption = Annotated[Path | None, typer.Option(help="Folder of meshes, for manifests that name none.")]
-UnitsOption = Annotated[Unit | None, typer.Option(help="Unit of the mesh files, to keep real sizes; else they are scaled to one size.")]
-UpOption = Annotated[Axis | None, typer.Option(help="The axis of the mesh files that points up; by default z, of glTF y.")]
+UnitsOption = Annotated[
+    Unit | None, typer.Option(help="Unit of the mesh files, to keep real sizes; else what they state, or all scaled to one size.")
+]
+UpOption = Annotated[
+    Axis | None, typer.Option(help="The axis of the mesh files that points up; by default what they state (glTF: y), else z.")
+]
 SetOption = Annotated[list[str] | None, typer.Option("--set", help="STAGE.SETTING=VALUE, or SETTING=VALUE wherever there is one.")]
 SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.")]
 

@@ -8,7 +8,17 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.failures import fail
-from pipeline.cli.request import DataOption, ManifestOption, ObjectsOption, PresetOption, SeedOption, SetOption, make_request
+from pipeline.cli.request import (
+    DataOption,
+    ManifestOption,
+    ObjectsOption,
+    PresetOption,
+    SeedOption,
+    SetOption,
+    UnitsOption,
+    UpOption,
+    make_request,
+)
 from pipeline.config.cluster_profile import load_cluster
 from pipeline.console import say
 from pipeline.engine import slurm
@@ -23,6 +33,8 @@ def submit(
     preset: PresetOption = "draft",
     data: DataOption = None,
     objects: ObjectsOption = None,
+    units: UnitsOption = None,
+    up: UpOption = None,
     assignments: SetOption = None,
     seed: SeedOption = None,
     shards: Annotated[int | None, typer.Option(min=1, max=9999, help="Tasks per stage; by default the dataset's shards, or 1.")] = None,
@@ -33,14 +45,15 @@ def submit(
     if unknown := [stage for stage in stages if stage not in STAGES]:
         fail(f"there is no stage {unknown[0]}; there are {', '.join(STAGES)}")
     requests = [
-        make_request(load_stage(name), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
+        make_request(load_stage(name), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed, units=units, up=up)
         for name in STAGES
         if name in stages
     ]
     where = requests[0].data
     arguments = ["--manifest", manifest, "--preset", preset, "--data", str(where)]
     arguments += ["--objects", str(objects)] if objects else []
-    arguments += ["--seed", str(seed)] if seed is not None else []
+    stated = {"--units": units, "--up": up, "--seed": seed}
+    arguments += [part for option, value in stated.items() if value is not None for part in (option, str(value))]
     submission = Submission(
         profile=load_cluster(cluster),
         arguments=(*arguments, *(part for assignment in assignments or () for part in ("--set", assignment))),

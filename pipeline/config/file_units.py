@@ -9,6 +9,9 @@ import zlib
 from contextlib import suppress
 from pathlib import Path
 
+METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}
+"""Metres per unit, by its sign."""
+
 HEAD = 65_536
 """Bytes within which a COLLADA or 3MF file states its unit: all that is read of it while objects are listed."""
 

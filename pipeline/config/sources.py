@@ -195,6 +195,10 @@ class Catalogue(Placed):
             for line in lines:
                 if line["up"] not in ("", "x", "y", "z"):
                     raise InvalidInput(f"{file.resolve()}: {line['object_id']} has up {line['up']!r}; it must be x, y, z or empty")
+                if Path(line["file"]).is_absolute() or ".." in Path(line["file"]).parts:
+                    raise InvalidInput(
+                        f"{file.resolve()}: {line['object_id']} has file {line['file']!r}; it must be a path below {folder.resolve()}"
+                    )
                 yield Found(line["object_id"], _name(line["category"]), self.placed(folder / line["file"], folder, line["up"]))
         except (UnicodeDecodeError, csv.Error) as error:
             raise InvalidInput(f"{file.resolve()} cannot be read as CSV in UTF-8: {error}") from error
@@ -250,7 +254,8 @@ class ShapeNet(Placed):
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     """Describe an object's source wherever its files lie: a file is replaced by the hash of what it holds.
 
-    The materials and textures that it names count too; renderings do not, which the stage counts that reads them.
+    The materials and textures that it names count too; renderings do not, which the stage counts that reads them, nor does the licence,
+    for which nothing need be computed again.
 
     Raises
     ------

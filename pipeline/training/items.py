@@ -112,7 +112,8 @@ class Items:
 
     def name(self, item: int) -> str:
         """Name an item for a message."""
-        return self.object_of(item) + ("" if self.config.image == "rendering" else f" (first grasp {item % self.each % self.grasps})")
+        known = self.config.image != "rendering" and 1 < self.grasps <= self.each  # else there is one, or it is drawn
+        return self.object_of(item) + (f" (first grasp {item % self.each % self.grasps})" if known else "")
 
 
 def arrays_of(config: NetworkInputs, learned: tuple[str, ...] = ("points",)) -> tuple[str, ...]:

@@ -104,6 +104,12 @@ class ReconstructionTraining(DatasetStage):
     def learner(self, network: Any, materials: Materials) -> ReconstructionLearner:
         """Make what trains the network."""
 
+    def remarks(self, network: Any, items: Items) -> Iterator[str]:
+        """Say what of the items a network is not made for, though it learns from them."""
+        made_for = ENCODER_PLANS[network.config.encoder_layers].resolution
+        if network.config.image and items.resolution != [made_for, made_for]:
+            yield f"images are of {items.resolution} pixels, the encoder's table is for {made_for}: see render-vision.resolution"
+
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Train, and keep the best epoch's weights with what it takes to use them."""
         settings = job.settings
@@ -111,10 +117,8 @@ class ReconstructionTraining(DatasetStage):
         learning, judging = (Items(job.data, split, settings.named, each, learned=self.learned) for split, each in splits)
         name = f"{self.name} {settings.configuration}{settings.label}"
         network = self.network(settings, learning.side, torch_generator(job.seed, name, "weights"))
-        made_for = ENCODER_PLANS[network.config.encoder_layers].resolution
-        if network.config.image and learning.resolution != [made_for, made_for]:
-            pixels = f"{learning.resolution} pixels, the encoder's table is for {made_for}"
-            job.console.print(f"{name}: images are of {pixels}: see render-vision.resolution")
+        for line in self.remarks(network, learning):
+            job.console.print(f"{name}: {line}")
         learner = self.learner(network, Materials(learning, judging, settings, job.seed))
         facts = train(learner, settings, folder=job.folder, seed=job.seed, name=name)
         save_model(job.folder, network, learning.description(settings.configuration, network.config))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 import time
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from pipeline.config.file_units import METRES
 from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
@@ -46,6 +48,8 @@ class Question:
         A key of `STAGES_OF`.
     manifest, meshes
         The objects: a manifest, and a folder of meshes for manifests that name none.
+    units, up
+        Unit and up-axis of the mesh files, where they are stated.
     goal
         Seconds that all stages together may take, or the limit on one stage's error.
     """
@@ -54,6 +58,8 @@ class Question:
     manifest: str
     meshes: Path | None
     goal: float | Limit
+    units: str | None = None
+    up: str | None = None
 
 
 @dataclass(frozen=True)
@@ -78,7 +84,8 @@ class Advice:
     def command(self) -> str:
         """The command that does what is advised."""
         question = self.question
-        folder = f" OBJECTS={question.meshes}" if question.meshes else ""
+        folder = f" OBJECTS={shlex.quote(str(question.meshes))}" if question.meshes else ""
+        folder += "".join(f" {name}={value}" for name, value in (("UNITS", question.units), ("UP", question.up)) if value)
         network = " CONFIGURATIONS=touch" if question.target == "train" else ""
         settings = f' SET="{" ".join(self.assignments)}"' if self.assignments else ""
         return f"make {question.target} MANIFEST={question.manifest}{folder} PRESET={PRESET}{network}{settings}"
@@ -150,7 +157,7 @@ def advise(question: Question, log: Console) -> Advice:
     if missing := [stage for stage in wanted if stage not in known]:
         raise InvalidInput(f"{', '.join(missing)}: not measured; run make tradeoff")
     studies = [known[stage] for stage in wanted]
-    manifest = load_manifest(question.manifest)
+    manifest = load_manifest(question.manifest).with_units(METRES[question.units] if question.units else None, question.up)
     objects = manifest.objects(question.meshes)
     if question.target == "train" and len(objects) < 2:
         raise InvalidInput(f"{question.manifest} has {len(objects)} object; a training needs two, one of them for validation")

@@ -55,12 +55,13 @@ class RenderVision(ObjectStage):
     def check_inputs(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """The hand that is drawn must be the one that grasped."""
         used = attributes["grasps"]["settings"]["hand"]
+        if attributes["grasps"]["hand"]["digest"] == assets_digest(load_hand(settings.hand).files):  # wherever they lie now
+            return
         if used != settings.hand:
             raise InvalidInput(
                 f"the grasps were made with hand {used}, render-vision.hand is {settings.hand}; leave it out, or say --set hand={used}"
             )
-        if attributes["grasps"]["hand"]["digest"] != assets_digest(load_hand(settings.hand).files):
-            raise InvalidInput(f"the files of hand {used} have changed since the grasps were made; run simulate-grasps again")
+        raise InvalidInput(f"the files of hand {used} have changed since the grasps were made; run simulate-grasps again")
 
     def constants(self, settings: VisionSettings) -> Row:
         """The cameras' projection matrices."""

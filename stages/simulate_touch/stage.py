@@ -51,11 +51,16 @@ class SimulateTouch(ObjectStage):
     def check_inputs(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """The sensors that are simulated must be those that the hand wore."""
         hand, sensors = attributes["grasps"]["hand"], list(settings.sensors)
-        if hand["sensor_files"] != sensors:
-            raise InvalidInput(f"the hand wears {hand['sensor_files']}, simulate-touch.sensors is {sensors}; leave it out")
-        if hand["sensor_digest"] != assets_digest(self.assets(settings)):
-            names = ", ".join(dict.fromkeys(sensors))
-            raise InvalidInput(f"the file of sensor {names} has changed since the grasps were made; run simulate-grasps again")
+        worn = hand["sensor_files"]
+        same_fingers = list(map(worn.index, worn)) == list(map(sensors.index, sensors))
+        if same_fingers and hand["sensor_digest"] == assets_digest(self.assets(settings)):  # wherever the files lie now
+            return
+        if worn != sensors:
+            raise InvalidInput(
+                f"the hand wears {worn}, simulate-touch.sensors is {sensors}; leave it out, or name files of the same content"
+            )
+        names = ", ".join(dict.fromkeys(sensors))
+        raise InvalidInput(f"the file of sensor {names} has changed since the grasps were made; run simulate-grasps again")
 
     def constants(self, settings: TouchSettings) -> Row:
         """The tactile images of sensors that nothing touches."""

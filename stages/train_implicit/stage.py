@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+import numpy as np
 import torch
 
 from pipeline.engine.stage import Cost
 from pipeline.kernels.networks.implicit_network import ImplicitNetwork
+from pipeline.models.implicit_reconstruction import MARGIN
+from pipeline.training.items import Items
 from pipeline.training.reconstruction import Materials, ReconstructionTraining
 from schemas.distances import DISTANCES
 from stages.train_implicit.learner import LEARNED, ImplicitLearner
@@ -29,6 +34,21 @@ class TrainImplicit(ReconstructionTraining):
     def network(self, settings: ImplicitSettings, side: int, generator: torch.Generator) -> ImplicitNetwork:
         """Make the network, for touch charts of side x side vertices."""
         return ImplicitNetwork(settings.network(side), generator)
+
+    def remarks(self, network: ImplicitNetwork, items: Items) -> Iterator[str]:
+        """Say which objects are larger than what is meshed."""
+        yield from super().remarks(network, items)
+        config, beyond = network.config, []
+        for object_id in items.rows.object_ids:
+            points, apart = (items.rows.read(array, object_id) for array in LEARNED)
+            if (reach := np.abs(points[apart <= 0] - config.centre).max(initial=0.0)) > MARGIN * config.radius:
+                beyond.append((float(reach), object_id))
+        if beyond:
+            reach, farthest = max(beyond)
+            yield (
+                f"{len(beyond)} of {len(items.rows)} objects are larger than the cube in which surfaces are looked for, and will be cut "
+                f"off {MARGIN * config.radius:.2f} m from its middle: {farthest} reaches {reach:.2f} m; scale them, without --units"
+            )
 
     def learner(self, network: ImplicitNetwork, materials: Materials) -> ImplicitLearner:
         """Make what trains the network."""

@@ -82,6 +82,14 @@ def test_the_catalogue_is_a_source(library, tmp_path):
     ]
 
 
+@pytest.mark.parametrize("file", ["/data/cup.obj", "../cup.obj"])
+def test_a_catalogue_names_files_below_its_folder_alone(tmp_path, file):
+    (tmp_path / "catalogue.csv").write_text(f"object_id,category,file,up\ncup,kitchen,{file},z\n")
+    source = {"kind": "catalogue", "licence": "CC-BY", "up": "y", "path": tmp_path}
+    with pytest.raises(InvalidInput, match=f"cup has file '{file}'; it must be a path below"):
+        Manifest(name="m", description="d", seed=0, splits={"train": 1, "valid": 0, "test": 0}, sources=[source]).objects()
+
+
 @pytest.mark.parametrize(("content", "why"), [(b"PK", "not a zip file"), (None, "no item named")])
 def test_what_is_no_library_is_named(tmp_path, content, why):
     path = tmp_path / "other.sh3f"

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import trimesh
 import yaml
 from typer.testing import CliRunner
 
@@ -207,6 +208,14 @@ def test_jobs_are_submitted_with_their_dependencies_and_written_down(programs, t
         ["--dependency=afterok:2", f"{folder}/train-unet.sh"],
     ]
     assert slurm.submitted_jobs(folder) == tuple(made)
+
+
+def test_real_sizes_are_asked_of_the_tasks_too(tmp_path):
+    trimesh.creation.box((80, 60, 40)).export(tmp_path / "box.stl")
+    asked = ["submit", "sample-surfaces", "--manifest", "directory", "--objects", str(tmp_path), "--data", str(tmp_path / "data")]
+    made = CliRunner().invoke(app, [*asked, "--units", "mm", "--up", "y", "--dry-run"])
+    assert made.exit_code == 0, made.output
+    assert "--units mm --up y" in made.output
 
 
 def test_what_makes_the_same_is_not_submitted_twice_at_a_time(programs, tmp_path):

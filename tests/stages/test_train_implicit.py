@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 from rich.console import Console
 
@@ -19,9 +21,11 @@ from pipeline.models.observation import Observation, observed_arrays, stored_obs
 from pipeline.models.trained_networks import load_reconstructor
 from pipeline.reports.reconstruction_gallery import predicted_mesh
 from pipeline.store.directory import DataDirectory
+from pipeline.training.items import Items
 from schemas.charts import CHARTS
 from stages.evaluate.evaluation_files import read_surfaces, read_table, surface_of
 from stages.registry import load_stage, resolve
+from stages.train_implicit.learner import LEARNED
 from stages.train_implicit.settings import ImplicitSettings
 from stages.train_implicit.stage import TrainImplicit
 from tests.stages import ball_dataset as spheres
@@ -120,6 +124,17 @@ def test_it_is_drawn_and_written_as_one_mesh(data, tmp_path):
     assert trimesh.load(tmp_path / "closed.ply").is_watertight
     with pytest.raises(StageError, match=r"no model touch \(there: implicit-touch\)"):
         predict(tmp_path / "out.glb", data / "models", "touch", data=data, object_id="d")
+
+
+def test_objects_that_are_larger_than_what_is_meshed_are_named(data):
+    settings = resolve("train-implicit", "draft", SETTINGS)
+    items = Items(data, "train", settings.named, 1, learned=LEARNED)
+    stage = TrainImplicit()
+    network = stage.network(settings, items.side, torch.Generator().manual_seed(0))
+    assert list(stage.remarks(network, items)) == []
+    network.config = network.config.model_copy(update={"radius": 0.08})
+    (remark,) = stage.remarks(network, items)
+    assert re.match(r"\d of \d objects are larger than the cube .* 0.08 m from its middle: \w reaches 0.\d+ m", remark)
 
 
 def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():

@@ -113,7 +113,7 @@ def test_images_show_object_and_hand() -> None:
 
 def test_another_hand_than_that_of_the_grasps_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"with hand other, render-vision.hand is allegro_right; leave it out, or say --set hand=other"):
-        STAGE.check_inputs(VisionSettings(hand=HAND), {"grasps": {"settings": {"hand": "other"}}})
+        STAGE.check_inputs(VisionSettings(hand=HAND), {"grasps": {"settings": {"hand": "other"}, "hand": {"digest": "0" * 64}}})
 
 
 def test_a_hand_whose_mesh_changed_since_the_grasps_is_refused(tmp_path) -> None:
@@ -122,6 +122,7 @@ def test_a_hand_whose_mesh_changed_since_the_grasps_is_refused(tmp_path) -> None
     copied = str(tmp_path / "hands" / hand.path.name)
     grasps = {"settings": {"hand": copied}, "hand": {"digest": assets_digest(load_hand(copied).files)}}
     STAGE.check_inputs(VisionSettings(hand=copied), {"grasps": grasps})
+    STAGE.check_inputs(VisionSettings(hand=HAND), {"grasps": grasps})  # the same hand, wherever its files lie
     mesh = next(file for file in load_hand(copied).files if file.suffix.lower() in {".stl", ".obj"})
     mesh.write_bytes(mesh.read_bytes() + b"\n")
     with pytest.raises(InvalidInput, match=r"the files of hand .* have changed since the grasps were made; run simulate-grasps again"):

@@ -91,7 +91,7 @@ def test_pose_that_is_not_finite_is_invalid_input() -> None:
 
 def test_another_sensor_than_that_of_the_hand_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"the hand wears \['other'\], simulate-touch.sensors is .*gel_16mm.*; leave it out"):
-        STAGE.check_inputs(TouchSettings(sensors=WORN), {"grasps": {"hand": {"sensor_files": ["other"]}}})
+        STAGE.check_inputs(TouchSettings(sensors=WORN), {"grasps": {"hand": {"sensor_files": ["other"], "sensor_digest": "0" * 64}}})
 
 
 def test_sensors_follow_the_grasps_and_may_differ_between_fingers(tmp_path: Path) -> None:
@@ -112,5 +112,7 @@ def test_sensors_follow_the_grasps_and_may_differ_between_fingers(tmp_path: Path
 def test_a_sensor_file_that_changed_since_the_grasps_is_refused() -> None:
     digest = assets_digest(STAGE.assets(TouchSettings(sensors=WORN)))
     STAGE.check_inputs(TouchSettings(sensors=WORN), {"grasps": {"hand": {"sensor_files": list(WORN), "sensor_digest": digest}}})
+    moved = [f"/home/a/{name}.yaml" for name in WORN]  # the same content, elsewhere
+    STAGE.check_inputs(TouchSettings(sensors=WORN), {"grasps": {"hand": {"sensor_files": moved, "sensor_digest": digest}}})
     with pytest.raises(InvalidInput, match="the file of sensor gel_16mm has changed since the grasps were made; run simulate-grasps again"):
         STAGE.check_inputs(TouchSettings(sensors=WORN), {"grasps": {"hand": {"sensor_files": list(WORN), "sensor_digest": "0" * 64}}})
