@@ -22,6 +22,8 @@ from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
 
 DESCRIPTION = "dataset.json"
+WORK = ".work"
+"""The folder of what is being made."""
 LOGS = "tensorboard"
 """A folder in a folder that holds times of day, and hence belongs to no digest."""
 
@@ -177,7 +179,7 @@ class DataDirectory:
 
     def work(self, name: str) -> Place:
         """Where an artifact or folder is made until it is whole."""
-        return self.root / ".work" / name
+        return self.root / WORK / name
 
     def shard_lock(self, artifact: str, number: int, shards: int) -> Place:
         """The lock of whoever makes a shard."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pipeline.errors import StoreError
 from pipeline.store.atomic import write_at_once
-from pipeline.store.directory import DESCRIPTION, DataDirectory, is_version
+from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, is_version
 from pipeline.store.record import read_content
 from pipeline.store.storage import TEMPORARY, Place, files_below, names_in, remove, remove_files
 
@@ -66,7 +66,7 @@ def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECON
     In object storage, what runs left half done goes too: there they remove only what is their own.
     """
     removed = [path for folder in directory.record_folders() for path in collect(folder, older_than)]
-    work = directory.root / ".work"
+    work = directory.root / WORK
     if not isinstance(work, Path):
         old = [name for name, file in files_below(work).items() if time.time() - file.written > older_than]
         remove_files(work, old)

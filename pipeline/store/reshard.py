@@ -10,12 +10,13 @@ from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.atomic import one_writer, write_at_once
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DESCRIPTION, DataDirectory, Description
+from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, Description
 from pipeline.store.publish import publish_shard, withdraw
 from pipeline.store.record import RowRecord
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place
+from pipeline.store.storage import Place, names_in
 from pipeline.store.write import RowToPack
+from schemas.catalogue import ARTIFACTS
 
 
 def shard_of(object_id: str, shards: int) -> int:
@@ -43,10 +44,11 @@ def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
         raise StoreError(f"{root} holds no shards; `vt-pipeline run` makes some")
     if before == shards:
         return
+    made = {artifact.name for artifact in directory.artifacts()} | (names_in(root / WORK).keys() & ARTIFACTS.keys())  # or being made
     with ExitStack() as locks:
-        for artifact in directory.artifacts():
+        for name in sorted(made):
             for number in range(before):
-                locks.enter_context(one_writer(directory.shard_lock(artifact.name, number, before), directory.root / artifact.name))
+                locks.enter_context(one_writer(directory.shard_lock(name, number, before), root / name))
         _discard_records(directory, shards)  # of a run of this command that was killed
         for artifact in directory.artifacts():
             collection = directory.collection(artifact)
