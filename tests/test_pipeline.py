@@ -250,6 +250,15 @@ def test_a_report_says_what_was_evaluated_and_draws_it(made):
     assert {path: path.stat().st_mtime_ns for path in (report / "objects").iterdir()} == before
 
 
+def test_a_report_of_another_training_alone_shows_its_results(made, tmp_path):
+    data = shutil.copytree(made, tmp_path / "data")
+    (data / "evaluation.json").rename(data / "evaluation-seed-1.json")
+    shutil.rmtree(data / "report", ignore_errors=True)
+    vt("report", data, "--most", "1")
+    assert "Table 3" in (data / "report" / "results.html").read_text()
+    assert (data / "report" / "figures" / "reconstructions.png").exists()
+
+
 def test_a_scene_of_one_object_becomes_a_file(made, tmp_path):
     vt("export", made, tmp_path / "duck.glb", "--object", "duck")
     nodes = set(trimesh.load(tmp_path / "duck.glb").graph.nodes)

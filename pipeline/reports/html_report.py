@@ -91,7 +91,7 @@ def write_objects(source: ReportSource, folder: Path, console: Console) -> dict[
     pages = ObjectPages(source, _environment().get_template("object.html.j2"), folder / "objects")
     common = {"up": "../", "current": "", **_frame(source)}
     whole = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
-    evaluated = source.directory.folder("evaluation").files if source.evaluation else {}
+    evaluated = source.directory.folder(source.evaluated[0]).files if source.evaluated else {}
     ids = source.object_ids
     found = {}
     with Meter(console, "report", len(ids), "objects") as meter:

@@ -20,7 +20,6 @@ from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.vision.labels import Label
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
@@ -34,14 +33,12 @@ SCENE = "supplement"
 """Whose camera looks where no images were made."""
 
 
-def draw_gallery(data: Place, path: Path, most: int) -> list[str]:
-    """Draw at most `most` test objects, spread evenly over the evaluation's, into a PNG at `path`; returns their names.
+def draw_gallery(directory: DataDirectory, folder: Path, path: Path, most: int) -> list[str]:
+    """Draw at most `most` test objects, spread evenly over those of the evaluation in `folder`, into a PNG at `path`; returns their names.
 
     Every model is shown with one grasp, those that feel also with the most that were evaluated; the number below is the
     Chamfer distance of that very reconstruction, m² x 9000.
     """
-    directory = DataDirectory(data)
-    folder = directory.whole_folder("evaluation")
     names = list(read_root(folder)["configurations"])
     values = {name: read_table(folder, f"values/{name}") for name in names}
     predictions = {name: read_surfaces(folder, name) for name in names}

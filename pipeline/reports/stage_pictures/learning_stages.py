@@ -97,4 +97,5 @@ def draw_implicit(shown: Shown, path: Path) -> None:
 
 def draw_reconstructions(shown: Shown, path: Path) -> None:
     """Reconstructions of some test objects by each network."""
-    draw_gallery(shown.source.directory.root, path, OBJECTS)
+    directory = shown.source.directory
+    draw_gallery(directory, directory.whole_folder("evaluation"), path, OBJECTS)
