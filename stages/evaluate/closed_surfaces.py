@@ -6,7 +6,8 @@ import numpy as np
 
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.stage import DatasetJob
-from pipeline.kernels.metrics.surface_quality import intersection_over_union, is_watertight
+from pipeline.kernels.geometry.mesh import is_watertight
+from pipeline.kernels.metrics.surface_quality import intersection_over_union
 from pipeline.models.closed_reconstruction import closed
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.mesh import is_watertight
 from pipeline.kernels.geometry.surface_attachment import attach_points
 from pipeline.kernels.geometry.surface_wrapping import Faces, Points, smooth_mesh, vertex_normals, wrap_surface
 
@@ -50,7 +50,7 @@ def closed_surface(
     if not len(used) or not np.isfinite(used).all() or not (extent := float(np.ptp(used, axis=0).max())) > 0:
         raise InvalidInput(f"a surface of {len(faces)} faces has vertices that are NaN or infinite, or no extent: nothing closes it")
     spacing = extent / resolution
-    if trimesh.graph.is_watertight(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))[0]:  # else its rims would shrink
+    if is_watertight(faces):  # else its rims would shrink
         vertices = smooth_mesh(vertices, faces, CRUMPLES)
     closed, sides = wrap_surface(vertices, faces, spacing)
     closed = smooth_mesh(closed, sides, RIDGES)

@@ -6,6 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from trimesh import graph
+
+
+def is_watertight(faces: NDArray[np.integer]) -> bool:
+    """Whether each edge of (F, 3) faces is shared by exactly two of them."""
+    return bool(graph.is_watertight(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))[0])
 
 
 @dataclass(frozen=True)

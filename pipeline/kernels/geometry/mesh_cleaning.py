@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from trimesh.graph import is_watertight
 from trimesh.grouping import unique_ordered
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.mesh import Look, Mesh, flatness
+from pipeline.kernels.geometry.mesh import Look, Mesh, flatness, is_watertight
 
 MIN_FLATNESS = 1e-14
 """A face is degenerate when its height over its longest edge is at most this: zero, but for rounding."""
@@ -66,7 +65,7 @@ def clean_mesh(mesh: Mesh, max_faces: int) -> tuple[Mesh, CleaningReport]:
         raise InvalidInput(f"all {faces} faces have zero area; the mesh has no surface")
     positions = number_positions(mesh.vertices)[mesh.faces]
     first = np.sort(np.unique(np.sort(positions, axis=1), axis=0, return_index=True)[1])  # of the faces between the same positions
-    watertight, _ = is_watertight(positions[first][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
+    watertight = is_watertight(positions[first])
     return _keep_faces(mesh, first), CleaningReport(int(degenerate.sum()), len(positions) - len(first), watertight)
 
 

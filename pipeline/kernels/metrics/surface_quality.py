@@ -78,11 +78,6 @@ def _agreement(points: Points, normals: Points, others: Points, other_normals: P
     return float(np.abs((normals * other_normals[nearest]).sum(axis=1)).mean())
 
 
-def is_watertight(faces: Faces) -> bool:
-    """Whether each edge is shared by exactly two faces."""
-    return bool(trimesh.graph.is_watertight(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))[0])
-
-
 def crossing_faces(vertices: Points, faces: Faces, position: NDArray[np.integer] | None = None) -> NDArray[np.bool_]:
     """Find the faces that cross another one; neighbours, which share a vertex, are not looked at.
 

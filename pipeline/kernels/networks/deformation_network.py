@@ -16,6 +16,7 @@ from pipeline.kernels.networks.chart_graph import ChartGraph, chart_graph
 from pipeline.kernels.networks.graph_convolution import GraphConvolutionNetwork
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder
 from pipeline.kernels.networks.image_tensors import COLOURS
+from pipeline.kernels.networks.initial_weights import draw_weights
 from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.kernels.networks.perceptual_pooling import pool_features, project_to_pixels
 
@@ -168,23 +169,7 @@ class DeformationNetwork(nn.Module):
 
 
 def initialise(network: DeformationNetwork, generator: torch.Generator | None) -> None:
-    """Draw a network's initial weights, in place.
-
-    Parameters
-    ----------
-    network
-        Its convolutions and linear layers are set; biases are zero.
-    generator
-        Draws the weights; None for torch's global one.
-
-    Notes
-    -----
-    He's normal weights keep the features' size through 25 layers of ReLU; the last layer's are scaled by `FIRST_STEP`.
-    """
-    for name, parameter in network.named_parameters():
-        if parameter.ndim > 1:
-            nn.init.kaiming_normal_(parameter, nonlinearity="relu", generator=generator)
-        elif name.endswith("bias"):
-            nn.init.zeros_(parameter)
+    """Draw a network's initial weights as `draw_weights`, in place; the last layer's are scaled by `FIRST_STEP`."""
+    draw_weights(network, generator)
     with torch.no_grad():
         network.gcn.last.weight.mul_(FIRST_STEP)

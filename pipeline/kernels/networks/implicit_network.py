@@ -15,6 +15,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid
 from pipeline.kernels.networks.image_tensors import COLOURS
 from pipeline.kernels.networks.implicit_configurations import ImplicitConfig
+from pipeline.kernels.networks.initial_weights import draw_weights
 from pipeline.kernels.networks.perceptual_pooling import pool_features, project_to_pixels
 from pipeline.kernels.networks.touch_features import DESCRIBED, FELT, Touches, heights_above_touches, split_touches
 
@@ -87,11 +88,7 @@ class ImplicitNetwork(nn.Module):
         self._initialise(generator)
 
     def _initialise(self, generator: torch.Generator | None) -> None:
-        for name, parameter in self.named_parameters():
-            if parameter.ndim > 1:
-                nn.init.kaiming_normal_(parameter, nonlinearity="relu", generator=generator)
-            elif name.endswith("bias"):
-                nn.init.zeros_(parameter)
+        draw_weights(self, generator)
         with torch.no_grad():
             for weight in (
                 self.last.weight,

@@ -12,7 +12,6 @@ from pipeline.kernels.metrics.surface_quality import (
     crossing_faces,
     dihedral_angles,
     intersection_over_union,
-    is_watertight,
     normal_consistency,
     seam_gaps,
     surface_area,
@@ -49,12 +48,6 @@ def test_normals_agree_with_themselves_of_either_sign_and_by_half_with_chance(rn
     turned = np.cross(normals, np.roll(normals, 1, axis=1))
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)
     assert normal_consistency(points, normals, points, turned) == pytest.approx(0.0, abs=1e-3)
-
-
-def test_a_surface_with_a_hole_is_not_watertight():
-    assert is_watertight(BALL.faces)
-    assert not is_watertight(BALL.faces[1:])
-    assert not is_watertight(np.concatenate([BALL.faces, BALL.faces[:1]])), "an edge of three faces"
 
 
 def test_two_balls_cross_where_exact_predicates_say_so():
