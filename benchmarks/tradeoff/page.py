@@ -116,7 +116,7 @@ def _training(rows: _Rows) -> _Section:
     text = (
         "Each choice changes one thing of draft's networks, which are trained for half of draft's epochs, implicit ones for a fifth "
         "(manifest `four-classes`, 48 test objects, one grasp); trainings differ by chance alone, and other figures are means over them. "
-        "Seconds beside other work."
+        "Seconds are the least of three trainings, beside other work."
     )
     head = ["network", "choice", "s", "Chamfer x 9000", "of each training", "median", "area, % of true", "dihedral, °", "99.9 % within, mm"]
     lines = [
