@@ -37,7 +37,9 @@ class ImplicitSettings(ReconstructionSettings):
     schedule: Schedule = setting("cosine", "rises for a twentieth of all steps, then falls to 0: distances settle in its last third")
     gradient_limit: float | None = setting(1.0, "norm to which a longer gradient is shortened before each step; null leaves it", gt=0)
     batch_size: int = setting(4, "as `train-gcn`'s: steps count more than the size of a batch", ge=1)
-    epochs: int = setting(500, "half an hour of one core for 168 objects; after draft's 40 the error is four times as large", ge=1)
+    epochs: int = setting(
+        500, "half an hour of one core for 168 objects; draft's 100 take a fifth of it, and docs/results.md has what they leave", ge=1
+    )
     queries: int = setting(500, "points per item at which distances are learned", ge=1)
     validation_queries: int = setting(4000, "points per validation item", ge=1)
     items: int = setting(1, "per object and epoch; the grasp that each begins with is drawn where they are fewer than the grasps", ge=1)
