@@ -42,6 +42,8 @@ class Collection:
         try:
             return self._shard_of[object_id]
         except KeyError:
+            if not self.shards:
+                raise StoreError(self._not_made) from None
             raise StoreError(
                 f"{self.folder} has no object {object_id}; run `vt-pipeline run {self.artifact.stage}` first, for all objects"
             ) from None
@@ -59,6 +61,10 @@ class Collection:
         return self.shard(object_id).view(object_id)
 
     @property
+    def _not_made(self) -> str:
+        return f"{self.folder} has not been made; run `vt-pipeline run {self.artifact.stage}` first"
+
+    @property
     def first(self) -> Shard:
         """A shard to take from what all of them share: attributes and constants.
 
@@ -68,7 +74,7 @@ class Collection:
             There is none, or their constants differ.
         """
         if not self.shards:
-            raise StoreError(f"{self.folder} has not been made; run `vt-pipeline run {self.artifact.stage}` first")
+            raise StoreError(self._not_made)
         if len({shard.record.constants_digest for shard in self.shards}) > 1:
             raise StoreError(f"{self.folder}: its shards were made with different scenes or sensors; run the stage again for all shards")
         return self.shards[0]

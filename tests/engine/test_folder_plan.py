@@ -93,7 +93,7 @@ def test_a_file_that_was_deleted_is_made_again(tmp_path):
 
 
 def test_an_input_that_is_not_there_is_an_error_that_says_so(tmp_path):
-    with pytest.raises(StoreError, match="has no object a"):
+    with pytest.raises(StoreError, match="noise has not been made"):
         make(tmp_path)
     run(request(tmp_path))
     with pytest.raises(StoreError, match="no object in split train"):

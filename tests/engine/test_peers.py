@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 
+import lightning_fabric  # noqa: F401 (it keeps the rank that it finds when it is first imported, for all tests after these)
 import pytest
 
 from pipeline.engine.peers import Peers, peers

@@ -287,7 +287,10 @@ def test_strict_stops_at_the_first_failure(tmp_path):
 
 
 def test_an_input_that_was_not_made_is_named(tmp_path):
-    with pytest.raises(StoreError, match="has no object a; run `vt-pipeline run STAGE` first"):
+    with pytest.raises(StoreError, match="noise has not been made; run `vt-pipeline run STAGE` first"):
+        plan_of(request(tmp_path, stage=TakeMean()))
+    run(request(tmp_path, items=objects(1)))
+    with pytest.raises(StoreError, match="noise has no object b; run `vt-pipeline run STAGE` first, for all objects"):
         plan_of(request(tmp_path, stage=TakeMean()))
 
 

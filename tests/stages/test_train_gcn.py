@@ -143,7 +143,7 @@ def test_without_input_it_trains_where_neither_images_nor_touches_were_made(data
     assert found.vertices.shape == (1824, 3)
     assert found.vision == 1824
     assert np.abs(found.vertices - [0, 0, 0.6]).max() < 0.6
-    with pytest.raises(StoreError, match="has no object"):
+    with pytest.raises(StoreError, match="has not been made"):
         run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=touch", *SMALL)
 
 
