@@ -11,7 +11,6 @@ from typing import Annotated, Literal, TypeVar
 import typer
 
 from pipeline.cli.failures import fail
-from pipeline.config.file_units import METRES
 from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import load_presets
 from pipeline.engine.executor import Deferred, Executor, Serial
@@ -67,7 +66,7 @@ def make_request(
     if isinstance(where, Path) and where.is_file():
         fail(f"--data {where} is a file; name a folder")
     objects = objects and objects.expanduser()
-    described = load_manifest(manifest).with_units(METRES[units] if units else None, up)
+    described = load_manifest(manifest).with_units(units, up)
     return Request(
         stage=stage,
         settings=resolve(stage.name, preset, assignments or ()),

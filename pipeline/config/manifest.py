@@ -14,6 +14,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pipeline.config.description_file import description_path, read_description
+from pipeline.config.file_units import METRES
 from pipeline.config.sources import Catalogue, Directory, Found, Placed, Procedural, Pybullet, ShapeNet
 from pipeline.errors import InvalidInput
 
@@ -88,9 +89,10 @@ class Manifest(BaseModel):
             raise InvalidInput(f"manifest {self.name}: {error}") from error
         return [Object(**vars(item), split=splits[item.object_id]) for item in found]
 
-    def with_units(self, metres_per_unit: float | None, up: str | None) -> Manifest:
-        """Return the manifest with other units or another up-axis for all its mesh files."""
-        stated = {name: value for name, value in (("metres_per_unit", metres_per_unit), ("up", up)) if value is not None}
+    def with_units(self, units: str | None, up: str | None) -> Manifest:
+        """Return the manifest with other units, of `METRES`, or another up-axis for all its mesh files."""
+        wanted = {"metres_per_unit": METRES[units] if units else None, "up": up}
+        stated = {name: value for name, value in wanted.items() if value is not None}
         files = [isinstance(source, Placed) for source in self.sources]
         if stated and not any(files):
             raise InvalidInput(f"manifest {self.name} names no mesh files, so units and an up-axis mean nothing; leave them out")

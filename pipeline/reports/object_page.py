@@ -14,7 +14,7 @@ from jinja2 import Template
 from numpy.typing import NDArray
 from PIL import Image
 
-from pipeline.kernels.touch.contact import contact_mask
+from pipeline.kernels.touch.contact import pressed_pixels
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.reports.contact_sheet_page import depth_colors, finger_colors, lift_verdict, verdict
 from pipeline.reports.grasp_scene import GraspScenes, Rows
@@ -122,7 +122,7 @@ class ObjectPages:
 
 def _pressed_area(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
     """Compute the area, m², of the pixels of depth maps (…, rows, cols) that the surface presses on: (…)."""
-    return np.asarray(sensor.width * sensor.height * contact_mask(depth, sensor).mean(axis=(-2, -1)), np.float64)
+    return np.asarray(sensor.width * sensor.height * pressed_pixels(depth, sensor).mean(axis=(-2, -1)), np.float64)
 
 
 def _label(name: str) -> str:

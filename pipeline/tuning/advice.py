@@ -17,7 +17,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.config.file_units import METRES
 from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
@@ -157,7 +156,7 @@ def advise(question: Question, log: Console) -> Advice:
     if missing := [stage for stage in wanted if stage not in known]:
         raise InvalidInput(f"{', '.join(missing)}: not measured; run make tradeoff")
     studies = [known[stage] for stage in wanted]
-    manifest = load_manifest(question.manifest).with_units(METRES[question.units] if question.units else None, question.up)
+    manifest = load_manifest(question.manifest).with_units(question.units, question.up)
     objects = manifest.objects(question.meshes)
     if question.target == "train" and len(objects) < 2:
         raise InvalidInput(f"{question.manifest} has {len(objects)} object; a training needs two, one of them for validation")

@@ -69,7 +69,7 @@ def test_gltf_keeps_its_metres_and_its_up_axis(folder: Path) -> None:
     trimesh.Trimesh(CORNERS / 100, FACES, process=False).export(folder / "wedge.glb")
     (item,) = load_manifest("directory").objects(folder)
     assert (item.source["up"], item.source["metres_per_unit"]) == ("y", 1.0)
-    (item,) = load_manifest("directory").with_units(0.01, "z").objects(folder)
+    (item,) = load_manifest("directory").with_units("cm", "z").objects(folder)
     assert (item.source["up"], item.source["metres_per_unit"]) == ("z", 0.01)
 
 
@@ -99,7 +99,7 @@ def test_textures_that_are_not_there_are_counted_and_said(folder: Path, tmp_path
 
 def test_units_of_toy_objects_are_refused() -> None:
     with pytest.raises(InvalidInput, match="manifest procedural names no mesh files, so units and an up-axis mean nothing"):
-        load_manifest("procedural").with_units(0.001, None)
+        load_manifest("procedural").with_units("mm", None)
 
 
 def test_shapenets_layout_keeps_its_textures(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from pipeline.kernels.geometry.transforms import length, solve_3x3
-from pipeline.kernels.touch.contact import contact_mask
+from pipeline.kernels.touch.contact import pressed_pixels
 from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 
@@ -61,7 +61,7 @@ def contact_of(depth: np.ndarray, pose: NDArray[np.float64], sensor: Sensor) -> 
     -----
     The normal is that of the plane through the points in the gel (least squares); of fewer than three points, the sensor's.
     """
-    mask = contact_mask(depth, sensor)
+    mask = pressed_pixels(depth, sensor)
     points = masked_points(depth, mask, sensor)
     if not len(points):
         return None
