@@ -27,3 +27,8 @@ class StoreError(PipelineError):
 
 class BugFound(PipelineError):
     """Something was raised that no stage is meant to raise: a fault of the project, told with its traceback."""
+
+
+def first_line(error: Exception) -> str:
+    """The first line of an error's message, or its type where there is none."""
+    return next(iter(str(error).splitlines()), type(error).__name__)

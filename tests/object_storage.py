@@ -7,6 +7,7 @@ import logging
 import os
 import shutil
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -129,9 +130,9 @@ class Proxy:
 
 @dataclass(frozen=True)
 class Answer:
-    """A status in place of the server's answer; `late` once the server has done what was asked."""
+    """A status in place of the server's answer, or None where the connection breaks; `late` once the server has done what was asked."""
 
-    status: int
+    status: int | None
     late: bool = False
 
 
@@ -153,6 +154,11 @@ def proxy(target: str) -> Iterator[Proxy]:
                 response = connection.getresponse()
                 status, headers, content = response.status, response.getheaders(), response.read()
                 connection.close()
+            if answer is not None and answer.status is None:
+                self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # as of a process that is killed
+                self.close_connection = True
+                self.connection.close()
+                return
             if answer is not None:
                 status, headers, content = answer.status, [], b""
             self.send_response(status)

@@ -12,8 +12,7 @@ import typer
 from rich.markup import escape
 
 from pipeline.console import errors
-from pipeline.errors import PipelineError
-from pipeline.store.record import first_line
+from pipeline.errors import PipelineError, first_line
 from pipeline.store.storage import is_machine_fault
 
 KEPT = "what is finished is kept, run the same command to continue"

@@ -17,10 +17,9 @@ from pipeline.engine.peers import HELP, NOTHING, peers
 from pipeline.engine.plan import Forecast, Request, Result, description_errors
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import DatasetStage, ObjectStage
-from pipeline.errors import StoreError
+from pipeline.errors import StoreError, first_line
 from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory
-from pipeline.store.record import first_line
 from pipeline.store.reshard import shard_of
 from pipeline.store.storage import Place, is_machine_fault
 

@@ -13,10 +13,9 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pipeline.engine.slurm_jobs import Job, Submission, dependency, script_of
-from pipeline.errors import StageError, StoreError
+from pipeline.errors import StageError, StoreError, first_line
 from pipeline.store.atomic import one_writer, write_at_once
 from pipeline.store.directory import DataDirectory
-from pipeline.store.record import first_line
 from pipeline.store.storage import Place
 
 State = Literal["pending", "running", "done", "failed", "unknown"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -12,13 +11,13 @@ from typing import Any
 
 import obstore
 from filelock import FileLock, Timeout
-from obstore.exceptions import AlreadyExistsError, PreconditionError
+from obstore.exceptions import AlreadyExistsError, GenericError, PreconditionError
 
-from pipeline.errors import StoreError
-from pipeline.store.storage import Place, bucket_of, cache_of, copy, files_below, key_of, read_bytes, remove_files, temporary
+from pipeline.errors import StoreError, first_line
+from pipeline.store.storage import Place, bucket_of, cache_of, copy, files_below, key_of, pause, read_bytes, remove_files, temporary
 
-CONFLICTS = 12
-"""How often a conditional put is tried that object storage refuses although nobody else has written: it answers so to a race."""
+ATTEMPTS = 12
+"""How often a conditional put is tried although nobody else has written: object storage refuses it to a race, or its connection breaks."""
 
 
 def write_at_once(path: Place, content: bytes) -> None:
@@ -49,28 +48,30 @@ def version_of(path: Place) -> str | None:
 def replace_version(path: Place, content: bytes, version: str | None) -> bool:
     """Write a file at once, in object storage only if its current content still is `version`; returns whether `content` is there now.
 
-    The answer to a put may be lost, and its repetition is refused because of the first: what is there after a refusal is compared.
+    The answer to a put may be lost, and its repetition is refused because of the first: what is there afterwards is compared.
 
     Raises
     ------
     StoreError
-        Object storage goes on to refuse, and nobody has written anything.
+        No put succeeds, and nobody else has written anything.
     """
     if isinstance(path, Path):
         write_at_once(path, content)
         return True
     mode: Any = "create" if version is None else {"e_tag": version}
-    for attempt in range(CONFLICTS):
+    reason = ""
+    for attempt in range(ATTEMPTS):
         try:
             obstore.put(bucket_of(path), key_of(path), content, mode=mode)
             return True
-        except (AlreadyExistsError, PreconditionError):
+        except (AlreadyExistsError, PreconditionError, GenericError) as error:
             if (current := version_of(path)) is not None and read_bytes(path) == content:
                 return True
             if current != version:
                 return False
-            time.sleep(0.05 * 2 ** min(attempt, 6))
-    raise StoreError(f"{path} cannot be written: object storage refuses each of {CONFLICTS} conditional puts, though none has succeeded")
+            reason = first_line(error)
+            pause(attempt)
+    raise StoreError(f"{path} cannot be written: each of {ATTEMPTS} conditional puts failed, though nobody else wrote: {reason}")
 
 
 def create(path: Place, content: bytes) -> None:

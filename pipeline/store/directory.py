@@ -11,11 +11,11 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pipeline.errors import StoreError
+from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.atomic import create
 from pipeline.store.collection import Collection
-from pipeline.store.record import FolderRecord, ShardRecord, first_line, read_record
+from pipeline.store.record import FolderRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, cache_of, copy, files_below, in_threads, names_in, place, read_bytes
 from schemas.base import Artifact

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pipeline.errors import StoreError
+from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.storage import Place, read_bytes
 
@@ -181,8 +181,3 @@ def read_content(path: Place, maker: str = "the stage that makes it") -> dict[st
 
 def _damaged(path: Place, error: Exception) -> StoreError:
     return StoreError(f"{path}: the record is damaged ({first_line(error)}); delete it and run its stage again")
-
-
-def first_line(error: Exception) -> str:
-    """The first line of an error's message, or its type where there is none."""
-    return next(iter(str(error).splitlines()), type(error).__name__)

@@ -15,9 +15,9 @@ import numpy as np
 import zarr
 from pydantic_zarr.v3 import ArraySpec
 
-from pipeline.errors import StoreError
+from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
-from pipeline.store.record import RowRecord, ShardRecord, first_line
+from pipeline.store.record import RowRecord, ShardRecord
 from pipeline.store.rows import Row, row_digest
 from pipeline.store.spec import array_departures, declared, numpy_dtype
 from pipeline.store.storage import File, Place, files_below, is_machine_fault, read_bytes, zarr_store

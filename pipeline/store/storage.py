@@ -9,19 +9,21 @@ import errno
 import hashlib
 import os
 import shutil
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import lru_cache
+from itertools import count
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 from uuid import uuid4
 
 import obstore
-from obstore.exceptions import BaseError
+from obstore.exceptions import BaseError, GenericError
 from obstore.store import ObjectStore, from_url
 from upath import UPath
 from zarr.abc.store import Store
@@ -143,8 +145,21 @@ def remove(folder: Place) -> None:
 
 def remove_files(folder: UPath, names: Iterable[str]) -> None:
     """Remove files below a folder in object storage, given by their paths below it; one of "" is the folder's own name."""
-    if keys := [f"{key_of(folder)}/{name}".removesuffix("/") for name in names]:
-        obstore.delete(bucket_of(folder), keys)
+    keys = [f"{key_of(folder)}/{name}".removesuffix("/") for name in names]
+    until = time.monotonic() + RETRY["retry_timeout"].total_seconds()
+    for attempt in count() if keys else ():
+        try:
+            obstore.delete(bucket_of(folder), keys)
+            break
+        except GenericError:  # the connection broke: the client cannot know that a repetition does no harm
+            if time.monotonic() > until:
+                raise
+            pause(attempt)
+
+
+def pause(attempt: int) -> None:
+    """Wait before a request is repeated, longer each time, up to 3 s."""
+    time.sleep(0.05 * 2 ** min(attempt, 6))
 
 
 @contextmanager

@@ -168,6 +168,17 @@ def test_a_conditional_put_succeeds_once_and_is_recognised_when_its_answer_was_l
     assert read_bytes(record) == b"fifth"
 
 
+@pytest.mark.parametrize("late", [False, True])
+def test_requests_whose_connections_break_are_made_again(data, faults, late):
+    broken = iter([Answer(None, late)] * 6)
+    faults.fault = lambda method, path: next(broken, None) if method in ("PUT", "POST", "DELETE") else None
+    assert replace_version(data / "record.json", b"mine", None)
+    broken = iter([Answer(None, late)] * 6)
+    remove(data)
+    assert not next(broken, None)
+    assert not files_below(data)
+
+
 @pytest.mark.parametrize("status", [409, 412])
 def test_a_conflict_that_nobody_has_won_is_tried_again(data, faults, status):
     refusals = iter([Answer(status)] * 3)
@@ -176,7 +187,7 @@ def test_a_conflict_that_nobody_has_won_is_tried_again(data, faults, status):
     assert read_bytes(data / "record.json") == b"mine"
 
 
-@pytest.mark.parametrize("status", [500, 503])
+@pytest.mark.parametrize("status", [500, 503, None])
 def test_a_server_that_fails_now_and_then_changes_nothing(data, faults, tmp_path, status):
     answers = itertools.cycle([Answer(status, late=True), None, None, Answer(status), None, None, None])
     faults.fault = lambda method, path: next(answers)
