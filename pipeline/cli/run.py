@@ -91,9 +91,15 @@ def run(
                 _print_explanation(plan)
 
 
+NO_OBJECT_LEFT = "none of its objects is in the manifest any more"
+
+
 def _print_forecast(stage: str, path: Place, foreseen: Forecast) -> None:
-    if not foreseen.missing:
+    if foreseen.up_to_date:
         say(f"{stage} {path}: up to date, {counted(foreseen.total)}")
+        return
+    if not foreseen.total:
+        say(f"{stage} {path}: would be removed, {NO_OBJECT_LEFT}")
         return
     size = f"about {foreseen.seconds / 60:.1f} min and {foreseen.kilobytes / 1e3:.0f} MB"
     say(f"{stage} {path}: would make {foreseen.missing} of {counted(foreseen.total)}, {size}")
@@ -105,6 +111,9 @@ def run_plan(plan: ShardPlan | FolderPlan) -> None:
     failures: dict[str, Failure] = {}
     if plan.up_to_date():
         say(f"{stage} {plan.path}: up to date, {counted(plan.total)}")
+    elif not plan.total:
+        run_stage(plan, console)
+        say(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
     else:
         for line in misfits(plan) if isinstance(plan, ShardPlan) else ():
             say(line)

@@ -80,8 +80,8 @@ class FolderPlan(Plan[DatasetStage]):
 
     def forecast(self) -> Forecast:
         """What the stage says of itself."""
-        cost = self.stage.cost(self.settings, self.total)
-        return Forecast(0 if self.up_to_date() else self.total, self.total, cost.seconds, cost.kilobytes)
+        cost, done = self.stage.cost(self.settings, self.total), self.up_to_date()
+        return Forecast(0 if done else self.total, self.total, cost.seconds, cost.kilobytes, done)
 
     def make(self, console: Console) -> Result:
         """Fill the folder; killed at any moment and run again, the stage finds what it left in its work folder."""

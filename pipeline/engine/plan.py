@@ -65,12 +65,16 @@ class Request(Generic[S]):
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a run would do: make `missing` of `total` objects, in about that many seconds, and that many kilobytes of output."""
+    """What a run would do: make `missing` of `total` objects, in about that many seconds, and that many kilobytes of output.
+
+    Where none is missing and it is not `up_to_date`, it packs what is made already, or removes a shard of which no object is left.
+    """
 
     missing: int
     total: int
     seconds: float
     kilobytes: float
+    up_to_date: bool = False
 
 
 @dataclass(frozen=True)

@@ -196,11 +196,12 @@ class ShardPlan(Plan[ObjectStage]):
 
     def forecast(self) -> Forecast:
         """From what objects took here before, else from what the stage says of itself."""
-        typical, missing = self.stage.cost(self.settings), 0 if self.up_to_date() else len(self.missing())
+        typical, done = self.stage.cost(self.settings), self.up_to_date()
+        missing = 0 if done else len(self.missing())
         same = [shard for shard in self._published_before().shards if shard.record.settings == self.settings.results()]
         seconds = [row.seconds for shard in same for row in shard.record.rows]
         mean = sum(seconds) / len(seconds) if seconds else typical.seconds
-        return Forecast(missing, self.total, missing * mean / self.request.executor.processes, self.total * typical.kilobytes)
+        return Forecast(missing, self.total, missing * mean / self.request.executor.processes, self.total * typical.kilobytes, done)
 
     # ---- making it
 
@@ -300,8 +301,17 @@ class ShardPlan(Plan[ObjectStage]):
         )
         rows = [self._row_to_pack(member, one) for member, one in known]
         publish_shard(self.directory, self.artifact, self.number, self.shards, record, rows, constants, attributes)
+        self._refuse_resharded()
         self.look_again()
         self.pieces.discard_all({member.item.object_id: member.job.key for member in self.members})
+
+    def _refuse_resharded(self) -> None:
+        """Where the objects were split otherwise meanwhile, nobody finds this shard; its rows are kept for the next run."""
+        try:
+            self.directory.settled_shards(self.shards)
+        except StoreError:
+            withdraw(self.record_path)
+            raise
 
     def _labels(self) -> Row:
         """Labels of dimensions that the inputs have too."""

@@ -163,7 +163,7 @@ def _load(models: Place, configuration: str, training_seed: int, device: torch.d
     trained = models / f"seed-{training_seed}" if training_seed else models
     records = ((family, name) for family in FAMILIES for name in names_in(trained / family) if name.endswith(".json"))
     there = {name.removesuffix(".json"): trained / family for family, name in records}
-    if f"{SINGLE_IMAGE_MODEL}.json" in names_in(models):
+    if not training_seed and f"{SINGLE_IMAGE_MODEL}.json" in names_in(models):  # which is trained once
         there[SINGLE_IMAGE_MODEL] = models
     if configuration not in there:
         known = ", ".join(sorted(there)) or "none"

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.hand_file import load_hand
 from pipeline.config.scene_file import load_scene
+from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.engine.keys import sources_hash
@@ -127,7 +127,7 @@ class BandMaker:
 @contextmanager
 def band_maker(attributes: Mapping[str, Mapping[str, Any]]) -> Iterator[BandMaker]:
     """Open a `BandMaker` for the scene, the hand and the sensors in the artifacts' attributes, for as long as the context lasts."""
-    scene, hand = load_scene(attributes["vision"]["settings"]["scene"]), load_hand(attributes["grasps"]["settings"]["hand"])
+    scene, hand = load_scene(attributes["vision"]["settings"]["scene"]), grasping_hand(attributes)
     worn = touch_sensors(attributes["touch"])
     sensors = worn if len(worn) > 1 else worn * len(hand.sensors)
     with Renderer(scene) as renderer:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.hand_file import load_hand
+from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.errors import StoreError
 from pipeline.kernels.hand.model import Hand
@@ -81,7 +81,7 @@ class ReportSource:
 
     def hand(self) -> Hand:
         """The hand that grasped."""
-        return load_hand(self.attributes("grasps")["settings"]["hand"])
+        return grasping_hand({name: self.attributes(name) for name in self.collections})
 
     def sensors(self) -> tuple[Sensor, ...]:
         """The sensor of each finger."""

@@ -41,9 +41,9 @@ def read_values(folders: Sequence[Path]) -> Values:
     objects, settings = read_table(folders[0], "objects")["object_id"].tolist(), read_root(folders[0])["settings"]
     for folder in folders:
         theirs = read_root(folder)["settings"]
-        if differing := [name for name, value in settings.items() if name not in OF_ONE and theirs[name] != value]:
-            name = differing[0]
-            said = f"{folders[0]} was made with {name}={settings[name]}, {folder} with {name}={theirs[name]}"
+        names = sorted((settings.keys() | theirs.keys()) - set(OF_ONE))
+        if name := next((name for name in names if theirs.get(name) != settings.get(name)), None):
+            said = f"{folders[0]} was made with {name}={settings.get(name)}, {folder} with {name}={theirs.get(name)}"
             raise StoreError(f"{said}; run evaluate again for each training seed with the same settings")
         if read_table(folder, "objects")["object_id"].tolist() != objects:
             raise StoreError(f"{folder} and {folders[0]} evaluate different objects; run evaluate again for each training seed")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from pipeline.errors import StoreError
@@ -46,9 +48,11 @@ def collect(folder: Place, older_than: float = GRACE_SECONDS) -> list[Place]:
 
 
 def _written(path: Place) -> float:
-    """When something was written, or replaced, s since 1970."""
+    """When something was written, or replaced, s since 1970; never, where it is gone meanwhile."""
     if isinstance(path, Path):
-        return path.stat().st_mtime
+        with suppress(FileNotFoundError):  # another run has renamed it, or removed it, too
+            return path.stat().st_mtime
+        return math.inf
     return max((file.written for file in files_below(path).values()), default=0.0)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
@@ -14,7 +13,7 @@ from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, Descripti
 from pipeline.store.publish import publish_shard, withdraw
 from pipeline.store.record import RowRecord
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, names_in
+from pipeline.store.storage import Place, in_threads, names_in, read_bytes
 from pipeline.store.write import RowToPack
 from schemas.catalogue import ARTIFACTS
 
@@ -32,7 +31,8 @@ def shard_key(rows: Iterable[tuple[str, str]], number: int, shards: int, manifes
 def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
     """Write every artifact's rows into another number of shards, then let readers see all of them at once; yields each group.
 
-    Nothing is computed. Killed before its end, it has changed nothing that readers see.
+    Nothing is computed. Killed before its end, it has changed nothing that readers see. No lock is held: a stage that publishes meanwhile
+    is found at the end, and one that publishes later finds another number of shards, and keeps its rows for the next run.
 
     Raises
     ------
@@ -44,25 +44,58 @@ def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
         raise StoreError(f"{root} holds no shards; `vt-pipeline run` makes some")
     if before == shards:
         return
-    made = {artifact.name for artifact in directory.artifacts()} | (names_in(root / WORK).keys() & ARTIFACTS.keys())  # or being made
-    with ExitStack() as locks:
-        for name in sorted(made):
-            for number in range(before):
-                locks.enter_context(one_writer(directory.shard_lock(name, number, before), root / name))
-        _discard_records(directory, shards)  # of a run of this command that was killed
-        for artifact in directory.artifacts():
-            collection = directory.collection(artifact)
-            _refuse_mixture(collection)
-            for number in range(shards):
-                if members := [name for name in collection if shard_of(name, shards) == number]:
-                    yield _write(directory, collection, members, number, shards)
-        write_at_once(root / DESCRIPTION, Description(shards=shards).model_dump_json().encode())
-        _discard_records(directory, before)
+    _refuse_runs(directory, before)
+    _discard_records(directory, shards)  # of a run of this command that was killed
+    taken = _contents(directory, before)
+    directory = DataDirectory(root)  # what is read from now on is compared with this in the end
+    for artifact in directory.artifacts():
+        collection = directory.collection(artifact)
+        _refuse_mixture(collection)
+        for number in range(shards):
+            if members := [name for name in collection if shard_of(name, shards) == number]:
+                yield _write(directory, collection, members, number, shards)
+    _describe(directory, shards)
+    if _contents(directory, before) != taken:
+        _describe(directory, before)
+        _discard_records(directory, shards)
+        raise StoreError(f"{root}: a stage published rows meanwhile, so the number of shards is what it was; wait for runs to end")
+    _discard_records(directory, before)
+
+
+def _refuse_runs(directory: DataDirectory, shards: int) -> None:
+    """Raise an error where a stage is at work: this would end in one, much later."""
+    there = names_in(directory.root / WORK).keys() | {artifact.name for artifact in directory.artifacts()}
+    for name in sorted(there & ARTIFACTS.keys()):
+        for number in range(shards):
+            with one_writer(directory.shard_lock(name, number, shards), directory.root / name):
+                pass
+
+
+def _contents(directory: DataDirectory, shards: int) -> dict[Place, bytes]:
+    """Read the records of that number of shards as they are now."""
+    paths = [path for path in directory.shard_records() if _is_of(path, shards)]
+    return dict(zip(paths, in_threads(_content, paths), strict=True))
+
+
+def _content(record: Place) -> bytes:
+    """What a record says; nothing where it was withdrawn since it was listed."""
+    try:
+        return read_bytes(record)
+    except FileNotFoundError:
+        return b""
+
+
+def _describe(directory: DataDirectory, shards: int) -> None:
+    write_at_once(directory.root / DESCRIPTION, Description(shards=shards).model_dump_json().encode())
+
+
+def _is_of(record: Place, shards: int) -> bool:
+    return record.stem.endswith(f"-of-{shards:04d}")
 
 
 def _discard_records(directory: DataDirectory, shards: int) -> None:
     for path in directory.shard_records():
-        if path.stem.endswith(f"-of-{shards:04d}"):
+        if _is_of(path, shards):
             withdraw(path)
 
 

@@ -11,7 +11,6 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from pipeline.models.trained_networks import FAMILIES
 from pipeline.store.record import FolderRecord
 
 
@@ -27,9 +26,13 @@ def assignment(name: str, value: Any) -> str:
 
 
 def point_folder(stage: str, folder: str, point: Mapping[str, Any]) -> str:
-    """Name the folder of a point, below the data directory, by what it varies; `folder` is where the model would go otherwise."""
+    """Name the folder of a point, below the data directory, by what it varies.
+
+    `folder` is where the model would go otherwise, `models[/seed-N][/FAMILY]/NETWORK`; a stage trains networks of one family.
+    """
     name = ",".join(f"{setting}={value}" for setting, value in point.items())
-    where = "/".join(part for part in folder.split("/") if part not in ("models", *FAMILIES))
+    *above, network = folder.split("/")
+    where = "/".join([*(part for part in above if part.startswith("seed-")), network])
     return f"sweeps/{stage}/{where}/{file_name(name)}"
 
 

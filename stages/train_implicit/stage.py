@@ -36,7 +36,7 @@ class TrainImplicit(ReconstructionTraining):
         return ImplicitNetwork(settings.network(side), generator)
 
     def remarks(self, network: ImplicitNetwork, items: Items) -> Iterator[str]:
-        """Say which objects are larger than what is meshed."""
+        """Say how many objects are larger than what is meshed, and which most."""
         yield from super().remarks(network, items)
         config, beyond = network.config, []
         for object_id in items.rows.object_ids:
@@ -46,8 +46,9 @@ class TrainImplicit(ReconstructionTraining):
         if beyond:
             reach, farthest = max(beyond)
             yield (
-                f"{len(beyond)} of {len(items.rows)} objects are larger than the cube in which surfaces are looked for, and will be cut "
-                f"off {MARGIN * config.radius:.2f} m from its middle: {farthest} reaches {reach:.2f} m; scale them, without --units"
+                f"{len(beyond)} of {len(items.rows)} objects to learn from are larger than the cube in which surfaces are looked for, and "
+                f"such ones are cut off {MARGIN * config.radius:.2f} m from its middle: {farthest} reaches {reach:.2f} m; state a smaller "
+                "unit with --units, or leave it out where the files state none: then they are scaled"
             )
 
     def learner(self, network: ImplicitNetwork, materials: Materials) -> ImplicitLearner:

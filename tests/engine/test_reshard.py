@@ -6,6 +6,7 @@ import os
 
 import pytest
 
+from pipeline.engine.executor import Serial
 from pipeline.errors import StoreError
 from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory
@@ -50,6 +51,38 @@ def test_what_was_split_otherwise_is_kept_for_its_readers(tmp_path):
     list(reshard(DataDirectory(tmp_path), 4))
     assert collect_everything(DataDirectory(tmp_path)) == []
     assert all(group.exists() for group in groups)
+
+
+def test_what_a_run_publishes_while_shards_are_split_is_not_lost(tmp_path):
+    run(request(tmp_path, shards=2))
+    halfway = reshard(DataDirectory(tmp_path), 4)
+    next(halfway)
+    assert run(request(tmp_path, stage=TakeMean())) == 5
+    with pytest.raises(StoreError, match="a stage published rows meanwhile"):
+        list(halfway)
+    assert list(published(tmp_path, MEAN)) == list("abcde")
+    assert not any(problems_below(tmp_path).values())
+    list(reshard(DataDirectory(tmp_path), 4))
+    assert [run(request(tmp_path, stage=stage)) for stage in (MakeNoise(), TakeMean())] == [0, 0]
+
+
+def test_a_run_that_ends_after_shards_were_split_keeps_its_rows_for_the_next(tmp_path):
+    run(request(tmp_path, shards=2))
+    halfway = reshard(DataDirectory(tmp_path), 4)
+    next(halfway)
+
+    class Late(Serial):
+        def run(self, work, jobs):
+            yield from super().run(work, jobs)
+            list(halfway)
+
+    with pytest.raises(StoreError, match="is split into 4 shards, 2 were asked for"):
+        run(request(tmp_path, stage=TakeMean(), executor=Late()), 0)
+    assert not any(problems_below(tmp_path).values())
+    before = len(list((tmp_path / ".work/mean/pieces").glob("*/*.npz")))
+    assert before
+    assert run(request(tmp_path, stage=TakeMean())) == 5 - before
+    assert list(published(tmp_path, MEAN)) == list("abcde")
 
 
 def test_shards_are_not_split_while_a_run_is_at_work(tmp_path):

@@ -184,6 +184,9 @@ def test_a_shard_whose_only_object_is_gone_is_withdrawn(tmp_path):
         run(request(tmp_path, stage=stage, shards=4))
     assert "b" in published(tmp_path)
     left = [item for item in objects(5) if item.object_id != "b"]
+    (foreseen,) = [one for _, one in forecast(request(tmp_path, items=left, shards=4), 1)]
+    assert not foreseen.up_to_date
+    assert foreseen.total == 0
     for stage in (MakeNoise(), TakeMean()):
         assert run(request(tmp_path, stage=stage, items=left, shards=4)) == 0
     assert sorted(published(tmp_path)) == sorted(published(tmp_path, MEAN)) == list("acde")

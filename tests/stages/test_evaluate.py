@@ -330,6 +330,10 @@ def test_trainings_that_differ_by_chance_are_evaluated_apart_and_shown_as_one(tm
     attributes["settings"] = settings | {"grasps": [1, 5]}
     with pytest.raises(StoreError, match=r"evaluation-\w+ was made with grasps=\[1, 2\], .*seed-1-\w+ with grasps=\[1, 5\]"):
         read_values(folders)
+    attributes["settings"] = {name: value for name, value in settings.items() if name != "rings"}  # as of another version
+    for pair in (folders, folders[::-1]):
+        with pytest.raises(StoreError, match="with rings="):
+            read_values(pair)
     attributes["settings"] = settings
     zarr.open_group(folders[1] / TABLES_ZARR)["objects/object_id"][0] = "another"
     with pytest.raises(StoreError, match="evaluate different objects"):

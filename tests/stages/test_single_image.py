@@ -141,6 +141,8 @@ def test_evaluation_has_the_published_rows_beside_ours_and_says_of_what(data):
 def test_a_view_of_an_object_becomes_a_mesh(data, tmp_path):
     models, object_id = data / "models", ObjectRows(data, ["rendering"], "test").object_ids[0]
     made = [predict(tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, view=view) for view in (0, 3)]
+    with pytest.raises(StageError, match="has no model single-image"):
+        predict(tmp_path / "out.ply", models, "single-image", training_seed=1, data=data, object_id=object_id, view=0)
     assert made[0].reconstruction.vertices.shape == made[1].reconstruction.vertices.shape
     assert (made[0].reconstruction.vertices != made[1].reconstruction.vertices).any()
     coloured = predict(
