@@ -18,10 +18,10 @@ name, sensor = str(touch.object[0].item()), str(touch.sensor[0].item())
 depth = touch.depth.sel(object=name, sensor=sensor)  # (grasp, row, col)
 print(f"{depth.attrs['description']} In {depth.attrs['units']}.")
 for grasp in depth.grasp.values:
-    nearest = depth.sel(grasp=grasp).min(("row", "col")).item()
-    succeeded = grasps.touch_success.sel(object=name, sensor=sensor, grasp=grasp).item()
+    nearest = float(depth.sel(grasp=grasp).min(("row", "col")))
+    succeeded = bool(grasps.touch_success.sel(object=name, sensor=sensor, grasp=grasp))
     print(f"{name}, {sensor}, grasp {grasp}: min D = {1e3 * nearest:.2f} mm, {'touch' if succeeded else 'no touch'}")
 
-# Statistics over the dataset: artifacts share their coordinates.
-rate = grasps.touch_success.groupby("category").mean(("object", "grasp"))
+# Statistics over the dataset: artifacts share their coordinates. Rows of objects that failed are zeros, and left out here.
+rate = grasps.touch_success.where(grasps.ok).groupby("category").mean(("object", "grasp"))
 print((100 * rate).round(1).to_pandas())

@@ -10,16 +10,17 @@ import sys
 import torch
 from torch.utils.data import DataLoader
 
-from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.image_tensors import network_input
 from pipeline.kernels.networks.touch_losses import masked_depth_loss
 from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.touch.gel_surface import gel_surface
 
 data, split, epochs = (*sys.argv[1:], *("data/toy/draft", "train", "2")[len(sys.argv) - 1 :])
-sensor = load_sensor("gel_16mm")
 grasps = GraspDataset(data, ["reading", "depth", "touch_success", "untouched"], split)
+sensor = grasps.rows.sensor()
+gel = torch.tensor(gel_surface(sensor))  # its thickness, or where it is curved, its height at each pixel
 torch.manual_seed(0)
 network = UNet(width=4)
 optimiser = torch.optim.Adam(network.parameters(), lr=3e-3)
@@ -33,7 +34,7 @@ for epoch in range(int(epochs)):
             continue
         mask = contact_mask(readings, batch["untouched"][0])  # pixels that the object changed
         predicted = network(network_input(readings, torch.float32)) * sensor.w
-        loss = masked_depth_loss(predicted, depth, mask, width=sensor.width, gel=sensor.w)
+        loss = masked_depth_loss(predicted, depth, mask, width=sensor.width, gel=gel)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()

@@ -16,7 +16,9 @@ GRASPS = Artifact(
             "m",
             "The hand's root link (its URDF frame) in the world, best grasp first.",
         ),
-        "joint_angles": Array(("object", "grasp", "joint"), "float64", "rad", "Joint angles as simulated, finger by finger."),
+        "joint_angles": Array(
+            ("object", "grasp", "joint"), "float64", "rad", "Joint angles as simulated, finger by finger; m of a joint that slides."
+        ),
         "sensor_pose": Array(
             ("object", "grasp", "sensor", "pose_row", "pose_column"),
             "float64",
@@ -24,7 +26,12 @@ GRASPS = Artifact(
             "P: the sensor's frame in the world; origin at the centre of the gel's base, +z its outward normal, "
             "+x along image columns, +y along image rows.",
         ),
-        "touch_success": Array(("object", "grasp", "sensor"), "bool", "1", "M: whether the sensor touches, 0 < min D < w - 0.1 mm."),
+        "touch_success": Array(
+            ("object", "grasp", "sensor"),
+            "bool",
+            "1",
+            "M: whether the sensor touches, 0 < min D < w - 0.1 mm; w is the height of a curved gel at the pixel.",
+        ),
         "contact_area": Array(
             ("object", "grasp", "sensor"),
             "float32",

@@ -36,7 +36,7 @@ TOUCH = Artifact(
             ("object", "grasp", "sensor", "point", "xyz"),
             "float32",
             "m",
-            "S^loc: world points with D < w, in row-major pixel order, zeros beyond `local_count`.",
+            "S^loc: world points with D < w, the gel's height there, in row-major pixel order, zeros beyond `local_count`.",
             optional=True,
         ),
         "local_count": Array(("object", "grasp", "sensor"), "int32", "1", "How many of `local_points` there are.", optional=True),

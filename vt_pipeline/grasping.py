@@ -31,7 +31,7 @@ class Grasps:
     hand_pose
         (G, 4, 4) float64, the hand's root link in the object's frame, m.
     joint_angles
-        (G, J) float64, rad.
+        (G, J) float64, rad; m of a joint that slides.
     sensor_pose
         (G, S, 4, 4) float64, sensor frames in the object's frame, m: what `touch` takes.
     touched

@@ -25,11 +25,12 @@ def calibrate_sensor(
     background_degree: Annotated[int | None, typer.Option(min=0, max=6, help="Background as a polynomial; else the photograph.")] = None,
 ) -> None:
     """Calibrate a sensor: fit its colours to every second photograph of a ball, and test them on the others."""
-    from pipeline.inference.calibrate_sensor import calibrate, modelled, read_photographs, write_sensor
+    from pipeline.inference.calibrate_sensor import calibrate, check_name, modelled, read_photographs, write_sensor
     from pipeline.kernels.touch.calibration_fit import FitOptions
     from pipeline.kernels.touch.sensor import Sensor
     from pipeline.reports.calibration_report import draw_calibration
 
+    check_name(out)
     photographs, image, left_out = read_photographs(folder, untouched)
     rows, cols = image.shape[:2]
     pitch, radius = 1e-3 * mm_per_pixel, 1e-3 * ball_radius

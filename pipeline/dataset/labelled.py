@@ -24,7 +24,7 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     Returns
     -------
     Arrays with the dimensions, units and descriptions of the schemas, and coordinates `object`, `grasp`, `sensor` and `joint`
-    where they apply; ragged meshes are left out.
+    where they apply; ragged meshes are left out. Rows of objects that failed are zeros: `ok` tells them apart.
 
     Raises
     ------
@@ -43,9 +43,14 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     shards = [_opened(shard) for shard in collection.shards]
     if len(shards) == 1:
         return shards[0]
-    lazy = [shard.chunk() for shard in shards]
+    lazy = [shard.map(_lazy, keep_attrs=True) for shard in shards]
     whole: xarray.Dataset = xarray.concat(lazy, "object", data_vars="minimal", coords="minimal", compat="override")
     return whole.assign_coords({name: label.compute() for name, label in whole.coords.items()}).sortby("object")
+
+
+def _lazy(array: xarray.DataArray) -> xarray.DataArray:
+    """Let an array be read by as many objects as lie in a chunk of it."""
+    return array.chunk({"object": array.encoding["chunks"][0]} if "object" in array.dims else {})
 
 
 def _opened(shard: Shard) -> xarray.Dataset:

@@ -113,7 +113,8 @@ class Dask(Executor):
     def _connect(self) -> Client:
         """Connect to the scheduler, or start workers on this machine."""
         if self._client is None:
-            logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it would say of workers that die is said here
+            for library in ("distributed", "asyncio"):  # what they would say of workers that die, and of runs that are ended, is said here
+                logging.getLogger(library).setLevel(logging.CRITICAL)
             if self._scheduler:
                 self._client = _client_of(self._scheduler)
             else:

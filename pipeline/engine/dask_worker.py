@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import signal
+import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from multiprocessing import util
@@ -19,11 +20,12 @@ _opened: tuple[bytes, AbstractContextManager[object], Callable[[Job], Outcome]] 
 
 
 class LocalWorker(WorkerPlugin):  # type: ignore[misc]  # which has no types
-    """Leaves Ctrl-C to the process that ends the workers, for those that are started in place of others too."""
+    """Readies each worker, those that are started in place of others too."""
 
     def setup(self, worker: Worker) -> None:
         """Called in the main thread of each worker."""
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that ends the workers
+        tempfile.tempdir = worker.local_directory  # Dask clears those of workers that were killed
 
 
 def open_session(packed: bytes) -> Callable[[Job], Outcome]:

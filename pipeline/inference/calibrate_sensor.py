@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import math
+import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,6 +35,8 @@ from pipeline.kernels.touch.sensor import Sensor
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 CIRCLES = "circles.csv"
 """File in the folder that gives contacts: name, x, y, radius in pixels, from the centre of pixel (0, 0). Those it lacks are sought."""
+NAME = re.compile(r"[A-Za-z0-9._-]{1,120}")
+"""Of a sensor."""
 LEAST = 4
 """Photographs that are needed."""
 
@@ -78,7 +82,7 @@ def read_photographs(folder: Path, untouched_path: Path) -> tuple[list[Photograp
     Raises
     ------
     InvalidInput
-        There is no folder, the untouched photograph or `CIRCLES` cannot be read, or fewer than `LEAST` photographs can be used.
+        There is no folder, the untouched photograph or `CIRCLES` cannot be read, it names no photograph, or fewer than `LEAST` can be used.
     """
     if not folder.is_dir():
         raise InvalidInput(f"there is no folder {folder}; give one with photographs of a ball in the gel")
@@ -91,9 +95,19 @@ def read_photographs(folder: Path, untouched_path: Path) -> tuple[list[Photograp
             found.append(Photograph(path.name, image, _contact(image, untouched, circles.get(path.name))))
         except InvalidInput as error:
             left_out[path.name] = str(error)
+    if strangers := sorted(circles.keys() - left_out.keys() - {one.name for one in found}):
+        raise InvalidInput(
+            f"{folder / CIRCLES} names {strangers[0]}, which is no photograph of {folder}; mend its name, or remove the line"
+        )
     if len(found) < LEAST:
         raise InvalidInput(f"{folder} has {len(found)} usable photographs, {LEAST} are needed; {_said(left_out) or 'it holds no others'}")
     return found, untouched, left_out
+
+
+def check_name(path: Path) -> None:
+    """Raise an InvalidInput where a sensor file cannot be called so, for it names the sensor too."""
+    if not NAME.fullmatch(path.stem) or path.suffix not in (".yaml", ".yml"):
+        raise InvalidInput(f"{path}: a sensor file is called NAME.yaml, NAME of letters, digits, '.', '_' and '-'")
 
 
 def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], given: Circle | None) -> Circle:
@@ -111,12 +125,18 @@ def _read_circles(path: Path) -> dict[str, Circle]:
     if not path.is_file():
         return {}
     try:
-        with path.open(newline="") as file:
-            return {row["name"]: Circle(float(row["x"]), float(row["y"]), float(row["radius"])) for row in csv.DictReader(file)}
+        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte-order mark
+            found = {row["name"]: Circle(float(row["x"]), float(row["y"]), float(row["radius"])) for row in csv.DictReader(file)}
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidInput(
             f"{path} needs the columns name, x, y, radius, with numbers in pixels; {type(error).__name__}: {error}"
         ) from error
+    for name, circle in found.items():
+        if not (math.isfinite(circle.x) and math.isfinite(circle.y) and 0 < circle.radius < math.inf):
+            raise InvalidInput(
+                f"{path}: {name} has x {circle.x}, y {circle.y}, radius {circle.radius}; they must be finite, the radius above 0"
+            )
+    return found
 
 
 def calibrate(
@@ -200,9 +220,11 @@ def write_sensor(found: Calibrated, path: Path, untouched_path: Path, *, backgro
         Comment at the head of the file: where it comes from.
     """
     sensor, calibration = found.sensor, found.calibration
+    path.parent.mkdir(parents=True, exist_ok=True)
     if background_degree is None:
         photograph = path.with_name(f"{path.stem}-untouched{untouched_path.suffix.lower()}")
-        shutil.copyfile(untouched_path, photograph)
+        if photograph.resolve() != untouched_path.resolve():  # it may be that of the last time
+            shutil.copyfile(untouched_path, photograph)
         background: Any = photograph.name
     else:
         background = [list(levels) for levels in fit_background(read_image(untouched_path), sensor, background_degree)]

@@ -300,10 +300,10 @@ def hashes_of(folder: Place) -> dict[str, str]:
 
 
 def _hashes(folder: Place, names: Iterable[str]) -> dict[str, str]:
-    """Compute the SHA-256 of files below a folder; one that is not there has none."""
+    """Compute the SHA-256 of files below a folder; one that is no file has none."""
     found = {}
     for name in names:
-        with suppress(FileNotFoundError):
+        with suppress(FileNotFoundError, IsADirectoryError, NotADirectoryError):
             found[name] = hashlib.sha256(read_bytes(folder / name)).hexdigest()
     return found
 

@@ -28,7 +28,8 @@ def unnamed(folder: Place) -> Iterator[Place]:
     yield from (folder / name for name in sorted(found) if name.endswith(TEMPORARY))
     versions = [name for name, is_folder in sorted(found.items()) if is_folder and is_version(name) and not _is_empty(folder / name)]
     # read after what is there was listed: what is published meanwhile is named, or was not listed
-    named = {named_location(folder / name) for name in names_in(folder) if name.endswith(".json") and name != DESCRIPTION}
+    records = [name for name, is_folder in names_in(folder).items() if name.endswith(".json") and name != DESCRIPTION and not is_folder]
+    named = {named_location(folder / name) for name in records}
     if None in named:  # a damaged record: what it named cannot be told
         return
     yield from (folder / name for name in versions if name not in named)

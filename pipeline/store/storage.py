@@ -95,7 +95,7 @@ def read_bytes(path: Place) -> bytes:
 def exists(path: Place) -> bool:
     """Whether there is such a file; in object storage there are no folders."""
     if isinstance(path, Path):
-        return path.exists()
+        return path.is_file()
     try:
         obstore.head(bucket_of(path), key_of(path))
     except FileNotFoundError:

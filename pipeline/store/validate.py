@@ -39,9 +39,15 @@ def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str
         found[directory.folder_record(name)] = _lines(_folder_problems(directory, name))
     for path in everything_unnamed(directory):
         record = path.with_name(f"{unversioned(path.name)}.json")
-        if is_version(path.name) and path.suffix != ".zarr" and not exists(record):  # resharding leaves groups without records for a while
+        if is_version(path.name) and not exists(record) and (path.suffix != ".zarr" or _is_missed(directory, record)):
             found[record] = [f"the record of {path.name} is missing: a run was killed, or it was deleted; run its stage again"]
     return found
+
+
+def _is_missed(directory: DataDirectory, record: Place) -> bool:
+    """Whether a shard should have its record: others of the same objects do. One that was withdrawn, or split otherwise, leaves none."""
+    current = record.stem.endswith(f"-of-{directory.shards() or 0:04d}")
+    return current and any(exists(directory.root / name / record.name) for name in ARTIFACTS)
 
 
 def _lines(check: Iterator[str]) -> list[str]:

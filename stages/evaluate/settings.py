@@ -33,11 +33,12 @@ class EvaluationSettings(Settings):
         (1, 2, 3, 4, 5), "Table 3's numbers of grasps; those the dataset does not have are left out", changes="definition"
     )
     points: int = setting(10_000, "points drawn from each surface: as many as S^obj has; the sampling floor falls with them", ge=2)
-    tau: float = setting(1e-4, "squared distance of F1 in Table 4's protocol, in scaled metres squared", gt=0, changes="definition")
+    tau: float = setting(1e-4, "squared distance of F1 in Table 4's protocol, in scaled metres squared", gt=0, le=1e6, changes="definition")
     scale: float = setting(
         1.14,
         "Table 4's protocol takes objects of diagonal 1 times 0.57; here their diagonal is 0.5 m, so tau means the same",
         gt=0,
+        le=1e6,
         changes="definition",
     )
     rings: int = setting(5, "Table 2's rings, one sensor width after the other", ge=1, changes="definition")

@@ -6,15 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.console import Meter
+from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError
+from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.kernels.metrics.retrieval import chamfer_matrix, silhouette_overlap
 from pipeline.models.observation import stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.rng import numpy_rng
+from pipeline.store.directory import DataDirectory
+from schemas.surfaces import SURFACES
 from stages.evaluate_single_image.settings import SingleImageEvaluationSettings
 from stages.evaluate_single_image.table_4 import figures_of
 
@@ -50,7 +54,8 @@ class Measurement:
         if (there := self.rows.size("points", "point")) < self.settings.points:
             raise StageError(f"{NAME}.points is {self.settings.points}, the dataset has {there} per object; lower it")
         self.views = min(self.settings.views, self.rows.size("rendering", "viewpoint"))
-        self._scale = self.settings.scale / float(self.rows.attributes("surfaces")["settings"]["diagonal"])
+        self._surfaces = DataDirectory(job.data).collection(SURFACES)
+        self._scales = [self._scale_of(object_id) for object_id in self.rows.object_ids]
 
     def of_network(self, model: Reconstructor) -> NDArray[np.float64]:
         """Reconstruct each object from each view: the figures (object, view, figure).
@@ -103,9 +108,16 @@ class Measurement:
         figures = {at: self._figures(clouds[at], row) for at in set(chosen.tolist())}
         return [figures[at] for at in chosen.tolist()]
 
+    def _scale_of(self, object_id: str) -> float:
+        """What brings an object to the standard's size; one that keeps its real size has a diagonal of its own."""
+        view = self._surfaces.view(object_id)
+        if "metres_per_unit" in view and view["metres_per_unit"] > 0:
+            return self.settings.scale / float(length(np.ptp(read_mesh(view).vertices, axis=0)))
+        return self.settings.scale / float(self.rows.attributes("surfaces")["settings"]["diagonal"])
+
     def _figures(self, predicted: NDArray[np.floating], row: int) -> tuple[float, float, float]:
         truth = self._points(self.rows, self.rows.object_ids[row])
-        return figures_of(cloud_distances(predicted, truth), scale=self._scale, tau=self.settings.tau)
+        return figures_of(cloud_distances(predicted, truth), scale=self._scales[row], tau=self.settings.tau)
 
     def _points(self, rows: ObjectRows, object_id: str) -> NDArray[np.float64]:
         return rows.read("points", object_id)[: self.settings.points].astype(np.float64)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.vision.camera import Camera, Vector, camera_pose
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.primitives import Primitive, mesh_primitives
@@ -19,6 +20,8 @@ from stages.render_vision.opengl_context import OpenGLContext
 
 NEAR_PLANE, FAR_PLANE = 0.05, 20.0
 """Surfaces between these distances from the camera are drawn, m: well around a hand and an object a metre away."""
+REACH = 10.0
+"""Surfaces that are drawn lie within this distance of the world's origin, m: what a camera farther away looks between."""
 
 
 @dataclass(frozen=True)
@@ -133,8 +136,9 @@ class Renderer(AbstractContextManager["Renderer"]):
 
 
 def _gl_camera(gl: Any, camera: Camera) -> Any:
-    (fx, fy), (cx, cy) = camera.focal, camera.centre
-    return gl.IntrinsicsCamera(fx=fx, fy=fy, cx=cx, cy=cy, znear=NEAR_PLANE, zfar=FAR_PLANE)
+    (fx, fy), (cx, cy), away = camera.focal, camera.centre, float(length(camera.position))
+    near, far = max(NEAR_PLANE, away - REACH), max(FAR_PLANE, away + REACH)
+    return gl.IntrinsicsCamera(fx=fx, fy=fy, cx=cx, cy=cy, znear=near, zfar=far)
 
 
 def _gl_primitive(gl: Any, primitive: Primitive) -> Any:

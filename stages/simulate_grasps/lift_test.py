@@ -17,6 +17,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.gel_surface import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 from stages.simulate_grasps.hand_body import HandBody
 from stages.simulate_grasps.object_shapes import COLLISION_MARGIN, ObjectShapes
@@ -108,14 +109,14 @@ class LiftTest(AbstractContextManager["LiftTest"]):
         client.resetBaseVelocity(self._object, [0.0] * 3, [0.0] * 3)
         self._hand.place(hand_pose, joint_angles, joint_angles)
         stiffness = np.array([self._press(number, contact) for number, contact in enumerate(contacts)])
-        out = np.array([sensor.w for sensor in self.sensors])
+        out = np.array([gel_top(sensor) for sensor in self.sensors])
         for _ in range(STEPS):
             height, speed = np.array([state[:2] for state in client.getJointStates(self._hand.body, self._gels)]).T
             forces = (stiffness * np.maximum(out - height, 0) - 2 * DAMPING * np.sqrt(stiffness * GEL_MASS) * speed).tolist()
             client.setJointMotorControlArray(self._hand.body, self._gels, pybullet.TORQUE_CONTROL, forces=forces)
             client.stepSimulation()
             centre = np.array(client.getBasePositionAndOrientation(self._object)[0])
-            if length(centre - self._start[0]) > STAYS:
+            if not length(centre - self._start[0]) <= STAYS:  # where it is not a number, either
                 return False
         return True
 
@@ -128,7 +129,7 @@ class LiftTest(AbstractContextManager["LiftTest"]):
             return 0.0
         twist = 2 / 3 * self.hand.friction * float(np.sqrt(contact.area / np.pi))
         self.client.changeDynamics(self._hand.body, gel, lateralFriction=self.hand.friction, spinningFriction=twist)
-        return GEL_MODULUS / sensor.w * contact.volume / (sensor.w - height)
+        return GEL_MODULUS / sensor.w * contact.volume / (gel_top(sensor) - height)
 
 
 def _gel(number: int) -> str:
@@ -152,7 +153,7 @@ def _add_gels(urdf: Path, hand: Hand, sensors: Sequence[Sensor]) -> None:
         angles = Rotation.from_matrix(mount.pose[:3, :3]).as_euler("xyz")
         SubElement(joint, "origin", xyz=_text(mount.pose[:3, 3]), rpy=_text(angles))
         SubElement(joint, "axis", xyz="0 0 1")
-        SubElement(joint, "limit", lower="0", upper=str(sensor.w), effort="1000", velocity="10")
+        SubElement(joint, "limit", lower="0", upper=str(gel_top(sensor)), effort="1000", velocity="10")
     tree.write(urdf)
 
 

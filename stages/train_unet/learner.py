@@ -15,6 +15,7 @@ from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.image_tensors import network_input
 from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
 from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.storage import Place
 from pipeline.training.augmentation import varied_image
@@ -85,6 +86,7 @@ class UnetLearner(Learner):
     def __init__(self, network: UNet, train: Touches, valid: Touches, settings: UnetSettings) -> None:
         super().__init__(network)
         self.train, self.valid, self.settings = train, valid, settings
+        self.gel = torch.tensor(gel_surface(train.sensor))  # m; () where it is flat, else (H, W)
 
     def __len__(self) -> int:
         return len(self.train)
@@ -112,7 +114,7 @@ class UnetLearner(Learner):
             readings, depths = self.valid.read(items)
             predicted, depth, mask = self._predict(readings, depths, readings)
             loss += len(items) * float(self._loss(predicted, depth, mask))
-            error = (predicted - visible_depth(depth, self.valid.sensor.w))[mask].double()
+            error = (predicted - visible_depth(depth, self.gel))[mask].double()
             squares += float(error.square().sum())
             pixels += len(error)
         rms = (squares / max(pixels, 1)) ** 0.5
@@ -128,4 +130,4 @@ class UnetLearner(Learner):
 
     def _loss(self, predicted: Tensor, depth: Tensor, mask: Tensor) -> Tensor:
         compute = masked_depth_loss if self.settings.loss == "depth" else projected_chamfer_loss
-        return compute(predicted, depth, mask, width=self.train.sensor.width, gel=self.train.sensor.w)
+        return compute(predicted, depth, mask, width=self.train.sensor.width, gel=self.gel)

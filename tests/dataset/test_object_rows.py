@@ -96,6 +96,7 @@ def test_objects_grasps_sensors_and_joints_are_coordinates_for_any_number_of_sha
     for where in (data, folder):
         touch, grasps = open_artifact(where, "touch"), open_artifact(where, "grasps")
         finger = str(touch.sensor[1].item())
+        assert touch.depth.chunks is None or set(touch.depth.chunks[0]) == {1}, "an object is read without the others of its shard"
         np.testing.assert_array_equal(touch.depth.sel(object="b", sensor=finger, grasp=4), rows.read("depth", "b", 4)[1])
         np.testing.assert_array_equal(grasps.joint_angles.sel(object="c", joint=grasps.joint[2]), rows.read("joint_angles", "c")[:, 2])
         assert touch.depth.attrs["units"] == "m"

@@ -172,6 +172,24 @@ def test_status_says_what_is_damaged_and_tells_the_rest(tmp_path):
     assert json.loads(account.to_json())["damaged"] == account.damaged
 
 
+def test_a_record_of_a_shard_that_is_gone_and_folders_in_place_of_files_are_said(tmp_path):
+    for stage in (MakeNoise(), TakeMean(), Average()):
+        run(request(tmp_path, stage))
+    (tmp_path / "mean/0000-of-0001.json").rename(tmp_path / "kept")
+    found = problems_below(tmp_path)[tmp_path / "mean/0000-of-0001.json"]
+    assert ["the record of 0000-of-0001" in line for line in found] == [True]
+    (tmp_path / "kept").rename(tmp_path / "mean/0000-of-0001.json")
+    assert not any(problems_below(tmp_path).values())
+    made = DataDirectory(tmp_path).folder_path("models/average") / "mean.json"
+    for file, said in ((made, "mean.json is missing"), (tmp_path / "models/average.json", "the record of average-")):
+        content = file.read_text()
+        file.unlink()
+        file.mkdir()
+        assert any(said in line for lines in problems_below(tmp_path).values() for line in lines)
+        file.rmdir()
+        file.write_text(content)
+
+
 def test_files_that_killed_runs_left_are_garbage(tmp_path):
     run(request(tmp_path))
     left = [tmp_path / "dataset.json.17.tmp", tmp_path / "noise" / "0000-of-0001.json.17.tmp"]

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -63,6 +64,12 @@ class NotesItsEnd(MakeNoise):
 def test_workers_close_what_they_opened_in_the_thread_that_opened_it(tmp_path):
     run(request(tmp_path / "data", stage=NotesItsEnd(tmp_path), executor=Dask()))
     assert [path.name for path in tmp_path.glob("closed*")] == ["closed there"]
+
+
+def test_temporary_folders_of_workers_are_where_dask_clears_them(tmp_path):
+    with Dask() as executor:
+        (folder,) = executor._connect().run(tempfile.mkdtemp).values()
+        assert Path(folder).parent.parent.name == "dask-scratch-space"
 
 
 def test_a_run_whose_worker_died_while_idle_continues(tmp_path):

@@ -89,3 +89,26 @@ def test_what_cannot_be_calibrated_says_why(folder: Path, tmp_path: Path) -> Non
     (few / "circles.csv").write_text("name,x\n0.png,1\n")
     with pytest.raises(InvalidInput, match="needs the columns name, x, y, radius"):
         read_photographs(few, folder.parent / "untouched.png")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("0.png,nan,80,16", "0.png has x nan, y 80.0, radius 16.0; they must be finite"),
+        ("0.png,100,80,0", "radius 0.0; they must be finite, the radius above 0"),
+        ("0.jpg,100,80,16", "names 0.jpg, which is no photograph of"),
+    ],
+)
+def test_contacts_that_cannot_be_are_refused(folder: Path, line: str, message: str) -> None:
+    (folder / "circles.csv").write_text(f"name,x,y,radius\n{line}\n", encoding="utf-8-sig")
+    with pytest.raises(InvalidInput, match=message):
+        read_photographs(folder, folder.parent / "untouched.png")
+    (folder / "circles.csv").unlink()
+
+
+@pytest.mark.parametrize("name", ["my sensor.yaml", "mine.png", "mine"])
+def test_a_name_that_no_sensor_can_have_is_refused_before_the_fit(folder: Path, tmp_path: Path, name: str) -> None:
+    size = ["--ball-radius", "2", "--mm-per-pixel", "0.03", "--untouched", str(folder.parent / "untouched.png")]
+    result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(tmp_path / name), *size])
+    assert result.exit_code == 1
+    assert "a sensor file is called NAME.yaml" in " ".join(result.output.split())

@@ -11,7 +11,7 @@ from pipeline.errors import InvalidInput
 Float64Array = NDArray[np.float64]
 
 INSIDE = 0.5
-"""Winding number above which a point is inside: a closed mesh has 1 there, one with small holes nearly as much."""
+"""Size of the winding number above which a point is inside: a closed mesh has 1 there, or -1, one with small holes nearly as much."""
 
 
 def signed_distances(points: Float64Array, vertices: Float64Array, faces: NDArray[np.integer]) -> Float64Array:
@@ -22,7 +22,7 @@ def signed_distances(points: Float64Array, vertices: Float64Array, faces: NDArra
     points
         (N, 3) finite, m.
     vertices, faces
-        (V, 3) finite, m; (F, 3), F at least 1, wound so that normals point outwards.
+        (V, 3) finite, m; (F, 3), F at least 1, all wound outwards or all inwards.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def signed_distances(points: Float64Array, vertices: Float64Array, faces: NDArra
     soup = np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.int64)
     asked = np.ascontiguousarray(points)
     distances = np.sqrt(igl.point_mesh_squared_distance(asked, *soup)[0])
-    return np.asarray(np.where(igl.fast_winding_number(*soup, asked) > INSIDE, -distances, distances))
+    return np.asarray(np.where(np.abs(igl.fast_winding_number(*soup, asked)) > INSIDE, -distances, distances))
 
 
 def draw_around(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.signed_distance import INSIDE
 
 Points = NDArray[np.float64]
 Faces = NDArray[np.integer]
@@ -126,7 +127,7 @@ def intersection_over_union(first: tuple[Points, Faces], second: tuple[Points, F
     Parameters
     ----------
     first, second
-        Vertices and faces. What has a winding number above one half is inside: small gaps do little.
+        Vertices and faces. What has a winding number above one half, or below minus that, is inside: small gaps do little.
     points
         (N, 3) m.
 
@@ -139,7 +140,7 @@ def intersection_over_union(first: tuple[Points, Faces], second: tuple[Points, F
     InvalidInput
         No point is in either.
     """
-    inside = [igl.fast_winding_number(vertices, faces.astype(np.int64), points) > 0.5 for vertices, faces in (first, second)]
+    inside = [np.abs(igl.fast_winding_number(vertices, faces.astype(np.int64), points)) > INSIDE for vertices, faces in (first, second)]
     if not (either := (inside[0] | inside[1]).sum()):
         raise InvalidInput(f"none of {len(points)} points is inside either surface: take more of them, or surfaces that are closed")
     return float((inside[0] & inside[1]).sum() / either)

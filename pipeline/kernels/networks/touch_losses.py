@@ -12,15 +12,15 @@ from pipeline.kernels.metrics.chamfer import chamfer
 from pipeline.kernels.metrics.float_types import check_full_precision
 
 
-def visible_depth(depth: Tensor, gel: float) -> Tensor:
+def visible_depth(depth: Tensor, gel: float | Tensor) -> Tensor:
     """Clamp depths to what a tactile image can show, min(D, w): it is a function of ReLU(w - D) alone (equation 1).
 
     Parameters
     ----------
     depth
-        D in m, +inf where nothing is met; any shape.
+        D in m, +inf where nothing is met; (..., H, W).
     gel
-        w, the gel's thickness, m.
+        w, the gel's thickness, m; (H, W), its height at each pixel, where it is curved.
 
     Returns
     -------
@@ -33,10 +33,10 @@ def visible_depth(depth: Tensor, gel: float) -> Tensor:
     """
     if not bool((depth > -math.inf).all()):
         raise InvalidInput("depth holds NaN or -inf; where nothing is met it must be +inf")
-    return depth.clamp(max=gel)
+    return depth.minimum(torch.as_tensor(gel, dtype=depth.dtype, device=depth.device))
 
 
-def masked_depth_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, width: float, gel: float) -> Tensor:
+def masked_depth_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, width: float, gel: float | Tensor) -> Tensor:
     """Compute the mean over the batch of each touch's mean squared depth error over its masked pixels.
 
     Parameters
@@ -48,7 +48,7 @@ def masked_depth_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, width: 
     mask
         (B, H, W) bool, from `contact_mask`. A touch whose mask is empty has loss 0 and gradient 0.
     width, gel
-        Of the sensor, m: its side, and the gel's thickness w, to which true depths are clamped.
+        Of the sensor, m: its side, and the gel's thickness w, to which true depths are clamped; (H, W) where the gel is curved.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def masked_depth_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, width: 
     return each.mean()
 
 
-def projected_chamfer_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, width: float, gel: float) -> Tensor:
+def projected_chamfer_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, width: float, gel: float | Tensor) -> Tensor:
     """Compute the mean over the batch of the Chamfer distance between predicted and true local points.
 
     Parameters

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.compiled import compiled
+from pipeline.kernels.touch.gel_surface import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 
 
@@ -17,7 +18,7 @@ def quantise_depth(depth: NDArray[np.float64], sensor: Sensor, *, gel_bits: int 
     depth
         (..., rows, cols) m, +inf where nothing is met.
     sensor
-        Gives the thickness w of the gel.
+        Gives the height of the gel.
     gel_bits, far_bits
         Depths in the gel become multiples of 2^-gel_bits m, depths beyond it of 2^-far_bits m; None keeps float32's precision.
 
@@ -34,7 +35,7 @@ def quantise_depth(depth: NDArray[np.float64], sensor: Sensor, *, gel_bits: int 
         raise ValueError("depth holds NaN; where nothing is met it must be +inf")
     found = np.empty(depth.shape, np.float32)
     near, far = (0.0 if bits is None else 2.0**bits for bits in (gel_bits, far_bits))
-    _round(np.ascontiguousarray(depth).reshape(-1), sensor.w, near, far, found.reshape(-1))
+    _round(np.ascontiguousarray(depth).reshape(-1), gel_top(sensor), near, far, found.reshape(-1))
     return found
 
 

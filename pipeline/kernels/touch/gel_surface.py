@@ -39,6 +39,12 @@ def gel_surface(sensor: Sensor) -> NDArray[np.float64]:
     return np.asarray(found)
 
 
+@lru_cache(maxsize=16)
+def gel_top(sensor: Sensor) -> float:
+    """Compute the greatest height of the undeformed gel above the sensor plane, m: w, or more where a height map says so."""
+    return max(sensor.w, float(gel_surface(sensor).max()))
+
+
 def in_gel(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
     """Find the pixels where a surface presses into the gel; `depth` is (..., rows, cols) D, m."""
     return np.asarray(depth < gel_surface(sensor))

@@ -75,6 +75,11 @@ class Sensor(BaseModel):
             radius = self.surface.radius
             if reach >= radius or radius - np.sqrt(radius**2 - reach**2) >= self.w:
                 raise ValueError(f"a gel of radius {radius} m and thickness w {self.w} m ends before its rim, {reach:.4g} m away")
+        heights = self.surface.heights if self.surface is not None else None
+        if self.range < (top := max(self.w, *(max(row) for row in heights or [[0.0]]))):
+            raise ValueError(
+                f"range {self.range} m ends inside the gel, which is {top} m high: nothing that presses into it would be found"
+            )
         return self
 
     @property

@@ -31,6 +31,13 @@ def test_distances_to_a_box_are_exact():
     np.testing.assert_allclose(signed_distances(asked, BOX.vertices, BOX.faces), box_distance(asked, SIDES), atol=1e-12)
 
 
+def test_a_mesh_that_is_wound_inwards_has_the_same_inside():
+    asked = points(500, 0.5)
+    found = [signed_distances(asked, BOX.vertices, faces) for faces in (BOX.faces, BOX.faces[:, ::-1])]
+    np.testing.assert_array_equal(*found)
+    assert (found[0] < 0).any()
+
+
 def test_in_a_box_without_lid_the_solid_angle_decides():
     """Seen from height h above or below its middle, the lid fills 4 asin(a b / sqrt((a² + h²) (b² + h²))): less than half of all around."""
     faces = BOX.faces[BOX.triangles_center[:, 2] < 0.29]

@@ -74,5 +74,6 @@ def test_shared_volume_of_two_boxes(rng):
     points = rng.uniform(-2.5, 2.5, (40_000, 3))
     shared = intersection_over_union((BOX.vertices, BOX.faces), (other.vertices, other.faces), points)
     assert shared == pytest.approx(1 / 3, abs=0.02)
+    assert intersection_over_union((BOX.vertices, BOX.faces), (other.vertices, other.faces[:, ::-1]), points) == shared, "wound inwards"
     with pytest.raises(InvalidInput, match="none of 5 points is inside either"):
         intersection_over_union((BOX.vertices, BOX.faces), (other.vertices, other.faces), points[:5] + 100)

@@ -155,6 +155,8 @@ def test_chamfer_loss_of_a_full_size_touch_equals_brute_force() -> None:
 def test_visible_depth_is_clamped_to_the_gel() -> None:
     depth = torch.tensor([0.0, 0.001, GEL, 0.01, math.inf], dtype=torch.float64)
     assert visible_depth(depth, GEL).tolist() == [0.0, 0.001, GEL, GEL, GEL]
+    curved = torch.tensor([GEL, GEL / 2, GEL / 2, GEL / 4, GEL / 4], dtype=torch.float64)  # its height at each pixel
+    assert visible_depth(depth.expand(2, 5), curved).tolist() == [[0.0, 0.001, GEL / 2, GEL / 4, GEL / 4]] * 2
 
 
 @pytest.mark.parametrize("loss", LOSSES)

@@ -5,8 +5,9 @@ import pytest
 from pydantic import ValidationError
 
 from pipeline.kernels.touch.contact import local_points, touch_success
+from pipeline.kernels.touch.depth_quantisation import quantise_depth
 from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.gel_surface import gel_surface, impression, in_gel
+from pipeline.kernels.touch.gel_surface import gel_surface, gel_top, impression, in_gel
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, Surface, pixel_centres, ray_origins
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
@@ -139,6 +140,15 @@ def test_touch_and_points_go_by_the_height_of_the_gel_at_the_pixel() -> None:
     assert (untouched_image(sensor) != untouched_image(WIDE)).any()  # its lamps shine on a curved surface
 
 
+def test_a_gel_that_rises_above_its_middle_is_gel_up_to_its_top() -> None:
+    rises = Sensor.model_validate({**WIDE.model_dump(), "surface": {"heights": [[WIDE.w, WIDE.w], [WIDE.w + 0.004, WIDE.w + 0.004]]}})
+    assert [gel_top(sensor) for sensor in (WIDE, curved("both"), rises)] == pytest.approx([WIDE.w, WIDE.w, WIDE.w + 0.004], abs=1e-4)
+    depth = np.full(rises.shape, WIDE.w + 0.0010013)
+    for sensor, step in ((rises, 2.0**-26), (WIDE, 2.0**-18)):
+        assert np.abs(quantise_depth(depth, sensor, gel_bits=26, far_bits=18) % step).max() == 0
+    assert np.abs(quantise_depth(depth, rises, gel_bits=26, far_bits=18) - depth).max() < 2.0**-26
+
+
 def test_curved_gels_are_traced_from_far_and_near_poses(rng: np.random.Generator) -> None:
     """Depth does not depend on the gel's shape; what is in the gel does."""
     triangles = ball(3, 0.02)
@@ -153,6 +163,8 @@ def test_curved_gels_are_traced_from_far_and_near_poses(rng: np.random.Generator
     [
         ({"surface": {"radius": 0.015}}, "a gel of radius 0.015 m and thickness w 0.0068 m ends before its rim"),
         ({"surface": {"heights": [[0.001, 0.002], [0.001]]}}, "heights must be a grid of 2 x 2 or more"),
+        ({"range": 0.001}, r"range 0.001 m ends inside the gel, which is 0.0068 m high"),
+        ({"range": 0.008, "surface": {"heights": [[0.001, 0.01]] * 2}}, "ends inside the gel, which is 0.01 m high"),
         ({"surface": {}}, "give either a radius or heights"),
         ({"lights": None}, "give either lights .* or calibrated"),
         ({"calibrated": {"coefficients": [[[1.0]]] * 3, "background": [[0, 0, 0]]}, "lights": None}, "there must be 3, each with one of"),

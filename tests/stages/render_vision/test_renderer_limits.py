@@ -75,6 +75,14 @@ def test_surfaces_outside_near_and_far_plane_are_not_drawn(renderer, depth, show
     assert (seen(renderer, floor(scale=100, at=(0, 0, 1 - depth))).segmentation == Label.OBJECT).all() == shown
 
 
+@pytest.mark.parametrize("away", [9.0, 30.0, 100.0])
+def test_a_long_lens_far_away_sees_what_lies_around_the_origin(renderer, away) -> None:
+    camera = DOWN.model_copy(update={"position": (0.0, 0.0, away), "focal": (64 * away, 64 * away)})
+    view = seen(renderer, floor(scale=0.1), camera)
+    assert (view.segmentation == seen(renderer, floor(scale=0.1)).segmentation).all()
+    assert view.depth[16, 16] == pytest.approx(away, rel=1e-4)
+
+
 def test_degenerate_and_duplicate_faces_change_no_pixel(renderer) -> None:
     plain = floor((200, 120, 40), scale=0.1)
     faces = np.vstack([plain.faces, plain.faces[:, ::-1], [[0, 0, 1], [2, 2, 2]]]).astype(np.int32)
