@@ -62,6 +62,8 @@ help:  ## list the targets
 
 dataset: summary  ## make the dataset, print its statistics and draw its contact sheets
 
+.SUFFIXES:  # simulate-touch without a number is no program to link
+
 # ---- The stages: one target per stage and shard. Each is always run: vt-pipeline itself knows what is up to date.
 # tests/test_makefile.py checks that the prerequisites are the stages' inputs.
 

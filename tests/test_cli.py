@@ -67,6 +67,8 @@ def test_doctor_finds_everything_here():
         (["run", "simulate-touch", "--data", "/nonexistent"], "vt-pipeline run sample-surfaces"),
         (["status", "/nonexistent"], "is no data directory"),
         (["sweep", "evaluate", "--grid", "points=100,200"], "evaluate trains nothing: sweep over settings of train-unet"),
+        (["sweep", "train-gcn", "--grid", "epochs=[1,"], "--grid epochs=[1,: write SETTING=VALUE,VALUE"),
+        ([*RUN, "--objects", "/nonexistent"], "manifest toy names its own objects: leave --objects"),
         (["sweep", "train-implicit"], "the supplement has no grid for train-implicit: name one, --grid"),
         (["validate", "/nonexistent"], "holds no records; looked for ARTIFACT/NNNN-of-NNNN.json"),
     ],

@@ -208,6 +208,11 @@ def test_household_says_how_to_get_it(tmp_path, monkeypatch):
         load_manifest("household").objects()
 
 
+def test_a_folder_that_no_source_takes_is_refused(tmp_path):
+    with pytest.raises(InvalidInput, match="manifest toy names its own objects: leave --objects"):
+        load_manifest("toy").objects(tmp_path)
+
+
 def test_no_folder_and_an_empty_one_are_errors_with_a_way_out(tmp_path):
     with pytest.raises(InvalidInput, match="give a folder of meshes with --objects DIR"):
         load_manifest("directory").objects()

@@ -228,6 +228,14 @@ def test_a_summary_draws_contact_sheets_once(made):
     assert [path.stat().st_mtime_ns for path in sheets] == before
 
 
+def test_a_summary_without_images_is_its_statistics(made, tmp_path):
+    for name in ("surfaces", "grasps", "touch"):
+        shutil.copytree(made / name, tmp_path / name)
+    said = vt("summary", tmp_path)
+    assert "% successful" in said
+    assert "no contact sheets: vision has not been made" in said
+
+
 def test_a_report_says_what_was_evaluated_and_draws_it(made):
     said = vt("report", str(made))
     assert "Table 3" in said

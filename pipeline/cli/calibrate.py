@@ -30,7 +30,7 @@ def calibrate_sensor(
     from pipeline.kernels.touch.sensor import Sensor
     from pipeline.reports.calibration_report import draw_calibration
 
-    check_name(out)
+    check_name(out, untouched)
     photographs, image, left_out = read_photographs(folder, untouched)
     rows, cols = image.shape[:2]
     pitch, radius = 1e-3 * mm_per_pixel, 1e-3 * ball_radius

@@ -32,7 +32,7 @@ def view(
 def export(
     data: DataArgument,
     out: Annotated[Path, typer.Argument(help="Folder to write; of one object's scene, a .glb file.")],
-    to: Annotated[Format, typer.Option(help="lerobot and parquet need the packages of '.[export]'.")] = "mesh",
+    to: Annotated[Format, typer.Option(help="lerobot and parquet need the packages of '.\\[export]'.")] = "mesh",
     objects: Annotated[
         list[str] | None, typer.Option("--object", help="With --to mesh: this object alone; several times for several.")
     ] = None,

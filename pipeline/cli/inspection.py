@@ -13,6 +13,7 @@ from pipeline.cli.request import DataArgument
 from pipeline.console import console, say
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import place
+from schemas.catalogue import ARTIFACTS
 from stages.registry import STAGES, load_stage
 
 
@@ -107,10 +108,14 @@ def summary(
     """Print a dataset's statistics beside the supplement's, and draw its contact sheets."""
     from pipeline.dataset.touch_statistics import sensors_of, tally
     from pipeline.reports import touch_tables
-    from pipeline.reports.contact_sheet import contact_sheets
+    from pipeline.reports.contact_sheet import SHOWN, contact_sheets
 
     directory = place(data)
     say(str(directory.resolve()))
     touch_tables.show(tally(directory), sensors_of(directory), console)
+    lacking = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
+    if lacking:
+        say(f"no contact sheets: {' and '.join(lacking)} {'have' if len(lacking) > 1 else 'has'} not been made")
+        return
     for path in contact_sheets(directory, most):
         say(f"contact sheet: {path}")

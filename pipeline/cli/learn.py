@@ -158,5 +158,8 @@ def _grid(options: list[str]) -> dict[str, list[Any]]:
         setting, separator, values = option.partition("=")
         if not separator or not values:
             fail(f"--grid {option}: write SETTING=VALUE,VALUE,…")
-        found[setting] = [yaml.safe_load(value) for value in values.split(",")]
+        try:
+            found[setting] = yaml.safe_load(values if values.startswith("[") else f"[{values}]")
+        except yaml.YAMLError:
+            fail(f"--grid {option}: write SETTING=VALUE,VALUE,…")
     return found

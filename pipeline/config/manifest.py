@@ -81,6 +81,11 @@ class Manifest(BaseModel):
             No objects, a folder or file that is not there, an id that repeats or cannot name a file, counts that do
             not match: with the place that was looked at and the way out.
         """
+        if root is not None and not any(hasattr(source, "path") for source in self.sources):
+            raise InvalidInput(
+                f"manifest {self.name} names its own objects: leave --objects (make: OBJECTS=) out, or name a manifest that takes a "
+                "folder, such as directory"
+            )
         try:
             found = sorted((item for source in self.sources for item in source.find(root)), key=lambda item: item.object_id)
             _check_names(found)

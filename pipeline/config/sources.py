@@ -146,7 +146,7 @@ class Directory(Placed):
 
     def each(self, root: Path | None) -> Iterator[Found]:
         """List every mesh file below the folder, hidden ones apart."""
-        folder = _folder(self.path or root, "a folder of meshes")
+        folder = _folder(root or self.path, "a folder of meshes")
         entries = list(islice(folder.rglob("*"), MAX_ENTRIES + 1))
         if len(entries) > MAX_ENTRIES:
             raise InvalidInput(f"{folder.resolve()} has more than {MAX_ENTRIES} files and folders; give the folder of the meshes alone")
@@ -163,7 +163,7 @@ class Directory(Placed):
 
     def left_out(self, root: Path | None) -> dict[str, list[str]]:
         """List mesh files in formats that are not read, and links to folders, which are not followed."""
-        folder = _folder(self.path or root, "a folder of meshes")
+        folder = _folder(root or self.path, "a folder of meshes")
         found: dict[str, list[str]] = {}
         for path in sorted(islice(folder.rglob("*"), MAX_ENTRIES)):
             if path.is_symlink() and path.is_dir():
@@ -229,7 +229,7 @@ class ShapeNet(Placed):
 
     def each(self, root: Path | None) -> Iterator[Found]:
         """List every model of the named synsets, whose numbers must be those of `counts`; one without a file fails when it is read."""
-        given = _folder(self.path or root, "a folder laid out as ShapeNetCore")
+        given = _folder(root or self.path, "a folder laid out as ShapeNetCore")
         folder = given / self.meshes
         there = {category: synset for category, synset in self.synsets.items() if (folder / synset).is_dir()}
         for category, synset in (there if there and self.classes_may_be_missing else self.synsets).items():

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings
-from pipeline.console import Meter
+from pipeline.console import Meter, counted, few
 from pipeline.engine import keys
 from pipeline.engine.jobs import Job, Outcome, Work
 from pipeline.engine.plan import Forecast, Plan, Request, Result, description_errors
@@ -228,12 +228,18 @@ class ShardPlan(Plan[ObjectStage]):
         return replace(result, packing=time.perf_counter() - began, waiting=len(unfinished))
 
     def _refuse_strangers(self) -> None:
-        """A data directory of other objects would be lost: two folders of meshes go by one name, or a manifest by another's."""
+        """A data directory of other objects would be lost: two folders of meshes go by one name, or a manifest was forgotten."""
+        if (own := self.published) is not None and own.record.manifest != self.request.manifest:
+            asked = {member.item.object_id for member in self.members}
+            if lost := [name for name in own.position if name not in asked]:
+                raise StoreError(
+                    f"{self.path} is of manifest {own.record.manifest}; {self.request.manifest} lacks {counted(len(lost))} of it "
+                    f"({few(lost)}); name that --manifest (make: MANIFEST=), or another --data (make: DATA=)"
+                )
         there = self._published_before()
         if len(there) and not any(item.object_id in there for item in self.request.objects):
-            few = ", ".join(list(there)[:3])
             raise StoreError(
-                f"{self.path.parent} holds other objects ({few}{', …' if len(there) > 3 else ''}), and none of manifest "
+                f"{self.path.parent} holds other objects ({few(list(there))}), and none of manifest "
                 f"{self.request.manifest}; name another --data (make: DATA=), or delete it"
             )
 

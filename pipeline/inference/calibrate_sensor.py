@@ -104,10 +104,12 @@ def read_photographs(folder: Path, untouched_path: Path) -> tuple[list[Photograp
     return found, untouched, left_out
 
 
-def check_name(path: Path) -> None:
-    """Raise an InvalidInput where a sensor file cannot be called so, for it names the sensor too."""
+def check_name(path: Path, untouched_path: Path) -> None:
+    """Raise an InvalidInput where a sensor file cannot be called so: it names the sensor, and its report."""
     if not NAME.fullmatch(path.stem) or path.suffix not in (".yaml", ".yml"):
         raise InvalidInput(f"{path}: a sensor file is called NAME.yaml, NAME of letters, digits, '.', '_' and '-'")
+    if path.with_suffix(".png").resolve() == untouched_path.resolve():
+        raise InvalidInput(f"{untouched_path} would be replaced by the report of {path}; call one of them otherwise")
 
 
 def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], given: Circle | None) -> Circle:

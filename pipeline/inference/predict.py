@@ -166,9 +166,10 @@ def _load(models: Place, configuration: str, training_seed: int, device: torch.d
     if not training_seed and f"{SINGLE_IMAGE_MODEL}.json" in names_in(models):  # which is trained once
         there[SINGLE_IMAGE_MODEL] = models
     if configuration not in there:
-        known = ", ".join(sorted(there)) or "none"
+        known = f"its models are {', '.join(sorted(there))}" if there else "there are none at all"
         ways = "train-gcn, train-implicit or train-single-image"
-        raise StageError(f"{trained} has no model {configuration} (there: {known}); train it with {ways}")
+        meant = f"; did you mean {models / 'models'}?" if "models" in names_in(models) else f"; train it with {ways}"
+        raise StageError(f"{trained} has no model {configuration}: {known}{meant}")
     return load_reconstructor(configuration, DataDirectory(there[configuration]).whole_folder(configuration), device)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -44,9 +46,11 @@ def view_grasps(data: Place, object_id: str, grasp: int | None, save: Path | Non
     Raises
     ------
     InvalidInput
-        Rerun is not installed; there is no such object or grasp.
+        Rerun is not installed; there is no screen, and no file to save; there is no such object or grasp.
     """
     rerun = _rerun()
+    if save is None and sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+        raise InvalidInput("there is no screen for the viewer; --save FILE.rrd writes what it would show")  # it would never come up
     source = ReportSource(data)
     if object_id not in source.object_ids:
         failed = f", where it failed: {source.failures[object_id][1]}" if object_id in source.failures else ""

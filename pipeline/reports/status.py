@@ -135,7 +135,10 @@ def _folder(directory: DataDirectory, name: str) -> FolderAccount:
         directory.check_origins([name])
     except StoreError as error:
         stale = str(error)
-    size = _megabytes(directory.folder_path(name))
+    there = files_below(directory.folder_path(name))
+    if gone := sorted(record.files.keys() - there.keys()):
+        raise StoreError(f"{directory.folder_record(name)}: {gone[0]} is missing; run {record.stage} again")
+    size = sum(file.bytes for file in there.values()) / 1e6
     return FolderAccount(name, record.stage, size, record.seconds, folder_digest(record), record.facts, stale)
 
 

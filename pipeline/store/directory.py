@@ -66,7 +66,8 @@ class DataDirectory:
         """Into how many shards the objects are split; None before the first run."""
         path = self.root / DESCRIPTION
         there = {path.stem.rpartition("-")[2] for path in self.shard_records()}
-        remedy = f'write {{"shards": N}} into it, N as the records are named: {", ".join(sorted(there)) or "none is left"}'
+        numbers = ", ".join(str(int(number)) for number in sorted(there))
+        remedy = f'write {{"shards": N}} into it, N as the records are named: {numbers or "none is left"}'
         try:
             shards = Description.model_validate_json(read_bytes(path)).shards
         except FileNotFoundError:

@@ -30,7 +30,7 @@ def test_what_a_message_says_is_done(tmp_path):
     assert follow(f"error: {record}: the record is damaged (no checksum);\ndelete it and run its stage again")
     assert not record.exists()
     described = tmp_path / "dataset.json"
-    assert follow(f'error: {described} is damaged; write {{"shards": N}} into it, N as the records are named: 0004')
+    assert follow(f'error: {described} is damaged; write {{"shards": N}} into it, N as the records are named: 4')
     assert json.loads(described.read_text()) == {"shards": 4}
     assert not follow("error: run again")
 

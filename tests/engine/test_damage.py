@@ -190,6 +190,13 @@ def test_a_record_of_a_shard_that_is_gone_and_folders_in_place_of_files_are_said
         file.write_text(content)
 
 
+def test_status_says_which_file_of_a_folder_is_gone(tmp_path):
+    for stage in (MakeNoise(), Average()):
+        run(request(tmp_path, stage))
+    (DataDirectory(tmp_path).folder_path("models/average") / "mean.json").unlink()
+    assert ["average.json: mean.json is missing; run average again" in line for line in read_account(tmp_path).damaged] == [True]
+
+
 def test_files_that_killed_runs_left_are_garbage(tmp_path):
     run(request(tmp_path))
     left = [tmp_path / "dataset.json.17.tmp", tmp_path / "noise" / "0000-of-0001.json.17.tmp"]
@@ -201,7 +208,7 @@ def test_files_that_killed_runs_left_are_garbage(tmp_path):
 def test_a_number_of_shards_that_no_record_has_is_refused(tmp_path):
     run(request(tmp_path))
     (tmp_path / "dataset.json").write_text('{"shards": 3}')
-    with pytest.raises(StoreError, match=r"says 3 shards, and no record is of that number; .* as the records are named: 0001"):
+    with pytest.raises(StoreError, match=r"says 3 shards, and no record is of that number; .* as the records are named: 1$"):
         run(request(tmp_path))
 
 

@@ -115,7 +115,7 @@ def test_a_data_directory_of_other_objects_is_not_written_over(tmp_path):
     run(request(tmp_path))
     x = Object("x", "letter", {"trouble": None, "name": "x"}, "train")
     before = stamps(tmp_path / "noise")
-    with pytest.raises(StoreError, match=r"holds other objects \(a, b, c, …\), and none of manifest tiny; name another --data"):
+    with pytest.raises(StoreError, match=r"holds other objects \(a, b, c, d, e\), and none of manifest tiny; name another --data"):
         run(request(tmp_path, items=[x]))
     assert stamps(tmp_path / "noise") == before
     assert run(request(tmp_path, items=[*objects(1), x])) == 1, "a manifest that changes keeps the rows that it still names"
@@ -192,6 +192,14 @@ def test_a_shard_whose_only_object_is_gone_is_withdrawn(tmp_path):
     assert sorted(published(tmp_path)) == sorted(published(tmp_path, MEAN)) == list("acde")
     assert len(list((tmp_path / "noise").glob("0001-of-0004-*.zarr"))) == 1, "kept for its readers"
     assert not any(lines for lines in problems_below(tmp_path).values())
+
+
+def test_objects_of_another_manifest_are_not_dropped(tmp_path):
+    run(request(tmp_path))
+    with pytest.raises(StoreError, match=r"is of manifest tiny; other lacks 2 objects of it \(d, e\); name that --manifest"):
+        run(request(tmp_path, items=objects(3), manifest="other"))
+    assert list(published(tmp_path)) == list("abcde")
+    assert run(request(tmp_path, items=objects(7), manifest="other")) == 2, "one that has more takes over"
 
 
 def test_a_failure_under_other_settings_is_not_this_runs(tmp_path):

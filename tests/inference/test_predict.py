@@ -171,7 +171,7 @@ def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
 @pytest.mark.parametrize(
     ("asked", "error", "words"),
     [
-        ({"configuration": "occluded"}, StageError, r"no model occluded .*none, occluded-touch"),
+        ({"configuration": "occluded"}, StageError, r"no model occluded: its models are none, occluded-touch"),
         ({"out": "ball.stl"}, InvalidInput, r"\.stl"),
         ({"out": "taken.ply"}, InvalidInput, "taken.ply is a folder"),
         ({"grasps": [5]}, StoreError, "no grasp 5; there are grasps 0 to 4"),
@@ -225,7 +225,7 @@ def test_another_training_is_used_where_it_is_asked_for(data, files, tmp_path):
     given = {"readings": readings(files), "poses": files / "poses.json"}
     first, second = (predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=seed, **given) for seed in (0, 1))
     assert not np.array_equal(first.reconstruction.vertices, second.reconstruction.vertices)
-    with pytest.raises(StageError, match=r"seed-2 has no model touch \(there: none\)"):
+    with pytest.raises(StageError, match=r"seed-2 has no model touch: there are none at all; train it with"):
         predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=2, **given)
 
 

@@ -29,7 +29,7 @@ def make_band(name: str) -> Band:
 
 @pytest.fixture(scope="module")
 def maker() -> Iterator[BandMaker]:
-    names = {"vision": {"settings": {"scene": "supplement"}}, "grasps": {"settings": {"hand": "allegro_right"}}}
+    names = {"vision": {"settings": {"scene": "supplement", "hand": "allegro_right"}}, "grasps": {"settings": {"hand": "allegro_right"}}}
     with band_maker(names | {"touch": {"sensor": SENSOR.model_dump()}}) as opened:
         yield opened
 

@@ -154,7 +154,7 @@ def test_a_view_of_an_object_becomes_a_mesh(data, tmp_path):
         predict(tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, view=24)
     with pytest.raises(StageError, match="needs the camera of its image: name a data directory"):
         predict(tmp_path / "out.ply", models, "single-image", image=tmp_path / "view.png")
-    with pytest.raises(StageError, match=r"has no model touch \(there: single-image\)"):
+    with pytest.raises(StageError, match=r"has no model touch: its models are single-image; train it with"):
         predict(tmp_path / "out.ply", models, "touch", data=data, object_id=object_id)
 
 
