@@ -48,7 +48,10 @@ def test_memory_and_open_files_stay_flat_over_300_objects_in_every_object_stage(
             continue
         (plan,) = make_plans(Request(stage, resolve(name, "draft", ASSIGNMENTS), "300", objects, "draft", 0, tmp_path))
         if isinstance(plan, ShardPlan):
-            jobs, work = [member.job for member in plan.members if not member.failure], Work(stage, plan.settings, 0, tmp_path, plan.models)
+            jobs, work = (
+                [member.job for member in plan.members if not member.failure],
+                Work(stage, plan.settings, 0, tmp_path, plan.model_digests),
+            )
             with Dask() as executor:
                 seen = [children() for _ in executor.run(work, jobs)]
             print(f"{name}: {seen[49]} at object 50, {seen[-1]} at object {len(seen)}")
