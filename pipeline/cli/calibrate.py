@@ -7,9 +7,12 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from pydantic import ValidationError
 from rich.table import Table
 
+from pipeline.config.complaints import complaints
 from pipeline.console import console, errors, say
+from pipeline.errors import InvalidInput
 
 
 def calibrate_sensor(
@@ -34,21 +37,24 @@ def calibrate_sensor(
     photographs, image, left_out = read_photographs(folder, untouched)
     rows, cols = image.shape[:2]
     pitch, radius = 1e-3 * mm_per_pixel, 1e-3 * ball_radius
-    sensor = Sensor.model_validate(
-        {
-            "name": out.stem,
-            "width": cols * pitch,
-            "height": rows * pitch,
-            "rows": rows,
-            "cols": cols,
-            "w": 1e-3 * thickness,
-            "range": 5e-3 * thickness,
-            "noise": "none",
-            "calibrated": {"coefficients": [[[0.0]] * 2] * 3, "background": [(0.0, 0.0, 0.0)]},
-        }
-    )
     options = FitOptions(normal_degree, position_degree, shadows)
-    found = calibrate(sensor, photographs, image, ball_radius=radius, options=options, left_out=left_out)
+    try:
+        sensor = Sensor.model_validate(
+            {
+                "name": out.stem,
+                "width": cols * pitch,
+                "height": rows * pitch,
+                "rows": rows,
+                "cols": cols,
+                "w": 1e-3 * thickness,
+                "range": 5e-3 * thickness,
+                "noise": "none",
+                "calibrated": {"coefficients": [[[0.0]] * 2] * 3, "background": [(0.0, 0.0, 0.0)]},
+            }
+        )
+        found = calibrate(sensor, photographs, image, ball_radius=radius, options=options, left_out=left_out)
+    except ValidationError as error:
+        raise InvalidInput(f"no sensor is like this: {complaints(error)}; are lengths in mm?") from error
     for name, reason in found.left_out.items():
         errors.print(f"[yellow]left out[/] {name}: {reason}")
     note = f"Fitted by `vt-pipeline calibrate-sensor` to {len(found.fitted)} photographs of a ball of {ball_radius:g} mm radius."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -63,7 +64,10 @@ def collect_garbage(
     """Remove what no record names: groups and folders that were replaced, and what killed runs left."""
     from pipeline.store.garbage import collect_everything
 
-    removed = collect_everything(DataDirectory(data), 60 * older_than)
+    directory = DataDirectory(data)
+    if isinstance(directory.root, Path) and not directory.root.is_dir():
+        fail(f"{data} is no data directory")
+    removed = collect_everything(directory, 60 * older_than)
     for path in removed:
         say(f"removed {path}")
     say(f"{data}: {len(removed)} removed")

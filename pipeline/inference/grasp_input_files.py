@@ -18,6 +18,8 @@ from pipeline.config.image_file import read_image
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.sensor import check_pose
 
+FARTHEST = 10.0
+"""m from the world's origin at which a sensor may be, along each axis."""
 MAX_BYTES = 2**20
 """Of a file of poses, and of each array in it: some 8000 poses."""
 
@@ -52,7 +54,7 @@ def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_] | Non
     Raises
     ------
     InvalidInput
-        The file cannot be read, has no poses, or a pose is no rigid motion.
+        The file cannot be read, has no poses, or a pose is no rigid motion, or `FARTHEST` away: millimetres, perhaps.
     """
     content = read_file(path, MAX_BYTES)
     try:
@@ -67,6 +69,8 @@ def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_] | Non
             check_pose(pose)
         except InvalidInput as error:
             raise InvalidInput(f"{path}, pose {number}: {error}") from error
+        if (away := np.abs(pose[:3, 3]).max()) > FARTHEST:
+            raise InvalidInput(f"{path}, pose {number} is {away:g} m away; poses are in metres, of the world of the images' camera")
     if touched is not None and (touched.dtype != bool or touched.shape != poses.shape[:1]):
         raise InvalidInput(
             f"{path}: touched is {touched.dtype} {touched.shape}; it must be true or false for each of the {len(poses)} poses"

@@ -106,6 +106,18 @@ def test_contacts_that_cannot_be_are_refused(folder: Path, line: str, message: s
     (folder / "circles.csv").unlink()
 
 
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [({"--mm-per-pixel": "1e6"}, "are lengths in mm?"), ({"--thickness": "1e5"}, "are lengths in mm?")],
+)
+def test_lengths_of_another_unit_are_told_in_words(folder: Path, tmp_path: Path, changed: dict[str, str], said: str) -> None:
+    stated = {"--ball-radius": "2", "--mm-per-pixel": "0.03", "--untouched": str(folder.parent / "untouched.png")} | changed
+    options = [text for pair in stated.items() for text in pair]
+    result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(tmp_path / "mine.yaml"), *options])
+    assert result.exit_code == 1
+    assert said in " ".join(result.output.split())
+
+
 @pytest.mark.parametrize("name", ["my sensor.yaml", "mine.png", "mine"])
 def test_a_name_that_no_sensor_can_have_is_refused_before_the_fit(folder: Path, tmp_path: Path, name: str) -> None:
     size = ["--ball-radius", "2", "--mm-per-pixel", "0.03", "--untouched", str(folder.parent / "untouched.png")]
