@@ -33,6 +33,7 @@ HUGE = [[1e200, 1e200, 0, 0], [1e200, -1e200, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
         ({"poses": [EYE], "touched": [[True], []]}, "inhomogeneous"),
         ([(2 * np.eye(4)).tolist()], "pose 0: .*rigid"),
         ([HUGE], "pose 0: .*rigid"),
+        ([[[1, 0, 0, 600], *np.eye(4)[1:].tolist()]], "pose 0 is 600 m away; poses are in metres"),
         ([np.full((4, 4), np.inf).tolist()], "infinity"),
     ],
 )
