@@ -81,7 +81,7 @@ class Manifest(BaseModel):
             No objects, a folder or file that is not there, an id that repeats or cannot name a file, counts that do
             not match: with the place that was looked at and the way out.
         """
-        if root is not None and not any(hasattr(source, "path") for source in self.sources):
+        if root is not None and not any(isinstance(source, Directory | Catalogue | ShapeNet) for source in self.sources):
             raise InvalidInput(
                 f"manifest {self.name} names its own objects: leave --objects (make: OBJECTS=) out, or name a manifest that takes a "
                 "folder, such as directory"

@@ -31,18 +31,23 @@ def shard_key(rows: Iterable[tuple[str, str]], number: int, shards: int, manifes
 def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
     """Write every artifact's rows into another number of shards, then let readers see all of them at once; yields each group.
 
-    Nothing is computed. Killed before its end, it has changed nothing that readers see. No lock is held: a stage that publishes meanwhile
-    is found at the end, and one that publishes later finds another number of shards, and keeps its rows for the next run.
+    Nothing is computed. Killed before its end, it has changed nothing that readers see. No shard is locked: a stage that publishes
+    meanwhile is found at the end, and one that publishes later finds another number of shards, and keeps its rows for the next run.
 
     Raises
     ------
     StoreError
-        There is nothing to split, a run is at work, or shards were made with different settings.
+        There is nothing to split, a run is at work or has published meanwhile, or shards were made with different settings.
     """
+    if directory.shards() is None:
+        raise StoreError(f"{directory.root} holds no shards; `vt-pipeline run` makes some")
+    with one_writer(directory.root / WORK / "reshard.lock", directory.root):
+        yield from _reshard(directory, shards)
+
+
+def _reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
     root, before = directory.root, directory.shards()
-    if before is None:
-        raise StoreError(f"{root} holds no shards; `vt-pipeline run` makes some")
-    if before == shards:
+    if before in (None, shards):
         return
     _refuse_runs(directory, before)
     _discard_records(directory, shards)  # of a run of this command that was killed

@@ -35,6 +35,8 @@ def test_a_reshard_that_is_killed_changes_nothing_that_readers_see(tmp_path):
     whole = digest(tmp_path)
     halfway = reshard(DataDirectory(tmp_path), 4)
     next(halfway)
+    with pytest.raises(StoreError, match="is being made by another run"):
+        next(reshard(DataDirectory(tmp_path), 3))
     halfway.close()
     assert DataDirectory(tmp_path).shards() == 2
     assert digest(tmp_path) == whole
