@@ -34,6 +34,9 @@ ifeq ($(wildcard $(VENV)/installed),)
 $(error DATA is in object storage, and nothing is installed yet that could look there: run `make setup` first)
 endif
 KNOWN    := $(shell $(VENV)/bin/python -c 'from pipeline.store.directory import DataDirectory; print(DataDirectory("$(DATA)").shards() or "")')
+ifneq ($(.SHELLSTATUS),0)
+$(error $(DATA) cannot be reached; see the message above)
+endif
 else
 KNOWN    := $(shell sed -n 's/.*"shards": *\([0-9]*\).*/\1/p' "$(DATA)/dataset.json" 2>/dev/null)
 endif

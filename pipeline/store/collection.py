@@ -45,7 +45,8 @@ class Collection:
             if not self.shards:
                 raise StoreError(self._not_made) from None
             raise StoreError(
-                f"{self.folder} has no object {object_id}; run `vt-pipeline run {self.artifact.stage}` first, for all objects"
+                f"{self.folder}, of manifest {self.shards[0].record.manifest}, has no object {object_id}; name that manifest, or "
+                f"run `vt-pipeline run {self.artifact.stage}` first, for all objects"
             ) from None
 
     def row(self, object_id: str) -> RowRecord:

@@ -40,7 +40,10 @@ def check_file(name: str, picture: Path | None) -> list[str]:
     InvalidInput
         It is of no known kind, or cannot be used: the message names every such entry.
     """
-    path = next((files[name] for kind in ENTRIES if name in (files := shipped_files(kind))), Path(name).expanduser())  # type: ignore[arg-type]
+    shipped = {known: file for kind in ENTRIES for known, file in shipped_files(kind).items()}  # type: ignore[arg-type]
+    path = shipped.get(name, Path(name).expanduser())
+    if not path.exists():
+        raise InvalidInput(f"there is no file {path}, and none called so is shipped: {', '.join(sorted(shipped))}")
     kind = _kind_of(path)
     module = f"{__name__}.{kind}_check"
     if find_spec(module) is None:
