@@ -67,7 +67,7 @@ class Request(Generic[S]):
 class Forecast:
     """What a run would do: make `missing` of `total` objects, in about that many seconds, and that many kilobytes of output.
 
-    Where none is missing and it is not `up_to_date`, it packs what is made already, or removes a shard of which no object is left.
+    Where it is not `up_to_date` and no object is missing, a run packs those that are made already, or removes a shard without objects.
     """
 
     missing: int

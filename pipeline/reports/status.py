@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory, folder_digest
 from pipeline.store.garbage import everything_unnamed
 from pipeline.store.pieces import Pieces
-from pipeline.store.storage import Place, files_below, names_in
+from pipeline.store.storage import File, Place, files_below, names_in
 from schemas.catalogue import ARTIFACTS
 
 
@@ -89,7 +89,7 @@ def read_account(data: Place) -> Account:
     if not names_in(data) and not (isinstance(data, Path) and data.is_dir()):
         raise StoreError(f"{data.resolve()} is no data directory; `vt-pipeline run` makes one, --data names it")
     directory = DataDirectory(data)
-    account = Account([], [], garbage=sum(map(_megabytes, everything_unnamed(directory))), damaged=[], jobs=[])
+    account = Account([], [], garbage=sum(_megabytes(files_below(path)) for path in everything_unnamed(directory)), damaged=[], jobs=[])
     for name in ARTIFACTS:
         with _unless_damaged(account):
             artifact = _artifact(directory, name)
@@ -121,7 +121,7 @@ def _artifact(directory: DataDirectory, name: str) -> ArtifactAccount:
         shards=len(collection.shards),
         objects=len(collection),
         failures={one: failure.model_dump() for one in collection if (failure := collection.failure(one))},
-        megabytes=sum(_megabytes(shard.path) for shard in collection.shards),
+        megabytes=sum(_megabytes(files_below(shard.path)) for shard in collection.shards),
         seconds=sum(row.seconds for shard in collection.shards for row in shard.record.rows),
         digest=collection.digest(),
         unfinished=Pieces(directory.work(name)).count(),
@@ -138,12 +138,11 @@ def _folder(directory: DataDirectory, name: str) -> FolderAccount:
     there = files_below(directory.folder_path(name))
     if gone := sorted(record.files.keys() - there.keys()):
         raise StoreError(f"{directory.folder_record(name)}: {gone[0]} is missing; run {record.stage} again")
-    size = sum(file.bytes for file in there.values()) / 1e6
-    return FolderAccount(name, record.stage, size, record.seconds, folder_digest(record), record.facts, stale)
+    return FolderAccount(name, record.stage, _megabytes(there), record.seconds, folder_digest(record), record.facts, stale)
 
 
-def _megabytes(folder: Place) -> float:
-    return sum(file.bytes for file in files_below(folder).values()) / 1e6
+def _megabytes(files: Mapping[str, File]) -> float:
+    return sum(file.bytes for file in files.values()) / 1e6
 
 
 def show(account: Account, console: Console) -> None:

@@ -17,7 +17,7 @@ from pipeline.errors import StoreError, first_line
 from pipeline.store.storage import Place, bucket_of, cache_of, copy, files_below, key_of, pause, read_bytes, remove_files, temporary
 
 ATTEMPTS = 12
-"""How often a conditional put is tried although nobody else has written: object storage refuses it to a race, or its connection breaks."""
+"""How often a conditional put is tried although nobody else has written: object storage may refuse it in a race, or a connection break."""
 
 
 def write_at_once(path: Place, content: bytes) -> None:

@@ -114,11 +114,10 @@ class DataDirectory:
     def collection(self, artifact: Artifact) -> Collection:
         """The published shards of an artifact."""
         if artifact.name not in self._collections:
-            folder, ending = self.root / artifact.name, f"-of-{self.shards() or 0:04d}"
-            records = [path for path in self.shard_records(artifact.name) if path.stem.endswith(ending)]
+            folder, shards = self.root / artifact.name, self.shards()
+            records = [path for path in self.shard_records(artifact.name) if is_of(path, shards)]
             read = list(map(_read_shard_record, records)) if isinstance(folder, Path) else in_threads(_read_shard_record, records)
-            shards = [Shard(folder, artifact, record) for record in read]
-            self._collections[artifact.name] = Collection(folder, artifact, shards)
+            self._collections[artifact.name] = Collection(folder, artifact, [Shard(folder, artifact, record) for record in read])
         return self._collections[artifact.name]
 
     def artifacts(self) -> list[Artifact]:
@@ -273,6 +272,11 @@ def _departures(record: FolderRecord, read: Place, folder: Place) -> Iterator[st
 def shard_name(number: int, shards: int) -> str:
     """What the record of a shard is called, and its groups begin with."""
     return f"{number:04d}-of-{shards:04d}"
+
+
+def is_of(record: Place, shards: int | None) -> bool:
+    """Whether the record of a shard is of a dataset that is split into that number."""
+    return record.stem.endswith(f"-of-{shards or 0:04d}")
 
 
 def versioned(name: str, content: object) -> str:

@@ -9,7 +9,7 @@ from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.atomic import one_writer, write_at_once
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, Description
+from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, Description, is_of
 from pipeline.store.publish import publish_shard, withdraw
 from pipeline.store.record import RowRecord
 from pipeline.store.shard import Shard
@@ -78,7 +78,7 @@ def _refuse_runs(directory: DataDirectory, shards: int) -> None:
 
 def _contents(directory: DataDirectory, shards: int) -> dict[Place, bytes]:
     """Read the records of that number of shards as they are now."""
-    paths = [path for path in directory.shard_records() if _is_of(path, shards)]
+    paths = [path for path in directory.shard_records() if is_of(path, shards)]
     return dict(zip(paths, in_threads(_content, paths), strict=True))
 
 
@@ -94,13 +94,9 @@ def _describe(directory: DataDirectory, shards: int) -> None:
     write_at_once(directory.root / DESCRIPTION, Description(shards=shards).model_dump_json().encode())
 
 
-def _is_of(record: Place, shards: int) -> bool:
-    return record.stem.endswith(f"-of-{shards:04d}")
-
-
 def _discard_records(directory: DataDirectory, shards: int) -> None:
     for path in directory.shard_records():
-        if _is_of(path, shards):
+        if is_of(path, shards):
             withdraw(path)
 
 

@@ -9,7 +9,7 @@ from pydantic_zarr.v3 import GroupSpec
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
-from pipeline.store.directory import DataDirectory, files_of, is_version, unversioned
+from pipeline.store.directory import DataDirectory, files_of, is_of, is_version, unversioned
 from pipeline.store.garbage import everything_unnamed
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
@@ -46,8 +46,7 @@ def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str
 
 def _is_missed(directory: DataDirectory, record: Place) -> bool:
     """Whether a shard should have its record: others of the same objects do. One that was withdrawn, or split otherwise, leaves none."""
-    current = record.stem.endswith(f"-of-{directory.shards() or 0:04d}")
-    return current and any(exists(directory.root / name / record.name) for name in ARTIFACTS)
+    return is_of(record, directory.shards()) and any(exists(directory.root / name / record.name) for name in ARTIFACTS)
 
 
 def _lines(check: Iterator[str]) -> list[str]:

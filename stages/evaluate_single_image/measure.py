@@ -109,7 +109,7 @@ class Measurement:
         return [figures[at] for at in chosen.tolist()]
 
     def _scale_of(self, object_id: str) -> float:
-        """What brings an object to the standard's size; one that keeps its real size has a diagonal of its own."""
+        """The factor to the standard's size: from the diagonal that objects were scaled to, or the object's own where it was not scaled."""
         view = self._surfaces.view(object_id)
         if "metres_per_unit" in view and view["metres_per_unit"] > 0:
             return self.settings.scale / float(length(np.ptp(read_mesh(view).vertices, axis=0)))

@@ -43,7 +43,7 @@ def check_file(name: str, picture: Path | None) -> list[str]:
     shipped = {known: file for kind in ENTRIES for known, file in shipped_files(kind).items()}  # type: ignore[arg-type]
     path = shipped.get(name, Path(name).expanduser())
     if not path.exists():
-        raise InvalidInput(f"there is no file {path}, and none called so is shipped: {', '.join(sorted(shipped))}")
+        raise InvalidInput(f"there is no file {path}; built in are {', '.join(sorted(shipped))}")
     kind = _kind_of(path)
     module = f"{__name__}.{kind}_check"
     if find_spec(module) is None:
