@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from collections.abc import Iterable, Sequence
@@ -18,6 +19,10 @@ NAMED = 5
 """Objects or files named in one line."""
 WIDE = 200
 """Columns where no terminal says how many it has: a table in a log is not squeezed."""
+
+
+CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+"""Characters that steer how text is shown, its direction among them; the name of a thing has none."""
 
 
 def visible(text: str) -> str:

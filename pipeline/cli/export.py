@@ -10,7 +10,8 @@ import typer
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
 from pipeline.console import say
-from pipeline.store.storage import place
+from pipeline.store.atomic import UNFINISHED, written_to
+from pipeline.store.storage import names_in, place
 
 Format = Literal["lerobot", "parquet", "webdataset", "mesh"]
 
@@ -45,7 +46,8 @@ def export(
     from pipeline.export.webdataset_shards import write_webdataset
     from pipeline.reports.report_source import ReportSource
 
-    if out.is_dir() and any(out.iterdir()):
+    there = names_in(out)
+    if there and UNFINISHED not in there:  # an export that was killed is begun again
         fail(f"{out} is not empty; name a folder that is not there yet")
     if to == "mesh":
         say(f"{out}: {write_scenes(ReportSource(place(data)), out, objects or [])} scenes")
@@ -53,4 +55,7 @@ def export(
     if objects:
         fail(f"--object is for --to mesh; --to {to} writes the whole dataset")
     write = {"lerobot": write_lerobot, "parquet": write_parquet, "webdataset": write_webdataset}[to]
-    say(f"{out}: {write(GraspFrames(place(data)), out)} grasps")
+    frames = GraspFrames(place(data))
+    with written_to(out) as folder:
+        count = write(frames, folder)
+    say(f"{out}: {count} grasps")

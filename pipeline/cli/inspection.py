@@ -77,10 +77,13 @@ def validate(
     data: DataArgument,
     strict: Annotated[bool, typer.Option(help="Object to artifacts that several kinds of processors computed, too.")] = False,
 ) -> None:
-    """Check every shard against its schema and digests, and every model's files; ends with status 1 when one is not as it should be."""
+    """Check shards, models and the report against schemas and digests; ends with status 1 when one is not as it should be."""
+    from pipeline.reports.report_pages import report_problems
     from pipeline.store.validate import problems_below
 
     found = problems_below(place(data), strict=strict)
+    if found:
+        found |= report_problems(place(data))
     for path, lines in found.items():
         console.print(f"{escape(str(path))}: {'[green]valid[/]' if not lines else '[red]not valid[/]'}")
         for line in lines:

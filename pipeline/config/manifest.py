@@ -11,11 +11,12 @@ from itertools import count, pairwise
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from pipeline.config.description_file import description_path, read_description
 from pipeline.config.file_units import METRES
 from pipeline.config.sources import Catalogue, Directory, Found, Placed, Procedural, Pybullet, ShapeNet
+from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput
 
 SPLITS = ("train", "valid", "test")
@@ -57,12 +58,19 @@ class Splits(BaseModel):
         return self
 
 
+def without_controls(name: str) -> str:
+    """Return a name; an `InvalidInput` where it has characters that steer how text is shown."""
+    if found := CONTROLS.search(name):
+        raise InvalidInput(f"{name!r} has the character {found[0]!r}, which steers how text is shown; write the name without it")
+    return name
+
+
 class Manifest(BaseModel):
     """A dataset's objects, as its YAML file states them."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    name: str
+    name: Annotated[str, AfterValidator(without_controls)]
     description: str
     seed: int = Field(ge=0)
     splits: Splits
@@ -78,8 +86,8 @@ class Manifest(BaseModel):
         Raises
         ------
         InvalidInput
-            No objects, a folder or file that is not there, an id that repeats or cannot name a file, counts that do
-            not match: with the place that was looked at and the way out.
+            No objects, a folder or file that is not there, an id that repeats or cannot name a file, a category with control characters,
+            counts that do not match: with the place that was looked at and the way out.
         """
         if root is not None and not any(isinstance(source, Directory | Catalogue | ShapeNet) for source in self.sources):
             raise InvalidInput(
@@ -150,6 +158,7 @@ def _check_names(found: Sequence[Found]) -> None:
         if not OBJECT_ID.fullmatch(item.object_id):
             rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.'"
             raise InvalidInput(f"{item.object_id!r} cannot name an object; {rule}")
+        without_controls(item.category)
     for one, other in pairwise(found):
         if one.object_id == other.object_id:
             both = f"{one.source.get('file', 'one')} and {other.source.get('file', 'another')}"

@@ -9,7 +9,7 @@ from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput
 from pipeline.reports.grasp_scene import GraspScenes
 from pipeline.reports.report_source import ReportSource
-from pipeline.store.atomic import write_at_once
+from pipeline.store.atomic import write_at_once, written_to
 
 
 def write_scenes(source: ReportSource, out: Path, objects: Sequence[str]) -> int:
@@ -28,10 +28,16 @@ def write_scenes(source: ReportSource, out: Path, objects: Sequence[str]) -> int
     one_file = out.suffix.lower() == ".glb"
     if one_file and len(chosen) > 1:
         raise InvalidInput(f"{out} is one file, and there are {len(chosen)} objects; name one with --object, or a folder")
-    (out.parent if one_file else out).mkdir(parents=True, exist_ok=True)
     scenes = GraspScenes(source.hand(), source.sensors(), small=False)
-    with Meter(errors, "export", len(chosen), "objects") as meter:
+
+    def glb(name: str) -> bytes:
+        return scenes.glb(scenes.scene(source.rows(name)))
+
+    if one_file:
+        write_at_once(out, glb(chosen[0]))
+        return 1
+    with written_to(out) as folder, Meter(errors, "export", len(chosen), "objects") as meter:
         for name in chosen:
-            write_at_once(out if one_file else out / f"{name}.glb", scenes.glb(scenes.scene(source.rows(name))))
+            (folder / f"{name}.glb").write_bytes(glb(name))
             meter.advance()
     return len(chosen)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 import re
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +30,7 @@ from pipeline.kernels.touch.calibration_fit import (
 from pipeline.kernels.touch.find_contact import find_contact
 from pipeline.kernels.touch.optics import Calibration
 from pipeline.kernels.touch.sensor import Sensor
+from pipeline.store.atomic import write_at_once
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 CIRCLES = "circles.csv"
@@ -222,15 +222,14 @@ def write_sensor(found: Calibrated, path: Path, untouched_path: Path, *, backgro
         Comment at the head of the file: where it comes from.
     """
     sensor, calibration = found.sensor, found.calibration
-    path.parent.mkdir(parents=True, exist_ok=True)
     if background_degree is None:
         photograph = path.with_name(f"{path.stem}-untouched{untouched_path.suffix.lower()}")
         if photograph.resolve() != untouched_path.resolve():  # it may be that of the last time
-            shutil.copyfile(untouched_path, photograph)
+            write_at_once(photograph, untouched_path.read_bytes())
         background: Any = photograph.name
     else:
         background = [list(levels) for levels in fit_background(read_image(untouched_path), sensor, background_degree)]
     described = sensor.model_dump(mode="json", exclude_none=True, exclude={"lights", "diffuse", "calibrated"})
     optics = {**calibration.model_dump(mode="json"), "background": background}
     text = yaml.safe_dump({**described, "calibrated": optics}, sort_keys=False, default_flow_style=None, width=140)
-    path.write_text("".join(f"# {line}\n" for line in note.splitlines()) + text)
+    write_at_once(path, ("".join(f"# {line}\n" for line in note.splitlines()) + text).encode())

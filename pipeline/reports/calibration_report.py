@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.kernels.touch.calibration_fit import RING, Photograph
+from pipeline.reports.picture_row import save_figure
 
 SHOWN = 3
 """Photographs of the picture, spread evenly."""
@@ -39,7 +40,7 @@ def draw_calibration(photographs: Sequence[Photograph], models: Sequence[NDArray
             axes.imshow(image[part])
             axes.set(xticks=[], yticks=[])
             axes.set_title(title, fontsize=9)
-    figure.savefig(path)
+    save_figure(figure, path)
 
 
 def _around(photograph: Photograph) -> tuple[slice, slice]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from fnmatch import fnmatch
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pipeline.config.scene_file import load_scene
 from pipeline.dataset.grasping_hand import grasping_hand
@@ -22,16 +22,30 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
 from pipeline.reports.contact_sheet_page import Band, draw, finger_colors, lift_verdict
+from pipeline.reports.report_pages import changed_files
 from pipeline.reports.second_view import GraspView, gel_squares, second_view, touch_patch
 from pipeline.store import digest
+from pipeline.store.atomic import written_to
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place, exists, names_in, read_bytes, remove, written_to
+from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.record import Sha256
+from pipeline.store.storage import Place, exists, read_bytes, remove
 from schemas.catalogue import ARTIFACTS
 from stages.render_vision.renderer import Renderer
 
 SHOWN = ("surfaces", "grasps", "vision", "touch")
 """The artifacts that a contact sheet shows."""
+
+DRAWN = "contact-sheet.key"
+
+
+class Drawn(BaseModel):
+    """What the file `DRAWN` says: the hash of all that the sheets show, and the SHA-256 of each sheet."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    key: Sha256
+    files: dict[Annotated[str, Field(pattern=r"^contact-sheet(-[0-9]+)?\.png$")], Sha256]
 
 
 def contact_sheets(data: Place, most: int) -> list[Place]:
@@ -52,16 +66,24 @@ def contact_sheets(data: Place, most: int) -> list[Place]:
         raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status` says why")
     shown = [sound[place] for place in np.linspace(0, len(sound) - 1, min(most, len(sound))).astype(int)]
     key = digest.of_json([sources_hash(__name__), shown, [collection.digest() for collection in collections.values()]])
-    stamp = data / "contact-sheet.key"
-    drawn = read_bytes(stamp).decode().splitlines() if exists(stamp) else []
-    if drawn[:1] != [key] or not all(exists(data / name) for name in drawn[1:]):
-        for old in names_in(data):
-            if fnmatch(old, "contact-sheet*.png"):
-                remove(data / old)
+    drawn = _read_drawn(data / DRAWN)
+    if drawn is None or drawn.key != key or changed_files(data, drawn.files):
         with written_to(data) as folder:
-            drawn = [key, *(page.name for page in _draw(collections, shown, folder / "contact-sheet.png"))]
-            (folder / stamp.name).write_text("\n".join(drawn) + "\n")
-    return [data / name for name in drawn[1:]]
+            _draw(collections, shown, folder / "contact-sheet.png")
+            made = Drawn(key=key, files=hashes_of(folder))
+            (folder / DRAWN).write_text(made.model_dump_json())
+            for old in drawn.files.keys() - made.files.keys() if drawn else ():
+                if exists(data / old):
+                    remove(data / old)
+        drawn = made
+    return [data / name for name in drawn.files]
+
+
+def _read_drawn(path: Place) -> Drawn | None:
+    try:
+        return Drawn.model_validate_json(read_bytes(path)) if exists(path) else None
+    except ValidationError:
+        return None
 
 
 def _draw(collections: Mapping[str, Collection], shown: list[str], path: Path) -> list[Path]:

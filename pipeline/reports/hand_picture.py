@@ -15,6 +15,7 @@ from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_links
 from pipeline.kernels.hand.model import Hand
 from pipeline.reports.contact_sheet_page import finger_colors
+from pipeline.reports.picture_row import save_figure
 
 VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
 """Title, and the axes of the root link that go right, up and towards the eye."""
@@ -62,7 +63,7 @@ def hand_picture(hand: Hand, widths: Sequence[float], overlaps: Sequence[tuple[i
         axes.set(title=title, xlabel="xyz"[right] + ", m", ylabel="xyz"[up] + ", m", aspect="equal")
         axes.autoscale_view()
     figure.suptitle(f"{hand.name}: sensor planes with their +x, dashed: where a sensor moves as its finger closes, red: links that overlap")
-    figure.savefig(path, dpi=90)
+    save_figure(figure, path, dpi=90)
 
 
 def closing_directions(hand: Hand, joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:

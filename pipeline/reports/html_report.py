@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import shutil
 from collections import Counter
 from collections.abc import Mapping
@@ -17,27 +16,28 @@ from numpy.typing import ArrayLike
 from rich.console import Console
 
 import pipeline
-from pipeline.console import Meter
+from pipeline.console import Meter, visible
 from pipeline.dataset.touch_statistics import sensors_of, tally
 from pipeline.engine.keys import sources_hash
+from pipeline.errors import StoreError
 from pipeline.reports import touch_tables
 from pipeline.reports.learning_curves import draw_curves
 from pipeline.reports.object_page import ObjectPages
 from pipeline.reports.paper_figures import draw_figures
 from pipeline.reports.printed_html import PrintedRow, PrintedTable, printed
 from pipeline.reports.provenance import commands, contents_table, records, settings_tables, versions_tables
+from pipeline.reports.report_pages import WRITTEN, ObjectCard, Pages, changed_files, read_pages, refuse_report_links
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.results import show_results, trained
 from pipeline.reports.svg_plots import draw_bars, draw_histogram, svg_theme
 from pipeline.store import digest
-from pipeline.store.storage import Place, written_to
+from pipeline.store.atomic import written_to
+from pipeline.store.directory import hashes_of
+from pipeline.store.storage import Place, exists, remove
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
 COPIED = ("style.css", "viewer.js", "gallery.js", "three.min.js", "three.LICENSE")
 PAGES = {"index.html": "Overview", "gallery.html": "Gallery", "figures.html": "Figures", "results.html": "Results", "about.html": "About"}
-WRITTEN = "pages.json"
-"""What is known of the pages that are there: their keys, and what the gallery says of each object."""
-
 CARDS = 8
 """Objects on the first page."""
 
@@ -61,17 +61,23 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
     Raises
     ------
     StoreError
-        An artifact that a report needs has not been made, or something was made from other rows than there are now.
+        An artifact that a report needs has not been made, or something was made from other rows than there are now; or the folder is a
+        symbolic link, or holds one.
     """
-    source = ReportSource(data)
-    with written_to(data / "report") as folder:
-        (folder / "objects").mkdir(exist_ok=True)
-        (folder / "figures").mkdir(exist_ok=True)
+    source, report = ReportSource(data), data / "report"
+    refuse_report_links(report)
+    try:
+        before = read_pages(report)
+    except StoreError:  # there is none, or it is damaged
+        before = Pages()
+    with written_to(report) as folder:
+        (folder / "objects").mkdir()
+        (folder / "figures").mkdir()
         for name in COPIED:
             shutil.copyfile(ASSETS / name, folder / name)
-        objects = write_objects(source, folder, console)
+        objects = _write_objects(source, folder, console, _whole_cards(report, before))
         common = {"objects": len(objects), "evaluated": source.evaluation is not None}
-        cards = [{"id": name, **known} for name, known in objects.items()]
+        cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
         chosen = [cards[place] for place in np.linspace(0, len(cards) - 1, min(CARDS, len(cards))).astype(int)]
         tables = printed(lambda kept: touch_tables.show(tally(data), sensors_of(data), kept))
         plots = _plots(source, objects, folder)
@@ -81,13 +87,23 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
         _write(source, folder, "figures.html", figures=draw_figures(source, folder / "figures", most))
         _write(source, folder, "results.html", **_results(source, folder))
         _write(source, folder, "about.html", **_about(source))
-    return data / "report" / "index.html"
+        others = {name: written for name, written in hashes_of(folder).items() if not name.startswith("objects/")}
+        pages = Pages(objects=objects, files=others)
+        (folder / WRITTEN).write_text(pages.model_dump_json())
+        for old in before.every_file().keys() - pages.every_file().keys():
+            if exists(report / old):
+                remove(report / old)
+    return report / "index.html"
 
 
-def write_objects(source: ReportSource, folder: Path, console: Console) -> dict[str, Any]:
-    """Write the pages that are not there or not up to date; returns what the other pages say of each object."""
-    path = folder / WRITTEN
-    known = json.loads(path.read_text()) if path.exists() else {}
+def _whole_cards(report: Place, before: Pages) -> dict[str, ObjectCard]:
+    """The cards of objects all of whose files are there as they were written."""
+    changed = set(changed_files(report, before.every_file()))
+    return {name: card for name, card in before.objects.items() if changed.isdisjoint(card.files)}
+
+
+def _write_objects(source: ReportSource, folder: Path, console: Console, known: Mapping[str, ObjectCard]) -> dict[str, ObjectCard]:
+    """Write the pages of objects whose `known` cards are of other content, or that have none; returns the cards of all."""
     pages = ObjectPages(source, _environment().get_template("object.html.j2"), folder / "objects")
     common = {"up": "../", "current": "", **_frame(source)}
     whole = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
@@ -97,28 +113,23 @@ def write_objects(source: ReportSource, folder: Path, console: Console) -> dict[
     with Meter(console, "report", len(ids), "objects") as meter:
         for object_id, before, after in zip(ids, [None, *ids[:-1]], [*ids[1:], None], strict=True):
             key = digest.of_json([whole, evaluated, source.digests(object_id), before, after, common["name"]])
-            if known.get(object_id, {}).get("key") != key or not (folder / "objects" / f"{object_id}.html").exists():
-                known[object_id] = {"key": key, **pages.write(object_id, before, after, common)}
-            found[object_id] = known[object_id]
+            if (card := known.get(object_id)) is None or card.key != key:
+                card = ObjectCard(key=key, **pages.write(object_id, before, after, common))
+            found[object_id] = card
             meter.advance()
-    for old in (folder / "objects").iterdir():
-        if _object_of(old.name) not in found:
-            old.unlink()
-    path.write_text(json.dumps(found))
     return found
-
-
-def _object_of(file: str) -> str:
-    """The object that a file of the folder `objects` is of."""
-    for ending in (".mesh.js", ".predictions.js", ".html", ".webp"):
-        if file.endswith(ending):
-            return file.removesuffix(ending)
-    return file
 
 
 @cache
 def _environment() -> Environment:
-    return Environment(loader=FileSystemLoader(ASSETS), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return Environment(
+        loader=FileSystemLoader(ASSETS), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=_shown
+    )
+
+
+def _shown(value: Any) -> Any:
+    """Show the control characters of names and reasons as their codes: a browser would obey those that turn the direction of text."""
+    return value if not isinstance(value, str) or hasattr(value, "__html__") or value.isprintable() else visible(value)
 
 
 def _frame(source: ReportSource) -> dict[str, Any]:
@@ -128,7 +139,7 @@ def _frame(source: ReportSource) -> dict[str, Any]:
 
 def _write(source: ReportSource, folder: Path, name: str, **content: Any) -> None:
     page = _environment().get_template(f"{name}.j2").render(up="", current=PAGES[name], **_frame(source), **content)
-    (folder / name).write_text(page)
+    (folder / name).write_text(page, encoding="utf-8")
 
 
 def _tiles(source: ReportSource) -> list[tuple[str, str]]:
@@ -144,7 +155,7 @@ def _tiles(source: ReportSource) -> list[tuple[str, str]]:
     ]
 
 
-def _plots(source: ReportSource, objects: Mapping[str, Any], folder: Path) -> list[dict[str, str]]:
+def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path) -> list[dict[str, str]]:
     """Draw the touches per grasp beside the supplement's, and the contact areas by class."""
     touched = np.concatenate([one for entry in tally(source.directory.root).values() for one in entry.touched])
     shares = touch_tables.touches_per_grasp(touched)
@@ -152,8 +163,8 @@ def _plots(source: ReportSource, objects: Mapping[str, Any], folder: Path) -> li
     bars: Mapping[str, ArrayLike] = {"here": shares} | ({"supplement": theirs} if theirs else {})
     draw_bars(folder / "figures" / "touches.svg", bars, range(len(shares)), x="touches per grasp", y="% of grasps")
     areas = {
-        category: 1e6 * np.concatenate([one["areas"] for one in objects.values() if one["category"] == category])
-        for category in sorted({one["category"] for one in objects.values()})
+        category: 1e6 * np.concatenate([one.areas for one in objects.values() if one.category == category])
+        for category in sorted({one.category for one in objects.values()})
     }
     draw_histogram(folder / "figures" / "contact.svg", areas, x="contact area per touch, mm²", y="% of touches")
     means = ", ".join(f"{name} {one.mean():.0f}" for name, one in areas.items() if len(one))

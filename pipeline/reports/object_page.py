@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import gzip
+import hashlib
 import io
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,6 +23,9 @@ from pipeline.reports.report_source import ReportSource
 
 THUMBNAIL = 150
 """Pixels per side of a picture in the gallery."""
+
+ENDINGS = (".html", ".webp", ".mesh.js", ".predictions.js")
+"""Of the names of an object's files; the last where there is an evaluation."""
 
 PARTS = {
     "object": "object",
@@ -42,7 +46,7 @@ class ObjectPages:
         self.scenes = GraspScenes(source.hand(), self.sensors, small=True)
 
     def write(self, object_id: str, before: str | None, after: str | None, common: Mapping[str, Any]) -> dict[str, Any]:
-        """Write an object's page and what it shows; returns what the gallery and the statistics say of the object."""
+        """Write an object's page and what it shows; returns its `ObjectCard`, without the key."""
         rows = self.source.rows(object_id)
         grasps = [self._grasp(rows, number) for number in range(len(rows["grasps"]["hand_pose"]))]
         (self.folder / f"{object_id}.webp").write_bytes(_webp(_thumbnail(rows)))
@@ -64,10 +68,17 @@ class ObjectPages:
             after=after,
             **common,
         )
-        (self.folder / f"{object_id}.html").write_text(page)
+        (self.folder / f"{object_id}.html").write_text(page, encoding="utf-8")
         touched = rows["grasps"]["touch_success"]
         areas = self._contact_areas(rows)[touched]
-        return {"category": surface.category, "split": surface.split, "touches": int(touched.sum()), "areas": areas.round(10).tolist()}
+        files = [path for ending in ENDINGS if (path := self.folder / f"{object_id}{ending}").exists()]
+        return {
+            "category": surface.category,
+            "split": surface.split,
+            "touches": int(touched.sum()),
+            "areas": areas.round(10).tolist(),
+            "files": {f"{self.folder.name}/{path.name}": hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
+        }
 
     def _write_mesh(self, name: str, scene: Any) -> None:
         packed = base64.b64encode(gzip.compress(self.scenes.glb(scene), 6, mtime=0)).decode()

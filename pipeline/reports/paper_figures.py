@@ -24,6 +24,7 @@ from pipeline.kernels.vision.scene import Scene
 from pipeline.models.touch_model import load_touch_model
 from pipeline.reports.contact_sheet import BandMaker
 from pipeline.reports.contact_sheet_page import COLORS, depth_colors
+from pipeline.reports.picture_row import save_figure
 from pipeline.reports.reconstruction_gallery import SCENE, draw_gallery, render_mesh
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.second_view import grasp_cameras, lamp_beside, second_view
@@ -159,7 +160,7 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
             axes.set_xlabel(f"mean error {1e3 * apart[inside].mean():.2f} mm")
             axes = figure.add_subplot(len(touched), 4, 4 * row + 4, projection="3d")
             draw_local_points(axes, rows, true[:count], clouds[row], grasp, number)
-        figure.savefig(path)
+        save_figure(figure, path)
     text = (
         "Per touch: what the sensor sees, the depth it has, the depth the U-Net predicts from the image, and in 3D the true local points "
         "(blue), the predicted ones (orange) and the chart fitted to them (wire)."

@@ -1,14 +1,20 @@
-"""A row of titled pictures as one small file."""
+"""Figures as files, and a row of titled pictures as one small file."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from numpy.typing import NDArray
+
+from pipeline.console import visible
+from pipeline.errors import InvalidInput
+from pipeline.store.atomic import write_at_once
 
 Panel = NDArray[np.uint8] | Callable[[Any], None]
 """An image (rows, cols, 3), or what draws into axes."""
@@ -17,6 +23,28 @@ INCHES, HEAD, DPI = 2.0, 0.25, 110
 """A panel's side, the height of a line of titles, and pixels per inch."""
 LOSSY = {".png": {"optimize": True}, ".webp": {"quality": 80, "method": 6}}
 """How files are compressed, by their ending."""
+
+
+def save_figure(figure: Figure, path: Path, **options: Any) -> None:
+    """Write a figure at once, in the format of the suffix; names in it are shown as they are: a `$` begins no formula.
+
+    Raises
+    ------
+    InvalidInput
+        No figure can be written in that format.
+    """
+    known = figure.canvas.get_supported_filetypes()
+    if path.suffix[1:] not in known:
+        raise InvalidInput(
+            f"{path}: a picture is written as {', '.join(known)}, by suffix; {path.suffix or 'no suffix'} is not one of them"
+        )
+    for text in figure.findobj(Text):
+        if text.get_text():  # not the labels of ticks, which are written when the figure is drawn
+            text.set_text(visible(text.get_text()))
+            text.set_parse_math(False)
+    written = io.BytesIO()
+    figure.savefig(written, format=path.suffix[1:], **options)
+    write_at_once(path, written.getvalue())
 
 
 def draw_row(panels: Sequence[tuple[str, Panel]], path: Path, columns: int | None = None, projection: str | None = None) -> None:
@@ -32,4 +60,4 @@ def draw_row(panels: Sequence[tuple[str, Panel]], path: Path, columns: int | Non
         else:
             axes.imshow(panel)
             axes.set_axis_off()
-    figure.savefig(path, pil_kwargs=LOSSY[path.suffix])
+    save_figure(figure, path, pil_kwargs=LOSSY[path.suffix])

@@ -18,6 +18,7 @@ from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.vision.labels import Label
+from pipeline.reports.picture_row import save_figure
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from schemas.charts import CHARTS
@@ -61,7 +62,7 @@ def draw_gallery(directory: DataDirectory, folder: Path, path: Path, most: int) 
                 error = TABLE_3_FACTOR * values[name]["chamfer"][objects.index(object_id), first, place]
                 mesh = predicted_mesh(charts, object_id, predictions[name], case)
                 _show(axes, render_mesh(renderer, mesh), "" if row else title, f"{error:.2f}")
-        figure.savefig(path)
+        save_figure(figure, path)
     return shown
 
 

@@ -17,6 +17,7 @@ from pydantic.fields import FieldInfo
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import ObjectStage
+from pipeline.store.atomic import write_at_once
 from schemas.base import COMMON, FIXED, Array
 from schemas.catalogue import ARTIFACTS
 from schemas.evaluation import TABLES
@@ -30,7 +31,7 @@ def main() -> None:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs")
     for name, generate in PAGES.items():
         path = folder / name
-        path.write_text(regenerated(path.read_text(encoding="utf-8"), generate()), encoding="utf-8")
+        write_at_once(path, regenerated(path.read_text(encoding="utf-8"), generate()).encode())
 
 
 def regenerated(page: str, generated: str) -> str:

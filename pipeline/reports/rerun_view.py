@@ -19,7 +19,8 @@ from pipeline.kernels.touch.contact import local_points
 from pipeline.reports.contact_sheet_page import finger_colors
 from pipeline.reports.grasp_scene import GraspScenes, Rows
 from pipeline.reports.report_source import ReportSource
-from pipeline.store.storage import Place
+from pipeline.store.atomic import errors_that_name
+from pipeline.store.storage import Place, temporary
 
 POINT = 2e-4
 """m: radius of a local point."""
@@ -59,16 +60,18 @@ def view_grasps(data: Place, object_id: str, grasp: int | None, save: Path | Non
     grasps = len(rows["grasps"]["hand_pose"])
     if grasp is not None and grasp >= grasps:
         raise InvalidInput(f"--grasp {grasp}: {object_id} has {grasps} grasps, 0 to {grasps - 1}")
+    shown = list(range(grasps)) if grasp is None else [grasp]
     recording = rerun.RecordingStream("vt-pipeline", recording_id=f"{data}/{object_id}")
+    recorder = _Recorder(rerun, recording, source)
     if save is None:
         recording.spawn()
-    else:
-        save.parent.mkdir(parents=True, exist_ok=True)
-        recording.save(save)
-    shown = list(range(grasps)) if grasp is None else [grasp]
-    _Recorder(rerun, recording, source).record(object_id, rows, shown)
-    recording.flush()
-    recording.disconnect()
+        recorder.record(object_id, rows, shown)
+        return shown
+    save.parent.mkdir(parents=True, exist_ok=True)
+    with errors_that_name(save), temporary(save) as beside:
+        recording.save(beside)
+        recorder.record(object_id, rows, shown)
+        beside.replace(save)
     return shown
 
 
@@ -104,6 +107,8 @@ class _Recorder:
         for grasp in grasps:
             self.recording.set_time("grasp", sequence=grasp)
             self._grasp(rows, grasp)
+        self.recording.flush()
+        self.recording.disconnect()
 
     def _grasp(self, rows: Rows, grasp: int) -> None:
         rr, log, row = self.rr, self.recording.log, rows["grasps"]

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+from pydantic import BaseModel, ValidationError
 from rich.console import Console
 
+from pipeline.config.complaints import complaints
+from pipeline.errors import StoreError
 from pipeline.reports.orderings import orderings, show_orderings
 from pipeline.reports.training_seeds import show_trainings
 from pipeline.store.directory import DataDirectory
@@ -20,6 +24,41 @@ def trained(directory: DataDirectory, evaluated: Sequence[str]) -> dict[str, str
     return {Path(name).name: name for name in names if exists(directory.folder_record(name))}
 
 
+class _Hardware(BaseModel):
+    device: str
+    processes: int
+    threads: int
+    precision: str
+
+
+class _Best(BaseModel):
+    loss: float
+
+
+class TrainingFacts(BaseModel):
+    """What the record of a model has to say of its training for a report to print it."""
+
+    parameters: int
+    epochs: int
+    best_epoch: int
+    best: _Best
+    training_seconds: float
+    hardware: _Hardware
+
+
+def training_facts(directory: DataDirectory, name: str) -> dict[str, Any]:
+    """The facts of the record of a model; a `StoreError` where they are not those of a training."""
+    facts = directory.folder(name).facts
+    try:
+        TrainingFacts.model_validate(facts)
+    except ValidationError as error:
+        path = directory.folder_record(name)
+        raise StoreError(
+            f"{path}: its facts are not those of a training: {complaints(error)}; delete it and train the model again"
+        ) from error
+    return facts
+
+
 def show_results(directory: DataDirectory, evaluated: Sequence[str], console: Console) -> None:
     """Print the tables of evaluations, named one per training seed, and how the models were trained."""
     if evaluated:
@@ -28,4 +67,4 @@ def show_results(directory: DataDirectory, evaluated: Sequence[str], console: Co
         show_trainings(folders, console)
         show_orderings(orderings(folders), console)
     if there := trained(directory, evaluated):
-        show_training({name: directory.folder(place).facts for name, place in there.items()}, console)
+        show_training({name: training_facts(directory, place) for name, place in there.items()}, console)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.reports.contact_sheet_page import COLORS
+from pipeline.reports.picture_row import save_figure
 
 INK = "#010203"
 """Colour of text and lines while a plot is drawn; the file says in its place what the theme asks for."""
@@ -53,7 +54,7 @@ def draw_bars(path: Path, bars: Mapping[str, ArrayLike], labels: Sequence[object
             axes.bar(places, values, width, label=name, color=_color(number), hatch=HATCHES[number % 2], edgecolor=INK, linewidth=0.6)
         axes.set(xlabel=x, ylabel=y, xticks=range(len(labels)), xticklabels=labels)
         axes.legend(frameon=False)
-        figure.savefig(path, metadata={"Date": None})
+        save_figure(figure, path, metadata={"Date": None})
 
 
 def draw_histogram(path: Path, values: Mapping[str, NDArray[np.floating]], *, x: str, y: str) -> None:
@@ -68,7 +69,7 @@ def draw_histogram(path: Path, values: Mapping[str, NDArray[np.floating]], *, x:
             axes.stairs(shares, bins, label=name, color=_color(number), linewidth=1.6, linestyle=("-", "--", "-.", ":")[number % 4])
         axes.set(xlabel=x, ylabel=y)
         axes.legend(frameon=False)
-        figure.savefig(path, metadata={"Date": None})
+        save_figure(figure, path, metadata={"Date": None})
 
 
 def _color(number: int) -> tuple[float, ...]:

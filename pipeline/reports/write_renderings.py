@@ -26,6 +26,7 @@ from pipeline.kernels.vision.camera import Camera, look_at
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.viewpoint import FARTHEST, FOCAL, SENSOR, Viewpoint
 from pipeline.rng import numpy_rng
+from pipeline.store.atomic import written_to
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import place
 from schemas.surfaces import SURFACES
@@ -65,15 +66,16 @@ def write_dataset(data: str, folder: Path, seed: int = 0) -> int:
     found = [name for name in surfaces if not surfaces.row(name).failure]
     if unknown := sorted({surfaces.row(name).category for name in found} - synsets.keys()):
         raise StageError(f"the manifest single-image has no class {unknown[0]}; it has {', '.join(synsets)}: add it there, with its synset")
-    with Renderer(load_scene("supplement"), PIXELS) as renderer, Meter(errors, "write-renderings", len(found), "objects") as meter:
+    meter = Meter(errors, "write-renderings", len(found), "objects")
+    with written_to(folder) as fresh, Renderer(load_scene("supplement"), PIXELS) as renderer, meter:
         for name in found:
             category = surfaces.row(name).category
             inner = Path(synsets[category]) / name.removeprefix(f"{category}-")
             mesh = read_mesh(surfaces.view(name))
-            write_mesh(folder / "ShapeNetCore.v1" / inner / "model.obj", mesh)
+            write_mesh(fresh / "ShapeNetCore.v1" / inner / "model.obj", mesh)
             viewpoints = draw_viewpoints(numpy_rng(seed, name, "viewpoints"))
             images = np.stack([render(renderer, mesh, viewpoint) for viewpoint in viewpoints])
-            write_renderings(folder / "ShapeNetRendering" / inner / "rendering", images, viewpoints)
+            write_renderings(fresh / "ShapeNetRendering" / inner / "rendering", images, viewpoints)
             meter.advance()
     return len(found)
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import obstore
@@ -20,19 +21,81 @@ ATTEMPTS = 12
 """How often a conditional put is tried although nobody else has written: object storage may refuse it in a race, or a connection break."""
 
 
+UNFINISHED = ".unfinished"
+"""The folder, in the one that they are for, of files that are being written, and of the lock of whoever writes them."""
+
+
 def write_at_once(path: Place, content: bytes) -> None:
-    """Write a file so that readers see the old content or the new, never a part, whatever the machine does meanwhile."""
+    """Write a file so that readers see the old content or the new, never a part, whatever the machine does meanwhile.
+
+    A symbolic link at `path` is replaced; nothing is written where it points to.
+    """
     if not isinstance(path, Path):
         obstore.put(bucket_of(path), key_of(path), content)
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    with temporary(path) as beside:
+    with errors_that_name(path), temporary(path) as beside:
         with beside.open("wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
         beside.replace(path)
     flush(path.parent)
+
+
+@contextmanager
+def written_to(folder: Place) -> Iterator[Path]:
+    """Give an empty folder on this machine's disk to write files in; at the end each takes its place in `folder` at once.
+
+    `folder` may be a symbolic link; none below it is followed. What a killed writer left is removed.
+
+    Raises
+    ------
+    StoreError
+        A link lies in the way, or another run is writing into the folder.
+    """
+    if not isinstance(folder, Path):
+        with TemporaryDirectory(prefix="vt-pipeline-") as name, errors_that_name(Path(name)):
+            yield Path(name)
+            copy(Path(name), folder, files_below(Path(name)))
+        return
+    work, fresh = folder / UNFINISHED, folder / UNFINISHED / "files"
+    refuse_links(folder, [f"{UNFINISHED}/lock", f"{UNFINISHED}/files"])
+    with errors_that_name(folder), one_writer(work / "lock", folder):
+        try:
+            shutil.rmtree(fresh, ignore_errors=True)
+            fresh.mkdir()
+            yield fresh
+            names = sorted(files_below(fresh))
+            refuse_links(folder, names)
+            flush_folder(fresh)
+            for name in names:
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                (fresh / name).replace(folder / name)
+            for parent in {(folder / name).parent for name in names}:
+                flush(parent)
+        finally:
+            shutil.rmtree(work, ignore_errors=True)
+
+
+def refuse_links(folder: Path, names: Iterable[str]) -> None:
+    """Raise a `StoreError` where a symbolic link lies on the way from a folder, which may be one, to a file below it."""
+    ways = {way for name in names for way in (Path(name), *Path(name).parents[:-1])}
+    if link := next((folder / way for way in sorted(ways) if (folder / way).is_symlink()), None):
+        raise StoreError(
+            f"{link} is a symbolic link to {os.readlink(link)}; nothing is written through links: remove it, then run this again"
+        )
+
+
+@contextmanager
+def errors_that_name(path: Path) -> Iterator[None]:
+    """Add a path to errors of the system that name none, such as that of a full disk."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None and error.strerror:
+            error.filename = str(path)
+        raise
 
 
 def version_of(path: Place) -> str | None:

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pipeline.console import CONTROLS
 from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.storage import Place, read_bytes
@@ -24,6 +25,9 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}$")]
 
 RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}(/[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199})*$")]
 """A file or folder below another one, never above it."""
+
+Text = Annotated[str, Field(pattern=f"^{CONTROLS.pattern.replace('[', '[^', 1)}*$")]
+"""What is shown to people as the name of something."""
 
 
 class _Model(BaseModel):
@@ -58,13 +62,13 @@ class Provenance(_Model):
 
     format: Literal[2] = FORMAT
     location: Name
-    stage: str
+    stage: Text
     key: Sha256
     settings: dict[str, Any]
     speed_settings: dict[str, Any]
-    preset: str
+    preset: Text
     seed: int
-    manifest: str
+    manifest: Text
     models: dict[RelativePath, Sha256]
     versions: dict[str, str]
     processor: dict[str, Any]
@@ -84,8 +88,8 @@ class RowRecord(_Model):
     """
 
     object_id: Name
-    category: str
-    split: str
+    category: Text
+    split: Text
     key: Sha256
     digest: Sha256
     inputs: dict[str, Sha256]

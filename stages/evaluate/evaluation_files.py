@@ -6,13 +6,15 @@ import json
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import zarr
+from pydantic import BaseModel, Field, ValidationError
 from pydantic_zarr.v3 import GroupSpec
 from zarr.storage import LocalStore
 
+from pipeline.config.complaints import complaints
 from pipeline.errors import StoreError
 from pipeline.store.spec import array_spec, numpy_dtype
 from schemas.evaluation import TABLES, VERSION, Table
@@ -21,6 +23,25 @@ TABLES_ZARR = "tables.zarr"
 METRICS = "metrics.json"
 
 Arrays = dict[str, np.ndarray]
+
+
+class _Measured(BaseModel):
+    points: int
+    scale: float
+
+
+class _Configuration(BaseModel):
+    touch: bool
+
+
+class _Root(BaseModel):
+    """What is printed of the attributes."""
+
+    settings: _Measured
+    seed: int
+    split: str
+    configurations: Annotated[dict[str, _Configuration], Field(min_length=1)]
+    left_out: dict[str, str]
 
 
 def evaluation_name(training_seed: int = 0) -> str:
@@ -60,7 +81,10 @@ def _conform(name: str, arrays: Mapping[str, Any]) -> Arrays:
     declared = _declared(name).arrays
     if set(arrays) != set(declared):
         raise StoreError(f"evaluation: {name} has arrays {sorted(arrays)}, its schema says {sorted(declared)}")
-    found = {key: np.asarray(value, numpy_dtype(declared[key])) for key, value in arrays.items()}
+    try:
+        found = {key: np.asarray(value, numpy_dtype(declared[key])) for key, value in arrays.items()}
+    except (TypeError, ValueError) as error:
+        raise StoreError(f"evaluation: an array of {name} is not of the type that its schema says ({error})") from error
     sizes: dict[str, int] = {}
     for key, value in found.items():
         dims = declared[key].dims
@@ -89,7 +113,12 @@ def _root(folder: Path) -> zarr.Group:
 
 def read_root(folder: Path) -> dict[str, Any]:
     """Read the attributes of an evaluation folder: settings, seed, configurations; a `StoreError` where there is no finished one."""
-    return dict(_root(folder).attrs.asdict())
+    attributes = dict(_root(folder).attrs.asdict())
+    try:
+        _Root.model_validate(attributes)
+    except ValidationError as error:
+        raise StoreError(f"{folder / TABLES_ZARR}: its attributes cannot be used: {complaints(error)}; run evaluate again") from error
+    return attributes
 
 
 def has_table(folder: Path, name: str) -> bool:
@@ -98,12 +127,14 @@ def has_table(folder: Path, name: str) -> bool:
 
 
 def read_table(folder: Path, name: str) -> Arrays:
-    """Read the arrays of one group of an evaluation folder; a `StoreError` where there is no finished one, or no such group."""
+    """Read the arrays of one group of an evaluation folder; a `StoreError` where there is no finished one, no such group, or one that
+    is not as its schema says.
+    """
     root = _root(folder)
     group = root.get(name)
     if not isinstance(group, zarr.Group):
         raise StoreError(f"{root.store_path} has no group {name}; it has {', '.join(sorted(root.group_keys()))}")
-    return {key: np.asarray(array[...]) for key, array in group.arrays()}
+    return _conform(name, {key: np.asarray(array[...]) for key, array in group.arrays()})
 
 
 def read_surfaces(folder: Path, configuration: str) -> Arrays:

@@ -38,6 +38,7 @@ CENTRE = np.array([0.0, 0.0, 0.6])
 SIDE = 3
 GRASPS_AN_OBJECT, SENSORS = 5, 4
 SENSOR = load_sensor("gel_16mm")
+HAND = {"hand": "allegro_right"}
 CAMERA = Camera(position=(1.5, 0, 0.6), rotation=(90, 0, 90), focal=(400, 400), centre=(128, 128), resolution=256)
 
 
@@ -193,8 +194,8 @@ def stages() -> list[Given]:
     sensor = {"sensor": SENSOR.model_dump(mode="json")}
     return [
         Given(SURFACES, surfaces, (), {}, {}),
-        Given(GRASPS, grasps, (SURFACES,), LABELS, {}),
-        Given(VISION, vision, (GRASPS,), {"camera": projection_matrix(CAMERA)}, {}),
+        Given(GRASPS, grasps, (SURFACES,), LABELS, {"settings": HAND}),
+        Given(VISION, vision, (GRASPS,), {"camera": projection_matrix(CAMERA)}, {"settings": HAND | {"scene": "supplement"}}),
         Given(TOUCH, touch, (SURFACES, GRASPS), {"untouched": untouched_image(SENSOR)}, sensor),
         Given(DISTANCES, distances, (SURFACES,), {}, {}),
         Given(CHARTS, charts, (TOUCH,), {"chart_faces": chart_square(SIDE)[1].numpy().astype(np.int32)}, {}),

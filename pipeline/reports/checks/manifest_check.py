@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pipeline.config.manifest import SPLITS, load_manifest
+from pipeline.reports.picture_row import save_figure
 
 
 def check(path: Path, picture: Path) -> list[str]:
@@ -18,14 +19,14 @@ def check(path: Path, picture: Path) -> list[str]:
     counts = Counter((item.category, item.split) for item in objects)
     categories = sorted({item.category for item in objects})
     figure = Figure((8, 1 + 0.3 * len(categories)), layout="constrained")
-    axes, left = figure.subplots(), np.zeros(len(categories))
+    axes, left, places = figure.subplots(), np.zeros(len(categories)), np.arange(len(categories))
     for split in SPLITS:
         width = np.array([counts[category, split] for category in categories])
-        axes.barh(categories, width, left=left, label=split)
+        axes.barh(places, width, left=left, label=split)
         left += width
-    axes.set(xlabel="objects")
+    axes.set(xlabel="objects", yticks=places, yticklabels=categories)
     axes.legend()
-    figure.savefig(picture)
+    save_figure(figure, picture)
     unitless = sum("file" in item.source and item.source.get("metres_per_unit") is None for item in objects)
     return [
         f"{path}: manifest {manifest.name}, {len(objects)} objects, no faults",

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from pipeline.config.scene_file import load_scene
 from pipeline.kernels.geometry.normalise import POSITION
 from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
+from pipeline.reports.picture_row import save_figure
 
 SIZE = 0.5
 """m, diagonal of the objects that are looked for in the images."""
@@ -31,7 +32,7 @@ def check(path: Path, picture: Path) -> list[str]:
             axes.annotate(name, pose[[right, up], 3])
         axes.set(xlabel="xyz"[right] + ", m", ylabel="xyz"[up] + ", m", aspect="equal")
         axes.legend()
-    figure.savefig(picture)
+    save_figure(figure, picture)
     lines = [_camera(name, camera) for name, camera in cameras.items()]
     return [
         f"{path}: scene {scene.name}, {'no faults' if not any('fault' in line for line in lines) else 'faults below'}",

@@ -13,6 +13,7 @@ from pipeline.config.sensor_file import load_sensor
 from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+from pipeline.reports.picture_row import save_figure
 
 PRESS = 0.25
 """How deep ball and edge are pressed in, in gel thicknesses."""
@@ -46,7 +47,7 @@ def draw(sensor: Sensor, path: Path) -> None:
     for axes, (title, image) in zip(images, shown.items(), strict=True):
         axes.imshow(image)
         axes.set(title=title, xticks=[], yticks=[])
-    figure.savefig(path)
+    save_figure(figure, path)
 
 
 def pressed_ball(sensor: Sensor) -> NDArray[np.float64]:

@@ -1,0 +1,190 @@
+"""The pages of a report: nothing outside their folder is touched, and what is wrong with them is found and written again."""
+
+from __future__ import annotations
+
+import json
+import resource
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.errors import StoreError
+from pipeline.reports.html_report import _environment
+from pipeline.reports.report_pages import read_pages
+from tests.engine.tiny_stages import publish
+from tests.stages import ball_dataset
+from tests.store.test_validate import resealed
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_figures() -> Iterator[None]:
+    """The paper's figures take seconds, and are as other files of a report."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pipeline.reports.html_report.draw_figures", lambda *_: [])
+        yield
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("balls")
+    ball_dataset.make_data(folder, 1)
+    vt("report", folder)
+    return folder
+
+
+@pytest.fixture
+def data(made, tmp_path) -> Path:
+    return shutil.copytree(made, tmp_path / "data")
+
+
+@pytest.fixture
+def outside(tmp_path) -> Path:
+    folder = tmp_path / "v"
+    folder.mkdir()
+    (folder / "thesis.txt").write_text("mine")
+    return folder
+
+
+def vt(*arguments: object, fails: bool = False) -> str:
+    done = CliRunner().invoke(app, [*map(str, arguments)])
+    assert (done.exit_code != 0) == fails, done.output
+    assert "Traceback" not in done.output
+    return " ".join(done.output.split())
+
+
+def link(path: Path, target: Path) -> None:
+    """Put a link in the place of a file or folder."""
+    shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+    path.symlink_to(target)
+
+
+@pytest.mark.parametrize(
+    ("name", "target"),
+    [
+        ("report", "v"),
+        ("report", "v/none"),
+        ("report/objects", "v"),
+        ("report/style.css", "v/thesis.txt"),
+        ("report/style.css", "v/none"),
+        ("report/pages.json", "v/thesis.txt"),
+        ("report/objects/a.html", "v/thesis.txt"),
+        ("report/.unfinished", "v"),
+    ],
+)
+def test_links_in_a_report_are_refused_and_nothing_outside_is_touched(data, outside, name, target):
+    link(data / name, data.parent / target)
+    assert f"{data / name} is a symbolic link" in vt("report", data, fails=True)
+    assert [path.name for path in outside.iterdir()] == ["thesis.txt"]
+    assert (outside / "thesis.txt").read_text() == "mine"
+    assert f"{data / name} is a symbolic link" in vt("validate", data, fails=True)
+
+
+def test_the_data_directory_may_be_a_link(data, tmp_path):
+    (tmp_path / "link").symlink_to(data)
+    (data / "report" / "objects" / "a.html").unlink()
+    vt("report", tmp_path / "link")
+    vt("validate", tmp_path / "link")
+    assert (data / "report" / "objects" / "a.html").exists()
+
+
+def with_file(written: bytes, name: str) -> bytes:
+    content = json.loads(written)
+    content["files"][name] = "0" * 64
+    return json.dumps(content).encode()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda written: written[: len(written) // 2],
+        lambda written: b"",
+        lambda written: b"[]",
+        lambda written: b"\xff\x00",
+        lambda written: b"[" * 100_000,
+        lambda written: json.dumps({"a": {"key": "0", "category": 3}}).encode(),
+        lambda written: with_file(written, "../../v/thesis.txt"),
+        lambda written: with_file(written, "/etc/passwd"),
+        lambda written: written.replace(b'"areas":[', b'"areas":[NaN,'),
+    ],
+    ids=["cut", "empty", "list", "bytes", "nested", "other", "above", "absolute", "nan"],
+)
+def test_a_list_of_pages_that_cannot_be_used_is_refused(made, tmp_path, damage: Callable[[bytes], bytes]):
+    (tmp_path / "pages.json").write_bytes(damage((made / "report" / "pages.json").read_bytes()))
+    with pytest.raises(StoreError, match=r"pages.json cannot be used \(.*run `vt-pipeline report` again"):
+        read_pages(tmp_path)
+
+
+def test_a_list_of_pages_that_names_files_elsewhere_is_written_again_and_they_are_kept(data, outside):
+    path = data / "report" / "pages.json"
+    path.write_bytes(with_file(path.read_bytes(), "../../v/thesis.txt"))
+    assert f"{path} cannot be used" in vt("validate", data, fails=True)
+    vt("report", data)
+    assert f"{path}: valid" in vt("validate", data)
+    assert (outside / "thesis.txt").read_text() == "mine"
+
+
+def test_pages_that_are_missing_or_changed_are_said_and_written_again(data):
+    report = data / "report"
+    damages = {
+        "objects/a.mesh.js": Path.unlink,
+        "index.html": Path.unlink,
+        "three.min.js": lambda path: path.write_bytes(b""),
+        "figures/touches.svg": lambda path: path.write_text("other"),
+    }
+    before = {name: (report / name).read_bytes() for name in damages}
+    for name, damage in damages.items():
+        damage(report / name)
+    said = vt("validate", data, fails=True)
+    assert all(f"{name} is missing or was changed" in said for name in damages)
+    vt("report", data)
+    assert {name: (report / name).read_bytes() for name in damages} == before
+
+
+def test_pages_that_are_up_to_date_are_left_alone_and_only_pages_of_the_list_are_removed(data):
+    report = data / "report"
+    (report / "objects" / "thesis.txt").write_text("mine")
+    (report / "objects" / "gone.html").write_text("of an object that is gone")
+    (report / "pages.json").write_bytes(with_file((report / "pages.json").read_bytes(), "objects/gone.html"))
+    before = {path: path.stat().st_mtime_ns for path in (report / "objects").iterdir() if path.name != "gone.html"}
+    vt("report", data)
+    assert {path: path.stat().st_mtime_ns for path in (report / "objects").iterdir()} == before
+    assert not {"objects/gone.html", "objects/thesis.txt"} & read_pages(report).every_file().keys()
+
+
+def test_facts_that_no_training_has_are_said(data, tmp_path):
+    (tmp_path / "unet").mkdir()
+    publish(data, "models/unet", tmp_path / "unet", "train-unet", {"best": 0})
+    assert "unet.json: its facts are not those of a training" in vt("report", data, fails=True)
+
+
+@pytest.mark.parametrize("category", ["bott\x00le", "bott\u202ele"])
+def test_categories_with_control_characters_are_refused(data, category):
+    path = data / "surfaces" / "0000-of-0001.json"
+    rows = json.loads(path.read_bytes())["rows"]
+    path.write_bytes(resealed(path.read_bytes(), rows=[row | {"category": category} for row in rows]))
+    assert "the record is damaged" in vt("report", data, fails=True)
+
+
+def test_control_characters_are_shown_as_their_codes():
+    page = _environment().from_string("{% macro cell(x) %}<b>{{ x }}</b>{% endmacro %}{{ cell(text) }}").render(text="<a>\u202eb\x00")
+    assert page == "<b>&lt;a&gt;\\u202eb\\x00</b>"
+
+
+def test_a_full_disk_is_said_with_the_folder(data, monkeypatch):
+    monkeypatch.setattr("pipeline.reports.html_report.COPIED", ())
+    (data / "report" / "objects" / "a.html").unlink()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))  # as a quota: "File too large" in place of "No space left on device"
+    try:
+        said = vt("report", data, fails=True)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert f"File too large: '{data / 'report'}" in said
+    assert "objects/a.html is missing" in vt("validate", data, fails=True)
+    assert not (data / "report" / ".unfinished").exists()
+    vt("report", data)
+    assert "not valid" not in vt("validate", data)
