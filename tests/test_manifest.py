@@ -274,3 +274,19 @@ def test_an_object_is_what_its_files_hold_wherever_they_lie(tmp_path):
     assert prints[0] == prints[1]
     (tmp_path / "there" / "a.png").write_bytes(b"another")
     assert fingerprint(manifest(folder("directory", tmp_path / "there")).objects()[0].source) != prints[0]
+
+
+@pytest.mark.parametrize("character", ["\0", "\n", "\x1b", "\u202e", "\u2066"])
+def test_names_with_control_characters_are_refused(tmp_path, character):
+    source = {"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "duck.obj"}}, "category": f"mu{character}g"}
+    with pytest.raises(InvalidInput, match=r"manifest m: 'mu.*g' has the character .*, which steers how text is shown"):
+        manifest(source).objects()
+    described = {"name": f"m{character}", "description": "d", "seed": 0, "splits": {"train": 1, "valid": 0, "test": 0}}
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(described | {"sources": [source]}))
+    with pytest.raises(InvalidInput, match=r"name: .*which steers how text is shown"):
+        load_manifest(str(tmp_path / "m.yaml"))
+
+
+def test_names_in_any_script_are_taken():
+    source = {"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "duck.obj"}}, "category": "می\u200cخواهم 杯\u3000"}
+    assert manifest(source).objects()[0].category == source["category"]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import importlib.util
 import io
 import json
+import os
 import tarfile
 from pathlib import Path
 
@@ -15,9 +17,11 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.errors import StoreError
 from pipeline.export.grasp_frames import GraspFrames
 from pipeline.export.lerobot_files import _Statistics
 from pipeline.export.webdataset_shards import write_webdataset
+from pipeline.store.atomic import written_to
 from tests.stages import ball_dataset
 
 FINGERS = [f"finger-{number}" for number in range(4)]
@@ -83,3 +87,57 @@ def test_statistics_leave_infinite_depths_out(data):
         statistics.note(np.array(value, np.float32))
     found = statistics.values()
     assert (found["min"], found["max"], found["mean"], found["std"], found["count"]) == ([1, 0], [3, 0], [2, 0], [1, 0], [2])
+
+
+def test_an_export_that_was_killed_is_begun_again_by_the_next(data, tmp_path):
+    left = tmp_path / "out" / ".unfinished" / "files"
+    left.mkdir(parents=True)
+    (left / "test-000000.tar").write_text("half")
+    (left / "test-000009.tar").write_text("half")
+    vt("export", data, tmp_path / "out", "--to", "webdataset")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["test-000000.tar"]
+    assert files_in(tmp_path / "out" / "test-000000.tar")
+
+
+def test_an_export_that_fails_leaves_nothing_and_names_the_folder(data, tmp_path, monkeypatch):
+    def fails(frames, folder):
+        (folder / "half.tar").write_text("half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("pipeline.export.webdataset_shards.write_webdataset", fails)
+    said = vt("export", data, tmp_path / "out", "--to", "webdataset", fails=True)
+    assert f"No space left on device: '{tmp_path / 'out'}'" in said
+    assert not [*(tmp_path / "out").iterdir()]
+
+
+def test_one_export_at_a_time_is_written_into_a_folder(tmp_path):
+    with written_to(tmp_path / "out") as folder:
+        (folder / "a").write_text("first")
+        with pytest.raises(StoreError, match="out is being made by another run"), written_to(tmp_path / "out"):
+            pass
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["a"]
+
+
+@pytest.mark.parametrize("name", ["a", "b", ".unfinished"])
+def test_no_export_is_written_through_a_link(tmp_path, name):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "v").mkdir()
+    (tmp_path / "out" / name).symlink_to(tmp_path / "v")
+
+    def write() -> None:
+        with written_to(tmp_path / "out") as folder:
+            (folder / "a").mkdir()
+            for file in ("a/one", "b"):
+                (folder / file).write_text("ours")
+
+    with pytest.raises(StoreError, match=f"{name} is a symbolic link to .*; nothing is written through links"):
+        write()
+    assert not [*(tmp_path / "v").iterdir()]
+
+
+def test_a_folder_that_is_a_link_is_written_into(tmp_path):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "disk")
+    with written_to(tmp_path / "out") as folder:
+        (folder / "a").write_text("ours")
+    assert (tmp_path / "disk" / "a").read_text() == "ours"

@@ -60,12 +60,16 @@ def test_a_known_model_is_recovered(folder: Path, tmp_path: Path) -> None:
         "name,x,y,radius\n" + "\n".join(",".join(line.split()) for line in (folder.parent / "contacts.txt").read_text().splitlines())
     )
     out, untouched = tmp_path / "mine.yaml", folder.parent / "untouched.png"
+    (tmp_path / "thesis.txt").write_text("mine")
+    for name in ("mine.yaml", "mine.png", "mine-untouched.png"):
+        (tmp_path / name).symlink_to(tmp_path / "thesis.txt")
     size = ["--ball-radius", "2", "--mm-per-pixel", str(1e3 * TRUE.pitch[1]), "--untouched", str(untouched)]
     result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(out), *size, "--shadows", "3"])
     (folder / "circles.csv").unlink()
     assert result.exit_code == 0, result.output
     assert "left out nothing.png: nothing touches" in " ".join(result.output.split())
     assert out.with_suffix(".png").stat().st_size > 10_000
+    assert (tmp_path / "thesis.txt").read_text() == "mine"  # links were replaced
     mine = load_sensor(out)
     assert [path.name for path in sensor_files([str(out)])] == ["mine.yaml", "mine-untouched.png"]
     assert (background(mine, mine.calibrated) == untouched_image(TRUE)).all()

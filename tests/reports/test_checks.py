@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from PIL import Image
 
 from pipeline.config.description_file import description_path
 from pipeline.config.hand_file import load_hand
-from pipeline.errors import InvalidInput
+from pipeline.errors import InvalidInput, StoreError
 from pipeline.reports.checks import check_file
+from pipeline.reports.learning_curves import draw_curves
+from pipeline.reports.svg_plots import draw_histogram, svg_theme
 
 
 def edited(kind: str, name: str, path: Path, **changed: object) -> Path:
@@ -69,3 +74,45 @@ def test_scene_whose_camera_looks_away_is_faulty(tmp_path: Path) -> None:
     lines = check_file(str(path), tmp_path / "a.png")
     assert "faults below" in lines[0]
     assert any(line.startswith("fault: away: 256 x 256 pixels") for line in lines)
+
+
+def test_picture_takes_the_place_of_a_link_and_leaves_what_it_leads_to(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("mine")
+    (tmp_path / "a.png").symlink_to(tmp_path / "thesis.txt")
+    check_file("supplement", tmp_path / "a.png")
+    assert (tmp_path / "thesis.txt").read_text() == "mine"
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.width > 300
+
+
+def test_picture_of_an_unknown_format_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"a.xyz: a picture is written as .*png.*\.xyz is not one of them"):
+        check_file("supplement", tmp_path / "a.xyz")
+
+
+FORMULA = r"$\frac{$"
+"""What matplotlib cannot read as a formula."""
+
+
+def test_names_with_dollars_are_drawn_as_they_are(tmp_path: Path) -> None:
+    source = {"kind": "pybullet", "licence": "zlib", "category": FORMULA, "files": {"duck": {"file": "duck.obj"}}}
+    manifest = {"name": "n", "description": "d", "seed": 0, "splits": {"train": 1, "valid": 0, "test": 0}, "sources": [source]}
+    (tmp_path / "manifest.yaml").write_text(yaml.safe_dump(manifest))
+    check_file(str(tmp_path / "manifest.yaml"), tmp_path / "manifest.png")
+    draw_histogram(tmp_path / "areas.svg", {FORMULA: np.ones(3), "a\x00b": np.ones(2)}, x="x", y="y")
+    drawn = (tmp_path / "areas.svg").read_text()
+    assert FORMULA in drawn
+    assert "a\\x00b" in drawn
+
+
+def test_learning_curves_keep_the_powers_of_their_ticks_and_need_losses(tmp_path: Path) -> None:
+    (tmp_path / "metrics.json").write_text(json.dumps([{"loss": 0.1, "train_loss": 10.0}, {"loss": 0.01, "train_loss": 0.001}]))
+    with svg_theme(tmp_path / "curves.svg"):
+        draw_curves({FORMULA: tmp_path}, tmp_path / "curves.svg")
+    drawn = re.sub("<!--.*?-->", "", (tmp_path / "curves.svg").read_text())
+    assert FORMULA in drawn
+    assert "mathdefault" not in drawn
+    for damage in ("", "[]", "{}", "[1]", '[{"loss": 1}]'):
+        (tmp_path / "metrics.json").write_text(damage)
+        with pytest.raises(StoreError, match=r"metrics.json does not say the losses"):
+            draw_curves({"unet": tmp_path}, tmp_path / "curves.svg")

@@ -10,10 +10,12 @@ from PIL import Image
 
 from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.errors import StoreError
 from pipeline.kernels.hand.kinematics import sensor_poses
-from pipeline.reports.contact_sheet import BandMaker, band_maker
+from pipeline.reports.contact_sheet import BandMaker, band_maker, contact_sheets
 from pipeline.reports.contact_sheet_page import COLORS, PAGE, PICTURE, Band, depth_colors, draw
 from tests.kernels.vision.shapes import ball
+from tests.stages import ball_dataset
 
 SENSOR = load_sensor("gel_16mm")
 
@@ -97,3 +99,27 @@ def test_band_shows_hand_object_and_marks(maker) -> None:
         assert max(near) < 60  # every finger's colour is there
     again = maker.band("ball", rows)
     assert (again.pictures[2][1] == held).all()
+
+
+def test_sheets_are_drawn_again_where_they_were_changed_and_never_through_links(tmp_path, monkeypatch) -> None:
+    data, mine = tmp_path / "data", tmp_path / "thesis.txt"
+    ball_dataset.make_data(data, 1)
+    monkeypatch.setattr("pipeline.reports.contact_sheet._draw", lambda collections, shown, path: path.write_text("a sheet"))
+    (sheet,) = contact_sheets(data, 1)
+    sheet.write_text("")
+    (data / "contact-sheet-mine.png").write_text("mine")
+    assert contact_sheets(data, 1) == [sheet]
+    assert sheet.read_text() == "a sheet"
+    assert (data / "contact-sheet-mine.png").exists()
+    (data / "contact-sheet.key").write_bytes(b"\xff")
+    assert contact_sheets(data, 1) == [sheet]
+    mine.write_text("mine")
+    for name in ("contact-sheet.png", "contact-sheet.key"):
+        written = (data / name).read_bytes()
+        (data / name).unlink()
+        (data / name).symlink_to(mine)
+        with pytest.raises(StoreError, match=f"{name} is a symbolic link to .*thesis.txt"):
+            contact_sheets(data, 1)
+        (data / name).unlink()
+        (data / name).write_bytes(written)
+    assert mine.read_text() == "mine"
