@@ -9,10 +9,9 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from pipeline.errors import StoreError
 from pipeline.store.atomic import write_at_once
 from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, is_version
-from pipeline.store.record import read_content
+from pipeline.store.record import named_location
 from pipeline.store.storage import TEMPORARY, Place, files_below, names_in, remove, remove_files
 
 GRACE_SECONDS = 3600.0
@@ -82,11 +81,3 @@ def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECON
 def everything_unnamed(directory: DataDirectory) -> list[Place]:
     """Find all in a data directory that no record names."""
     return [path for folder in directory.record_folders() for path in unnamed(folder)]
-
-
-def named_location(path: Place) -> str | None:
-    """What the record at `path` names; None where there is no record that can be read."""
-    try:
-        return str(read_content(path)["location"])
-    except (StoreError, KeyError):
-        return None

@@ -12,8 +12,8 @@ from typing import Any
 from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
 from pipeline.store.directory import DataDirectory, shard_name, versioned
-from pipeline.store.garbage import collect, named_location, note_replaced
-from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord, sealed
+from pipeline.store.garbage import collect, note_replaced
+from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord, named_location, sealed
 from pipeline.store.rows import Row
 from pipeline.store.storage import Place, remove
 from pipeline.store.write import RowToPack, metadata_digests, write_group
