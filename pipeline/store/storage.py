@@ -140,10 +140,10 @@ def _listed(folder: UPath) -> Iterator[tuple[str, Any]]:
 
 
 def remove(folder: Place) -> None:
-    """Remove a folder with everything in it, or a file, or nothing where there is none."""
+    """Remove a folder with everything in it, or a file, or nothing where there is none; of a symbolic link, the link alone."""
     if not isinstance(folder, Path):
         remove_files(folder, [*files_below(folder), ""])
-    elif folder.is_dir():
+    elif folder.is_dir() and not folder.is_symlink():
         shutil.rmtree(folder, ignore_errors=True)
     else:
         folder.unlink(missing_ok=True)
