@@ -61,8 +61,8 @@ def collect_garbage(
     data: DataArgument,
     older_than: Annotated[float, typer.Option(min=0, help="Minutes ago that it was written, at least: readers may still use it.")] = 60.0,
 ) -> None:
-    """Remove what no record names: groups and folders that were replaced, and what killed runs left."""
-    from pipeline.store.garbage import collect_everything
+    """Remove what no record names: groups and folders that were replaced, and what killed runs left. Symbolic links are not followed."""
+    from pipeline.store.garbage import collect_everything, links
 
     directory = DataDirectory(data)
     if isinstance(directory.root, Path) and not directory.root.is_dir():
@@ -70,6 +70,8 @@ def collect_garbage(
     removed = collect_everything(directory, 60 * older_than)
     for path in removed:
         say(f"removed {path}")
+    for link in links(directory):
+        say(f"{link} is a symbolic link: nothing is removed from {link.resolve()}; move that folder here, or remove there by hand")
     say(f"{data}: {len(removed)} removed")
 
 

@@ -2,10 +2,27 @@
 
 from __future__ import annotations
 
+import errno
 import stat
 from pathlib import Path
 
 from pipeline.errors import InvalidInput
+
+
+def regular_size(path: Path) -> int:
+    """Find the size of a regular file, bytes, and refuse what is none: a pipe may never say anything, a device never end.
+
+    Whatever opens a file that a user or a stranger may have given asks here first, whether it opens it itself or has a library do so.
+
+    Raises
+    ------
+    OSError
+        There is no such file; an `IsADirectoryError` where a folder, a pipe or a device is in its place: to readers these are all alike.
+    """
+    found = path.stat()
+    if not stat.S_ISREG(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "it is no regular file", str(path))
+    return found.st_size
 
 
 def read_file(path: Path, most: int) -> bytes:
@@ -14,7 +31,7 @@ def read_file(path: Path, most: int) -> bytes:
     Parameters
     ----------
     path
-        A regular file: a pipe may never say anything, a device never end.
+        A regular file.
     most
         Bytes that it may have.
 
@@ -24,11 +41,8 @@ def read_file(path: Path, most: int) -> bytes:
         The file cannot be read, is no regular one, or is larger.
     """
     try:
-        found = path.stat()
-        if not stat.S_ISREG(found.st_mode):
-            raise InvalidInput(f"{path} is no regular file; give the path of one")
-        if found.st_size > most:
-            raise InvalidInput(f"{path} has {found.st_size} bytes; {most} are the most that are read")
+        if (size := regular_size(path)) > most:
+            raise InvalidInput(f"{path} has {size} bytes; {most} are the most that are read")
         return path.read_bytes()
     except OSError as error:
         raise InvalidInput(f"{path} cannot be read ({error.strerror}); give the path of a file that can") from error

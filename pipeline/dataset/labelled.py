@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
+import numpy as np
 import xarray
+from xarray.backends import BackendArray, BackendEntrypoint
+from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
@@ -29,7 +35,7 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     Raises
     ------
     StoreError
-        There is no such artifact, or it has not been made.
+        There is no such artifact, or it has not been made; later, where values are used, one of its files is missing or damaged.
 
     Examples
     --------
@@ -56,8 +62,35 @@ def _lazy(array: xarray.DataArray) -> xarray.DataArray:
 def _opened(shard: Shard) -> xarray.Dataset:
     shard.check_arrays()
     with shard.errors_as_damage("it cannot be opened"):
-        plain = xarray.open_zarr(zarr_store(shard.path), consolidated=False, chunks=None)
+        plain = xarray.open_dataset(shard, engine=_ShardReader)  # type: ignore[arg-type]  # our reader takes what it is given
         named: xarray.Dataset = plain.set_coords(["category", "split", "ok"]).set_index(object="object_id")
         for name in named.coords:
             named[name].load()
     return named
+
+
+class _ShardReader(BackendEntrypoint):
+    """Opens a shard for xarray, which reads values when they are used, with the errors of `Shard.read` in place of Zarr's."""
+
+    def open_dataset(self, filename_or_obj: Any, *, drop_variables: Any = None) -> xarray.Dataset:
+        shard: Shard = filename_or_obj
+        plain = xarray.open_zarr(zarr_store(shard.path), consolidated=False, chunks=None)
+        stored = {str(name): array.variable for name, array in plain.data_vars.items()}
+        lazy = {name: (of.dims, LazilyIndexedArray(_Stored(shard, name)), of.attrs, of.encoding) for name, of in stored.items()}
+        dataset: xarray.Dataset = plain.assign(lazy)
+        return dataset
+
+
+class _Stored(BackendArray):
+    """The values of an array of a shard."""
+
+    def __init__(self, shard: Shard, name: str) -> None:
+        self._shard, self._name = shard, name
+        self.shape, self.dtype = shard.array(name).shape, shard.array(name).dtype
+
+    def __dask_tokenize__(self) -> tuple[str, str]:
+        return str(self._shard.path), self._name
+
+    def __getitem__(self, key: ExplicitIndexer) -> np.ndarray:
+        read = partial(self._shard.read, self._name)
+        return np.asarray(explicit_indexing_adapter(key, self.shape, IndexingSupport.OUTER_1VECTOR, read))

@@ -9,10 +9,9 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from pipeline.errors import StoreError
 from pipeline.store.atomic import write_at_once
 from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, is_version
-from pipeline.store.record import read_content
+from pipeline.store.record import named_location
 from pipeline.store.storage import TEMPORARY, Place, files_below, names_in, remove, remove_files
 
 GRACE_SECONDS = 3600.0
@@ -40,8 +39,13 @@ def _is_empty(path: Place) -> bool:
     return not isinstance(path, Path) and not files_below(path)
 
 
-def collect(folder: Place, older_than: float = GRACE_SECONDS) -> list[Place]:
-    """Remove what no record of a folder names and was replaced, or written, longer ago, s; returns what was removed."""
+def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_SECONDS) -> list[Place]:
+    """Remove what no record of a folder names and was replaced, or written, longer ago, s; returns what was removed.
+
+    Where a symbolic link leads to the folder, nothing is removed: what lies there may be somebody else's.
+    """
+    if directory.link_to(folder):
+        return []
     doomed = [path for path in unnamed(folder) if time.time() - _written(path) > older_than]
     for path in doomed:
         remove(path)
@@ -52,7 +56,7 @@ def _written(path: Place) -> float:
     """When something was written, or replaced, s since 1970; never, where it is gone meanwhile."""
     if isinstance(path, Path):
         with suppress(FileNotFoundError):  # another run has renamed it, or removed it, too
-            return path.stat().st_mtime
+            return path.lstat().st_mtime
         return math.inf
     return max((file.written for file in files_below(path).values()), default=0.0)
 
@@ -62,7 +66,7 @@ def note_replaced(path: Place) -> None:
     if not isinstance(path, Path):
         write_at_once(path / REPLACED, b"")
     elif path.exists():
-        os.utime(path)
+        os.utime(path, follow_symlinks=False)
 
 
 def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECONDS) -> list[Place]:
@@ -70,7 +74,7 @@ def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECON
 
     In object storage, what runs left half done goes too: there they remove only what is their own.
     """
-    removed = [path for folder in directory.record_folders() for path in collect(folder, older_than)]
+    removed = [path for folder in directory.record_folders() for path in collect(directory, folder, older_than)]
     work = directory.root / WORK
     if not isinstance(work, Path):
         old = [name for name, file in files_below(work).items() if time.time() - file.written > older_than]
@@ -79,14 +83,11 @@ def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECON
     return removed
 
 
+def links(directory: DataDirectory) -> list[Path]:
+    """List the symbolic links in a data directory that lead to folders with records: there, nothing is removed."""
+    return sorted({link for folder in directory.record_folders() if (link := directory.link_to(folder))})
+
+
 def everything_unnamed(directory: DataDirectory) -> list[Place]:
     """Find all in a data directory that no record names."""
     return [path for folder in directory.record_folders() for path in unnamed(folder)]
-
-
-def named_location(path: Place) -> str | None:
-    """What the record at `path` names; None where there is no record that can be read."""
-    try:
-        return str(read_content(path)["location"])
-    except (StoreError, KeyError):
-        return None

@@ -12,8 +12,8 @@ from typing import Any
 from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
 from pipeline.store.directory import DataDirectory, shard_name, versioned
-from pipeline.store.garbage import collect, named_location, note_replaced
-from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord, sealed
+from pipeline.store.garbage import collect, note_replaced
+from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord, named_location, sealed
 from pipeline.store.rows import Row
 from pipeline.store.storage import Place, remove
 from pipeline.store.write import RowToPack, metadata_digests, write_group
@@ -47,7 +47,7 @@ def publish_shard(
         beside = work / location
         write_group(beside, artifact, rows, constants, attributes)
         written = {"location": location, "metadata": metadata_digests(beside, artifact)}
-        _publish(beside, path, record_path, _completed(record, written), version)
+        _publish(directory, beside, path, record_path, _completed(record, written), version)
     return path
 
 
@@ -71,7 +71,7 @@ def publish_folder(directory: DataDirectory, name: str, beside: Path, record: Fo
     """
     place = directory.folder_record(name)
     location = versioned(place.stem, [record.key, record.files])
-    _publish(beside, place.with_name(location), place, _completed(record, {"location": location}), version_of(place))
+    _publish(directory, beside, place.with_name(location), place, _completed(record, {"location": location}), version_of(place))
     return place.with_name(location)
 
 
@@ -87,7 +87,7 @@ def _completed(record: R, fields: Mapping[str, Any]) -> R:
     return type(record).model_validate({**dict(record), **fields})
 
 
-def _publish(beside: Path, path: Place, record_path: Place, record: Provenance, version: str | None) -> None:
+def _publish(directory: DataDirectory, beside: Path, path: Place, record_path: Place, record: Provenance, version: str | None) -> None:
     move_folder(beside, path)
     replaced = named_location(record_path)
     if replaced not in (None, path.name):
@@ -95,4 +95,4 @@ def _publish(beside: Path, path: Place, record_path: Place, record: Provenance, 
     if not replace_version(record_path, sealed(record), version):
         raise StoreError(f"{record_path} was published by another run meanwhile; run again")
     if isinstance(path, Path):  # object storage has no lock: there it is a command of its own
-        collect(path.parent)
+        collect(directory, path.parent)

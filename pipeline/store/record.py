@@ -183,5 +183,13 @@ def read_content(path: Place, maker: str = "the stage that makes it") -> dict[st
     raise _damaged(path, ValueError("its checksum is not that of its content"))
 
 
+def named_location(path: Place) -> str | None:
+    """Read the name of the group or folder in a record of any kind; None where there is no record that can be read."""
+    try:
+        return str(read_content(path)["location"])
+    except (StoreError, KeyError):
+        return None
+
+
 def _damaged(path: Place, error: Exception) -> StoreError:
     return StoreError(f"{path}: the record is damaged ({first_line(error)}); delete it and run its stage again")

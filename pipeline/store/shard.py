@@ -17,10 +17,10 @@ from pydantic_zarr.v3 import ArraySpec
 
 from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
-from pipeline.store.record import RowRecord, ShardRecord
+from pipeline.store.record import RowRecord, ShardRecord, named_location
 from pipeline.store.rows import Row, row_digest
 from pipeline.store.spec import array_departures, declared, numpy_dtype
-from pipeline.store.storage import File, Place, files_below, is_machine_fault, read_bytes, zarr_store
+from pipeline.store.storage import File, Place, exists, files_below, is_machine_fault, read_bytes, zarr_store
 from schemas.base import COMMON, Artifact
 
 _CHUNK = re.compile(r"/c(/[0-9]+)*$")
@@ -100,7 +100,10 @@ class Shard:
 
     @property
     def remedy(self) -> str:
-        """What a person does about a damaged shard."""
+        """What a person does about a shard that is damaged, or that was replaced, and perhaps collected, since it was opened."""
+        record = self.path.with_name(f"{self.path.name.rpartition('-')[0]}.json")
+        if not exists(record) or named_location(record) not in (None, self.path.name):
+            return "it was replaced since it was opened: open the dataset again, or run the same command again"
         return f"`vt-pipeline run {self.record.stage} --check`, with its other options as before, makes what is damaged again"
 
     def has(self, name: str) -> bool:
@@ -149,8 +152,11 @@ class Shard:
         StoreError
             A part of it is missing or damaged.
         """
-        with self.errors_as_damage(f"{name} is damaged"):
-            return np.asarray(self.array(name)[index])
+        array, position = self.array(name), index[0] if isinstance(index, tuple) and index else index
+        stacked = name in self.artifact.arrays and self.artifact.arrays[name].per_object
+        of_object = f" of {self.record.rows[position].object_id}" if stacked and isinstance(position, int) else ""
+        with self.errors_as_damage(f"{name}{of_object} cannot be read"):
+            return np.asarray(array[index])
 
     def check_arrays(self) -> None:
         """Open every array at the root, with the errors of `array`."""

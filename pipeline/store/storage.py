@@ -25,10 +25,12 @@ import obstore
 from obstore.exceptions import BaseError, GenericError
 from obstore.store import ObjectStore, from_url
 from upath import UPath
-from zarr.abc.store import Store
-from zarr.storage import LocalStore
+from zarr.abc.store import ByteRequest, Store
+from zarr.core.buffer import Buffer, BufferPrototype
+from zarr.storage import LocalStore, WrapperStore
 from zarr.storage import ObjectStore as ZarrObjectStore
 
+from pipeline.config.file_content import regular_size
 from pipeline.errors import InvalidInput
 
 PROTOCOLS = ("s3", "gs")
@@ -45,6 +47,9 @@ RETRY: Any = {"max_retries": 10_000, "retry_timeout": timedelta(minutes=3)}
 
 Place = Path | UPath
 """A folder or file: `pathlib.Path` on a disk, `UPath` in object storage."""
+
+ZARR_METADATA = ("zarr.json", ".zarray", ".zattrs", ".zgroup", ".zmetadata")
+"""Files that Zarr looks for and that need not be there; all others that it reads are chunks."""
 
 TEMPORARY = ".tmp"
 """How the names of files end that are being written."""
@@ -85,8 +90,9 @@ def is_machine_fault(error: Exception) -> bool:
 
 
 def read_bytes(path: Place) -> bytes:
-    """Read a file; a `FileNotFoundError` where there is none."""
+    """Read a regular file; a `FileNotFoundError` where there is none."""
     if isinstance(path, Path):
+        regular_size(path)
         return path.read_bytes()
     return bytes(obstore.get(bucket_of(path), key_of(path)).bytes())
 
@@ -133,10 +139,10 @@ def _listed(folder: UPath) -> Iterator[tuple[str, Any]]:
 
 
 def remove(folder: Place) -> None:
-    """Remove a folder with everything in it, or a file, or nothing where there is none."""
+    """Remove a folder with everything in it, or a file, or nothing where there is none; of a symbolic link, the link alone."""
     if not isinstance(folder, Path):
         remove_files(folder, [*files_below(folder), ""])
-    elif folder.is_dir():
+    elif folder.is_dir() and not folder.is_symlink():
         shutil.rmtree(folder, ignore_errors=True)
     else:
         folder.unlink(missing_ok=True)
@@ -202,9 +208,23 @@ def in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:
         return list(pool.map(function, items))
 
 
+class _Chunks(WrapperStore[Store]):
+    """The files of a group. A missing chunk is a `FileNotFoundError`, in whose place Zarr reads zeros; those are written here too."""
+
+    async def get(self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None) -> Buffer | None:
+        if isinstance(self._store, LocalStore):
+            with suppress(FileNotFoundError, NotADirectoryError):
+                regular_size(self._store.root / key)
+        content = await super().get(key, prototype, byte_range)
+        if content is None and PurePosixPath(key).name not in ZARR_METADATA:
+            raise FileNotFoundError(errno.ENOENT, "the chunk is missing", key)
+        return content
+
+
 def zarr_store(path: Place) -> Store:
-    """Open what Zarr reads a group through."""
-    return LocalStore(path, read_only=True) if isinstance(path, Path) else ZarrObjectStore(_client(str(path)), read_only=True)
+    """Open what Zarr reads a group through; a chunk that is missing is an error."""
+    files = LocalStore(path, read_only=True) if isinstance(path, Path) else ZarrObjectStore(_client(str(path)), read_only=True)
+    return _Chunks(files)
 
 
 def bucket_of(path: Place) -> ObjectStore:

@@ -117,7 +117,7 @@ def test_an_artifact_with_a_damaged_label_is_not_opened(data, tmp_path, label):
     content = bytearray(chunk.read_bytes())
     content[-1] ^= 1
     chunk.write_bytes(content)
-    with pytest.raises(StoreError, match=r"cannot be opened .*--check"):
+    with pytest.raises(StoreError, match=r"cannot be read .*--check"):
         open_artifact(tmp_path, "touch")
 
 

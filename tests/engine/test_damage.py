@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zarr
+from typer.testing import CliRunner
 
+from pipeline.cli import app
 from pipeline.engine.run import run as run_plan
 from pipeline.errors import StoreError
 from pipeline.reports.status import read_account
@@ -203,6 +205,32 @@ def test_files_that_killed_runs_left_are_garbage(tmp_path):
     for path in left:
         path.write_text("half")
     assert collect_everything(DataDirectory(tmp_path), older_than=0) == left
+
+
+def test_links_are_not_followed_to_remove_garbage(tmp_path):
+    data, elsewhere = tmp_path / "data", tmp_path / "elsewhere"
+    run(request(data))
+    (data / "noise").rename(elsewhere)
+    (data / "noise").symlink_to(elsewhere)
+    run(request(data, settings={"samples": 9}))  # which collects what was replaced
+    others = [elsewhere / "mine.tmp", elsewhere / "photographs-0123456789abcdef" / "one.png"]
+    for path in others:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("of value")
+    (data / "noted.json.17.tmp").symlink_to(others[0])
+    (data / "album-0123456789abcdef").symlink_to(others[1].parent)
+    groups = sorted(elsewhere.glob("*.zarr"))
+    for path in (data, tmp_path / "linked"):
+        if path != data:
+            path.symlink_to(data)
+        done = CliRunner().invoke(app, ["collect-garbage", str(path), "--older-than", "0"])
+        assert done.exit_code == 0
+        assert f"{path / 'noise'} is a symbolic link: nothing is removed from {elsewhere}" in " ".join(done.output.split())
+    assert not list(data.glob("*-0123456789abcdef"))
+    assert not list(data.glob("*.tmp"))
+    assert all(path.read_text() == "of value" for path in others)
+    assert len(groups) == 2
+    assert sorted(elsewhere.glob("*.zarr")) == groups
 
 
 def test_a_number_of_shards_that_no_record_has_is_refused(tmp_path):

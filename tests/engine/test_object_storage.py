@@ -196,6 +196,19 @@ def test_a_server_that_fails_now_and_then_changes_nothing(data, faults, tmp_path
     assert digest(data) == digest(tmp_path / "disk")
 
 
+def test_an_open_reader_of_what_was_split_otherwise_and_collected_ends_in_words(data):
+    run(request(data))
+    view = published(data).view("b")
+    names = ("values", "reach", "lists/numbers")
+    assert all(view[name].any() for name in names)
+    list(reshard(DataDirectory(data), 2))
+    garbage.collect_everything(DataDirectory(data), older_than=-1)
+    for name in names:
+        with pytest.raises(StoreError, match="it was replaced since it was opened: open the dataset again"):
+            view[name]
+    assert published(data).view("b")["values"].any()
+
+
 def test_a_server_that_is_gone_is_told_in_words(data, faults, monkeypatch):
     run(request(data))
     monkeypatch.setattr(storage, "RETRY", storage.RETRY | {"max_retries": 1})

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import shutil
 import sys
 from pathlib import Path
 from typing import Any, Literal
@@ -14,6 +16,7 @@ import torch
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
 from pipeline.console import console_on
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import InvalidInput, StoreError
@@ -23,6 +26,9 @@ from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.touch_model import load_touch_model
 from pipeline.rng import seeded_weights
+from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.garbage import collect_everything
+from pipeline.store.reshard import reshard
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 from stages.train_unet.learner import Touches, UnetLearner, load_touches
@@ -32,6 +38,8 @@ from tests.engine.tiny_stages import run
 from tests.stages.pressed_balls import GRASPS_EACH, SENSOR, SENSORS, Made, depths
 
 SETTINGS: dict[str, Any] = {"width": 2, "epochs": 2, "batch_size": 4, "threads": 1, "accelerator": "cpu", "learning_rate": 0.01}
+SPLITS = ("train", "valid", "train", "test", "valid", "train")
+OBJECTS = [Object(f"ball-{number}", "balls", {}, name) for number, name in enumerate(SPLITS)]
 
 
 class RowsInMemory:
@@ -135,16 +143,38 @@ def test_images_vary_and_depths_do_not(touches: Touches) -> None:
 def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     """A dataset of 6 objects, the folder of a U-Net trained on it, and its facts."""
     data = tmp_path_factory.mktemp("balls")
-    splits = ["train", "valid", "train", "test", "valid", "train"]
-    objects = [Object(f"ball-{number}", "balls", {}, name) for number, name in enumerate(splits)]
     for name, output in (("simulate-grasps", GRASPS), ("simulate-touch", TOUCH)):
-        run(Request(Made(name, output), Settings(), manifest="balls", objects=objects, preset="draft", seed=0, data=data))
-    return data, make(data, data / "models", SETTINGS)
+        run(Request(Made(name, output), Settings(), manifest="balls", objects=OBJECTS, preset="draft", seed=0, data=data))
+    facts = make(data, data / "models", SETTINGS)
+    return data, facts | {"digest": hashes_of(data / "models")["model.safetensors"]}
 
 
 def make(data: Path, folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
     folder.mkdir()
     return TrainUnet().make(DatasetJob(data, folder, UnetSettings.model_validate(settings), 0, {}, console_on(sys.stdout)))
+
+
+def test_a_training_whose_inputs_are_collected_ends_in_words_and_goes_on(
+    trained: tuple[Path, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Zarr reads zeros where a group is gone."""
+    data = Path(shutil.copytree(trained[0], tmp_path / "data", ignore=shutil.ignore_patterns("models")))
+    settings = UnetSettings.model_validate(SETTINGS | {"checkpoint_seconds": 0})
+    asked = Request(TrainUnet(), settings, manifest="balls", objects=OBJECTS, preset="draft", seed=0, data=data)
+    monkeypatch.setitem(ObjectRows.__init__.__kwdefaults__, "cache_bytes", 0)  # as if the dataset were larger than what is kept
+    read, reads = UnetLearner.read, itertools.count()
+
+    def read_and_replace(self: UnetLearner, *given: Any) -> Any:
+        if next(reads) == 3:
+            list(reshard(DataDirectory(data), 2))
+            collect_everything(DataDirectory(data), older_than=-1)
+        return read(self, *given)
+
+    monkeypatch.setattr(UnetLearner, "read", read_and_replace)
+    with pytest.raises(StoreError, match=r"it was replaced since it was opened: .* run the same command again"):
+        run(asked)
+    assert run(asked) == 5
+    assert DataDirectory(data).folder("models/unet").files["model.safetensors"] == trained[1]["digest"]
 
 
 def test_the_stage_trains_on_touches_alone(trained: tuple[Path, dict[str, Any]]) -> None:

@@ -1,0 +1,138 @@
+"""Readers that stay open while what they read is replaced and collected: they end in words, and never with zeros."""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipeline.config.settings import Settings
+from pipeline.dataset.grasp_dataset import GraspDataset
+from pipeline.dataset.labelled import open_artifact
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.plan import Request
+from pipeline.errors import StoreError
+from pipeline.store.directory import DataDirectory
+from pipeline.store.garbage import collect_everything
+from pipeline.store.reshard import reshard
+from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+from schemas.touch import TOUCH
+from tests.engine.tiny_stages import pack
+from tests.stages import ball_dataset
+
+ARRAYS = ("untouched", "sensor_pose", "touch_success", "reading", "depth")
+AGAIN = "it was replaced since it was opened: open the dataset again, or run the same command again"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("balls")
+    ball_dataset.make_data(folder, 4)
+    for name in ("vision", "charts", "distances"):
+        shutil.rmtree(folder / name)
+    return folder
+
+
+@pytest.fixture
+def data(made, tmp_path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "data"))
+
+
+def split_otherwise(data: Path) -> None:
+    shards = DataDirectory(data).shards() or 1
+    list(reshard(DataDirectory(data), shards + 1))
+    collect_everything(DataDirectory(data), older_than=-1)
+
+
+def make_again(data: Path) -> None:
+    """Run the stages with another seed, in one shard; the rows are those of before, so that all of it belongs together."""
+    for stage in (stage for stage in ball_dataset.stages() if stage.output in (SURFACES, GRASPS, TOUCH)):
+        asked: Any = Request(
+            stage=stage, settings=Settings(), manifest="balls", objects=ball_dataset.objects(4), preset="draft", seed=1, data=data
+        )
+        pack(asked, stage.row)
+    collect_everything(DataDirectory(data), older_than=-1)
+
+
+replaced = pytest.mark.parametrize("replace", [split_otherwise, make_again])
+
+
+@replaced
+def test_rows_of_a_replaced_group_are_an_error_that_names_object_file_and_remedy(data, replace: Callable[[Path], None]):
+    rows, dataset = ObjectRows(data, ARRAYS, None, cache_bytes=0), GraspDataset(data, ARRAYS, None)
+    first = dataset[0]
+    for name in ARRAYS:
+        rows.read(name, "a", 1)
+    replace(data)
+    for name in ARRAYS:
+        with pytest.raises(StoreError, match=AGAIN) as ended:
+            rows.read(name, "b", 1)
+        assert str(DataDirectory(data).root) in str(ended.value)
+    with pytest.raises(StoreError, match=rf"touch/0000-of-0001-\w+\.zarr: depth of b .*chunk is missing: 'depth/c/.*{AGAIN}"):
+        rows.read("depth", "b", 1)
+    with pytest.raises(StoreError, match=AGAIN):
+        dataset[len(dataset) - 1]
+    again = GraspDataset(data, ARRAYS, None)
+    np.testing.assert_array_equal(again[0]["depth"], first["depth"])
+    assert (again[len(again) - 1]["depth"] > 0).all()
+
+
+@replaced
+def test_a_row_and_its_mesh_of_a_replaced_group_are_an_error(data, replace: Callable[[Path], None]):
+    view = DataDirectory(data).collection(SURFACES).view("b")
+    assert view["meshes/vertices"].any()
+    replace(data)
+    for name in ("points", "meshes/vertices", "meshes/faces"):
+        with pytest.raises(StoreError, match=AGAIN):
+            view[name]
+
+
+@pytest.mark.parametrize(("replace", "shards"), [(make_again, 1), (split_otherwise, 2)])
+def test_an_open_xarray_of_a_replaced_group_is_an_error(data, replace: Callable[[Path], None], shards: int):
+    if shards > 1:
+        list(reshard(DataDirectory(data), shards))
+    touch = open_artifact(data, "touch")
+    assert float(touch.depth.sel(object="a").min()) > 0
+    replace(data)
+    chosen = (lambda: touch.depth.sel(object=["b", "c"]), lambda: touch.depth[1, 2, 3], lambda: touch.reading.isel(grasp=1), lambda: touch)
+    for read in chosen:
+        with pytest.raises(StoreError, match=AGAIN):
+            read().load()
+    assert float(open_artifact(data, "touch").depth.min()) > 0
+
+
+def damage(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("shards", [1, 2])
+@pytest.mark.parametrize(("harm", "reason"), [(damage, "cannot be read"), (Path.unlink, "the chunk is missing: 'depth/c/0/0/0/0/0'")])
+def test_a_damaged_or_missing_chunk_is_named_when_xarray_reads_it(data, harm: Callable[[Path], None], reason: str, shards: int):
+    if shards > 1:
+        list(reshard(DataDirectory(data), shards))
+    touch, group = open_artifact(data, "touch"), DataDirectory(data).collection(TOUCH).shard("b").path
+    (chunk,) = (path for path in (group / "depth" / "c").rglob("*") if path.is_file())
+    harm(chunk)
+    with pytest.raises(StoreError, match=rf"{group}: depth.*{reason}.*give-touch --check"):
+        touch.depth.load()
+    assert touch.reading.any(), "what is sound is read"
+
+
+@pytest.mark.parametrize("shards", [1, 2])
+def test_values_that_xarray_chooses_are_those_of_the_rows(data, shards: int):
+    if shards > 1:
+        list(reshard(DataDirectory(data), shards))
+    touch, rows = pickle.loads(pickle.dumps(open_artifact(data, "touch"))), ObjectRows(data, ["depth"], None)
+    whole = np.stack([rows.read("depth", name) for name in "abcd"])
+    np.testing.assert_array_equal(touch.depth[[3, 0], ::-2, [2, 1]], whole[[3, 0]][:, ::-2][:, :, [2, 1]])
+    np.testing.assert_array_equal(touch.depth.isel(object=-1, row=slice(5, 1, -1)), whole[-1, :, :, 5:1:-1])
+    assert touch.sel(object=["d", "b"]).depth.equals(touch.depth.sel(object=["d", "b"]))
+    assert touch.depth.encoding["chunks"] == (1, 1, 4, 100, 100)
