@@ -129,7 +129,7 @@ def test_two_folders_of_meshes_do_not_share_a_data_directory(tmp_path):
         places.append(make_request(stage, "directory", "draft", data=None, objects=folder, assignments=[], seed=None).data)
     assert places == [Path("data/directory-mugs/draft"), Path("data/directory-bowls/draft")]
     dry = subprocess.run(["make", "-n", "dataset", "MANIFEST=directory", f"OBJECTS={tmp_path / 'mugs'}/"], capture_output=True, text=True)
-    assert f'--data "{places[0]}"' in dry.stdout
+    assert f"--data '{places[0]}'" in dry.stdout
 
 
 def test_objects_that_fail_for_one_reason_are_counted_once_and_named_together(tmp_path):

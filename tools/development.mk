@@ -1,0 +1,63 @@
+# Tests of other systems, and measurements: what only those need who change this project. Included by the Makefile.
+
+.PHONY: test-cpus test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-peers \
+        tradeoff tradeoff-missing showcase
+
+PEERS_PYTHON := .venv-peers/bin/python
+installed-browser installed-exports installed-peers: installed-dev
+
+test-cpus: lint  ## run the tests as on older processors: without AVX-512, and without AVX2 and FMA
+	@for name in haswell prescott; do \
+	    echo "as on $$name"; $(BIN)/python -m tests.processors $$name $(BIN)/pytest -n auto --dist loadfile -m 'not slow' || exit 1; done
+
+test-slow: lint  ## run the same tests at full size
+	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
+
+test-report: installed-browser  ## click through a report in headless Chromium, with an accessibility checker; as root (4 minutes on 2 cores)
+	@$(BIN)/pytest -n 0 tests/browser/report_in_browser.py
+
+test-exports: installed-exports  ## read exports back with LeRobot, Hugging Face, WebDataset and Rerun (4 minutes on 2 cores)
+	@HF_HUB_OFFLINE=1 .venv-exports/bin/python -m pytest -n 0 tests/export/read_back.py
+
+site: installed-docs  ## build the documentation as pages: site/index.html
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --site-dir site && echo "site/index.html"
+
+test-docs: installed-dev site  ## check the pages' links, run the documents' commands and the notebook (half an hour on 2 cores)
+	@$(BIN)/pytest -n 0 tests/examples/run_commands.py
+	@PATH="$$(cd $(BIN) && pwd):$$PATH" $(BIN)/python -m tests.examples.run_notebook examples/first_steps.ipynb
+
+test-slurm: installed-dev installed-slurm  ## install Slurm, start one of one node, and run all stages on it; as root (under 10 minutes on 2 cores)
+	@$(BIN)/pytest -n 0 tests/slurm/real_slurm.py
+
+test-storage: installed-dev  ## run all stages with their data on two servers of object storage, one killed again and again (4 minutes on 2 cores)
+	@$(BIN)/pytest -n 0 -m slow tests/test_object_storage.py
+
+test-sensors: installed-peers  ## test the shipped sensors on real photographs, beside Taxim; writes docs/sensors.md (2 minutes)
+	@OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks.real_sensors --write docs/sensors.md
+
+test-hands: installed-hands  ## grasp MANIFEST's objects with seven hands of others, from wheels; contact sheets in data/hands (half an hour on 2 cores; MANIFEST=one-of-each: a fifth)
+	@$(BIN)/python -m benchmarks.hands --manifest $(call quoted,$(MANIFEST)) --site-packages .venv-hands/hands \
+	    --site-packages $(BIN)/../lib/python3.11/site-packages
+
+faults: installed-dev  ## inject some 500 faults (kills, full disks, damage …) and compare digests; writes docs/faults.md (half an hour)
+	@$(BIN)/python -m benchmarks.faults --write docs/faults.md
+
+fuzz: installed-dev  ## feed a million wrong files to whatever reads files (half an hour)
+	@$(BIN)/python -m benchmarks.fuzz
+
+bench: installed-dev  ## measure every stage beside its raw limit, in one run
+	@for name in surfaces grasps vision touch chamfer unet charts gcn; do $(BIN)/python -m benchmarks.$$name || exit 1; done
+
+bench-peers: installed-peers installed-tacto simulate-touch.0  ## measure TACTO, Taxim, KeOps, HDF5 … beside ours; writes docs/peers.md
+	@KEOPS_CACHE_FOLDER="$$PWD/.venv-peers/keops" OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks.peers --data $(call quoted,$(DATA)) --write docs/peers.md
+
+tradeoff: installed-peers  ## measure what every setting costs and how wrong it is; writes docs/tradeoff.md (about two hours)
+	@$(BIN)/python -m benchmarks.tradeoff
+	@OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks.tradeoff --only sensors
+
+tradeoff-missing: installed-dev  ## list the settings that make tradeoff has not measured, or on older code
+	@$(BIN)/python -m benchmarks.tradeoff.missing
+
+# Blender has an environment of its own, which is given scenes and gives pictures.
+showcase: installed-blender  ## render ten grasps, a turntable and touch to shape with Blender: data/showcase (15 minutes on 2 cores)
+	@$(BIN)/python -m benchmarks.showcase $(call quoted,$(DATA)) data/showcase --blender .venv-showcase/bin/python
