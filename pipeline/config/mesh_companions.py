@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -50,8 +51,12 @@ class Companions(Mapping[str, bytes]):
         check_file(file)
         self.paths: dict[str, Path] = {}
         self.missing: list[str] = []
-        for number, name in enumerate(dict.fromkeys(self._names(file))):
-            if number >= MAX_NAMES:
+        seen = set[str]()
+        for name in self._names(file):  # one after the other: a file of names only would fill the memory with them
+            if name in seen:
+                continue
+            seen.add(name)
+            if len(seen) > MAX_NAMES:
                 raise InvalidInput(f"{file.name} names more than {MAX_NAMES} files; merge its materials")
             if path := self._find(name):
                 self.paths[name] = path
@@ -78,7 +83,7 @@ class Companions(Mapping[str, bytes]):
             case ".gltf" | ".glb":
                 yield from _gltf_names(file)
             case ".dae":
-                yield from (_decode(name) for name in re.findall(rb"<init_from>([^<]*)</init_from>", file.read_bytes()))
+                yield from (_decode(name[1]) for name in re.finditer(rb"<init_from>([^<]*)</init_from>", file.read_bytes()))
             case ".ply":
                 yield from _after(b"texturefile", file.read_bytes().partition(b"end_header")[0])
             case ".obj":
@@ -118,7 +123,7 @@ def check_file(file: Path) -> None:
 
 def _gltf_names(file: Path) -> Iterator[str]:
     """List the URIs of a glTF's buffers and images that name files."""
-    tree, _ = read_gltf(file)
+    tree = read_gltf(file)
     parts: Iterable[Any] = (part for kind in ("buffers", "images") for part in _list(tree.get(kind)))
     uris = (part.get("uri") for part in parts if isinstance(part, dict))
     return (uri for uri in uris if isinstance(uri, str) and "base64," not in uri)
@@ -130,7 +135,7 @@ def _list(value: Any) -> list[Any]:
 
 def _after(word: bytes, content: bytes) -> Iterator[str]:
     """List what follows a word (lower case) on the lines that have it."""
-    for line in content.splitlines():
+    for line in BytesIO(content.replace(b"\r", b"\n")):
         if (at := line.lower().find(word)) >= 0:
             yield _decode(line[at + len(word) :])
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import zipfile
 from collections.abc import Sequence, Sized
 from pathlib import Path
 from typing import Any
@@ -12,9 +10,9 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pipeline.config.gltf_file import MAX_LEVELS, converted_pixels, levels, numbers_asked_for, parts_asked_for, read_gltf
-from pipeline.config.mesh_companions import MAX_BYTES, SUFFIXES, Companions
-from pipeline.config.textures import Textures, check_pixels
+from pipeline.config.mesh_companions import SUFFIXES, Companions
+from pipeline.config.mesh_reader import read_apart
+from pipeline.config.textures import Textures
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
@@ -28,20 +26,8 @@ MAX_UV = 2.0**20
 GREY = (178, 178, 178, 255)
 """The colour of faces without a material, as 3D Warehouse's default material."""
 
-BLANKS = bytes(32 if byte < 32 else byte for byte in range(256))
-"""Translates whatever may separate two words to a blank."""
-
 MAX_FACES = 2_000_000
 """Faces of a mesh file, and a third of the vertices. More would take gigabytes, whatever `max_faces` allows."""
-
-MAX_NUMBERS = 20_000_000
-"""Numbers and words of a text file, or numbers in a glTF: what 2,000,000 faces with normals and texture coordinates need."""
-
-MAX_PARTS = 5000
-"""Materials of an OBJ, solids of an STL, nodes or primitives of a glTF: trimesh takes time by their square."""
-
-MAX_PRODUCT = 500_000_000
-"""Materials times vertices of an OBJ: trimesh goes through all vertices for each material."""
 
 trimesh.util.log.disabled = True  # it logs tracebacks of what it recovers from
 
@@ -59,17 +45,33 @@ def load_mesh(file: Path, root: Path | None = None) -> Mesh:
     Raises
     ------
     InvalidInput
-        The file is missing or empty, is not what its suffix says, holds no triangle mesh, or is too large in some respect.
+        The file is missing or empty, is not what its suffix says, holds no triangle mesh, or takes too much memory or time.
+    """
+    return read_apart(file, root or file.parent)
+
+
+def parse_mesh(file: Path, root: Path) -> Mesh:
+    """Read a mesh file in this process, whatever it takes; otherwise as `load_mesh`.
+
+    Raises
+    ------
+    InvalidInput
+        As of `load_mesh`.
+    MemoryError
+        It takes more memory than there is.
     """
     if file.suffix.lower() not in SUFFIXES:
         raise InvalidInput(f"{file.name} cannot be read; convert it to one of {', '.join(SUFFIXES)}")
     companions = Companions(file, root)
     try:
-        _check_contents(file, companions)
         meshes = _read_parts(file, companions)
     except InvalidInput as error:
         raise InvalidInput(f"{file.name}: {error}") from error
+    except MemoryError:
+        raise
     except Exception as error:  # trimesh's readers raise whatever their parsing trips over
+        if "memory" in str(error).lower():  # libxml2 calls it a fault of the XML
+            raise MemoryError from error
         raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}") from error
     if not meshes:
         raise InvalidInput(f"{file.name} holds no triangle mesh; is it text, a point cloud or an empty export?")
@@ -80,37 +82,10 @@ def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
     """Read the parts of a file, without materials where they are damaged: that does not make the shape unusable."""
     try:
         return _read(file, companions)
-    except InvalidInput:
+    except (InvalidInput, MemoryError):
         raise
     except Exception:
         return _read(file, companions, skip_materials=True)
-
-
-def _check_contents(file: Path, companions: Companions) -> None:
-    """Refuse what would take minutes or gigabytes to read."""
-    suffix = file.suffix.lower()
-    if suffix in (".gltf", ".glb"):
-        tree, binary = read_gltf(file)
-        _check("parts", parts_asked_for(tree), MAX_PARTS, "join its nodes and primitives")
-        _check("levels of nodes", levels(tree), MAX_LEVELS, "apply the poses of its nodes")
-        _check("numbers", numbers_asked_for(tree), MAX_NUMBERS, "decimate the mesh")
-        check_pixels(converted_pixels(tree, binary, companions.__getitem__))
-        return
-    if suffix == ".3mf":
-        with zipfile.ZipFile(file) as archive:
-            _check("bytes unpacked", sum(member.file_size for member in archive.infolist()), MAX_BYTES, "decimate the mesh")
-        return
-    content = file.read_bytes()
-    if suffix == ".obj":
-        materials = len(set(re.findall(rb"usemtl ([^\n]*)", content)))
-        _check("materials", materials, MAX_PARTS, "merge them")
-        _check("materials times vertices", materials * content.count(b"\nv "), MAX_PRODUCT, "merge materials or decimate the mesh")
-        lines = re.finditer(rb"\nf([^\n]*)", content.replace(b"\\\n", b""))  # a backslash continues a line
-        _check("faces", sum(len(line[1].split()) - 2 for line in lines), MAX_FACES, "decimate the mesh")
-    if suffix == ".stl":
-        _check("solids", content.lower().count(b"endsolid"), MAX_PARTS, "join them")
-    if suffix in (".obj", ".off", ".dae") or (suffix == ".ply" and b"ascii" in content[:100]):
-        _check("numbers", content.translate(BLANKS).count(b" "), MAX_NUMBERS, "decimate the mesh or write it as binary PLY")
 
 
 def _check(what: str, number: int, limit: int, remedy: str) -> None:
