@@ -48,6 +48,8 @@ def read_values(folders: Sequence[Path]) -> Values:
         if read_table(folder, "objects")["object_id"].tolist() != objects:
             raise StoreError(f"{folder} and {folders[0]} evaluate different objects; run evaluate again for each training seed")
         for name in read_root(folder)["configurations"]:
+            if name not in EVERY_CONFIGURATION:
+                raise StoreError(f"{folder} evaluates {name}, which is no configuration here; run evaluate again")
             found.setdefault(name, []).append(read_table(folder, f"values/{name}"))
     return found
 

@@ -2,24 +2,56 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ValidationError, field_validator
 from rich.console import Console
 from rich.markup import escape
 
+from pipeline.config.complaints import complaints
 from pipeline.console import print_table
+from pipeline.errors import StoreError
 from stages.evaluate_single_image.table_4 import MEAN, PUBLISHED
 
 METRICS = "metrics.json"
 NONE = "–"
 
+Figures = tuple[float | None, float | None, float | None]
+
+
+class _Measured(BaseModel):
+    points: int
+    scale: float
+    tau: float
+
+
+class _Printed(BaseModel):
+    """What is printed of the file: `rows` hold the Chamfer distance and both F1 by row and class."""
+
+    settings: _Measured
+    manifest: str
+    objects: int
+    views: int
+    training_objects: int
+    rows: dict[str, dict[str, Figures]]
+
+    @field_validator("rows")
+    @classmethod
+    def _each_class(cls, rows: dict[str, dict[str, Figures]]) -> dict[str, dict[str, Figures]]:
+        kinds = rows.get("network", {}).keys()
+        if MEAN not in kinds or any(means.keys() != kinds for means in rows.values()):
+            raise ValueError(f"each row needs the same classes and {MEAN}, and one is of the network")
+        return rows
+
 
 def show(folder: Path, console: Console) -> None:
-    """Print Table 4 with our rows, and our rows by class."""
-    said: dict[str, Any] = json.loads((folder / METRICS).read_text())
+    """Print Table 4 with our rows, and our rows by class; a `StoreError` where the file does not hold them."""
+    try:
+        said = _Printed.model_validate_json((folder / METRICS).read_bytes()).model_dump()
+    except ValidationError as error:
+        raise StoreError(f"{folder / METRICS} cannot be used: {complaints(error)}; run evaluate-single-image again") from error
     settings, rows = said["settings"], said["rows"]
     first, second = settings["tau"], 2 * settings["tau"]
     title = (

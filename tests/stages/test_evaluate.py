@@ -1,4 +1,5 @@
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -368,3 +369,21 @@ def test_tables_that_depart_from_their_schema_are_not_written(tmp_path, change, 
     assert read_table(tmp_path, "training")["best_loss"] == 0.5
     with pytest.raises(StoreError, match=words):
         write_evaluation(tmp_path, {"training": training | change}, {})
+
+
+def test_an_evaluation_that_is_not_as_its_schema_says_is_refused(evaluation, tmp_path):
+    folder = shutil.copytree(evaluation[0], tmp_path / "evaluation")
+    root = zarr.open_group(str(folder / TABLES_ZARR), mode="r+")
+    root["objects"].create_array("floor", shape=(COUNT + 1,), dtype="float64", overwrite=True)
+    with pytest.raises(StoreError, match=r"objects/.* has shape"):
+        read_table(folder, "objects")
+    root["objects"].create_array("floor", shape=(COUNT,), dtype="string", overwrite=True)
+    with pytest.raises(StoreError, match="an array of objects is not of the type"):
+        read_table(folder, "objects")
+    root["objects"].create_array("floor", shape=(COUNT,), dtype="float64", overwrite=True)
+    root.attrs["configurations"] = {"moon": {"touch": True}}
+    with pytest.raises(StoreError, match="evaluates moon, which is no configuration here"):
+        read_values([folder])
+    root.attrs["settings"] = {"points": 0}
+    with pytest.raises(StoreError, match=r"its attributes cannot be used: entry settings\.scale is missing"):
+        show(folder, Console())

@@ -158,6 +158,13 @@ def test_a_view_of_an_object_becomes_a_mesh(data, tmp_path):
         predict(tmp_path / "out.ply", models, "touch", data=data, object_id=object_id)
 
 
+@pytest.mark.parametrize("content", ["", "{}", '{"rows": {"network": {"mean": [1, 2]}}}'])
+def test_an_evaluation_that_does_not_hold_its_rows_is_refused(tmp_path, content):
+    (tmp_path / "metrics.json").write_text(content)
+    with pytest.raises(StoreError, match=r"metrics\.json cannot be used: .*run evaluate-single-image again"):
+        show(tmp_path, Console())
+
+
 def test_figures_of_two_points_on_paper():
     """In metres 0.01 and 0.02 apart; × 0.5 these are 0.005 and 0.01: squares 2.5e-5 and 1e-4."""
     truth = np.array([[0.0, 0, 0], [1, 0, 0]])
