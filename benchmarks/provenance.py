@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import os
 import platform
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +17,7 @@ SOURCES = ("pipeline", "stages", "schemas", "benchmarks", ":!pipeline/tuning/tra
 
 def provenance(plain: str, module: str) -> dict[str, str]:
     """Collect the provenance of a measurement by this process: `plain` is its command without arguments, `module` with them."""
-    command = " ".join([module, *sys.argv[1:]]) if sys.argv[1:] else plain
+    command = shlex.join([*shlex.split(module), *sys.argv[1:]]) if sys.argv[1:] else plain
     return {"command": command, "commit": commit(), "machine": machine(), "date": datetime.date.today().isoformat()}
 
 

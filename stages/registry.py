@@ -100,5 +100,5 @@ def _is_known(setting: str, stages: Iterable[str]) -> bool:
 def _value(assignment: str, text: str) -> Any:
     try:
         return yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # a date of month 99 is a ValueError
         raise InvalidInput(f"--set {assignment}: {text!r} is no value: {error}") from error

@@ -84,6 +84,9 @@ WORDS = tuple(
             "\x1b[2J",
             "&a [*a]",
         ),
+        *("<<: *a\n", "<<: {name: x}\n", "? [a, b]\n: c\n", "&a ", "*a", "--- \n", "...\n", "%YAML 9.9\n---\n", "\t", "|\n", ">-\n"),
+        *("!!python/object/apply:os.system [id] ", "!!binary x", "!!set {a} ", "!!float x ", "!!int 1:30:00", "2001-99-99"),
+        *("%TAG ! tag:x,2000:\n", "0o777", "1_000", ".inf", ".nan", "~", "yes", "- " * 60, "{a: " * 60, "\ufeff", "\u2028"),
     )
 )
 

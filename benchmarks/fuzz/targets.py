@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 import trimesh
+import yaml
 from PIL import Image
 
+from benchmarks.fuzz.make_target import MakeVariables
 from benchmarks.fuzz.predict_target import Predictions
 from benchmarks.fuzz.store_target import Stores
 from benchmarks.fuzz.target import Files, Target
@@ -59,7 +61,9 @@ class Manifests(Target):
             [{"kind": "pybullet", "licence": "zlib", "up": "z", "files": {"duck": {"file": "duck.obj", "up": "y"}}, "random_urdfs": 2}],
         ]
         mesh = {"meshes/a/b.obj": b"v 0 0 0\n", "shapenet/1/x/model.obj": b"v 0 0 0\n"}
-        return [{"manifest.yaml": json.dumps({**common, "sources": one}).encode(), **mesh} for one in sources]
+        manifests: list[dict[str, Any]] = [{**common, "sources": one} for one in sources]
+        manifests.append({**common, "splits": {"train": 2, "valid": 1, "test": 0}, "sources": sources[0]})
+        return [{"manifest.yaml": dump(one).encode(), **mesh} for one in manifests for dump in (json.dumps, yaml.safe_dump)]
 
     def read(self, folder: Path, files: Files) -> None:
         os.chdir(folder)
@@ -147,5 +151,6 @@ TARGETS: dict[str, tuple[type[Target], Any]] = {
     "mesh files": (Meshes, 0.2),
     "predict": (Predictions, 0.1),
     "store": (Stores, 0.05),
+    "variables of make": (MakeVariables, 0.003),
 }
 """Each with its share of all inputs."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -68,4 +69,4 @@ def calibrate_sensor(
     say(f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact; membrane {1e3 * found.sensor.membrane:.2f} mm")
     shown = [modelled(found.sensor, found.calibration, one, image, radius) for one in found.tested]
     draw_calibration(found.tested, shown, out.with_suffix(".png"))
-    say(f"{out}, {out.with_suffix('.png')}; `vt-pipeline check {out}` draws the sensor")
+    say(f"{out}, {out.with_suffix('.png')}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")

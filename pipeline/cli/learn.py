@@ -160,6 +160,6 @@ def _grid(options: list[str]) -> dict[str, list[Any]]:
             fail(f"--grid {option}: write SETTING=VALUE,VALUE,…")
         try:
             found[setting] = yaml.safe_load(values if values.startswith("[") else f"[{values}]")
-        except yaml.YAMLError:
+        except (yaml.YAMLError, ValueError, RecursionError):
             fail(f"--grid {option}: write SETTING=VALUE,VALUE,…")
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -69,4 +70,4 @@ def submit(
         return
     for made in slurm.submit(jobs, submission):
         say(f"{made.name}: job {made.number}" + (f", {made.tasks} tasks" if made.tasks else ""))
-    say(f"`vt-pipeline status {where}` says what has become of them; scripts and logs are in {submission.folder}")
+    say(f"`vt-pipeline status {shlex.quote(str(where))}` says what has become of them; scripts and logs are in {submission.folder}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import shlex
 from collections.abc import Container, Iterable, Iterator
 from contextlib import suppress
 from fnmatch import fnmatch
@@ -92,7 +93,7 @@ class DataDirectory:
         if current is not None and count not in (None, current):
             raise StoreError(
                 f"{self.root} is split into {current} shards, {count} were asked for; leave --shards (make: SHARDS=) out, "
-                f"or change the number with `vt-pipeline reshard {self.root} {count}`"
+                f"or change the number with `vt-pipeline reshard {shlex.quote(str(self.root))} {count}`"
             )
         return current or count or 1
 

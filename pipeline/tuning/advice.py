@@ -83,11 +83,9 @@ class Advice:
     def command(self) -> str:
         """The command that does what is advised."""
         question = self.question
-        folder = f" OBJECTS={shlex.quote(str(question.meshes))}" if question.meshes else ""
-        folder += "".join(f" {name}={value}" for name, value in (("UNITS", question.units), ("UP", question.up)) if value)
-        network = " CONFIGURATIONS=touch" if question.target == "train" else ""
-        settings = f' SET="{" ".join(self.assignments)}"' if self.assignments else ""
-        return f"make {question.target} MANIFEST={question.manifest}{folder} PRESET={PRESET}{network}{settings}"
+        stated = {"MANIFEST": question.manifest, "OBJECTS": question.meshes, "UNITS": question.units, "UP": question.up, "PRESET": PRESET}
+        stated |= {"CONFIGURATIONS": "touch" if question.target == "train" else None, "SET": " ".join(self.assignments)}
+        return " ".join(["make", question.target, *(f"{name}={shlex.quote(str(value))}" for name, value in stated.items() if value)])
 
     def settings(self, stage: str) -> Settings:
         """Resolve all settings of a stage."""

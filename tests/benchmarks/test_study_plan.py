@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from benchmarks.provenance import provenance
 from benchmarks.tradeoff.missing import unmeasured
 from benchmarks.tradeoff.page import study_section
 from benchmarks.tradeoff.study_plan import StudyPlan, study_plans
@@ -61,6 +63,11 @@ def test_missing_lists_settings_variants_and_studies_of_other_code():
     assert "render-vision: measured at commit abc1234, 2026-01-31; the code has changed since" in lines
     assert not [line for line in lines if "draft" in line or "render-vision.resolution" in line]
     assert "render-vision: not measured" in list(unmeasured([PLAN], {}))
+
+
+def test_the_command_of_a_measurement_can_be_run_again(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["big_run", "--data", "a 'b'; c"])
+    assert shlex.split(provenance("", "python -m benchmarks.big_run")["command"])[-1] == "a 'b'; c"
 
 
 def test_page_of_a_study_gives_its_provenance_and_its_front():

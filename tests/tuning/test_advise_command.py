@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from pipeline.cli.request import make_request
 from pipeline.config.manifest import load_manifest
 from pipeline.console import errors
 from pipeline.errors import StoreError
-from pipeline.tuning.advice import STAGES_OF
+from pipeline.tuning.advice import STAGES_OF, Advice, Question
 from pipeline.tuning.choice import Choice
 from pipeline.tuning.measurements import Measurement
 from pipeline.tuning.trial import measure_speed, trial_objects
@@ -78,7 +79,13 @@ def test_advice_keeps_the_error_and_gives_the_command(tmp_path):
     assert all(stage["seconds"] > 0 for stage in advice["stages"].values())
     assert sum(stage["seconds"] for stage in advice["stages"].values()) == pytest.approx(advice["seconds"], abs=0.3)
     assert advice["command"].startswith(f"make dataset MANIFEST={tmp_path / '2.yaml'} PRESET=standard")
-    assert advice["command"].endswith('SET="simulate-touch.gel_bits=24"')
+    assert advice["command"].endswith("SET=simulate-touch.gel_bits=24")
+
+
+def test_the_command_holds_whatever_files_are_called():
+    question = Question("train", "a 'b'.yaml", Path("$(touch x)"), goal=1.0, units="mm", up="y")
+    words = ["make", "train", "MANIFEST=a 'b'.yaml", "OBJECTS=$(touch x)", "UNITS=mm", "UP=y", "PRESET=standard", "CONFIGURATIONS=touch"]
+    assert shlex.split(Advice(question, 1, ()).command) == words
 
 
 def test_too_short_a_time_is_refused_after_trying_this_machine(tmp_path):
