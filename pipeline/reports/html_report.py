@@ -30,7 +30,7 @@ from pipeline.reports.report_source import ReportSource
 from pipeline.reports.results import show_results, trained
 from pipeline.reports.svg_plots import draw_bars, draw_histogram, svg_theme
 from pipeline.store import digest
-from pipeline.store.storage import Place, written_to
+from pipeline.store.storage import Place, read_bytes, written_to
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
 COPIED = ("style.css", "viewer.js", "gallery.js", "three.min.js", "three.LICENSE")
@@ -87,7 +87,7 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
 def write_objects(source: ReportSource, folder: Path, console: Console) -> dict[str, Any]:
     """Write the pages that are not there or not up to date; returns what the other pages say of each object."""
     path = folder / WRITTEN
-    known = json.loads(path.read_text()) if path.exists() else {}
+    known = json.loads(read_bytes(path)) if path.exists() else {}
     pages = ObjectPages(source, _environment().get_template("object.html.j2"), folder / "objects")
     common = {"up": "../", "current": "", **_frame(source)}
     whole = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]

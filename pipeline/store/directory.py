@@ -146,11 +146,6 @@ class DataDirectory:
                 found.add("/".join(parts[: next((at for at, part in enumerate(parts) if is_version(part)), len(parts))]))
         return [self.root / name for name in sorted(found)]
 
-    def link_to(self, folder: Place) -> Path | None:
-        """Find the symbolic link in the data directory that leads to a folder; None where none does. The directory itself may be one."""
-        ways = () if not isinstance(folder, Path) else reversed((folder, *folder.parents))
-        return next((way for way in ways if self.root in way.parents and way.is_symlink()), None)
-
     def folder(self, name: str) -> FolderRecord:
         """The record of a folder; a `StoreError` where there is none."""
         return read_record(self.folder_record(name), FolderRecord, _maker(name))

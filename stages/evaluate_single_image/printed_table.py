@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from pipeline.console import print_table
+from pipeline.store.storage import read_bytes
 from stages.evaluate_single_image.table_4 import MEAN, PUBLISHED
 
 METRICS = "metrics.json"
@@ -19,7 +20,7 @@ NONE = "–"
 
 def show(folder: Path, console: Console) -> None:
     """Print Table 4 with our rows, and our rows by class."""
-    said: dict[str, Any] = json.loads((folder / METRICS).read_text())
+    said: dict[str, Any] = json.loads(read_bytes(folder / METRICS))
     settings, rows = said["settings"], said["rows"]
     first, second = settings["tau"], 2 * settings["tau"]
     title = (
