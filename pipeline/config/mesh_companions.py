@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
+from pipeline.config.file_content import regular_size
 from pipeline.config.gltf_file import read_gltf
 from pipeline.errors import InvalidInput
 
@@ -112,10 +113,12 @@ class Companions(Mapping[str, bytes]):
 
 def check_file(file: Path) -> None:
     """Refuse a mesh file that is missing, no regular file, empty or too large."""
-    if not os.path.isfile(file):
+    try:
+        size = regular_size(file)
+    except OSError as error:
         problem = "is no regular file" if os.path.lexists(file) else "is not there"
-        raise InvalidInput(f"{file.name} {problem} ({file}); put it back, or mend the file that names it")
-    if (size := file.stat().st_size) == 0:
+        raise InvalidInput(f"{file.name} {problem} ({file}); put it back, or mend the file that names it") from error
+    if size == 0:
         raise InvalidInput(f"{file.name} is an empty file")
     if size > MAX_BYTES:
         raise InvalidInput(f"{file.name} has {size} bytes, {MAX_BYTES} are the most; decimate the mesh or write it as binary PLY")

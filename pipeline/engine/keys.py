@@ -12,6 +12,7 @@ from typing import Any
 
 from pipeline.config.sources import fingerprint
 from pipeline.store import digest
+from pipeline.store.storage import read_bytes
 
 OURS = ("pipeline", "stages", "schemas")
 
@@ -89,7 +90,7 @@ def _file_of(module: str) -> Path | None:
 
 def assets_digest(paths: Iterable[Path]) -> str:
     """Hash data files that a stage reads, in the order in which it names them: where they lie decides nothing."""
-    return digest.of_json([hashlib.sha256(path.read_bytes()).hexdigest() for path in paths])
+    return digest.of_json([hashlib.sha256(read_bytes(path)).hexdigest() for path in paths])
 
 
 def source_key(source: dict[str, Any]) -> dict[str, Any]:

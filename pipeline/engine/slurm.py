@@ -16,7 +16,7 @@ from pipeline.engine.slurm_jobs import Job, Submission, dependency, script_of
 from pipeline.errors import StageError, StoreError, first_line
 from pipeline.store.atomic import one_writer, write_at_once
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place
+from pipeline.store.storage import Place, read_bytes
 
 State = Literal["pending", "running", "done", "failed", "unknown"]
 
@@ -137,7 +137,7 @@ def submitted_jobs(folder: Path) -> tuple[SubmittedJob, ...]:
     """Read the list of jobs; a `StoreError` where it is damaged."""
     path = folder / "jobs.json"
     try:
-        return _SubmittedJobs.model_validate_json(path.read_bytes()).jobs
+        return _SubmittedJobs.model_validate_json(read_bytes(path)).jobs
     except FileNotFoundError:
         return ()
     except (OSError, ValidationError) as error:
@@ -182,7 +182,7 @@ def _state_of(folder: Path, job: SubmittedJob, task: str, said: dict[str, tuple[
 def _exit_status(path: Path) -> int | None:
     """The exit status that a task left; None where it left none."""
     try:
-        return int(path.read_text())
+        return int(read_bytes(path))
     except (OSError, ValueError):
         return None
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import re
 import shlex
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import suppress
 from fnmatch import fnmatch
 from pathlib import Path
+from typing import TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -41,6 +42,8 @@ _MODEL = re.compile(r"models/(?:seed-(\d+)/)?([^/]+)(?:/([^/]+))?")
 """Training seed, family and network of a model's folder."""
 _VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
 
+T = TypeVar("T")
+
 
 class Description(BaseModel):
     """What `dataset.json` says: into how many shards the objects are split."""
@@ -65,6 +68,27 @@ class DataDirectory:
 
     def shards(self) -> int | None:
         """Into how many shards the objects are split; None before the first run."""
+        return self._steadily(self._shards)
+
+    def _steadily(self, read: Callable[[], T]) -> T:
+        """Read records; again, where `reshard` has replaced them meanwhile."""
+        while True:
+            before = self._description()
+            try:
+                found = read()
+            except StoreError:
+                if self._description() == before:
+                    raise
+            else:
+                if self._description() == before:
+                    return found
+
+    def _description(self) -> bytes:
+        with suppress(OSError):
+            return read_bytes(self.root / DESCRIPTION)
+        return b""
+
+    def _shards(self) -> int | None:
         path = self.root / DESCRIPTION
         there = {path.stem.rpartition("-")[2] for path in self.shard_records()}
         numbers = ", ".join(str(int(number)) for number in sorted(there))
@@ -115,11 +139,14 @@ class DataDirectory:
     def collection(self, artifact: Artifact) -> Collection:
         """The published shards of an artifact."""
         if artifact.name not in self._collections:
-            folder, shards = self.root / artifact.name, self.shards()
-            records = [path for path in self.shard_records(artifact.name) if is_of(path, shards)]
-            read = list(map(_read_shard_record, records)) if isinstance(folder, Path) else in_threads(_read_shard_record, records)
-            self._collections[artifact.name] = Collection(folder, artifact, [Shard(folder, artifact, record) for record in read])
+            self._collections[artifact.name] = self._steadily(lambda: self._collection(artifact))
         return self._collections[artifact.name]
+
+    def _collection(self, artifact: Artifact) -> Collection:
+        folder, shards = self.root / artifact.name, self.shards()
+        records = [path for path in self.shard_records(artifact.name) if is_of(path, shards)]
+        read = list(map(_read_shard_record, records)) if isinstance(folder, Path) else in_threads(_read_shard_record, records)
+        return Collection(folder, artifact, [Shard(folder, artifact, record) for record in read])
 
     def artifacts(self) -> list[Artifact]:
         """The artifacts that have a published shard."""
@@ -146,11 +173,6 @@ class DataDirectory:
                 parts = f"{where}/{name}".split("/")[:-1]
                 found.add("/".join(parts[: next((at for at, part in enumerate(parts) if is_version(part)), len(parts))]))
         return [self.root / name for name in sorted(found)]
-
-    def link_to(self, folder: Place) -> Path | None:
-        """Find the symbolic link in the data directory that leads to a folder; None where none does. The directory itself may be one."""
-        ways = () if not isinstance(folder, Path) else reversed((folder, *folder.parents))
-        return next((way for way in ways if self.root in way.parents and way.is_symlink()), None)
 
     def folder(self, name: str) -> FolderRecord:
         """The record of a folder; a `StoreError` where there is none."""

@@ -44,7 +44,7 @@ def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_S
 
     Where a symbolic link leads to the folder, nothing is removed: what lies there may be somebody else's.
     """
-    if directory.link_to(folder):
+    if _link_to(directory, folder):
         return []
     doomed = [path for path in unnamed(folder) if time.time() - _written(path) > older_than]
     for path in doomed:
@@ -85,7 +85,13 @@ def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECON
 
 def links(directory: DataDirectory) -> list[Path]:
     """List the symbolic links in a data directory that lead to folders with records: there, nothing is removed."""
-    return sorted({link for folder in directory.record_folders() if (link := directory.link_to(folder))})
+    return sorted({link for folder in directory.record_folders() if (link := _link_to(directory, folder))})
+
+
+def _link_to(directory: DataDirectory, folder: Place) -> Path | None:
+    """Find the symbolic link in a data directory that leads to a folder of it, if any; the directory itself may be reached by one."""
+    ways = [*reversed(folder.parents), folder] if isinstance(folder, Path) else []
+    return next((way for way in ways if directory.root in way.parents and way.is_symlink()), None)
 
 
 def everything_unnamed(directory: DataDirectory) -> list[Place]:

@@ -13,6 +13,7 @@ from typing import IO, Any
 import numpy as np
 from pydantic import ValidationError
 
+from pipeline.config.file_content import regular_size
 from pipeline.store.atomic import write_at_once
 from pipeline.store.record import Failure
 from pipeline.store.rows import Row, row_digest
@@ -83,7 +84,10 @@ class Pieces:
 
     def _open(self, object_id: str, key: str) -> IO[bytes]:
         path = self.path(object_id, key)
-        return path.open("rb") if isinstance(path, Path) else BytesIO(read_bytes(path))
+        if not isinstance(path, Path):
+            return BytesIO(read_bytes(path))
+        regular_size(path)
+        return path.open("rb")
 
     def discard(self, object_id: str, key: str) -> None:
         """Forget a piece."""

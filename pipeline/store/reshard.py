@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 
-from pipeline.errors import StoreError
+from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.atomic import one_writer, write_at_once
 from pipeline.store.collection import Collection
@@ -37,12 +37,19 @@ def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
     Raises
     ------
     StoreError
-        There is nothing to split, a run is at work or has published meanwhile, or shards were made with different settings.
+        There is nothing to split, a run is at work or has published meanwhile, shards were made with different settings, or nothing can
+        be written.
     """
     if directory.shards() is None:
         raise StoreError(f"{directory.root} holds no shards; `vt-pipeline run` makes some")
-    with one_writer(directory.root / WORK / "reshard.lock", directory.root):
-        yield from _reshard(directory, shards)
+    try:
+        with one_writer(directory.root / WORK / "reshard.lock", directory.root):
+            yield from _reshard(directory, shards)
+    except OSError as error:
+        raise StoreError(
+            f"{error.filename or directory.root} cannot be written ({error.strerror or first_line(error)}), so readers see the shards that "
+            f"they saw; make {directory.root} writable, with room on its disk, or copy it to where it is, then run again"
+        ) from error
 
 
 def _reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:

@@ -208,23 +208,30 @@ def in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:
         return list(pool.map(function, items))
 
 
-class _Chunks(WrapperStore[Store]):
-    """The files of a group. A missing chunk is a `FileNotFoundError`, in whose place Zarr reads zeros; those are written here too."""
+class _Files(WrapperStore[Store]):
+    """The files of a group that Zarr reads; only regular ones are opened."""
 
     async def get(self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None) -> Buffer | None:
         if isinstance(self._store, LocalStore):
             with suppress(FileNotFoundError, NotADirectoryError):
                 regular_size(self._store.root / key)
+        return await super().get(key, prototype, byte_range)
+
+
+class _WholeFiles(_Files):
+    """The files of a group that was written with its chunks of zeros: a missing chunk is an error, where Zarr would read zeros."""
+
+    async def get(self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None) -> Buffer | None:
         content = await super().get(key, prototype, byte_range)
         if content is None and PurePosixPath(key).name not in ZARR_METADATA:
             raise FileNotFoundError(errno.ENOENT, "the chunk is missing", key)
         return content
 
 
-def zarr_store(path: Place) -> Store:
-    """Open what Zarr reads a group through; a chunk that is missing is an error."""
+def zarr_store(path: Place, *, sparse: bool = False) -> Store:
+    """Open what Zarr reads a group through; a `FileNotFoundError` where a chunk is missing, unless the group is `sparse`: without zeros."""
     files = LocalStore(path, read_only=True) if isinstance(path, Path) else ZarrObjectStore(_client(str(path)), read_only=True)
-    return _Chunks(files)
+    return (_Files if sparse else _WholeFiles)(files)
 
 
 def bucket_of(path: Place) -> ObjectStore:

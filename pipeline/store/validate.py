@@ -3,29 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 from pydantic_zarr.v3 import GroupSpec
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
-from pipeline.store.directory import DataDirectory, files_of, is_of, is_version, unversioned
+from pipeline.store.directory import DESCRIPTION, DataDirectory, files_of, is_of, is_version, unversioned
 from pipeline.store.garbage import everything_unnamed
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
 from pipeline.store.spec import departures
-from pipeline.store.storage import Place, exists
+from pipeline.store.storage import Place, exists, read_bytes
 from schemas.base import COMMON, Artifact
 from schemas.catalogue import ARTIFACTS
+
+LOOKS = 5
+"""How often a data directory is checked that changes each time."""
 
 
 def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str]]:
     """Check a data directory; a `strict` check also objects to artifacts that several kinds of processors computed.
 
+    Where a problem is found and records were replaced meanwhile, by a run or by `reshard`, everything is checked again.
+
     Returns
     -------
     The problems by path of record; an empty list for each that has none.
     """
+    for _ in range(LOOKS):
+        before = _records(root)
+        found = _problems_below(root, strict)
+        if not any(found.values()) or _records(root) == before:
+            break
+    return found
+
+
+def _records(root: Place) -> dict[Place, bytes]:
+    """Read every record as it is now, and the description."""
+    directory = DataDirectory(root)
+    paths = [root / DESCRIPTION, *directory.shard_records(), *map(directory.folder_record, directory.folders())]
+    content = {}
+    for path in paths:
+        with suppress(OSError):  # it was withdrawn since it was listed, or is no file
+            content[path] = read_bytes(path)
+    return content
+
+
+def _problems_below(root: Place, strict: bool) -> dict[Place, list[str]]:
     directory = DataDirectory(root)
     found: dict[Place, list[str]] = {}
     for name in ARTIFACTS:

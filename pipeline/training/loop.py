@@ -22,6 +22,7 @@ from pipeline.console import Meter, console_on
 from pipeline.engine.peers import HelpDone, peers
 from pipeline.errors import InvalidInput, StageError
 from pipeline.rng import numpy_rng, torch_generator
+from pipeline.store.storage import read_bytes
 from pipeline.training import checkpoint
 from pipeline.training.averaging import averaged, running_average
 from pipeline.training.batch_norm import share_batch_norm
@@ -262,5 +263,5 @@ class _Training:
 
 def read_metrics(folder: Path) -> list[dict[str, float]]:
     """Read the losses of each epoch of a finished training."""
-    rows: list[dict[str, float]] = json.loads((folder / METRICS).read_text())
+    rows: list[dict[str, float]] = json.loads(read_bytes(folder / METRICS))
     return rows

@@ -17,6 +17,7 @@ from zarr.storage import LocalStore
 from pipeline.config.complaints import complaints
 from pipeline.errors import StoreError
 from pipeline.store.spec import array_spec, numpy_dtype
+from pipeline.store.storage import zarr_store
 from schemas.evaluation import TABLES, VERSION, Table
 
 TABLES_ZARR = "tables.zarr"
@@ -103,7 +104,7 @@ def _plain(values: np.ndarray) -> Any:
 def _root(folder: Path) -> zarr.Group:
     path = folder / TABLES_ZARR
     try:
-        root = zarr.open_group(str(path), mode="r")
+        root = zarr.open_group(zarr_store(path, sparse=True), mode="r")
     except (OSError, ValueError, KeyError) as error:
         raise StoreError(f"{path}: no evaluation can be read there ({error}); run evaluate first") from error
     if root.attrs.get("complete") is not True or root.attrs.get("schema_version") != VERSION:

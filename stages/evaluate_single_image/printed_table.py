@@ -13,6 +13,7 @@ from rich.markup import escape
 from pipeline.config.complaints import complaints
 from pipeline.console import print_table
 from pipeline.errors import StoreError
+from pipeline.store.storage import read_bytes
 from stages.evaluate_single_image.table_4 import MEAN, PUBLISHED
 
 METRICS = "metrics.json"
@@ -49,7 +50,7 @@ class _Printed(BaseModel):
 def show(folder: Path, console: Console) -> None:
     """Print Table 4 with our rows, and our rows by class; a `StoreError` where the file does not hold them."""
     try:
-        said = _Printed.model_validate_json((folder / METRICS).read_bytes()).model_dump()
+        said = _Printed.model_validate_json(read_bytes(folder / METRICS)).model_dump()
     except ValidationError as error:
         raise StoreError(f"{folder / METRICS} cannot be used: {complaints(error)}; run evaluate-single-image again") from error
     settings, rows = said["settings"], said["rows"]

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+import shutil
 
 import pytest
 
 from pipeline.engine.executor import Serial
 from pipeline.errors import StoreError
+from pipeline.store import directory as directory_module
+from pipeline.store import validate
 from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from pipeline.store.reshard import reshard
 from pipeline.store.validate import problems_below
-from tests.engine.tiny_stages import MEAN, MakeNoise, TakeMean, digest, objects, published, request, run
+from tests.engine.tiny_stages import MEAN, NOISE, MakeNoise, TakeMean, digest, objects, published, request, run
 
 
 def test_another_number_of_shards_is_refused_and_reshard_changes_it(tmp_path):
@@ -85,6 +89,44 @@ def test_a_run_that_ends_after_shards_were_split_keeps_its_rows_for_the_next(tmp
     assert before
     assert run(request(tmp_path, stage=TakeMean())) == 5 - before
     assert list(published(tmp_path, MEAN)) == list("abcde")
+
+
+def test_a_dataset_that_cannot_be_written_is_named_with_what_to_do(tmp_path):
+    run(request(tmp_path))
+    shutil.rmtree(tmp_path / ".work")
+    (tmp_path / ".work").write_text("a read-only disk ends in an OSError, too")
+    with pytest.raises(StoreError, match=rf"{tmp_path}/.work cannot be written \(.*; make {tmp_path} writable, .* run again"):
+        list(reshard(DataDirectory(tmp_path), 2))
+    assert len(published(tmp_path)) == 5
+
+
+@pytest.mark.parametrize("name", ["read_bytes", "_read_shard_record"])
+def test_a_reader_that_opens_while_shards_are_replaced_sees_all_objects(tmp_path, monkeypatch, name):
+    run(request(tmp_path, shards=2))
+    read = getattr(directory_module, name)
+
+    def read_late(path):
+        monkeypatch.setattr(directory_module, name, read)
+        list(reshard(DataDirectory(tmp_path), 4))
+        return read(path)
+
+    monkeypatch.setattr(directory_module, name, read_late)
+    assert list(DataDirectory(tmp_path).collection(NOISE)) == list("abcde")
+
+
+def test_what_is_replaced_while_it_is_checked_is_no_problem(tmp_path, monkeypatch):
+    for stage in (MakeNoise(), TakeMean()):
+        run(request(tmp_path, stage=stage, shards=2))
+    check, checks = validate._record_problems, itertools.count()
+
+    def check_late(record, artifact):
+        if next(checks) == 1:
+            list(reshard(DataDirectory(tmp_path), 4))
+        return check(record, artifact)
+
+    monkeypatch.setattr(validate, "_record_problems", check_late)
+    assert not any(problems_below(tmp_path).values())
+    assert next(checks) > 4, "it looked again"
 
 
 def test_shards_are_not_split_while_a_run_is_at_work(tmp_path):

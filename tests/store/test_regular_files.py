@@ -1,0 +1,122 @@
+"""Pipes, devices and links to them in a dataset, or in a user's files: none is opened, everything ends in words."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import torch
+
+from pipeline.dataset.labelled import open_artifact
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.errors import StoreError
+from pipeline.models.model_files import read_weights
+from pipeline.reports.status import read_account
+from pipeline.store.directory import DataDirectory
+from pipeline.store.validate import problems_below
+from pipeline.training import checkpoint
+from schemas.surfaces import SURFACES
+from stages.evaluate.evaluation_files import read_root, read_table, write_evaluation
+from tests.stages import ball_dataset
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("balls")
+    ball_dataset.make_data(folder, 1)
+    ball_dataset.make_model(folder, "touch")
+    return folder
+
+
+@pytest.fixture
+def data(made, tmp_path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "data"))
+
+
+@pytest.fixture(autouse=True)
+def no_test_hangs() -> Iterator[None]:
+    """End a test that waits for a pipe; SIGALRM interrupts the main thread alone, which is the one that waits."""
+
+    def fail(number: int, frame: object) -> None:
+        raise AssertionError("it waits for ever")
+
+    before = signal.signal(signal.SIGALRM, fail)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def link_to_zeros(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+irregular = pytest.mark.parametrize("put", [pipe, link_to_zeros])
+
+FILES = [
+    "dataset.json",
+    "surfaces/0000-of-0001.json",
+    "surfaces/*.zarr/zarr.json",
+    "surfaces/*.zarr/points/zarr.json",
+    "surfaces/*.zarr/points/c/0/0/0",
+    "surfaces/*.zarr/meshes/a/vertices/zarr.json",
+    "surfaces/*.zarr/meshes/a/vertices/c/0/0",
+    "models/gcn/touch.json",
+    "models/gcn/touch-*/model.safetensors",
+]
+
+
+@irregular
+@pytest.mark.parametrize("name", FILES)
+def test_a_dataset_with_something_else_in_place_of_a_file_is_not_valid(data, name: str, put: Callable[[Path], None]):
+    (path,) = data.glob(name)
+    path.unlink()
+    put(path)
+    assert any(lines for lines in problems_below(data).values())
+    read_account(data)
+    if name.startswith("models"):
+        with pytest.raises(StoreError):
+            DataDirectory(data).whole_folder("models/gcn/touch")
+    else:
+        with pytest.raises(StoreError):
+            DataDirectory(data).collection(SURFACES).view("a").verify()
+    if "points" in name or "-of-" in name:
+        for read in (lambda: ObjectRows(data, ["points"], None).read("points", "a"), lambda: open_artifact(data, "surfaces")):
+            with pytest.raises(StoreError):
+                read()
+
+
+@irregular
+def test_a_chunk_that_becomes_something_else_while_it_is_open(data, put: Callable[[Path], None]):
+    shard = DataDirectory(data).collection(SURFACES).first
+    shard.array("points")
+    path = shard.path / "points" / "c" / "0" / "0" / "0"
+    path.unlink()
+    put(path)
+    with pytest.raises(StoreError, match=r"points of a cannot be read \(.*it is no regular file: '.*points/c/0/0/0'\); .* --check"):
+        shard.view("a")["points"]
+
+
+@irregular
+def test_files_that_no_record_lists(tmp_path, put: Callable[[Path], None]):
+    write_evaluation(tmp_path, {}, {"configurations": []})
+    assert read_root(tmp_path)["configurations"] == []
+    (tmp_path / "tables.zarr" / "zarr.json").unlink()
+    put(tmp_path / "tables.zarr" / "zarr.json")
+    with pytest.raises(StoreError, match="no evaluation can be read there"):
+        read_table(tmp_path, "table_2")
+    put(tmp_path / "model.safetensors")
+    with pytest.raises(StoreError, match="no trained model that can be used"):
+        read_weights(tmp_path)
+    put(tmp_path / checkpoint.FILE)
+    module = torch.nn.Linear(1, 1)
+    with pytest.raises(OSError, match="it is no regular file"):
+        checkpoint.load(tmp_path, checkpoint.State(module, torch.optim.Adam(module.parameters())))
