@@ -1,7 +1,7 @@
 """`python -m benchmarks.fuzz [--inputs 1000000] [--only TARGET …] [--seed N]`: feed wrong files to whatever reads files.
 
-Only errors in words are allowed: no other exception, no crash, nothing over `SECONDS` or `BYTES`. Findings are printed with the files that
-led to them, which are kept; ends with status 1 if there is one.
+Only errors in words are allowed: no other exception, no crash, nothing over `SECONDS`, `BYTES` or `PEAK`. Findings are printed with the
+files that led to them, which are kept; ends with status 1 if there is one.
 """
 
 from __future__ import annotations
@@ -28,10 +28,16 @@ from benchmarks.forked import finish, fork
 from benchmarks.fuzz.mutations import mutated
 from benchmarks.fuzz.target import Files, Target
 from benchmarks.fuzz.targets import TARGETS
+from pipeline.config.mesh_reader import end_reader
 from pipeline.errors import PipelineError
 
-SECONDS = 30
+SECONDS = 120
+"""Of an input: twice the processor time that reading a mesh may take, as others want the processor too."""
+
 BYTES = 2 * 2**30
+PEAK = 1.5e9
+"""Bytes that an input may take in any process: `BYTES` are those of addresses, most of which nothing is behind."""
+
 TREES = (".yaml", ".gltf", ".json")
 
 
@@ -42,6 +48,7 @@ class Tally:
     outcomes: Counter[str] = field(default_factory=Counter)
     findings: dict[str, str] = field(default_factory=dict)
     slowest: float = 0.0
+    largest: float = 0.0
 
 
 class _TooSlow(BaseException):
@@ -62,7 +69,8 @@ def main() -> None:
     for name, share in shares.items():
         tally = fuzz(name, round(chosen.inputs * share / sum(shares.values())), chosen.seed, chosen.lanes, chosen.keep)
         counts = ", ".join(f"{count} {outcome}" for outcome, count in sorted(tally.outcomes.items()))
-        print(f"{name}: {sum(tally.outcomes.values())} inputs: {counts}; the slowest {tally.slowest:.2f} s", flush=True)
+        peak = f"the slowest {tally.slowest:.2f} s, the largest process {tally.largest / 1e9:.2f} GB"
+        print(f"{name}: {sum(tally.outcomes.values())} inputs: {counts}; {peak}", flush=True)
         for where, files in tally.findings.items():
             found = True
             print(f"  FOUND {where}\n        {files}", flush=True)
@@ -120,6 +128,12 @@ def _feed(target: Target, folder: Path, numbers: range, seed: str, keep: Path) -
             if (where := _where(error)) not in told:
                 told.add(where)
                 tally.findings[where] = f"{str(error)[:100]!r}, {_keep(folder, keep)}"
+        if number == numbers[-1]:
+            end_reader()  # a process counts when it has ended
+        if (peak := _peak()) > PEAK and "memory" not in told:
+            told.add("memory")
+            tally.findings[f"memory: {peak / 1e9:.2f} GB"] = _keep(folder, keep)
+        tally.largest = max(tally.largest, peak)
         tally.outcomes[outcome] += 1
         tally.slowest = max(tally.slowest, time.perf_counter() - began)
         if number % 1000 == 999 or number == numbers[-1]:
@@ -151,6 +165,7 @@ def _add(whole: Tally, told: list[dict[str, object]]) -> int:
         for where, files in part["findings"].items():  # type: ignore[attr-defined]
             whole.findings.setdefault(where, files)
         whole.slowest = max(whole.slowest, part["slowest"])  # type: ignore[type-var, assignment]
+        whole.largest = max(whole.largest, part["largest"])  # type: ignore[type-var, assignment]
     return whole.outcomes.total() - before
 
 
@@ -158,6 +173,11 @@ def _keep(folder: Path, keep: Path) -> str:
     kept = keep / f"{time.time_ns():x}"
     shutil.copytree(folder, kept)
     return str(kept)
+
+
+def _peak() -> float:
+    """The bytes that this process, or one that it waited for, had at most."""
+    return 1024.0 * max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
 
 def _where(error: BaseException) -> str:

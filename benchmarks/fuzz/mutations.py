@@ -83,6 +83,14 @@ WORDS = tuple(
             "rpy='1 2'",
             "\x1b[2J",
             "&a [*a]",
+            '<instance_node url="#n2"/>',
+            '<instance_node url="#r"/>',
+            "<library_nodes>",
+            '<component objectid="2"/>',
+            '<component objectid="9"/>',
+            '<vertex x="0" y="0" z="0"/>',
+            'count="4294967296"',
+            "PK\5\6",
         ),
         *("<<: *a\n", "<<: {name: x}\n", "? [a, b]\n: c\n", "&a ", "*a", "--- \n", "...\n", "%YAML 9.9\n---\n", "\t", "|\n", ">-\n"),
         *("!!python/object/apply:os.system [id] ", "!!binary x", "!!set {a} ", "!!float x ", "!!int 1:30:00", "2001-99-99"),
@@ -139,7 +147,7 @@ def _cut(content: bytes, others: list[bytes], rng: random.Random) -> bytes:
 
 def _insert(content: bytes, others: list[bytes], rng: random.Random) -> bytes:
     at = rng.randrange(len(content) + 1)
-    return content[:at] + rng.choice(WORDS) * rng.choice((1, 1, 1, 100)) + content[at:]
+    return content[:at] + rng.choice(WORDS) * rng.choice((1,) * 30 + (100,) * 9 + (20_000,)) + content[at:]
 
 
 def _replace_token(content: bytes, others: list[bytes], rng: random.Random) -> bytes:

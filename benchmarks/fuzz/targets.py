@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from benchmarks.fuzz.predict_target import Predictions
 from benchmarks.fuzz.store_target import Stores
 from benchmarks.fuzz.target import Files, Target
 from pipeline.config import sources
+from pipeline.config.file_units import MODEL, stated_units
 from pipeline.config.hand_file import load_hand
 from pipeline.config.manifest import load_manifest
 from pipeline.config.mesh_file import load_mesh
@@ -133,8 +135,67 @@ class Meshes(Target):
 
     def read(self, folder: Path, files: Files) -> None:
         file = folder / next(name for name in files if name.startswith("mesh."))
+        stated_units(file)
         fingerprint({"file": str(file), "root": str(folder)})
         load_mesh(file, folder)
+
+
+class Collada(Meshes):
+    """COLLADA files: instances of nodes and of geometries, and a texture."""
+
+    def sound(self) -> list[Files]:
+        box = trimesh.creation.box()
+        plain = box.export(file_type="dae")
+        head, _, rest = plain.partition(b"<library_visual_scenes>")
+        geometry = (
+            b"<instance_geometry" + rest.partition(b"<instance_geometry")[2].partition(b"</instance_geometry>")[0] + b"</instance_geometry>"
+        )
+        levels = (b'<node id="n%d">\n%s</node>\n' % (level, b'<instance_node url="#n%d"/>\n' % (level - 1) * 3) for level in range(1, 4))
+        scene = b'<visual_scene id="scene"><node id="r">\n<matrix>1 0 0 2 0 1 0 0 0 0 1 0 0 0 0 1</matrix>\n'
+        scene += b'<instance_node url="#n3"/>\n' + geometry + b"</node></visual_scene></library_visual_scenes>"
+        nodes = (
+            b'<library_nodes>\n<node id="n0">' + geometry + b"</node>\n" + b"".join(levels) + b"</library_nodes>\n<library_visual_scenes>"
+        )
+        nested = head + nodes + scene + b'<scene><instance_visual_scene url="#scene"/></scene></COLLADA>'
+        image = Image.fromarray(np.arange(48, dtype=np.uint8).reshape(4, 4, 3))
+        box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), image=image)
+        painted = trimesh.exchange.dae.export_collada(box)
+        texture = _png(np.asarray(image))
+        return [{"mesh.dae": plain}, {"mesh.dae": nested}, {"mesh.dae": nested}, {"mesh.dae": painted, "material_0.png": texture}]
+
+
+class ThreeMF(Meshes):
+    """3MF files: whole archives in every compression, and the parts that one is made of."""
+
+    def sound(self) -> list[Files]:
+        made = zipfile.ZipFile(io.BytesIO(trimesh.Scene([trimesh.creation.box(), trimesh.creation.box()]).export(file_type="3mf")))
+        parts = {name: made.read(name) for name in made.namelist()}
+        components = b"".join(
+            b'<object id="%d" type="model"><components>%s</components></object>\n' % (number, inner)
+            for number, inner in ((8, b'<component objectid="1"/>\n<component objectid="2"/>\n'), (9, b'<component objectid="8"/>\n' * 3))
+        )
+        items = b'<item objectid="9" transform="1 0 0 0 1 0 0 0 1 5 5 5"/>\n<item objectid="9"/>\n</build>'
+        model = parts[MODEL].replace(b"</resources>", components + b"</resources>").replace(b"</build>", items)
+        parts[MODEL] = model.replace(b"><vertex", b">\n<vertex").replace(b"><triangle", b">\n<triangle")
+        whole = [
+            {"mesh.3mf": _packed(parts, kind)} for kind in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
+        ]
+        return [*whole, *[{f"parts/{name}": content for name, content in parts.items()}] * 4]
+
+    def read(self, folder: Path, files: Files) -> None:
+        if "mesh.3mf" not in files:
+            parts = {name.removeprefix("parts/"): content for name, content in files.items()}
+            (folder / "mesh.3mf").write_bytes(_packed(parts, zipfile.ZIP_DEFLATED))
+        stated_units(folder / "mesh.3mf")
+        load_mesh(folder / "mesh.3mf", folder)
+
+
+def _packed(parts: Files, compression: int) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", compression) as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+    return file.getvalue()
 
 
 def _png(pixels: np.ndarray) -> bytes:
@@ -148,7 +209,9 @@ TARGETS: dict[str, tuple[type[Target], Any]] = {
     "scene files": (Scenes, 0.25),
     "manifests": (Manifests, 0.2),
     "hand files": (Hands, 0.1),
-    "mesh files": (Meshes, 0.2),
+    "mesh files": (Meshes, 0.1),
+    "COLLADA files": (Collada, 0.05),
+    "3MF files": (ThreeMF, 0.05),
     "predict": (Predictions, 0.1),
     "store": (Stores, 0.05),
     "variables of make": (MakeVariables, 0.003),

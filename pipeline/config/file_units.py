@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 import zipfile
-import zlib
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,6 +14,9 @@ METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.30
 
 HEAD = 65_536
 """Bytes within which a COLLADA or 3MF file states its unit: all that is read of it while objects are listed."""
+
+LISTED = 2**20
+"""Bytes that the list of a 3MF file's members may have: 10,000 of them."""
 
 MODEL = "3D/3dmodel.model"
 """The part of a 3MF file that holds its meshes."""
@@ -35,7 +38,7 @@ def stated_units(file: Path) -> tuple[float | None, str | None]:
     core, section 3.4: ``<model unit="...">``, millimetres where it states none; z up. A file that cannot be read states nothing: what is
     wrong with it is said when its mesh is loaded.
     """
-    with suppress(OSError, KeyError, NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error):
+    with suppress(Exception):  # zipfile raises whatever its parsing trips over
         match file.suffix.lower() if file.is_file() else "":  # a pipe may never say anything
             case ".gltf" | ".glb":
                 return 1.0, "y"
@@ -49,15 +52,33 @@ def stated_units(file: Path) -> tuple[float | None, str | None]:
 def _collada(file: Path) -> tuple[float | None, str]:
     with file.open("rb") as stream:
         head = stream.read(HEAD)
-    unit = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)", head)
+    unit = _attribute(head, rb"unit", rb"meter")
     axis = re.search(rb"<up_axis>\s*([XYZ])_UP", head)
-    return _positive(unit[1]) if unit else None, axis[1].decode().lower() if axis else "y"
+    return _positive(unit) if unit else None, axis[1].decode().lower() if axis else "y"
 
 
 def _threemf(file: Path) -> float | None:
-    with zipfile.ZipFile(file) as archive, archive.open(MODEL) as stream:
-        unit = re.search(rb"<model\b[^>]*\bunit\s*=\s*[\"']([^\"']*)", stream.read(HEAD))
-    return THREEMF.get(unit[1]) if unit else 1e-3
+    with _Head(file) as content, zipfile.ZipFile(content) as archive:
+        if archive.getinfo(MODEL).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # of others, a little may be gigabytes
+            return None
+        with archive.open(MODEL) as stream:
+            unit = _attribute(stream.read(HEAD), rb"model", rb"unit")
+    return THREEMF.get(unit) if unit else 1e-3
+
+
+class _Head(io.FileIO):
+    """A file of which little is read at a time: a ZIP file may list millions of members."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Read some bytes, `LISTED` at most."""
+        return super().read(LISTED if size is None or size < 0 else min(size, LISTED)) or b""
+
+
+def _attribute(text: bytes, tag: bytes, name: bytes) -> bytes | None:
+    """Find an attribute of the first element with a tag; in two steps, each of which takes time by the length of the text."""
+    element = re.search(rb"<" + tag + rb"\b([^>]*)", text)
+    value = element and re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)", element[1])
+    return value[1] if value else None
 
 
 def _positive(text: bytes) -> float | None:

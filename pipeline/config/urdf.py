@@ -6,16 +6,19 @@ processor's, and with them every pose that follows.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError, fromstring
 
 import numpy as np
 
 from pipeline.config.file_content import regular_size
+from pipeline.config.mesh_file import MAX_FACES, load_mesh
 from pipeline.config.urdf_shapes import Color, named_color, numbers_of, origin_of, shape_of
 from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.model import Joint, Link, Mimic, Shape
 
@@ -50,7 +53,8 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
         robot = parse_urdf(path)
         kept = _below(robot, root)
         materials = {material.get("name", ""): named_color(material, {}) for material in robot.findall("material")}
-        links = tuple(_link(element, path.parent, materials) for element in robot.findall("link") if _name(element) in kept)
+        read = _reader()
+        links = tuple(_link(element, path.parent, materials, read) for element in robot.findall("link") if _name(element) in kept)
         numbers = {link.name: i for i, link in enumerate(links)}
         joints = [_joint(joint, numbers) for joint in robot.findall("joint") if root is None or _end(joint, "parent") in kept]
         return _in_tree_order(links, joints)
@@ -102,9 +106,23 @@ def _end(joint: Element, role: str) -> str:
     return end.get("link", "") if end is not None else ""
 
 
-def _link(element: Element, folder: Path, materials: Mapping[str, Color]) -> Link:
+def _reader() -> Callable[[Path], Mesh]:
+    """Read each mesh file once, and no more faces than a hand may have."""
+    load, faces = cache(load_mesh), 0
+
+    def read(path: Path) -> Mesh:
+        nonlocal faces
+        faces += len(load(path).faces)
+        if faces > MAX_FACES:
+            raise InvalidInput(f"its shapes have {faces} faces or more, {MAX_FACES} are the most; decimate their meshes")
+        return load(path)
+
+    return read
+
+
+def _link(element: Element, folder: Path, materials: Mapping[str, Color], read: Callable[[Path], Mesh]) -> Link:
     def shapes(role: str) -> tuple[Shape, ...]:
-        return tuple(shape_of(shape, folder, materials) for shape in element.findall(role))
+        return tuple(shape_of(shape, folder, materials, read) for shape in element.findall(role))
 
     return Link(_name(element), shapes("visual"), shapes("collision"))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -26,11 +26,13 @@ MAX_NUMBER = 1e6
 MAX_LEVELS = 20
 """Folders around a URDF in which a package is looked for."""
 
+WAY_IN = "copy it there, or put an empty package.xml into the folder that holds both"
+
 GREY: Color = (178, 178, 178)
 """sRGB colour of a visual shape that names none."""
 
 
-def shape_of(element: Element, folder: Path, materials: Mapping[str, Color]) -> Shape:
+def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], read: Callable[[Path], Mesh] = load_mesh) -> Shape:
     """Read a <visual> or <collision>.
 
     Parameters
@@ -41,6 +43,8 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color]) -> 
         That of the URDF, which mesh files are looked for from.
     materials
         sRGB colours by the names of the URDF's materials.
+    read
+        Reads mesh files.
 
     Raises
     ------
@@ -63,7 +67,7 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color]) -> 
             body = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=32)
         elif part.tag == "mesh":
             path = mesh_path(part.get("filename", ""), folder)
-            body = load_mesh(path)
+            body = read(path)
             unit, _ = stated_units(path)  # COLLADA's counts, as in ROS; its up-axis does not
             size = scale = tuple((numbers_of(part, "scale", scale) * (unit or 1)).tolist())
         else:
@@ -76,26 +80,47 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color]) -> 
 
 
 def mesh_path(name: str, folder: Path) -> Path:
-    """Find a mesh file by the name that a URDF gives it.
+    """Find a mesh file by the name that a URDF gives it, in the URDF's package.
 
-    `package://PACKAGE/REST` is looked for in the folders around the URDF: as `PACKAGE/REST`, then as `REST`. Other names are relative to
-    the URDF's folder, or absolute.
+    That is the nearest folder around the URDF that has a `package.xml`; where none has, the one above the URDF's folder.
+    `package://PACKAGE/REST` is looked for in the folders around the URDF: as `PACKAGE/REST`, in another package too if it has a
+    `package.xml`; then as `REST`. Other names are relative to the URDF's folder, or absolute.
 
     Raises
     ------
     InvalidInput
-        A package's file is not there; the message says where it was looked for.
+        The file lies outside, or a package's file is not there; the message says where it was looked for.
     """
+    folder = folder.resolve()
+    around = list(islice((folder, *folder.parents), MAX_LEVELS))
+    root = next((place for place in around if _is_package(place)), folder.parent)
     scheme, _, rest = name.rpartition("://")
     if scheme not in ("package", "model"):
-        return folder / name.removeprefix("file://")
-    around = list(islice((folder, *folder.parents), MAX_LEVELS))
-    for inner in (rest, rest.partition("/")[2]):
-        for place in around:
-            if inner and (place / inner).is_file():
-                return place / inner
-    package = rest.partition("/")[0]
+        path = folder / name.removeprefix("file://")
+        if _is_below(path, root):
+            return path
+        raise InvalidInput(f"{name!r} lies outside {root}, the package of the URDF; {WAY_IN}")
+    package, _, inner = rest.partition("/")
+    places = [(place / rest, place / package if _is_package(place / package) else root) for place in around]
+    there = [(path, limit) for path, limit in (*places, *((place / inner, root) for place in around if inner)) if path.is_file()]
+    for path, limit in there:
+        if _is_below(path, limit):
+            return path
+    if there:
+        raise InvalidInput(f"{name} is {there[0][0]}, outside {root}, the package of the URDF; {WAY_IN}")
     raise InvalidInput(f"{name} is in no folder around {folder}; put package {package!r} beside the URDF, or write paths relative to it")
+
+
+def _is_package(folder: Path) -> bool:
+    return (folder / "package.xml").is_file()
+
+
+def _is_below(path: Path, root: Path) -> bool:
+    """Whether a path leads below a folder, links followed."""
+    try:
+        return path.resolve().is_relative_to(root.resolve())
+    except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, a link to itself
+        raise InvalidInput(f"{str(path)!r} is no path of a file ({error}); give that of a mesh file") from error
 
 
 def named_color(material: Element | None, known: Mapping[str, Color]) -> Color:

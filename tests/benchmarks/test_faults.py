@@ -66,3 +66,11 @@ def test_a_finding_is_told_with_its_files(tmp_path, monkeypatch):
     assert where.startswith("ValueError at test_faults.py")
     assert "invalid literal" in told
     assert list(tmp_path.glob("careless/*/number.txt"))
+
+
+def test_an_input_that_takes_too_much_memory_is_told(tmp_path, monkeypatch):
+    monkeypatch.setitem(TARGETS, "careless", (Careless, 1.0))
+    monkeypatch.setattr("benchmarks.fuzz.__main__.PEAK", 1.0)
+    tally = fuzz("careless", 5, seed=0, lanes=1, keep=tmp_path)
+    assert any(where.startswith("memory: ") for where in tally.findings)
+    assert tally.largest > 1e6

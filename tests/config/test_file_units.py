@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import zipfile
 from pathlib import Path
@@ -15,6 +16,7 @@ from pipeline.config.file_units import stated_units
 from pipeline.config.manifest import load_manifest
 from pipeline.config.mesh_file import load_mesh
 from pipeline.config.urdf_shapes import shape_of
+from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.normalise import normalise_mesh
 
 SIDES = (30.0, 20.0, 10.0)
@@ -54,6 +56,36 @@ def test_3mf_states_its_unit(tmp_path: Path, unit: str, metres: float | None) ->
             archive.writestr(name, made.read(name).replace(b' unit="millimeter"', unit.encode()))
     assert stated_units(tmp_path / "box.3mf") == (metres, "z")
     assert len(load_mesh(tmp_path / "box.3mf").faces) == 12
+
+
+def _bad_3mf(path: Path, fault: str) -> None:
+    """Write a 3MF file of a box whose archive is damaged."""
+    with zipfile.ZipFile(io.BytesIO(trimesh.creation.box(SIDES).export(file_type="3mf"))) as made, zipfile.ZipFile(path, "w") as archive:
+        for name in made.namelist():
+            archive.writestr(name, made.read(name), zipfile.ZIP_LZMA if fault == "damaged LZMA" else zipfile.ZIP_STORED)
+    content = bytearray(path.read_bytes())
+    entry = content.index(b"PK\1\2", content.index(b"[Content_Types].xml"))  # the first of the list of members, the model's
+    match fault:
+        case "name not UTF-8":
+            content[entry + 9] |= 8  # says that the name is
+            content[entry + 46] = 0xFF
+        case "member past the end":
+            content[entry + 20 : entry + 28] = (2**31 - 1).to_bytes(4, "little") * 2  # its bytes, packed and not
+        case "damaged LZMA":
+            start = content.index(b"3D/3dmodel.model") + len("3D/3dmodel.model") + 9
+            content[start : start + 200] = bytes([255]) * 200
+        case "millions of members":
+            content[-10:-6] = (2**28).to_bytes(4, "little")
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("fault", ["name not UTF-8", "member past the end", "damaged LZMA", "millions of members"])
+def test_a_bad_3mf_fails_alone(tmp_path: Path, fault: str) -> None:
+    _bad_3mf(tmp_path / "bad.3mf", fault)
+    trimesh.creation.box(SIDES).export(tmp_path / "good.ply")
+    assert [item.object_id for item in load_manifest("directory").objects(tmp_path)] == ["bad", "good"]
+    with pytest.raises(InvalidInput, match=r"^bad\.3mf"):
+        load_mesh(tmp_path / "bad.3mf")
 
 
 def test_other_files_state_nothing(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import trimesh
 import yaml
 
 from pipeline.config.hand_file import load_hand
+from pipeline.config.mesh_file import load_mesh
 from pipeline.config.physics_urdf import links_without_mass, write_physics_urdf
 from pipeline.config.urdf import parse_urdf, read_urdf
 from pipeline.errors import InvalidInput
@@ -156,3 +157,53 @@ def test_bent_link_is_cut_into_convex_parts(tmp_path: Path) -> None:
     assert low == pytest.approx(angle.vertices.min())
     volumes = [trimesh.Trimesh(part.mesh.vertices, part.mesh.faces).convex_hull.volume for part in parts]
     assert sum(volumes) == pytest.approx(0.1 * 0.01 * 0.01 + 0.01 * 0.01 * 0.045, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    "name", ["../../tip.glb", "{0}/tip.glb", "file://{0}/tip.glb", "package://{1}/tip.glb", "package://my things/../../tip.glb"]
+)
+def test_mesh_outside_the_package_is_refused(tmp_path: Path, name: str) -> None:
+    """`../meshes/tip.glb` is inside; with a package.xml the folder that has it is all of the package."""
+    path = claw(tmp_path, CLAW.replace("package://claw/meshes", "../meshes"))
+    assert len(load_hand(path).links) == 5
+    trimesh.creation.box((0.01, 0.01, 0.01)).export(tmp_path / "my things" / "tip.glb")
+    trimesh.creation.box((0.01, 0.01, 0.01)).export(tmp_path / "tip.glb")
+    outside = CLAW.replace("package://claw/meshes/tip.glb", name.format(tmp_path / "my things", tmp_path.name))
+    path = claw(tmp_path, outside)
+    message = rf"outside {re.escape(str(path.parent))}, the package of the URDF; copy it there, or put an empty package\.xml into"
+    with pytest.raises(InvalidInput, match=message):
+        load_hand(path)
+    if name == "../../tip.glb":
+        (tmp_path / "my things" / "package.xml").touch()
+        assert len(load_hand(path).links) == 5
+
+
+def test_link_out_of_the_package_is_refused(tmp_path: Path) -> None:
+    path = claw(tmp_path)
+    tip = path.parent / "meshes" / "tip.glb"
+    tip.rename(tmp_path / "tip.glb")
+    tip.symlink_to(tmp_path / "tip.glb")
+    with pytest.raises(InvalidInput, match=r"outside .*, the package of the URDF"):
+        load_hand(path)
+
+
+def test_package_beside_the_package_is_read(tmp_path: Path) -> None:
+    path = claw(tmp_path, CLAW.replace("package://claw", "package://tips"))
+    tips = tmp_path / "my things" / "tips"
+    (path.parent / "meshes").rename(tips.parent / "meshes")
+    tips.mkdir()
+    (tips.parent / "meshes").rename(tips / "meshes")
+    with pytest.raises(InvalidInput, match=r"outside .*, the package of the URDF"):
+        load_hand(path)
+    (tips / "package.xml").touch()
+    assert len(load_hand(path).links) == 5
+
+
+def test_faces_of_all_shapes_are_bounded_and_a_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, read = claw(tmp_path), list[Path]()
+    monkeypatch.setattr("pipeline.config.urdf.load_mesh", lambda file: (read.append(file), load_mesh(file))[1])
+    load_hand(path)
+    assert len(read) == 1
+    monkeypatch.setattr("pipeline.config.urdf.MAX_FACES", 100)
+    with pytest.raises(InvalidInput, match=r"its shapes have 1\d\d faces or more, 100 are the most; decimate their meshes"):
+        load_hand(path)
