@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from benchmarks.faults import changes, damage, interruptions
+from benchmarks.faults import changes, damage, interruptions, links
 from benchmarks.faults.sandbox import Sandbox, digests
 from benchmarks.faults.trial import Trial, Verdict
 from benchmarks.forked import OK, answer, finish, fork, run
@@ -43,6 +43,11 @@ FAULTS: dict[str, tuple[Fault, int]] = {
     "damaged row that waits to be packed": (damage.piece_damaged, 20),
     "record of another version": (changes.version_changed, 15),
     "hand, sensor or mesh changed in place": (changes.description_changed, 10),
+    "symbolic link in a dataset": (links.linked, 20),
+    "symbolic link in a report": (links.report_linked, 6),
+    "pipe or device in place of a file": (links.irregular, 40),
+    "reader open while shards are split otherwise": (links.open_while_resharded, 12),
+    "reader open while it is made with other settings": (links.open_while_made_again, 12),
 }
 """What is injected, and how often."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -66,7 +66,9 @@ def _folder(path: Path, rng: np.random.Generator, others: list[Path]) -> None:
     path.mkdir()
 
 
-DAMAGES: dict[str, Callable[[Path, np.random.Generator, list[Path]], None]] = {
+Damage = Callable[[Path, np.random.Generator, list[Path]], None]
+
+DAMAGES: dict[str, Damage] = {
     "deleted": _delete,
     "empty": _empty,
     "cut short": _truncate,
@@ -77,7 +79,7 @@ DAMAGES: dict[str, Callable[[Path, np.random.Generator, list[Path]], None]] = {
 }
 
 
-def damaged(trial: Trial) -> Verdict:
+def damaged(trial: Trial, damages: Mapping[str, Damage] = DAMAGES) -> Verdict:
     """Damage a file of a finished dataset: `validate` and `status` say so, no run ends with a traceback, `--check` mends it."""
     trial.copy()
     kinds: dict[str, list[Path]] = {}
@@ -86,9 +88,9 @@ def damaged(trial: Trial) -> Verdict:
             kinds.setdefault(kind_of(path, trial.data), []).append(path)
     kind = str(trial.rng.choice(sorted(kinds)))
     path = kinds[kind][trial.rng.integers(len(kinds[kind]))]
-    name = str(trial.rng.choice(sorted(DAMAGES)))
+    name = str(trial.rng.choice(sorted(damages)))
     before = path.read_bytes()
-    DAMAGES[name](path, trial.rng, [one for one in kinds[kind] if one != path] or [path])
+    damages[name](path, trial.rng, [one for one in kinds[kind] if one != path] or [path])
     what = f"{kind} {path.relative_to(trial.data)} {name}"
     looked = trial.run(lambda: _look(trial.data))
     if looked.status != OK:

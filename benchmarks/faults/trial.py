@@ -131,6 +131,8 @@ def follow(message: str) -> bool:
         described = Path(found[1])
         if described.is_dir():
             described.rmdir()
+        else:
+            described.unlink()  # it may be a pipe
         described.write_text(json.dumps({"shards": int(found[2])}))
     else:
         return False

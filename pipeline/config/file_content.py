@@ -3,26 +3,34 @@
 from __future__ import annotations
 
 import errno
+import os
 import stat
 from pathlib import Path
 
 from pipeline.errors import InvalidInput
 
 
-def regular_size(path: Path) -> int:
-    """Find the size of a regular file, bytes, and refuse what is none: a pipe may never say anything, a device never end.
+def regular_stat(path: Path) -> os.stat_result:
+    """Find size and times of a regular file, and refuse what is none: a pipe may never say anything, a device never end.
 
     Whatever opens a file that a user or a stranger may have given asks here first, whether it opens it itself or has a library do so.
 
     Raises
     ------
     OSError
-        There is no such file; an `IsADirectoryError` where a folder, a pipe or a device is in its place: to readers these are all alike.
+        There is no such file; an `IsADirectoryError` where a folder is in its place, or a pipe, a device or a link to itself, which are
+        as little use to a reader.
     """
-    found = path.stat()
-    if not stat.S_ISREG(found.st_mode):
+    try:
+        found = path.stat()
+        regular = stat.S_ISREG(found.st_mode)
+    except OSError as error:
+        if error.errno != errno.ELOOP:
+            raise
+        regular = False
+    if not regular:
         raise IsADirectoryError(errno.EISDIR, "it is no regular file", str(path))
-    return found.st_size
+    return found
 
 
 def read_file(path: Path, most: int) -> bytes:
@@ -41,7 +49,7 @@ def read_file(path: Path, most: int) -> bytes:
         The file cannot be read, is no regular one, or is larger.
     """
     try:
-        if (size := regular_size(path)) > most:
+        if (size := regular_stat(path).st_size) > most:
             raise InvalidInput(f"{path} has {size} bytes; {most} are the most that are read")
         return path.read_bytes()
     except OSError as error:

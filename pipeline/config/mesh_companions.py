@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from pipeline.config.file_content import regular_size
+from pipeline.config.file_content import regular_stat
 from pipeline.config.gltf_file import read_gltf
 from pipeline.errors import InvalidInput
 
@@ -114,7 +114,7 @@ class Companions(Mapping[str, bytes]):
 def check_file(file: Path) -> None:
     """Refuse a mesh file that is missing, no regular file, empty or too large."""
     try:
-        size = regular_size(file)
+        size = regular_stat(file).st_size
     except OSError as error:
         problem = "is no regular file" if os.path.lexists(file) else "is not there"
         raise InvalidInput(f"{file.name} {problem} ({file}); put it back, or mend the file that names it") from error

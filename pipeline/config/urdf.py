@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element, ParseError, fromstring
 
 import numpy as np
 
-from pipeline.config.file_content import regular_size
+from pipeline.config.file_content import regular_stat
 from pipeline.config.mesh_file import MAX_FACES, load_mesh
 from pipeline.config.urdf_shapes import Color, named_color, numbers_of, origin_of, shape_of
 from pipeline.errors import InvalidInput
@@ -65,7 +65,7 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
 def parse_urdf(path: Path) -> Element:
     """Parse a URDF file; an `InvalidInput` says why it is none."""
     try:
-        regular_size(path)
+        regular_stat(path)
         content = path.read_bytes()
         _check_size(content)
         return fromstring(content)

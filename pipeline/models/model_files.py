@@ -13,7 +13,7 @@ from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from pipeline.config.complaints import complaints
-from pipeline.config.file_content import read_file, regular_size
+from pipeline.config.file_content import read_file, regular_stat
 from pipeline.errors import InvalidInput, StoreError
 
 WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
@@ -44,7 +44,7 @@ def read_description(folder: Path, kind: type[D]) -> D:
 def read_weights(folder: Path) -> dict[str, Tensor]:
     """Read the weights that `save_model` wrote; a `StoreError` where there are none that can be read."""
     try:
-        regular_size(folder / WEIGHTS)
+        regular_stat(folder / WEIGHTS)
         return load_file(folder / WEIGHTS)
     except Exception as error:  # safetensors raises whatever its parsing trips over
         raise unusable(folder, f"{WEIGHTS}: {error}") from error

@@ -13,7 +13,7 @@ from typing import IO, Any
 import numpy as np
 from pydantic import ValidationError
 
-from pipeline.config.file_content import regular_size
+from pipeline.config.file_content import regular_stat
 from pipeline.store.atomic import write_at_once
 from pipeline.store.record import Failure
 from pipeline.store.rows import Row, row_digest
@@ -86,7 +86,7 @@ class Pieces:
         path = self.path(object_id, key)
         if not isinstance(path, Path):
             return BytesIO(read_bytes(path))
-        regular_size(path)
+        regular_stat(path)
         return path.open("rb")
 
     def discard(self, object_id: str, key: str) -> None:

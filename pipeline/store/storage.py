@@ -30,7 +30,7 @@ from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import LocalStore, WrapperStore
 from zarr.storage import ObjectStore as ZarrObjectStore
 
-from pipeline.config.file_content import regular_size
+from pipeline.config.file_content import regular_stat
 from pipeline.errors import InvalidInput
 
 PROTOCOLS = ("s3", "gs")
@@ -92,7 +92,7 @@ def is_machine_fault(error: Exception) -> bool:
 def read_bytes(path: Place) -> bytes:
     """Read a regular file; a `FileNotFoundError` where there is none."""
     if isinstance(path, Path):
-        regular_size(path)
+        regular_stat(path)
         return path.read_bytes()
     return bytes(obstore.get(bucket_of(path), key_of(path)).bytes())
 
@@ -114,7 +114,7 @@ def names_in(folder: Place) -> dict[str, bool]:
         if not folder.is_dir():
             return {}
         with os.scandir(folder) as entries:
-            return {entry.name: entry.is_dir() for entry in entries}
+            return {entry.name: os.path.isdir(entry) if entry.is_symlink() else entry.is_dir() for entry in entries}  # a link may loop
     found = obstore.list_with_delimiter(bucket_of(folder), f"{key_of(folder)}/")
     files = {PurePosixPath(one["path"]).name: False for one in found["objects"]}
     return files | {PurePosixPath(prefix).name: True for prefix in found["common_prefixes"]}
@@ -125,9 +125,13 @@ def files_below(folder: Place) -> dict[str, File]:
     if isinstance(folder, Path):
         found = {}
         for path in (Path(parent, name) for parent, _, names in os.walk(folder) for name in names):
-            with suppress(FileNotFoundError):  # it was removed since it was listed, or is a link to nothing
-                stat = path.stat()
-                found[path.relative_to(folder).as_posix()] = File(stat.st_size, stat.st_mtime)
+            name = path.relative_to(folder).as_posix()
+            with suppress(FileNotFoundError):  # it was removed since it was listed
+                try:
+                    stat = path.stat()
+                    found[name] = File(stat.st_size, stat.st_mtime)
+                except OSError:  # a link to nothing, or to itself
+                    found[name] = File(0, path.lstat().st_mtime)
         return found
     return {name: File(int(found["size"]), found["last_modified"].timestamp()) for name, found in _listed(folder)}
 
@@ -214,7 +218,7 @@ class _Files(WrapperStore[Store]):
     async def get(self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None) -> Buffer | None:
         if isinstance(self._store, LocalStore):
             with suppress(FileNotFoundError, NotADirectoryError):
-                regular_size(self._store.root / key)
+                regular_stat(self._store.root / key)
         return await super().get(key, prototype, byte_range)
 
 

@@ -14,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file
 from torch import Tensor, nn
 
-from pipeline.config.file_content import regular_size
+from pipeline.config.file_content import regular_stat
 from pipeline.store.atomic import write_at_once
 
 FILE = "checkpoint.safetensors"
@@ -67,7 +67,7 @@ def load(folder: Path, state: State) -> tuple[dict[str, Tensor], Progress]:
     checkpoint, or with one that a crash of the machine cut short, everything stays as it is: a fresh start.
     """
     try:
-        regular_size(folder / FILE)
+        regular_stat(folder / FILE)
         tensors = load_file(folder / FILE)
         with safe_open(folder / FILE, framework="pt") as file:
             progress = Progress(**json.loads(file.metadata()["progress"]))
