@@ -134,7 +134,7 @@ evaluate-single-image: train-single-image
 	@$(RUN)
 single-image: evaluate-single-image  ## reconstruct from single images (Table 4), of MANIFEST=single-image OBJECTS=FOLDER
 renderings: $(SURFACES)  ## write MANIFEST's objects as such a folder, data/renderings: meshes, and 24 images of each
-	@$(BIN)/python -m pipeline.reports.write_renderings $(DATA) data/renderings
+	@$(BIN)/python -m pipeline.export.renderings $(DATA) data/renderings
 
 # ---- Installation
 
@@ -171,12 +171,12 @@ $(VENV)/installed-dev: $(VENV)/installed
 household: $(VENV)/installed  ## install sweethome3d-furniture, and unpack its 820 models for MANIFEST=household; as root (120 MB)
 	@missing=$$($(call missing,sweethome3d-furniture)); $(install)
 	@test -e data/meshes/household/catalogue.csv || \
-	$(BIN)/python -m pipeline.config.furniture_library data/meshes/household /usr/share/sweethome3d/furniture/*.sh3f
+	$(BIN)/python -m pipeline.formats.furniture_library data/meshes/household /usr/share/sweethome3d/furniture/*.sh3f
 
 # ---- Documents, tests and measurements
 
 docs: $(VENV)/installed  ## regenerate docs/data-format.md and docs/settings.md
-	@$(BIN)/python -m pipeline.reports.reference_pages docs
+	@$(BIN)/python -m tools.reference_pages docs
 
 lint: $(VENV)/installed-dev  ## check style, types and import directions
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports --no-cache
@@ -237,10 +237,10 @@ test-sensors: $(PEERS)/installed  ## test the shipped sensors on real photograph
 	@OMP_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.real_sensors --write docs/sensors.md
 
 faults: $(VENV)/installed-dev  ## inject some 500 faults (kills, full disks, damage …) and compare digests; writes docs/faults.md (half an hour)
-	@$(BIN)/python -m benchmarks.faults --write docs/faults.md
+	@$(BIN)/python -m tests.faults --write docs/faults.md
 
 fuzz: $(VENV)/installed-dev  ## feed a million wrong files to whatever reads files (half an hour)
-	@$(BIN)/python -m benchmarks.fuzz
+	@$(BIN)/python -m tests.fuzz
 
 bench-peers: $(PEERS)/installed $(PEERS)-tacto/installed simulate-touch.0  ## measure TACTO, Taxim, KeOps, HDF5 … beside ours; writes docs/peers.md
 	@KEOPS_CACHE_FOLDER=$(abspath $(PEERS))/keops OMP_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.peers --data $(DATA) --write docs/peers.md
@@ -268,7 +268,7 @@ $(HANDS)/installed: $(VENV)/installed benchmarks/hands/requirements.txt
 
 # Blender needs an older numpy: an environment of its own, which is given scenes and gives pictures.
 showcase: .venv-showcase/installed $(VENV)/installed  ## render ten grasps, a turntable and touch to shape with Blender: data/showcase (15 minutes on 2 cores)
-	@$(BIN)/python -m benchmarks.showcase $(DATA) data/showcase --blender .venv-showcase/bin/python
+	@$(BIN)/python -m tools.showcase $(DATA) data/showcase --blender .venv-showcase/bin/python
 
 .venv-showcase/installed: | system
 	@test -x .venv-showcase/bin/python || $(PYTHON) -m venv .venv-showcase

@@ -29,9 +29,9 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError
 from pipeline.reports.html_report import write_objects
-from pipeline.reports.overview_picture import draw_overview
 from pipeline.reports.report_source import ReportSource
 from stages.registry import GRASP_STAGES, load_stage
+from tools.overview_picture import draw_overview
 
 ROOT = Path(__file__).parents[1]
 ASSIGNMENTS = [

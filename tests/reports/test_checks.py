@@ -8,9 +8,9 @@ import pytest
 import yaml
 from PIL import Image
 
-from pipeline.config.description_file import description_path
-from pipeline.config.hand_file import load_hand
 from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path
+from pipeline.formats.hand_file import load_hand
 from pipeline.reports.checks import check_file
 
 

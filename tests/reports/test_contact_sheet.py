@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.reports.contact_sheet import BandMaker, band_maker
 from pipeline.reports.contact_sheet_page import COLORS, PAGE, PICTURE, Band, depth_colors, draw
