@@ -134,7 +134,7 @@ evaluate-single-image: train-single-image
 	@$(RUN)
 single-image: evaluate-single-image  ## reconstruct from single images (Table 4), of MANIFEST=single-image OBJECTS=FOLDER
 renderings: every-sample-surfaces  ## write MANIFEST's objects as such a folder, data/renderings: meshes, and 24 images of each
-	@$(BIN)/python -m pipeline.reports.write_renderings $(call quoted,$(DATA)) data/renderings
+	@$(BIN)/python -m pipeline.export.renderings $(call quoted,$(DATA)) data/renderings
 
 # ---- Installation, documents and tests; tools/install.sh knows what is there already
 
@@ -147,7 +147,7 @@ installed-%: setup FORCE
 household: installed-household  ## install sweethome3d-furniture, and unpack its 820 models for MANIFEST=household; as root (120 MB)
 
 docs: setup  ## regenerate docs/data-format.md and docs/settings.md
-	@$(BIN)/python -m pipeline.reports.reference_pages docs
+	@$(BIN)/python -m tools.reference_pages docs
 
 lint: installed-dev  ## check style, types and import directions
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports --no-cache

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.fit_options import SUPPLEMENT, FitOptions, StopRule
 from pipeline.kernels.charts.touch_chart import chart_square

@@ -18,7 +18,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pipeline.config.scene_file import load_scene
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.networks.chart_graph import chart_graph
 from pipeline.kernels.networks.deformation_network import VISION, DeformationNetwork
 from pipeline.kernels.networks.graph_convolution import ZeroNeighbourLayer

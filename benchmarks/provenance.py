@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-SOURCES = ("pipeline", "stages", "schemas", "benchmarks", ":!pipeline/tuning/tradeoff.json")
+SOURCES = ("pipeline", "stages", "schemas", "benchmarks", ":!pipeline/tradeoff/tradeoff.json")
 """What figures depend on."""
 
 

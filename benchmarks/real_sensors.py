@@ -23,7 +23,7 @@ from PIL import Image
 
 from benchmarks.peers.taxim_shim import load_taxim
 from benchmarks.provenance import commit, machine
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.calibrate_sensor import modelled
 from pipeline.kernels.touch.calibration_fit import RING, Circle, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.face_culling import box_faces

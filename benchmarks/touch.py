@@ -7,7 +7,7 @@ import trimesh
 
 from benchmarks.embree import EmbreeDepth
 from benchmarks.timing import alone, each, side_by_side
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor

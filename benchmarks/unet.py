@@ -11,7 +11,7 @@ import torch
 import trimesh
 from torch import Tensor
 
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.image_tensors import network_input
 from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth

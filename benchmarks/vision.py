@@ -9,8 +9,8 @@ from statistics import median
 import numpy as np
 
 from benchmarks.timing import alone, side_by_side
-from pipeline.config.hand_file import load_hand
-from pipeline.config.scene_file import load_scene
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.vision.labels import Label
 from pipeline.toy_objects import CATEGORIES, generate

@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth

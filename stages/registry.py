@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import yaml
 from pydantic import ValidationError
 
-from pipeline.config.complaints import complaints
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.errors import InvalidInput
+from pipeline.formats.complaints import complaints
 
 
 class Entry(NamedTuple):

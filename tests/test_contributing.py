@@ -16,8 +16,8 @@ import trimesh
 import yaml
 
 from pipeline.config.manifest import load_manifest
-from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.formats.sensor_file import load_sensor
 from tests.stages import ball_dataset as spheres
 
 ROOT = Path(__file__).parents[1]
@@ -29,7 +29,7 @@ RUN = """
 import sys
 from pathlib import Path
 from pipeline.cli import app
-from pipeline.reports import reference_pages
+from tools import reference_pages
 Path("docs/settings.md").write_text(reference_pages.regenerated(Path("docs/settings.md").read_text(), reference_pages.settings()))
 app(["run", "measure-contact", *sys.argv[1:]])
 """

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.config.description_file import shipped_files
 from pipeline.config.manifest import Manifest, _sizes, load_manifest
 from pipeline.config.sources import checksum, fingerprint
 from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import shipped_files
 
 CUBE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 

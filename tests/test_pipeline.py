@@ -27,8 +27,8 @@ from pipeline.dataset.labelled import open_artifact
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError
-from pipeline.reports.overview_picture import draw_overview
 from stages.registry import GRASP_STAGES, load_stage
+from tools.overview_picture import draw_overview
 
 ROOT = Path(__file__).parents[1]
 ASSIGNMENTS = [

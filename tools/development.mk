@@ -40,10 +40,10 @@ test-hands: installed-hands  ## grasp MANIFEST's objects with seven hands of oth
 	    --site-packages $(BIN)/../lib/python3.11/site-packages
 
 faults: installed-dev  ## inject some 500 faults (kills, full disks, damage …) and compare digests; writes docs/faults.md (half an hour)
-	@$(BIN)/python -m benchmarks.faults --write docs/faults.md
+	@$(BIN)/python -m tests.faults --write docs/faults.md
 
 fuzz: installed-dev  ## feed a million wrong files to whatever reads files (half an hour)
-	@$(BIN)/python -m benchmarks.fuzz
+	@$(BIN)/python -m tests.fuzz
 
 bench: installed-dev  ## measure every stage beside its raw limit, in one run
 	@for name in surfaces grasps vision touch chamfer unet charts gcn; do $(BIN)/python -m benchmarks.$$name || exit 1; done
@@ -60,4 +60,4 @@ tradeoff-missing: installed-dev  ## list the settings that make tradeoff has not
 
 # Blender has an environment of its own, which is given scenes and gives pictures.
 showcase: installed-blender  ## render ten grasps, a turntable and touch to shape with Blender: data/showcase (15 minutes on 2 cores)
-	@$(BIN)/python -m benchmarks.showcase $(call quoted,$(DATA)) data/showcase --blender .venv-showcase/bin/python
+	@$(BIN)/python -m tools.showcase $(call quoted,$(DATA)) data/showcase --blender .venv-showcase/bin/python

@@ -12,8 +12,8 @@ from vt_pipeline.shadowing import refuse_shadows
 
 refuse_shadows(Path(__file__).parents[1])
 
-from pipeline.config.sensor_file import load_sensor  # noqa: E402
 from pipeline.errors import InvalidInput  # noqa: E402
+from pipeline.formats.sensor_file import load_sensor  # noqa: E402
 from pipeline.kernels.touch.sensor import Sensor  # noqa: E402
 from pipeline.kernels.touch.tactile_image import untouched_image  # noqa: E402
 from vt_pipeline.grasping import Grasps, grasp  # noqa: E402

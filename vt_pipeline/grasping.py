@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.hand_file import load_hand
-from pipeline.config.sensor_file import load_worn_sensors, sensor_names
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Task
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.touch.sensor import Sensor
 from vt_pipeline.objects import TouchObject

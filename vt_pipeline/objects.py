@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.config.mesh_file import load_mesh
+from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import yaml
 
-from pipeline.config.hand_file import load_hand
 from pipeline.dataset.touch_statistics import Tally, tally
 from pipeline.errors import StoreError
+from pipeline.formats.hand_file import load_hand
 from pipeline.reports.status import read_account
 
 HERE = Path(__file__).parent

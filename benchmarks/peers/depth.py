@@ -14,7 +14,7 @@ from benchmarks.peers.table import Table
 from benchmarks.peers.touch import over_cases
 from benchmarks.timing import side_by_side, three_digits
 from benchmarks.touch import press, wavy_ball
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth

@@ -17,7 +17,7 @@ from benchmarks.peers.taxim_shim import load_taxim
 from benchmarks.peers.worker import PeerError, Worker
 from benchmarks.provenance import ROOT
 from benchmarks.timing import Round, Times, each, side_by_side, three_digits
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.depth_quantisation import quantise_depth
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth

@@ -30,7 +30,7 @@ from benchmarks.tradeoff.sensor_settings import sensor_settings
 from benchmarks.tradeoff.shortcuts import measure_all
 from benchmarks.tradeoff.study_plan import StudyPlan, Variant, study_plans
 from pipeline.console import Meter, console_on
-from pipeline.tuning.measurements import Measurement, load_studies
+from pipeline.tradeoff.measurements import Measurement, load_studies
 
 DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 TOUCH_ONLY = ("sample-surfaces", "simulate-grasps", "simulate-touch")

@@ -19,8 +19,8 @@ from skimage.transform import resize
 
 from benchmarks.stored_grasps import independent_depth
 from benchmarks.tradeoff.errors import POINTS
-from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces

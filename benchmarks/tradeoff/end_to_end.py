@@ -16,7 +16,7 @@ from benchmarks.tradeoff.study_plan import HERE
 from pipeline.console import Meter
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.directory import DataDirectory
-from pipeline.tuning.sweep import file_name
+from pipeline.tradeoff.sweep import file_name
 from schemas.catalogue import ARTIFACTS
 
 MANIFEST = HERE / "learning.yaml"

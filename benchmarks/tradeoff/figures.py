@@ -6,9 +6,9 @@ import json
 from typing import Any
 
 from benchmarks.provenance import ROOT
-from pipeline.tuning.measurements import ASSET, load_studies
+from pipeline.tradeoff.measurements import ASSET, load_studies
 
-PATH = ROOT / "pipeline" / "tuning" / ASSET
+PATH = ROOT / "pipeline" / "tradeoff" / ASSET
 SECTIONS = ("same", "end_to_end", "alternatives", "shortcuts", "sensors")
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from benchmarks.tradeoff.figures import read_figures, section_rows
 from benchmarks.tradeoff.study_plan import StudyPlan, study_plans
 from benchmarks.tradeoff.training_choices import FAMILIES, choices_of
-from pipeline.tuning.measurements import Study, load_studies
+from pipeline.tradeoff.measurements import Study, load_studies
 from stages.registry import STAGES, load_settings_type
 
 

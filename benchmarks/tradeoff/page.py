@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks.provenance import ROOT
 from benchmarks.tradeoff.plot import draw
-from pipeline.tuning.measurements import TIE_TOLERANCE, Measurement, Provenance, Study
+from pipeline.tradeoff.measurements import TIE_TOLERANCE, Measurement, Provenance, Study
 
 PAGE = ROOT / "docs" / "tradeoff.md"
 PLOTS = ROOT / "docs" / "tradeoff"

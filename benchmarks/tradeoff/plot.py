@@ -9,7 +9,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.tuning.measurements import Measurement, Study
+from pipeline.tradeoff.measurements import Measurement, Study
 
 STYLE = {"preset": ("s", 36), "setting": ("o", 12), "combination": ("^", 16), "seed": ("x", 16)}
 """Marker and size by kind."""

@@ -14,8 +14,8 @@ from pipeline.config.manifest import load_manifest
 from pipeline.engine.keys import code_hash
 from pipeline.engine.stage import DatasetStage
 from pipeline.store.directory import DataDirectory
-from pipeline.tuning.measurements import Measurement, Provenance, Study
-from pipeline.tuning.sweep import file_name
+from pipeline.tradeoff.measurements import Measurement, Provenance, Study
+from pipeline.tradeoff.sweep import file_name
 from schemas.catalogue import ARTIFACTS
 from stages.registry import load_stage
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.real_sensors import BALL, SETS, Model, added, least_ms, mean_errors, photographs
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.calibrated_shading import polynomial_background
 from pipeline.kernels.touch.calibration_fit import Photograph, ball_impression
 from pipeline.kernels.touch.optics import Shadow

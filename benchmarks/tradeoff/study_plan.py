@@ -12,7 +12,7 @@ import yaml
 
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
-from pipeline.tuning.sweep import assignment
+from pipeline.tradeoff.sweep import assignment
 from stages.registry import resolve
 
 HERE = Path(__file__).parent

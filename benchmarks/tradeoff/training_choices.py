@@ -23,7 +23,7 @@ from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
 from pipeline.models.trained_networks import family_of, model_name
 from pipeline.store.directory import DataDirectory
-from pipeline.tuning.measurements import load_studies
+from pipeline.tradeoff.measurements import load_studies
 from stages.evaluate.evaluation_files import evaluation_name, read_table
 
 COMMAND = "python -m benchmarks.tradeoff.training_choices data/four-classes/draft data/choices --seeds {} --write"

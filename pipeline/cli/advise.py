@@ -10,9 +10,9 @@ import typer
 from pipeline.cli.failures import fail
 from pipeline.cli.request import ManifestOption, ObjectsOption, UnitsOption, UpOption
 from pipeline.console import console, errors, say
-from pipeline.tuning.advice import STAGES_OF, Question
-from pipeline.tuning.advice import advise as advise_settings
-from pipeline.tuning.choice import Limit, duration, error_limit
+from pipeline.tradeoff.advice import STAGES_OF, Question
+from pipeline.tradeoff.advice import advise as advise_settings
+from pipeline.tradeoff.choice import Limit, duration, error_limit
 
 
 def advise(

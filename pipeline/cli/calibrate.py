@@ -11,9 +11,9 @@ import typer
 from pydantic import ValidationError
 from rich.table import Table
 
-from pipeline.config.complaints import complaints
 from pipeline.console import console, errors, say
 from pipeline.errors import InvalidInput
+from pipeline.formats.complaints import complaints
 
 
 def calibrate_sensor(

@@ -23,7 +23,7 @@ def view(
     save: Annotated[Path | None, typer.Option(help="Write a file (.rrd) for Rerun's viewer in place of opening a window.")] = None,
 ) -> None:
     """Show grasps in the viewer Rerun: object, hand, sensors, images, tactile images, local points, charts, predictions."""
-    from pipeline.reports.rerun_view import view_grasps
+    from pipeline.export.rerun_view import view_grasps
 
     shown = view_grasps(place(data), object_id, grasp, save)
     if save:

@@ -29,7 +29,7 @@ from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StageError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists, place
-from pipeline.tuning import sweep as sweeps
+from pipeline.tradeoff import sweep as sweeps
 from stages.registry import STAGES, load_stage, resolve
 
 SINGLE = "evaluation-single-image"

@@ -36,8 +36,8 @@ from pipeline.engine.stage import DatasetStage
 from pipeline.reports.object_fit import misfits
 from pipeline.store.record import Failure
 from pipeline.store.storage import Place
-from pipeline.tuning.explain import explain_plan
-from pipeline.tuning.quote import quote
+from pipeline.tradeoff.explain import explain_plan
+from pipeline.tradeoff.quote import quote
 from stages.registry import STAGES, load_stage
 
 

@@ -20,10 +20,10 @@ from pipeline.cli.request import (
     UpOption,
     make_request,
 )
-from pipeline.config.cluster_profile import load_cluster
+from pipeline.cluster import slurm
+from pipeline.cluster.cluster_profile import load_cluster
+from pipeline.cluster.slurm_jobs import Submission, plan_jobs, script_of
 from pipeline.console import say
-from pipeline.engine import slurm
-from pipeline.engine.slurm_jobs import Submission, plan_jobs, script_of
 from pipeline.store.directory import DataDirectory
 from stages.registry import STAGES, load_stage
 

@@ -13,11 +13,11 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from pipeline.config.description_file import description_path, read_description
-from pipeline.config.file_units import METRES
 from pipeline.config.sources import Catalogue, Directory, Found, Placed, Procedural, Pybullet, ShapeNet
 from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path, read_description
+from pipeline.formats.file_units import METRES
 
 SPLITS = ("train", "valid", "test")
 OBJECT_ID = re.compile(r"(?!\.|zarr\.json$)[A-Za-z0-9._-]{1,120}")

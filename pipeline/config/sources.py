@@ -17,10 +17,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from pipeline.config.file_content import read_file
-from pipeline.config.file_units import stated_units
-from pipeline.config.mesh_companions import SUFFIXES, Companions
 from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import read_file
+from pipeline.formats.file_units import stated_units
+from pipeline.formats.mesh_companions import SUFFIXES, Companions
 
 MAX_OBJECTS = 200_000
 """Objects of a source: listing them takes a second, and memory, before anything else is done."""

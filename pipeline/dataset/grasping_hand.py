@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pipeline.config.hand_file import load_hand
+from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.model import Hand
 
 

@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import ValidationError
 
-from pipeline.config.complaints import complaints
 from pipeline.dataset.touch_sensors import touch_sensor, touch_sensors
 from pipeline.errors import InvalidInput, StoreError
+from pipeline.formats.complaints import complaints
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection

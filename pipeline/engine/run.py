@@ -8,16 +8,16 @@ from typing import Any, cast
 
 from rich.console import Console
 
-from pipeline.config.hand_file import load_hand
 from pipeline.config.manifest import Object
-from pipeline.config.scene_file import load_scene
-from pipeline.config.sensor_file import load_sensor
 from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.peers import HELP, NOTHING, peers
 from pipeline.engine.plan import Forecast, Request, Result, description_errors
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.errors import StoreError, first_line
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.scene_file import load_scene
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory
 from pipeline.store.reshard import shard_of

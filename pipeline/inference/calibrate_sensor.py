@@ -14,8 +14,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from pipeline.config.image_file import read_image
 from pipeline.errors import InvalidInput
+from pipeline.formats.image_file import read_image
 from pipeline.kernels.touch.calibrated_shading import calibrated_change
 from pipeline.kernels.touch.calibration_fit import (
     RING,

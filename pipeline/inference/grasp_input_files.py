@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.file_content import read_file
-from pipeline.config.image_file import read_image
 from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import read_file
+from pipeline.formats.image_file import read_image
 from pipeline.kernels.touch.sensor import check_pose
 
 FARTHEST = 10.0

@@ -13,11 +13,11 @@ import torch
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from pipeline.config.complaints import complaints
-from pipeline.config.image_file import read_image
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError, StoreError
+from pipeline.formats.complaints import complaints
+from pipeline.formats.image_file import read_image
 from pipeline.inference.grasp_input_files import read_poses, read_readings
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
 from pipeline.kernels.charts.chart_fitting import fit_charts

@@ -12,9 +12,9 @@ from pydantic import BaseModel, ValidationError
 from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
-from pipeline.config.complaints import complaints
-from pipeline.config.file_content import read_file, regular_stat
 from pipeline.errors import InvalidInput, StoreError
+from pipeline.formats.complaints import complaints
+from pipeline.formats.file_content import read_file, regular_stat
 
 WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
 MAX_BYTES = 2**20

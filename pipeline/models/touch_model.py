@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from pydantic import BaseModel, ConfigDict, Field
 
-from pipeline.config.image_file import read_image
 from pipeline.errors import InvalidInput
+from pipeline.formats.image_file import read_image
 from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.image_tensors import COLOURS, network_input
 from pipeline.kernels.networks.unet import UNet

@@ -10,12 +10,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pipeline.config.scene_file import load_scene
 from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.hand_file import load_hand
-from pipeline.config.physics_urdf import links_without_mass
-from pipeline.config.scene_file import load_scene
-from pipeline.config.sensor_file import load_worn_sensors, sensor_names
 from pipeline.console import counted, few
 from pipeline.engine.shard_plan import ShardPlan
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.physics_urdf import links_without_mass
+from pipeline.formats.scene_file import load_scene
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_links
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix

@@ -9,8 +9,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from rich.console import Console
 
-from pipeline.config.complaints import complaints
 from pipeline.errors import StoreError
+from pipeline.formats.complaints import complaints
 from pipeline.reports.orderings import orderings, show_orderings
 from pipeline.reports.training_seeds import show_trainings
 from pipeline.store.directory import DataDirectory

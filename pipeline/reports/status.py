@@ -12,8 +12,8 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
+from pipeline.cluster.slurm import JobState, State, slurm_folder, states_of, submitted_jobs
 from pipeline.console import print_table
-from pipeline.engine.slurm import JobState, State, slurm_folder, states_of, submitted_jobs
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory, folder_digest
 from pipeline.store.garbage import everything_unnamed

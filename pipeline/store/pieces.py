@@ -13,7 +13,7 @@ from typing import IO, Any
 import numpy as np
 from pydantic import ValidationError
 
-from pipeline.config.file_content import regular_stat
+from pipeline.formats.file_content import regular_stat
 from pipeline.store.atomic import write_at_once
 from pipeline.store.record import Failure
 from pipeline.store.rows import Row, row_digest

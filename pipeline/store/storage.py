@@ -30,8 +30,8 @@ from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import LocalStore, WrapperStore
 from zarr.storage import ObjectStore as ZarrObjectStore
 
-from pipeline.config.file_content import regular_stat
 from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import regular_stat
 
 PROTOCOLS = ("s3", "gs")
 """Of object storage with conditional puts: Amazon's and its like, Google's."""

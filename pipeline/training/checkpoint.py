@@ -14,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file
 from torch import Tensor, nn
 
-from pipeline.config.file_content import regular_stat
+from pipeline.formats.file_content import regular_stat
 from pipeline.store.atomic import write_at_once
 
 FILE = "checkpoint.safetensors"

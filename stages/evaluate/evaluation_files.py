@@ -14,8 +14,8 @@ from pydantic import BaseModel, Field, ValidationError
 from pydantic_zarr.v3 import GroupSpec
 from zarr.storage import LocalStore
 
-from pipeline.config.complaints import complaints
 from pipeline.errors import StoreError
+from pipeline.formats.complaints import complaints
 from pipeline.store.spec import array_spec, numpy_dtype
 from pipeline.store.storage import zarr_store
 from schemas.evaluation import TABLES, VERSION, Table

@@ -10,9 +10,9 @@ from pydantic import BaseModel, ValidationError, field_validator
 from rich.console import Console
 from rich.markup import escape
 
-from pipeline.config.complaints import complaints
 from pipeline.console import print_table
 from pipeline.errors import StoreError
+from pipeline.formats.complaints import complaints
 from pipeline.store.storage import read_bytes
 from stages.evaluate_single_image.table_4 import MEAN, PUBLISHED
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.rendering_folder import PIXELS, read_renderings, rendering_files
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
+from pipeline.formats.rendering_folder import PIXELS, read_renderings, rendering_files
 from pipeline.kernels.vision.viewpoint import placed_camera, viewpoint_camera
 from pipeline.store.rows import Row
 from schemas.base import Artifact

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.description_file import description_path
-from pipeline.config.hand_file import load_hand
-from pipeline.config.scene_file import load_scene
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.vision.camera import Camera, projection_matrix
 from pipeline.kernels.vision.labels import Label

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.config.mesh_companions import Companions
-from pipeline.config.mesh_file import load_mesh
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.formats.mesh_companions import Companions
+from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh

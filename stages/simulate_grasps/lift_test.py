@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.config.physics_urdf import write_physics_urdf
+from pipeline.formats.physics_urdf import write_physics_urdf
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.grasp_closure import Contact

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.physics_urdf import write_physics_urdf
+from pipeline.formats.physics_urdf import write_physics_urdf
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
 from stages.simulate_grasps.hand_body import HandBody

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.hand_file import load_hand
-from pipeline.config.sensor_file import load_worn_sensors, sensor_names
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres, collision_spheres
 from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field

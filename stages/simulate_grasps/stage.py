@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.hand_file import load_hand
-from pipeline.config.sensor_file import sensor_files, sensor_names
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.sensor_file import sensor_files, sensor_names
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.sensor_file import load_worn_sensors, sensor_files
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, ObjectStage, Task
 from pipeline.errors import InvalidInput
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.depth_quantisation import quantise_depth
 from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces

@@ -14,10 +14,10 @@ import trimesh
 from benchmarks.stored_grasps import Seen
 from benchmarks.tradeoff.errors import ERRORS, SOUND, Errors
 from benchmarks.tradeoff.runs import Made
-from pipeline.config.hand_file import load_hand
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Task
+from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.networks.unet import UNet

@@ -19,7 +19,7 @@ from benchmarks.peers.table import Table
 from benchmarks.peers.taxim_shim import scatter_min
 from benchmarks.peers.worker import PeerError, Worker
 from benchmarks.timing import Times, each, side_by_side, three_digits
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.sensor import pixel_centres, ray_origins
 from stages.render_vision.opengl_context import OpenGLContext

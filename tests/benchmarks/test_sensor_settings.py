@@ -3,7 +3,7 @@
 import numpy as np
 
 from benchmarks.tradeoff.sensor_settings import _variants
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.calibrate_sensor import modelled
 from pipeline.kernels.touch.calibration_fit import Circle, Photograph
 from pipeline.kernels.touch.tactile_image import untouched_image

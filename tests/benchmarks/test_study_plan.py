@@ -12,7 +12,7 @@ from benchmarks.provenance import provenance
 from benchmarks.tradeoff.missing import unmeasured
 from benchmarks.tradeoff.page import study_section
 from benchmarks.tradeoff.study_plan import StudyPlan, study_plans
-from tests.tuning.studies import measurement, study
+from tests.tradeoff.studies import measurement, study
 
 PLAN = StudyPlan(
     name="render-vision",

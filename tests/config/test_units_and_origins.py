@@ -12,9 +12,9 @@ from PIL import Image
 
 from pipeline.cli import app
 from pipeline.config.manifest import Manifest, load_manifest
-from pipeline.config.mesh_file import load_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import InvalidInput
+from pipeline.formats.mesh_file import load_mesh
 from tests.test_cli import invoke
 
 CORNERS = np.array([[0, 0, 0], [30, 0, 0], [0, 20, 0], [0, 0, 10.0]])

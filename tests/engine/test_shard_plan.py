@@ -9,12 +9,12 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from pipeline.config.description_file import description_path
 from pipeline.config.manifest import Object
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.run import forecast
 from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
+from pipeline.formats.description_file import description_path
 from pipeline.rng import numpy_rng
 from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory

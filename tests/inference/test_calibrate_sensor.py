@@ -8,8 +8,8 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.config.sensor_file import load_sensor, sensor_files
 from pipeline.errors import InvalidInput
+from pipeline.formats.sensor_file import load_sensor, sensor_files
 from pipeline.inference.calibrate_sensor import read_photographs
 from pipeline.kernels.touch.calibration_fit import Circle, ball_impression
 from pipeline.kernels.touch.sensor import Sensor

@@ -11,9 +11,9 @@ import pytest
 import yaml
 from PIL import Image
 
-from pipeline.config.description_file import description_path
-from pipeline.config.hand_file import load_hand
 from pipeline.errors import InvalidInput, StoreError
+from pipeline.formats.description_file import description_path
+from pipeline.formats.hand_file import load_hand
 from pipeline.reports.checks import check_file
 from pipeline.reports.learning_curves import draw_curves
 from pipeline.reports.svg_plots import draw_histogram, svg_theme

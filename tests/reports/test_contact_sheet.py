@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.errors import StoreError
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.reports.contact_sheet import BandMaker, band_maker, contact_sheets
 from pipeline.reports.contact_sheet_page import COLORS, PAGE, PICTURE, Band, depth_colors, draw

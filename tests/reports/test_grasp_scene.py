@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.config.hand_file import load_hand
-from pipeline.config.sensor_file import load_sensor
 from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.mesh_files import Y_UP
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_links

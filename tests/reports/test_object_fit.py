@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.config.hand_file import load_hand
+from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.vision.camera import Camera
 from pipeline.reports.object_fit import _of_unfit_size, is_speck, leaves_image, opening
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.vision.camera import camera_pose
 from pipeline.kernels.vision.labels import Label
 from pipeline.reports.contact_sheet_page import COLORS

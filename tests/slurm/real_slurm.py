@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.engine import slurm
+from pipeline.cluster import slurm
 from stages.registry import GRASP_STAGES
 from tests.slurm.one_node import one_node_slurm
 from tests.test_pipeline import ASSIGNMENTS, SHARDED, vt

@@ -12,10 +12,10 @@ import torch
 import trimesh
 
 from pipeline.config.manifest import Object
-from pipeline.config.sensor_file import load_sensor
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS

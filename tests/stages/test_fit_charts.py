@@ -8,9 +8,9 @@ import pytest
 import torch
 from pydantic import ValidationError
 
-from pipeline.config.sensor_file import load_sensor
 from pipeline.engine.stage import Task
 from pipeline.errors import InvalidInput
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.fit_options import SUPPLEMENT, FitOptions, StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.networks.unet import UNet

@@ -18,10 +18,10 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.errors import StageError, StoreError
+from pipeline.export.renderings import write_dataset
 from pipeline.inference.predict import predict
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
-from pipeline.reports.write_renderings import write_dataset
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 from stages.evaluate_single_image.printed_table import show

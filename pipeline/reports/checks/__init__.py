@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
-from pipeline.config.description_file import read_yaml, shipped_files
 from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import read_yaml, shipped_files
 
 ENTRIES = {
     "sensor": {"w", "rows", "cols"},

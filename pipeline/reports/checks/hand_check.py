@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.config.hand_file import load_hand
-from pipeline.config.physics_urdf import links_without_mass
-from pipeline.config.sensor_file import load_worn_sensors, sensor_names
 from pipeline.console import counted
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.physics_urdf import links_without_mass
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand

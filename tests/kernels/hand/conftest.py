@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pipeline.config.hand_file import load_hand
+from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.model import Hand
 
 

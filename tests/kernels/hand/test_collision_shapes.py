@@ -9,8 +9,8 @@ import pytest
 import trimesh
 from hypothesis import given
 
-from pipeline.config.hand_file import load_hand
 from pipeline.errors import InvalidInput
+from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.collision_shapes import collision_boxes, collision_spheres
 from pipeline.kernels.hand.distance_field import build_distance_field

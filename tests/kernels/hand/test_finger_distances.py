@@ -9,9 +9,9 @@ import pytest
 import trimesh
 from hypothesis import given
 
-from pipeline.config.hand_file import load_hand
-from pipeline.config.sensor_file import load_sensor
 from pipeline.errors import InvalidInput
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.collision_shapes import collision_spheres
 from pipeline.kernels.hand.distance_field import build_distance_field
 from pipeline.kernels.hand.finger_distances import finger_clearance, finger_geometry, gel_contact, gel_probes

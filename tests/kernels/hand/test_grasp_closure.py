@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.grasp_closure import Contact, closure_margin, contact_of, opposition_angle
 from pipeline.kernels.touch.contact import CONTACT_MARGIN
 from pipeline.kernels.touch.sensor import pixel_centres

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.collision_shapes import collision_spheres
 from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
 from pipeline.kernels.hand.finger_distances import gel_contact, gel_probes

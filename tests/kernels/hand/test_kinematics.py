@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.config.hand_file import load_hand
+from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
 from pipeline.kernels.hand.model import Hand
 from tests.kernels.hand.meshes import random_pose

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.config.hand_file import load_hand
+from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.palm_pose import tangent_palm_pose
 from tests.strategies import EPS, random_rotation, seeds

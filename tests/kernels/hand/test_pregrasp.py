@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.config.hand_file import load_hand
+from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.pregrasp import pregrasp_angles

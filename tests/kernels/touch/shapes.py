@@ -9,7 +9,7 @@ import numpy as np
 import pybullet_data
 import trimesh
 
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.sensor import Sensor
 from tests.strategies import random_rotation
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.calibrated_shading import calibrated_change, deformed, polynomial_background, powers
 from pipeline.kernels.touch.cast_shadow import shade_depth
 from pipeline.kernels.touch.gel_membrane import drawn_in

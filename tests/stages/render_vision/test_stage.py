@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline.config.description_file import description_path
-from pipeline.config.hand_file import load_hand
-from pipeline.config.scene_file import load_scene
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Task
 from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.camera import project_points
 from pipeline.store.rows import Row
 from schemas.base import COMMON

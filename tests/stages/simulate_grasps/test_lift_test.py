@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.config.hand_file import load_hand
-from pipeline.config.sensor_file import load_sensor
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp_closure import Contact, contact_of
 from pipeline.kernels.hand.kinematics import sensor_poses

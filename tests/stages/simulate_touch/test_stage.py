@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.config.description_file import description_path
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Task
 from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.contact import local_points, touch_success
 from pipeline.kernels.touch.tactile_image import tactile_image

@@ -1,0 +1,81 @@
+"""Cluster files: the YAML descriptions of what one task is given on a Slurm cluster."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+
+from pipeline.formats.description_file import description_path, read_description
+
+Word = Annotated[str, Field(pattern=r"^[^\s,]+$")]
+
+
+def _is_text(value: Any) -> Any:
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        raise ValueError(f"YAML reads it as the number {value}; write it in quotes and with its unit, as '04:00:00' or '16G'")
+    return value
+
+
+def _is_one_line(line: str) -> str:
+    if not line.isprintable():
+        raise ValueError(f"{line!r} is no single line of text; give an entry per line")
+    return line
+
+
+Line = Annotated[str, AfterValidator(_is_one_line)]
+
+
+class Allocation(BaseModel):
+    """What one task is given: a partition, cores, memory and time, as `sbatch` takes them."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    partition: Word
+    cores: int = Field(ge=1)
+    memory: Annotated[str, BeforeValidator(_is_text), Field(pattern=r"^[1-9]\d*[KMGT]$")]
+    time: Annotated[str, BeforeValidator(_is_text), Field(pattern=r"^(\d+-)?\d+(:\d\d){0,2}$")]
+
+
+class GpuAllocation(Allocation):
+    """An allocation with GPUs: how many, or their type and how many."""
+
+    gpus: Annotated[int, Field(ge=1)] | Annotated[str, Field(pattern=r"^[\w.-]+:[1-9]\d*$")] = 1
+
+
+class ClusterProfile(BaseModel):
+    """Describe a Slurm cluster.
+
+    Attributes
+    ----------
+    cpu, gpu
+        What a task is given; `gpu` for what uses a GPU, where the cluster has some.
+    concurrent
+        How many tasks of one array may run at a time; None leaves it to the cluster.
+    setup
+        Shell lines that every task runs first.
+    command
+        How the nodes call vt-pipeline; None is the Python that submits, on a file system that the nodes share.
+    account
+        What the time is charged to.
+    options
+        More options of `sbatch`.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: Line
+    summary: str = ""
+    cpu: Allocation
+    gpu: GpuAllocation | None = None
+    concurrent: int | None = Field(None, ge=1)
+    setup: tuple[Line, ...] = ()
+    command: Line | None = None
+    account: Word | None = None
+    options: tuple[Annotated[str, Field(pattern=r"^--[a-z][a-z-]*(=\S+)?$")], ...] = ()
+
+
+def load_cluster(name: str | Path) -> ClusterProfile:
+    """Read a cluster by the name of a shipped file or by path; an `InvalidInput` names the file and what is wrong with it."""
+    return read_description("cluster", description_path("cluster", name), ClusterProfile)

@@ -1,0 +1,220 @@
+"""Submit jobs to Slurm, and ask what has become of them: by `squeue`, by `sacct` where there is one, and by what the tasks left."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pipeline.cluster.slurm_jobs import Job, Submission, dependency, script_of
+from pipeline.errors import StageError, StoreError, first_line
+from pipeline.store.atomic import one_writer, write_at_once
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import Place, read_bytes
+
+State = Literal["pending", "running", "done", "failed", "unknown"]
+
+PENDING = {"PENDING", "REQUEUED", "REQUEUE_FED", "REQUEUE_HOLD", "SPECIAL_EXIT"}
+ENDED = {"BOOT_FAIL", "CANCELLED", "DEADLINE", "FAILED", "NODE_FAIL", "OUT_OF_MEMORY", "PREEMPTED", "REVOKED", "TIMEOUT"}
+SECONDS = 60
+"""How long a scheduler under load may take to answer."""
+
+
+class SubmittedJob(BaseModel):
+    """A job that was submitted: its number, and how many tasks it has; None where it is no array."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    stage: str
+    output: str
+    name: str
+    number: str = Field(pattern=r"^[0-9]+$")
+    tasks: int | None = Field(ge=1, le=9999)
+
+    @property
+    def task_names(self) -> list[str]:
+        """Every task as Slurm calls it: 12_0, 12_1, …; 12 where the job is no array."""
+        return [self.number] if self.tasks is None else [f"{self.number}_{index}" for index in range(self.tasks)]
+
+    def log(self, folder: Path, task: str) -> Path:
+        """What a task printed."""
+        return folder / f"{self.name}-{task}.log"
+
+
+class _SubmittedJobs(BaseModel):
+    """The file that lists them, the last job per output."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    jobs: tuple[SubmittedJob, ...] = ()
+
+
+@dataclass(frozen=True)
+class TaskState:
+    """What has become of a task: `why` it waits, failed, or is not known; `log` is what it printed."""
+
+    task: str
+    state: State
+    why: str
+    log: Path
+
+
+@dataclass(frozen=True)
+class JobState:
+    """What has become of a job."""
+
+    job: SubmittedJob
+    tasks: tuple[TaskState, ...]
+
+    def counts(self) -> dict[State, int]:
+        """How many tasks are in each state, the states that none is in left out."""
+        return dict(Counter(task.state for task in self.tasks))
+
+
+def slurm_folder(data: Place) -> Path:
+    """Where scripts, logs, exit statuses and the list of jobs lie: with the data, or in the current folder if that is in object storage."""
+    folder = DataDirectory(data).work("slurm")
+    return folder if isinstance(folder, Path) else Path("slurm") / "-".join(data.parts[1:])
+
+
+def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob]:
+    """Write the scripts of all jobs, then submit one after the other, each to start after those that it reads from.
+
+    Raises
+    ------
+    StageError
+        There is no `sbatch` here, it refuses a job, or tasks that make the same have not ended.
+    """
+    folder = submission.folder
+    if not shutil.which("sbatch"):
+        raise StageError("sbatch is not installed here; submit on a machine of the cluster, or print the scripts with --dry-run")
+    scripts = {job.output: script_of(job, submission) for job in jobs}
+    with one_writer(folder / "lock", folder):
+        known = {job.output: job for job in submitted_jobs(folder)}
+        _refuse_unfinished(states_of(folder, [known[output] for output in scripts if output in known]))
+        ids: dict[str, str] = {}
+        for job in jobs:
+            path = folder / f"{job.name}.sh"
+            write_at_once(path, scripts[job.output].encode())
+            ids[job.output] = _sbatch(path, dependency(job, {one.output: one for one in jobs}, ids), list(ids.values()))
+            tasks = submission.shards if job.is_array else None
+            made = SubmittedJob(stage=job.stage.name, output=job.output, name=job.name, number=ids[job.output], tasks=tasks)
+            known[job.output] = made
+            write_at_once(folder / "jobs.json", _SubmittedJobs(jobs=tuple(known.values())).model_dump_json(indent=1).encode())
+            yield made
+
+
+def _refuse_unfinished(states: Iterable[JobState]) -> None:
+    for state in states:
+        if waiting := sum(task.state in ("pending", "running") for task in state.tasks):
+            raise StageError(
+                f"{state.job.output} is being made: job {state.job.number} has {waiting} tasks that have not ended; wait for them, "
+                f"or end them with `scancel {state.job.number}`"
+            )
+
+
+def _sbatch(script: Path, after: str | None, before: list[str]) -> str:
+    """Submit a script; returns the job's number."""
+    options = [f"--dependency={after}"] if after else []
+    done = _ask("sbatch", "--parsable", *options, str(script))
+    number = done.stdout.strip().partition(";")[0]
+    if done.returncode or not number.isdigit():
+        left = f"; `scancel {' '.join(before)}` ends what was submitted before it" if before else ""
+        raise StageError(
+            f"sbatch refuses {script}: {_complaint(done)}. Partition, memory, time and options are those of the "
+            f"cluster file (--cluster), the array has a task per shard{left}"
+        )
+    return number
+
+
+def submitted_jobs(folder: Path) -> tuple[SubmittedJob, ...]:
+    """Read the list of jobs; a `StoreError` where it is damaged."""
+    path = folder / "jobs.json"
+    try:
+        return _SubmittedJobs.model_validate_json(read_bytes(path)).jobs
+    except FileNotFoundError:
+        return ()
+    except (OSError, ValidationError) as error:
+        raise StoreError(f"{path} is damaged ({first_line(error)}); delete it: only `status` and `submit` read it") from error
+
+
+def states_of(folder: Path, jobs: Sequence[SubmittedJob]) -> list[JobState]:
+    """Ask what has become of every task of some jobs.
+
+    Slurm forgets a job some minutes after it ended; then the exit status counts that the task left, or what accounting says.
+    """
+    if not jobs:
+        return []
+    said, silent = _squeue(jobs)
+    forgotten = [job for job in jobs if any(task not in said for task in job.task_names)]
+    accounts = _sacct(forgotten) if forgotten else {}
+    return [JobState(job, tuple(_state_of(folder, job, task, accounts | said, silent) for task in job.task_names)) for job in jobs]
+
+
+def _state_of(folder: Path, job: SubmittedJob, task: str, said: dict[str, tuple[str, str]], silent: str) -> TaskState:
+    name, reason = said.get(task, ("", ""))
+    reason = "" if reason == "None" else reason
+    status = _exit_status(folder / f"{task}.exit")
+    state: State = "failed"
+    if name in PENDING:
+        state, why = "pending", reason
+    elif name in ENDED:
+        why = f"{name} ({reason})" if reason else name
+    elif name and name != "COMPLETED":
+        state, why = "running", reason
+    elif status == 0 or (name and status is None):
+        state, why = "done", ""
+    elif status is not None:
+        why = f"exit status {status}"
+    elif silent:
+        state, why = "unknown", silent
+    else:
+        why = "it was ended before it was finished" if job.log(folder, task).exists() else "it was cancelled before it began"
+    return TaskState(task, state, why, job.log(folder, task))
+
+
+def _exit_status(path: Path) -> int | None:
+    """The exit status that a task left; None where it left none."""
+    try:
+        return int(read_bytes(path))
+    except (OSError, ValueError):
+        return None
+
+
+def _squeue(jobs: Sequence[SubmittedJob]) -> tuple[dict[str, tuple[str, str]], str]:
+    """State and reason of every task that Slurm has not forgotten; and why it does not answer, where it does not."""
+    numbers = ",".join(job.number for job in jobs)
+    done = _ask("squeue", "--noheader", "--array", "--states=all", f"--jobs={numbers}", "--format=%F|%K|%T|%r")
+    if done.returncode and "Invalid job id" not in done.stderr:
+        return {}, f"squeue does not answer: {_complaint(done)}"
+    rows = (line.strip().split("|", 3) for line in done.stdout.splitlines() if line.count("|") >= 3)
+    return {number if index == "N/A" else f"{number}_{index}": (state, reason) for number, index, state, reason in rows}, ""
+
+
+def _sacct(jobs: Sequence[SubmittedJob]) -> dict[str, tuple[str, str]]:
+    """State of every task that accounting knows; none where there is no accounting."""
+    numbers = ",".join(job.number for job in jobs)
+    done = _ask("sacct", "--noheader", "--allocations", "--parsable2", f"--jobs={numbers}", "--format=JobID,State")
+    rows = (line.strip().split("|", 1) for line in done.stdout.splitlines() if "|" in line and not done.returncode)
+    return {task: (state.split()[0], "") for task, state in rows if state}
+
+
+def _complaint(done: subprocess.CompletedProcess[str]) -> str:
+    """The first line of what a command says of its failure."""
+    return next(iter((done.stderr or done.stdout).splitlines()), f"status {done.returncode}").rstrip(".")
+
+
+def _ask(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run one of Slurm's commands; where it cannot be run, it has failed with the reason."""
+    try:
+        return subprocess.run([program, *arguments], capture_output=True, text=True, check=False, timeout=SECONDS)
+    except FileNotFoundError:
+        return subprocess.CompletedProcess(program, 127, "", f"{program} is not installed here")
+    except subprocess.TimeoutExpired:
+        return subprocess.CompletedProcess(program, 124, "", f"{program} has not answered for {SECONDS} s")

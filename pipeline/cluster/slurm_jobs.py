@@ -1,0 +1,181 @@
+"""What a submission to Slurm amounts to: a job per output, what each waits for, and its script, as text."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.cluster.cluster_profile import Allocation, ClusterProfile, GpuAllocation
+from pipeline.config.settings import Settings
+from pipeline.engine.stage import DatasetStage, Stage
+from pipeline.errors import InvalidInput
+
+
+@dataclass(frozen=True)
+class Job:
+    """One job: an array of a task per shard, or the single task of a dataset stage.
+
+    Attributes
+    ----------
+    settings
+        Of the stage; with `assignments`, its own --set, they are what the stage runs with.
+    waits_for
+        Outputs of other jobs that this one reads.
+    """
+
+    stage: Stage
+    settings: Settings
+    assignments: tuple[str, ...] = ()
+    waits_for: tuple[str, ...] = ()
+
+    @property
+    def output(self) -> str:
+        """The artifact or folder that is made."""
+        return self.stage.writes(self.settings)
+
+    @property
+    def is_array(self) -> bool:
+        """Whether there is a task per shard."""
+        return not isinstance(self.stage, DatasetStage)
+
+    @property
+    def name(self) -> str:
+        """What Slurm and the files in `.work/slurm` call it."""
+        return "-".join([self.stage.name, *(assignment.partition("=")[2] for assignment in self.assignments)])
+
+
+@dataclass(frozen=True)
+class Submission:
+    """What all jobs of a submission share.
+
+    `arguments` are those of `vt-pipeline run STAGE`, without shards and workers; `folder` takes scripts, logs and exit statuses.
+    """
+
+    profile: ClusterProfile
+    arguments: tuple[str, ...]
+    shards: int
+    folder: Path
+    start: Path
+
+
+def plan_jobs(stages: Iterable[tuple[Stage, Settings]]) -> list[Job]:
+    """Plan the jobs of some stages, given in the order of the pipeline, by what each reads and writes.
+
+    A stage whose folder is named by one of its settings gets a job per folder that the other stages read: one `train-gcn` per
+    configuration that `evaluate` is asked for.
+    """
+    asked = list(stages)
+    read = [model for stage, settings in asked for model in stage.models(settings)]
+    jobs = []
+    for stage, settings in asked:
+        variants = [job for folder in read if (job := _job_for(stage, settings, folder))]
+        jobs += variants or [Job(stage, settings)]
+    made = {job.output for job in jobs}
+    return [Job(job.stage, job.settings, job.assignments, tuple(name for name in _reads(job) if name in made)) for job in jobs]
+
+
+def _reads(job: Job) -> list[str]:
+    return [*(artifact.name for artifact in job.stage.inputs(job.settings)), *job.stage.models(job.settings)]
+
+
+def _job_for(stage: Stage, settings: Settings, folder: str) -> Job | None:
+    """The job in which a stage writes this folder, if necessary with another value of the setting that the folder is named by."""
+    own, value = stage.writes(settings), Path(folder).name
+    if own == folder:
+        return Job(stage, settings)
+    for name, current in settings:
+        if current == Path(own).name and Path(own).parent == Path(folder).parent:
+            return Job(stage, type(settings).model_validate(dict(settings) | {name: value}), (f"{stage.name}.{name}={value}",))
+    return None
+
+
+def dependency(job: Job, jobs: Mapping[str, Job], ids: Mapping[str, str]) -> str | None:
+    """Say when a job may start, as `sbatch --dependency` takes it; None where it waits for nothing.
+
+    A task of an array waits for the task of the same shard; whatever involves a dataset stage waits for whole jobs.
+
+    Parameters
+    ----------
+    job
+        The job.
+    jobs
+        All jobs, by output.
+    ids
+        The number that Slurm gave each of those it waits for, by output.
+    """
+    shardwise = [ids[name] for name in job.waits_for if job.is_array and jobs[name].is_array]
+    whole = [ids[name] for name in job.waits_for if not (job.is_array and jobs[name].is_array)]
+    conditions = [":".join([kind, *found]) for kind, found in (("aftercorr", shardwise), ("afterok", whole)) if found]
+    return ",".join(conditions) or None
+
+
+def script_of(job: Job, submission: Submission) -> str:
+    """Write the script of a job.
+
+    Raises
+    ------
+    InvalidInput
+        A folder has a name that no script can hold.
+    """
+    profile, folder = submission.profile, submission.folder
+    for path in (folder, submission.start):
+        if not str(path).isprintable():
+            raise InvalidInput(f"{str(path)!r} has characters that a job's script cannot hold; rename the folder")
+    given = allocation_of(job, profile)
+    pattern = str(folder).replace("%", "%%")
+    limit = f"%{profile.concurrent}" if profile.concurrent else ""
+    options = {
+        "job-name": job.name,
+        "chdir": str(submission.start),
+        "output": f"{pattern}/{job.name}-{'%A_%a' if job.is_array else '%j'}.log",
+        "open-mode": "append",
+        "partition": given.partition,
+        "ntasks": "1",
+        "cpus-per-task": str(given.cores),
+        "mem": given.memory,
+        "time": given.time,
+        **({"gres": f"gpu:{given.gpus}"} if isinstance(given, GpuAllocation) else {}),
+        **({"array": f"0-{submission.shards - 1}{limit}"} if job.is_array else {}),
+        **({"account": profile.account} if profile.account else {}),
+        "kill-on-invalid-dep": "yes",
+    }
+    lines = [f"--{name}={shlex.quote(value)}" for name, value in options.items()] + ["--requeue", *profile.options]
+    task = "${SLURM_ARRAY_JOB_ID}_${SLURM_ARRAY_TASK_ID}" if job.is_array else "${SLURM_JOB_ID}"
+    return "\n".join(
+        [
+            "#!/bin/bash",
+            *(f"#SBATCH {line}" for line in lines),
+            "",
+            f'left={shlex.quote(str(folder))}/"{task}.exit"',
+            'rm -f "$left"',
+            "(",
+            "set -e",
+            *profile.setup,
+            command_of(job, submission, given.cores),
+            ")",
+            "status=$?",
+            'echo "$status" > "$left"',
+            'exit "$status"',
+            "",
+        ]
+    )
+
+
+def command_of(job: Job, submission: Submission, cores: int) -> str:
+    """Write the command of a job as the shell takes it."""
+    called = submission.profile.command or shlex.join([sys.executable, "-m", "pipeline"])
+    own = [part for assignment in job.assignments for part in ("--set", assignment)]
+    arguments = ["run", job.stage.name, *submission.arguments, *own, "--workers", str(cores)]
+    if not job.is_array:
+        return f"{called} {shlex.join(arguments)}"
+    return f'{called} {shlex.join([*arguments, "--shards", str(submission.shards)])} --shard "$SLURM_ARRAY_TASK_ID"'
+
+
+def allocation_of(job: Job, profile: ClusterProfile) -> Allocation:
+    """Say what a task is given: GPUs where its settings let it use one and the cluster has some."""
+    chosen = dict(job.settings)
+    uses_gpu = chosen.get("accelerator", chosen.get("device", "cpu")) != "cpu"
+    return profile.gpu if uses_gpu and profile.gpu else profile.cpu

@@ -1,0 +1,134 @@
+"""Write a dataset's objects as ShapeNetCore's meshes and 3D-R2N2's renderings: a folder for the manifest `single-image`.
+
+Run as `python -m pipeline.export.renderings DATA FOLDER`. Meshes and images are made by this project; what reads the
+folder does not know. Viewpoints are drawn as in the cited renderings: azimuths all around, elevations of 25 to 30 degrees.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from pipeline.config.manifest import load_manifest
+from pipeline.config.sources import ShapeNet
+from pipeline.console import Meter, errors, say
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.errors import StageError
+from pipeline.formats.rendering_folder import PIXELS, VIEWS, write_renderings
+from pipeline.formats.scene_file import load_scene
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.normalise import POSITION
+from pipeline.kernels.vision.camera import Camera, look_at
+from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.viewpoint import FARTHEST, FOCAL, SENSOR, Viewpoint
+from pipeline.rng import numpy_rng
+from pipeline.store.atomic import written_to
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import place
+from schemas.surfaces import SURFACES
+from stages.render_vision.renderer import Renderer
+
+LAMP_ABOVE = 0.6
+"""m that the lamp is above the camera: what is seen is lit."""
+
+LOWEST, HIGHEST, NEAREST = 25.0, 30.0, 0.65
+"""Degrees, and the least distance ratio, of the cited renderings."""
+
+
+def write_dataset(data: str, folder: Path, seed: int = 0) -> int:
+    """Write all objects of a data directory that have a surface.
+
+    Parameters
+    ----------
+    data
+        A data directory.
+    folder
+        Gets `ShapeNetCore.v1` and `ShapeNetRendering`.
+    seed
+        Of the viewpoints.
+
+    Returns
+    -------
+    The number of objects.
+
+    Raises
+    ------
+    StageError
+        A category has no synset in the manifest `single-image`.
+    NoOpenGL
+        Nothing can be rendered here.
+    """
+    surfaces, synsets = DataDirectory(place(data)).collection(SURFACES), synsets_of("single-image")
+    found = [name for name in surfaces if not surfaces.row(name).failure]
+    if unknown := sorted({surfaces.row(name).category for name in found} - synsets.keys()):
+        raise StageError(f"the manifest single-image has no class {unknown[0]}; it has {', '.join(synsets)}: add it there, with its synset")
+    meter = Meter(errors, "write-renderings", len(found), "objects")
+    with written_to(folder) as fresh, Renderer(load_scene("supplement"), PIXELS) as renderer, meter:
+        for name in found:
+            category = surfaces.row(name).category
+            inner = Path(synsets[category]) / name.removeprefix(f"{category}-")
+            mesh = read_mesh(surfaces.view(name))
+            write_mesh(fresh / "ShapeNetCore.v1" / inner / "model.obj", mesh)
+            viewpoints = draw_viewpoints(numpy_rng(seed, name, "viewpoints"))
+            images = np.stack([render(renderer, mesh, viewpoint) for viewpoint in viewpoints])
+            write_renderings(fresh / "ShapeNetRendering" / inner / "rendering", images, viewpoints)
+            meter.advance()
+    return len(found)
+
+
+def synsets_of(manifest: str) -> dict[str, str]:
+    """Look up the synset of each class of a manifest's ShapeNet sources."""
+    sources = [source for source in load_manifest(manifest).sources if isinstance(source, ShapeNet)]
+    return {category: synset for source in sources for category, synset in source.synsets.items()}
+
+
+def draw_viewpoints(rng: np.random.Generator) -> list[Viewpoint]:
+    """Draw the viewpoints of a model."""
+    drawn = rng.uniform([0, LOWEST, NEAREST], [360, HIGHEST, 1], (VIEWS, 3)).round(6).tolist()
+    return [Viewpoint(azimuth, elevation, 0.0, distance, 25.0) for azimuth, elevation, distance in drawn]
+
+
+def write_mesh(path: Path, mesh: Mesh) -> None:
+    """Write a normalised mesh as ShapeNetCore has it: y up, about the origin, its bounding box of diagonal 1."""
+    x, y, z = ((mesh.vertices - POSITION) / diagonal_of(mesh)).T
+    path.parent.mkdir(parents=True, exist_ok=True)
+    trimesh.Trimesh(np.stack([x, z, -y], axis=1), mesh.faces, process=False).export(path)
+
+
+def diagonal_of(mesh: Mesh) -> float:
+    """Compute the diagonal of a mesh's bounding box, m."""
+    return float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+
+
+def camera_of(mesh: Mesh, viewpoint: Viewpoint) -> Camera:
+    """Place the renderings' camera about a normalised mesh, in the world, z up."""
+    azimuth, elevation = np.deg2rad([viewpoint.azimuth, viewpoint.elevation])
+    towards = np.array([np.cos(azimuth) * np.cos(elevation), -np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
+    x, y, z = (POSITION + diagonal_of(mesh) * FARTHEST * viewpoint.distance * towards).tolist()
+    focal, middle = FOCAL / SENSOR * PIXELS, PIXELS / 2
+    camera = Camera(position=(x, y, z), rotation=(0, 0, 0), focal=(focal, focal), centre=(middle, middle), resolution=PIXELS)
+    return look_at(camera, (x, y, z), tuple(POSITION.tolist()))
+
+
+def render(renderer: Renderer, mesh: Mesh, viewpoint: Viewpoint) -> NDArray[np.uint8]:
+    """Render a mesh, (137, 137, 4) uint8 sRGB and opacity, transparent where nothing is."""
+    camera = camera_of(mesh, viewpoint)
+    x, y, z = camera.position
+    with renderer.added(mesh, Label.OBJECT) as handle:
+        image = renderer.render([(handle, np.eye(4))], camera, lamp=(x, y, z + LAMP_ABOVE))
+    opacity = np.where(image.segmentation == Label.OBJECT, 255, 0).astype(np.uint8)
+    return np.dstack([image.rgb, opacity])
+
+
+def main() -> None:
+    """Write the folder of the command line."""
+    data, folder = sys.argv[1:]
+    say(f"{folder}: {write_dataset(data, Path(folder))} objects, {VIEWS} renderings each")
+
+
+if __name__ == "__main__":
+    main()

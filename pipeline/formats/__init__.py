@@ -1,0 +1,1 @@
+"""Read mesh, URDF, image and description files."""

@@ -1,0 +1,86 @@
+"""Description files of manifests, hands, sensors, scenes and clusters: shipped ones by name, others by the path of a YAML file."""
+
+from __future__ import annotations
+
+import os
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.complaints import complaints, entry_names
+from pipeline.formats.file_content import read_file
+
+Kind = Literal["manifest", "hand", "sensor", "scene", "cluster"]
+Model = TypeVar("Model", bound=BaseModel)
+
+MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40
+"""What a description file may have: more is no description, and would take minutes to read."""
+
+
+def shipped_files(kind: Kind) -> dict[str, Path]:
+    """List the files that come with the package, by name."""
+    package = Path(str(resources.files("pipeline")))
+    folder = package.parent / "data_manifests" if kind == "manifest" else package / "assets" / f"{kind}s"
+    return {file.stem: file for file in sorted(folder.glob("*.yaml"))}
+
+
+def description_path(kind: Kind, name: str | Path) -> Path:
+    """Find a description file.
+
+    Parameters
+    ----------
+    kind
+        What the file describes.
+    name
+        Name of a shipped file, or the path of a YAML file.
+
+    Raises
+    ------
+    InvalidInput
+        There is no such file; the message lists the shipped ones.
+    """
+    shipped = shipped_files(kind)
+    path = shipped.get(str(name), Path(os.path.expanduser(name)))
+    if not os.path.isfile(path):
+        raise InvalidInput(f"there is no {kind} {str(name)!r}; built in are {', '.join(shipped)}, or give the path of a YAML file")
+    return path
+
+
+def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
+    """Read and validate a description file.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read, is no YAML, lacks an entry, or has an unknown or unusable one; the message names the file and every
+        such entry.
+    """
+    try:
+        return model.model_validate(read_yaml(path))
+    except ValidationError as error:
+        entries = ", ".join(field.alias or name for name, field in model.model_fields.items() if not field.exclude)
+        raise InvalidInput(f"{kind} file {path}: {complaints(error, entry_names(model))}. Its entries are {entries}") from error
+    except (ValueError, yaml.YAMLError) as error:
+        raise InvalidInput(f"{kind} file {path} cannot be read as YAML: {error}") from error
+
+
+def read_yaml(path: Path) -> Any:
+    """Read a YAML file without aliases, which a few hundred bytes of can stand for gigabytes.
+
+    Raises
+    ------
+    ValueError, yaml.YAMLError
+        It cannot be read, is too large or too deep, has aliases, or is no YAML.
+    """
+    text, depth = read_file(path, MAX_BYTES).decode(), 0
+    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            raise ValueError(f"it has an alias, *{event.anchor}; write out what it stands for")
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > MAX_DEPTH:
+            raise ValueError(f"its entries are nested more than {MAX_DEPTH} deep")
+    return yaml.load(text, Loader=yaml.CSafeLoader)

@@ -1,0 +1,219 @@
+"""Hand files: the YAML descriptions of robot hands."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path, read_description, shipped_files
+from pipeline.formats.hand_joints import JointRoles, joint_roles, moved_links
+from pipeline.formats.urdf import read_urdf
+from pipeline.kernels.geometry.transforms import length
+from pipeline.kernels.hand.collision_shapes import collision_boxes
+from pipeline.kernels.hand.convex_parts import split_link
+from pipeline.kernels.hand.model import Finger, Hand, Joint, Mount
+from pipeline.kernels.hand.resting_contacts import overlapping_neighbours
+
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+Value = TypeVar("Value")
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class _SensorMount(_Entry):
+    link: str
+    origin: Vector
+    normal: Vector
+    columns: Vector
+    file: str | None = None
+    name: str | None = None
+
+
+class _FingerEntry(_Entry):
+    name: str
+    joints: list[str] = Field(min_length=1)
+    sensor: _SensorMount | None = None
+    sensors: list[_SensorMount] = []
+
+
+class _PalmEntry(_Entry):
+    link: str
+    facing: Vector
+    centre: Vector
+    sensors: list[_SensorMount] = []
+
+
+class _HandFile(_Entry):
+    name: str
+    urdf: str
+    sensor: str | None = None
+    palm: _PalmEntry
+    fingers: list[_FingerEntry] = Field(min_length=1)
+    frozen: dict[str, Coordinate] = {}
+    allowed_contacts: list[tuple[str, str]] = []
+    convex_parts: dict[str, Annotated[int, Field(ge=1, le=32)]] = {}
+    torque: float = Field(0.7, gt=0, le=1e6)
+    friction: float = Field(0.5, ge=0, le=100)
+
+
+def load_hand(name: str | Path) -> Hand:
+    """Read a hand with its URDF and meshes.
+
+    Parameters
+    ----------
+    name
+        Name of a shipped hand (`allegro_right`), or the path of a hand file.
+
+    Raises
+    ------
+    InvalidInput
+        A file is missing or malformed, or the hand file names what its URDF does not have; the message names file and entry.
+    """
+    path = description_path("hand", name).resolve()
+    file = read_description("hand", path, _HandFile)
+    urdf = path.parent / os.path.expanduser(file.urdf)
+    if not os.path.isfile(urdf):
+        raise InvalidInput(f"{path}: there is no urdf {file.urdf!r} ({urdf}); give a path relative to the hand file, or an absolute one")
+    try:
+        return _without_resting_contacts(_assemble(file, path, urdf), file.allowed_contacts)
+    except InvalidInput as error:
+        raise InvalidInput(f"hand file {path} with {urdf.name}: {error}") from error
+
+
+def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
+    links, joints = read_urdf(urdf, file.palm.link)
+    _refuse_faults(file, {link.name: i for i, link in enumerate(links)}, joints, path)
+    roles = joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen)
+    numbers = {link.name: i for i, link in enumerate(links)}
+    for name, count in file.convex_parts.items():
+        number = _find("link", name, numbers)
+        links = (*links[:number], split_link(links[number], count), *links[number + 1 :])
+    fingers, sensors = _fingers(file, roles, numbers, path)
+    return Hand(
+        name=file.name,
+        path=path,
+        urdf=urdf,
+        links=links,
+        joints=roles.joints,
+        joint_links=tuple(joint.child for joint in roles.independent),
+        joint_names=tuple(joint.name for joint in roles.independent),
+        lower=np.array([joint.lower for joint in roles.independent]),
+        upper=np.array([joint.upper for joint in roles.independent]),
+        fingers=fingers,
+        sensors=sensors,
+        palm_facing=_unit(file.palm.facing, "palm: facing"),
+        palm_centre=np.array(file.palm.centre, np.float64),
+        followers=roles.followers,
+        frozen=roles.frozen,
+        torque=file.torque,
+        friction=file.friction,
+    )
+
+
+def _refuse_faults(file: _HandFile, numbers: Mapping[str, int], joints: Sequence[Joint], path: Path) -> None:
+    """Look at every entry by itself, so that all faults are told at once."""
+    names = [*file.convex_parts, *(link for pair in file.allowed_contacts for link in pair)]
+    worn = [(entry.name, [*([entry.sensor] if entry.sensor else []), *entry.sensors]) for entry in file.fingers]
+    looks: list[Callable[[], object]] = [
+        lambda: joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen),
+        lambda: _unit(file.palm.facing, "palm: facing"),
+        *(partial(_find, "link", name, numbers) for name in names),
+        *(partial(_mounts, owner, [one], numbers, file, path) for owner, ones in (*worn, ("palm", file.palm.sensors)) for one in ones),
+    ]
+    faults = []
+    for look in looks:
+        try:
+            look()
+        except InvalidInput as error:
+            faults.append(str(error))
+    if faults:
+        raise InvalidInput("; ".join(faults))
+
+
+def _without_resting_contacts(hand: Hand, stated: Iterable[tuple[str, str]]) -> Hand:
+    """Allow the contacts that the hand file states, and those of neighbours that overlap at rest."""
+    numbers = {link.name: i for i, link in enumerate(hand.links)}
+    pairs = [(_find("link", one, numbers), _find("link", other, numbers)) for one, other in stated]
+    named = frozenset((min(pair), max(pair)) for pair in pairs)
+    return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | named)
+
+
+def _fingers(file: _HandFile, roles: JointRoles, numbers: Mapping[str, int], path: Path) -> tuple[tuple[Finger, ...], tuple[Mount, ...]]:
+    """The fingers, those that share a motor as one, and the sensors: finger by finger, those on the palm last."""
+    names = [joint.name for joint in roles.independent]
+    entry_of = {joint: names.index(joint) for joint in names}
+    entry_of |= {roles.joints[one.link - 1].name: one.entry for one in roles.followers}
+    groups: dict[int, list[_FingerEntry]] = {}  # by the first entry of the joint vector that moves the fingers
+    for entry in file.fingers:
+        own = {entry_of[joint] for joint in entry.joints}
+        known = next(
+            (first for first, others in groups.items() if own & {entry_of[name] for one in others for name in one.joints}), min(own)
+        )
+        groups.setdefault(known, []).append(entry)
+    fingers, mounts = [], list[Mount]()
+    for entries in groups.values():
+        joints = sorted({entry_of[joint] for entry in entries for joint in entry.joints})
+        moved = moved_links(roles.joints, [name for name, entry in entry_of.items() if entry in joints])
+        first = len(mounts)
+        for entry in entries:
+            for mount in _mounts(entry.name, [*([entry.sensor] if entry.sensor else []), *entry.sensors], numbers, file, path):
+                if mount.link not in moved:
+                    link = next(name for name, number in numbers.items() if number == mount.link)
+                    raise InvalidInput(f"sensor link {link!r} is not moved by the joints of finger {entry.name!r}")
+                mounts.append(mount)
+        name = "+".join(entry.name for entry in entries)
+        fingers.append(Finger(name, tuple(joints), tuple(moved), tuple(range(first, len(mounts)))))
+    mounts += _mounts("palm", file.palm.sensors, numbers, file, path)
+    if not mounts:
+        raise InvalidInput("no finger has a sensor, nor has the palm; give one a sensor")
+    if twice := [mount.name for mount in mounts if [one.name for one in mounts].count(mount.name) > 1]:
+        raise InvalidInput(f"two sensors are called {twice[0]}; give each a name")
+    return tuple(fingers), tuple(mounts)
+
+
+def _mounts(owner: str, entries: Sequence[_SensorMount], numbers: Mapping[str, int], file: _HandFile, path: Path) -> list[Mount]:
+    found = []
+    for number, entry in enumerate(entries):
+        name = entry.name or (owner if len(entries) == 1 else f"{owner}-{number + 1}")
+        sensor = entry.file or file.sensor
+        if sensor is None:
+            raise InvalidInput(f"sensor {name!r} has no sensor file; name one as its `file`, or for all sensors as the hand's `sensor`")
+        if sensor not in shipped_files("sensor"):
+            sensor = str(path.parent / os.path.expanduser(sensor))
+        found.append(Mount(name, _find("sensor link", entry.link, numbers), _sensor_pose(name, entry), sensor))
+    return found
+
+
+def _sensor_pose(name: str, entry: _SensorMount) -> NDArray[np.float64]:
+    z, x = _unit(entry.normal, f"{name}: normal"), _unit(entry.columns, f"{name}: columns")
+    if abs(x @ z) > 1e-6:  # a typing slip, not a rounding: the two are written by hand
+        raise InvalidInput(f"{name}: normal {entry.normal} and columns {entry.columns} are not perpendicular")
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+    pose[:3, 3] = entry.origin
+    return pose
+
+
+def _find(kind: str, name: str, known: Mapping[str, Value]) -> Value:
+    if name not in known:
+        raise InvalidInput(f"there is no {kind} {name!r}; there are {', '.join(sorted(known))}")
+    return known[name]
+
+
+def _unit(vector: Vector, what: str) -> NDArray[np.float64]:
+    size = float(length(vector))
+    if size == 0:
+        raise InvalidInput(f"{what} is the zero vector; give a direction")
+    return np.array(vector, np.float64) / size

@@ -1,0 +1,101 @@
+"""Which joints of a hand move on their own, which follow another one, and which are frozen."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.urdf import MOVING
+from pipeline.kernels.geometry.transforms import compose
+from pipeline.kernels.hand.kinematics import joint_motion
+from pipeline.kernels.hand.model import Follower, Joint, Mimic
+
+
+@dataclass(frozen=True)
+class JointRoles:
+    """The joints of a hand, frozen ones fixed; those of the joint vector, in its order; the followers; the frozen ones' angles."""
+
+    joints: tuple[Joint, ...]
+    independent: tuple[Joint, ...]
+    followers: tuple[Follower, ...]
+    frozen: Mapping[str, float]
+
+
+def joint_roles(joints: Sequence[Joint], used: Sequence[str], frozen: Mapping[str, float]) -> JointRoles:
+    """Tell what each joint of a URDF does.
+
+    Parameters
+    ----------
+    joints
+        Parents first.
+    used
+        The joints of all fingers, finger by finger; those that mimic another one may be left out.
+    frozen
+        Angles of joints that no finger uses, rad (m).
+
+    Raises
+    ------
+    InvalidInput
+        A name is unknown, or a moving joint has no role or two.
+    """
+    moving = {joint.name: joint for joint in joints if joint.kind in MOVING}
+    for name in (*used, *frozen):
+        if name not in moving:
+            raise InvalidInput(f"there is no moving joint {name!r}; there are {', '.join(sorted(moving))}")
+    if twice := sorted({name for name in used if used.count(name) > 1 or name in frozen}):
+        raise InvalidInput(f"every moving joint must belong to one finger, or be frozen, but not so {', '.join(twice)}")
+    leaders = {name: _leader(joint, moving) for name, joint in moving.items() if joint.mimic is not None and name not in frozen}
+    angles = dict(frozen) | {
+        name: mimic.multiplier * frozen[mimic.joint] + mimic.offset for name, mimic in leaders.items() if mimic.joint in frozen
+    }
+    entries = [name for name in used if name not in leaders]
+    if idle := [name for name in moving if name not in (*entries, *leaders, *angles)]:
+        together = ", ".join(f"{name}: 0" for name in idle)
+        raise InvalidInput(f"{', '.join(idle)} belong to no finger; list them under a finger's joints, or freeze them: {{{together}}}")
+    if lost := [name for name, mimic in leaders.items() if mimic.joint not in (*entries, *angles)]:
+        leader = leaders[lost[0]].joint
+        raise InvalidInput(f"joint {lost[0]} follows {leader!r}, which no finger uses; list that one under a finger, or freeze both")
+    _check_angles(frozen, moving)
+    followers = [(moving[name], mimic) for name, mimic in leaders.items() if name not in angles]
+    return JointRoles(
+        tuple(_freeze(joint, angles[joint.name]) if joint.name in angles else joint for joint in joints),
+        tuple(moving[name] for name in entries),
+        tuple(Follower(joint.child, entries.index(mimic.joint), mimic.multiplier, mimic.offset) for joint, mimic in followers),
+        angles,
+    )
+
+
+def _leader(joint: Joint, moving: Mapping[str, Joint]) -> Mimic:
+    """What a joint follows in the end: the joint that it mimics may mimic another one."""
+    mimic, passed = joint.mimic, {joint.name}
+    assert mimic is not None
+    while (leader := moving.get(mimic.joint)) is not None and leader.mimic is not None:
+        if leader.name in passed:
+            raise InvalidInput(f"joint {joint.name} mimics itself; give one of {', '.join(sorted(passed))} its own motor")
+        passed.add(leader.name)
+        further = leader.mimic
+        mimic = Mimic(further.joint, mimic.multiplier * further.multiplier, mimic.multiplier * further.offset + mimic.offset)
+    return mimic
+
+
+def _check_angles(frozen: Mapping[str, float], moving: Mapping[str, Joint]) -> None:
+    for name, angle in frozen.items():
+        joint = moving[name]
+        if not joint.lower <= angle <= joint.upper:
+            raise InvalidInput(f"frozen: {name} is {angle:g}, outside its limits {joint.lower:g} … {joint.upper:g}")
+
+
+def _freeze(joint: Joint, angle: float) -> Joint:
+    return replace(joint, kind="fixed", origin=compose(joint.origin, joint_motion(joint.kind, joint.axis, np.array(angle))), mimic=None)
+
+
+def moved_links(joints: Sequence[Joint], names: Collection[str]) -> list[int]:
+    """The links that some joints move, and all that hang from those, base to tip."""
+    moved: set[int] = set()
+    for joint in joints:  # parents first
+        if joint.name in names or joint.parent in moved:
+            moved.add(joint.child)
+    return sorted(moved)

@@ -1,0 +1,147 @@
+"""The files that a mesh file names: an OBJ's materials and their textures, a glTF's buffers and images, a PLY's texture.
+
+They are what a mesh's key covers, and all that its reader may open.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import regular_stat
+from pipeline.formats.gltf_file import read_gltf
+
+SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf")
+"""Formats of mesh files that are read; archives are not among them."""
+
+MAX_BYTES = 256 * 2**20
+"""Size of a mesh file, and of the files that it names together."""
+
+MAX_NAMES = 1000
+"""File names in a mesh file."""
+
+
+class Companions(Mapping[str, bytes]):
+    """The contents of the files that a mesh file names, by the name it gives them; each is read once.
+
+    Only regular files below the root are there; a symbolic link is where it leads. `missing` lists the names of the others.
+
+    Parameters
+    ----------
+    file
+        The mesh file. Names are relative to its folder.
+    root
+        The folder that everything must be in; by default, the folder of the file.
+
+    Raises
+    ------
+    InvalidInput
+        The mesh file is no regular file, too large, or names too many or too large files.
+    """
+
+    def __init__(self, file: Path, root: Path | None = None) -> None:
+        self.file_name = file.name
+        self._folder, self._root = file.parent, (root or file.parent).resolve()
+        self._contents: dict[Path, bytes] = {}
+        check_file(file)
+        self.paths: dict[str, Path] = {}
+        self.missing: list[str] = []
+        seen = set[str]()
+        for name in self._names(file):  # one after the other: a file of names only would fill the memory with them
+            if name in seen:
+                continue
+            seen.add(name)
+            if len(seen) > MAX_NAMES:
+                raise InvalidInput(f"{file.name} names more than {MAX_NAMES} files; merge its materials")
+            if path := self._find(name):
+                self.paths[name] = path
+                self._check_sizes()
+            elif name:
+                self.missing.append(name)
+
+    def __getitem__(self, name: str) -> bytes:
+        if name not in self.paths:
+            raise FileNotFoundError(f"it names {name!r}, which is no file below {self._root}")
+        path = self.paths[name]
+        if path not in self._contents:
+            self._contents[path] = path.read_bytes()
+        return self._contents[path]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.paths)
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def _names(self, file: Path) -> Iterator[str]:
+        match file.suffix.lower():
+            case ".gltf" | ".glb":
+                yield from _gltf_names(file)
+            case ".dae":
+                yield from (_decode(name[1]) for name in re.finditer(rb"<init_from>([^<]*)</init_from>", file.read_bytes()))
+            case ".ply":
+                yield from _after(b"texturefile", file.read_bytes().partition(b"end_header")[0])
+            case ".obj":
+                line = file.read_bytes().partition(b"mtllib")[2].partition(b"\n")[0]  # readers take the first one
+                library = _decode(line)
+                yield library
+                if path := self._find(library):
+                    check_file(path)
+                    yield from _after(b"map_kd", path.read_bytes())
+
+    def _find(self, name: str) -> Path | None:
+        """Find a file by its name as it is, without percent signs, below the root, or beside the mesh file."""
+        for candidate in (name, unquote(name), name.lstrip("/"), Path(name).name):
+            try:
+                path = (self._folder / candidate).resolve()
+                if path.is_relative_to(self._root) and path.is_file():
+                    return path
+            except (OSError, ValueError, RuntimeError):  # too long, a zero byte, a link to itself
+                continue
+        return None
+
+    def _check_sizes(self) -> None:
+        if (size := sum(path.stat().st_size for path in set(self.paths.values()))) > MAX_BYTES:
+            raise InvalidInput(f"{self.file_name} names files of {size} bytes in all, {MAX_BYTES} are the most; make its textures smaller")
+
+
+def check_file(file: Path) -> None:
+    """Refuse a mesh file that is missing, no regular file, empty or too large."""
+    try:
+        size = regular_stat(file).st_size
+    except OSError as error:
+        problem = "is no regular file" if os.path.lexists(file) else "is not there"
+        raise InvalidInput(f"{file.name} {problem} ({file}); put it back, or mend the file that names it") from error
+    if size == 0:
+        raise InvalidInput(f"{file.name} is an empty file")
+    if size > MAX_BYTES:
+        raise InvalidInput(f"{file.name} has {size} bytes, {MAX_BYTES} are the most; decimate the mesh or write it as binary PLY")
+
+
+def _gltf_names(file: Path) -> Iterator[str]:
+    """List the URIs of a glTF's buffers and images that name files."""
+    tree = read_gltf(file)
+    parts: Iterable[Any] = (part for kind in ("buffers", "images") for part in _list(tree.get(kind)))
+    uris = (part.get("uri") for part in parts if isinstance(part, dict))
+    return (uri for uri in uris if isinstance(uri, str) and "base64," not in uri)
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
+
+
+def _after(word: bytes, content: bytes) -> Iterator[str]:
+    """List what follows a word (lower case) on the lines that have it."""
+    for line in BytesIO(content.replace(b"\r", b"\n")):
+        if (at := line.lower().find(word)) >= 0:
+            yield _decode(line[at + len(word) :])
+
+
+def _decode(name: bytes) -> str:
+    return name.decode(errors="replace").strip()

@@ -1,0 +1,209 @@
+"""Mesh files in any of the usual formats, with their materials and textures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Sized
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.mesh_companions import SUFFIXES, Companions
+from pipeline.formats.mesh_reader import read_apart
+from pipeline.formats.textures import Textures
+from pipeline.kernels.geometry.mesh import Look, Mesh
+
+PLACEHOLDER = trimesh.visual.material.empty_material().image
+PLACEHOLDER_PIXELS = np.array(PLACEHOLDER.convert("RGBA"))
+"""The image that trimesh substitutes where a file has texture coordinates and no material."""
+
+MAX_UV = 2.0**20
+"""Repeats of a texture beyond which float32 cannot tell its pixels apart: such coordinates are damaged, and become 0."""
+
+GREY = (178, 178, 178, 255)
+"""The colour of faces without a material, as 3D Warehouse's default material."""
+
+MAX_FACES = 2_000_000
+"""Faces of a mesh file, and a third of the vertices. More would take gigabytes, whatever `max_faces` allows."""
+
+trimesh.util.log.disabled = True  # it logs tracebacks of what it recovers from
+
+
+def load_mesh(file: Path, root: Path | None = None) -> Mesh:
+    """Read the triangles of a file, in its own units and axes, with their materials and textures.
+
+    Parameters
+    ----------
+    file
+        The mesh file.
+    root
+        The folder that the files it names must be in; by default, the folder of the file.
+
+    Raises
+    ------
+    InvalidInput
+        The file is missing or empty, is not what its suffix says, holds no triangle mesh, or takes too much memory or time.
+    """
+    return read_apart(file, root or file.parent)
+
+
+def parse_mesh(file: Path, root: Path) -> Mesh:
+    """Read a mesh file in this process, whatever it takes; otherwise as `load_mesh`.
+
+    Raises
+    ------
+    InvalidInput
+        As of `load_mesh`.
+    MemoryError
+        It takes more memory than there is.
+    """
+    if file.suffix.lower() not in SUFFIXES:
+        raise InvalidInput(f"{file.name} cannot be read; convert it to one of {', '.join(SUFFIXES)}")
+    companions = Companions(file, root)
+    try:
+        meshes = _read_parts(file, companions)
+    except InvalidInput as error:
+        raise InvalidInput(f"{file.name}: {error}") from error
+    except MemoryError:
+        raise
+    except Exception as error:  # trimesh's readers raise whatever their parsing trips over
+        if "memory" in str(error).lower():  # libxml2 calls it a fault of the XML
+            raise MemoryError from error
+        raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}") from error
+    if not meshes:
+        raise InvalidInput(f"{file.name} holds no triangle mesh; is it text, a point cloud or an empty export?")
+    return _join(meshes)
+
+
+def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
+    """Read the parts of a file, without materials where they are damaged: that does not make the shape unusable."""
+    try:
+        return _read(file, companions)
+    except (InvalidInput, MemoryError):
+        raise
+    except Exception:
+        return _read(file, companions, skip_materials=True)
+
+
+def _check(what: str, number: int, limit: int, remedy: str) -> None:
+    if number > limit:
+        raise InvalidInput(f"it has {number} {what}, {limit} are the most; {remedy}")
+
+
+def _read(file: Path, companions: Companions, skip_materials: bool = False) -> list[Mesh]:
+    """Read the parts of a file, each at its place."""
+    options: Any = {"process": False, "skip_materials": skip_materials, "resolver": companions}
+    scene: Any = trimesh.load_scene(file, **options)
+    parts = {name: part for name, part in scene.geometry.items() if isinstance(part, trimesh.Trimesh) and len(part.faces)}
+    nodes = [(pose, name) for pose, name in (scene.graph[node] for node in scene.graph.nodes_geometry) if name in parts]
+    _check("faces", sum(len(parts[name].faces) for _, name in nodes), MAX_FACES, "decimate the mesh")
+    _check("vertices", sum(len(parts[name].vertices) for _, name in nodes), 3 * MAX_FACES, "decimate the mesh")
+    textures = Textures()
+    linear = file.suffix.lower() in (".gltf", ".glb")  # glTF states vertex colours in linear light, other formats in sRGB
+    looks = {name: _look(part, textures, linear=linear) for name, part in parts.items()}
+    return [_placed(parts[name], pose, looks[name]) for pose, name in nodes]
+
+
+def _placed(part: Any, pose: NDArray[np.float64], look: Look) -> Mesh:
+    """Copy the triangles of a part to their place."""
+    part = part.copy(include_visual=False)
+    if np.ndim(part.vertices) != 2 or part.vertices.shape[1] != 3:
+        raise ValueError(f"vertices have shape {np.shape(part.vertices)}, not (n, 3)")
+    if len(part.faces) and not (part.faces.min() >= 0 and part.faces.max() < len(part.vertices)):
+        raise ValueError(f"a face names a vertex outside 0..{len(part.vertices) - 1}")
+    part.apply_transform(pose)
+    return Mesh(np.asarray(part.vertices, np.float64), np.asarray(part.faces, np.int32), look)
+
+
+def _join(meshes: list[Mesh]) -> Mesh:
+    """Join meshes to one, each keeping its look."""
+    looks = [mesh.look for mesh in meshes]
+    textures = list({id(texture): texture for look in looks for texture in look.textures}.values())
+    numbers = {id(texture): number for number, texture in enumerate(textures)}
+    look = Look(
+        uv=np.concatenate([look.uv for look in looks]),
+        face_material=_join_indices([look.face_material for look in looks], [look.base_color for look in looks]),
+        base_color=np.concatenate([look.base_color for look in looks]),
+        material_texture=np.concatenate([_renumber(look, numbers) for look in looks]),
+        textures=tuple(textures),
+        vertex_color=_join_colors(looks),
+    )
+    vertices = [mesh.vertices for mesh in meshes]
+    return Mesh(np.concatenate(vertices), _join_indices([mesh.faces for mesh in meshes], vertices), look)
+
+
+def _join_colors(looks: Sequence[Look]) -> NDArray[np.uint8] | None:
+    """Join the colours of vertices, white where a part states none; None where no part does."""
+    if all(look.vertex_color is None for look in looks):
+        return None
+    white = (np.full((len(look.uv), 4), 255, np.uint8) for look in looks)
+    return np.concatenate([blank if look.vertex_color is None else look.vertex_color for look, blank in zip(looks, white, strict=True)])
+
+
+def _join_indices(indices: Sequence[NDArray[np.int32]], lists: Sequence[Sized]) -> NDArray[np.int32]:
+    """Join arrays of indices into lists that are joined too; -1, for none, stays."""
+    starts = np.cumsum([0, *map(len, lists[:-1])])
+    joined = [np.where(part < 0, part, part + start) for part, start in zip(indices, starts, strict=True)]
+    return np.concatenate(joined).astype(np.int32)
+
+
+def _renumber(look: Look, numbers: dict[int, int]) -> NDArray[np.int32]:
+    """Number the textures of a look's materials by identity; -1, for none, stays."""
+    return np.array([-1 if index < 0 else numbers[id(look.textures[index])] for index in look.material_texture], np.int32)
+
+
+def _look(part: trimesh.Trimesh, textures: Textures, *, linear: bool) -> Look:
+    visual: Any = part.visual
+    colors, texture = np.array([GREY], np.uint8), None
+    uv = np.zeros((len(part.vertices), 2), np.float32)
+    face_material: NDArray[Any] = np.zeros(len(part.faces), np.int32)
+    if visual.kind == "texture":
+        colors[0], texture = _material(visual.material, textures)
+        if visual.uv is None or len(visual.uv) != len(uv):
+            texture = None
+        elif texture is not None:
+            stated = np.asarray(visual.uv, np.float64)[:, :2]
+            uv[:] = np.where(np.abs(stated) < MAX_UV, stated, 0)  # NaN too
+    elif visual.kind == "vertex":
+        colors[0] = 255
+    elif visual.kind == "face":
+        colors, face_material = np.unique(np.asarray(visual.face_colors, np.uint8), axis=0, return_inverse=True)
+    return Look(
+        uv=uv,
+        face_material=face_material.reshape(-1).astype(np.int32),
+        base_color=colors,
+        material_texture=np.full(len(colors), -1 if texture is None else 0, np.int32),
+        textures=() if texture is None else (texture,),
+        vertex_color=_vertex_color(visual, len(part.vertices), linear=linear),
+    )
+
+
+def _vertex_color(visual: Any, count: int, *, linear: bool) -> NDArray[np.uint8] | None:
+    """The (V, 4) sRGB colours of vertices, where a part states them, alone or beside a material."""
+    stated = visual.vertex_colors if visual.kind == "vertex" else getattr(visual, "vertex_attributes", {}).get("color")
+    if stated is None or len(stated) != count:
+        return None
+    colors = np.array(trimesh.visual.color.to_rgba(stated), np.uint8)
+    if linear:
+        colors[:, :3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(colors[:, :3]))
+    return colors
+
+
+def _material(material: Any, textures: Textures) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """Read base colour (4,) and texture (h, w, 4), sRGB, of one of trimesh's materials, whichever of its kinds it is."""
+    color = np.full(4, 255, np.uint8)
+    if isinstance(material, trimesh.visual.material.PBRMaterial):  # glTF: a linear factor, white by default, times the texture
+        if material.baseColorFactor is not None:
+            color[:3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(material.baseColorFactor[:3]))
+            color[3] = material.baseColorFactor[3]
+        return color, None if material.baseColorTexture is None else textures.decode(material.baseColorTexture)
+    image: Any = getattr(material, "image", None)
+    if image is None:
+        color[:] = getattr(material, "diffuse", GREY)
+    texture = None if image is None else textures.decode(image)
+    if texture is not None and image.mode == PLACEHOLDER.mode and np.array_equal(texture, PLACEHOLDER_PIXELS):
+        color[:], texture = GREY, None  # the file states no material, or a missing one
+    return color, texture

@@ -1,0 +1,197 @@
+"""The process that reads mesh files: each in a fork of it, which the kernel stops at a limit of memory and of time.
+
+A file of three kilobytes may stand for gigabytes, or for years. A limit set in this process would hit its other threads, and what it had
+freed before would count; an exception stops no native code. A fork of a process that does nothing else begins the same for every file.
+"""
+
+from __future__ import annotations
+
+import atexit
+import errno
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput, StageError
+from pipeline.kernels.geometry.mesh import Look, Mesh
+
+BYTES = 5 * 2**28
+"""Memory that reading a file may take: a COLLADA file of a million faces takes 1.1 GB, other formats less, 3MF 1.5 GB."""
+
+SECONDS = 60
+"""Processor time that reading a file may take: a million faces take 7 s at most."""
+
+WAY_OUT = "decimate the mesh, name each part once, or write it as binary PLY"
+START = """
+import collada, lxml.builder, PIL.Image
+from pipeline.formats.mesh_file import parse_mesh
+from pipeline.formats.mesh_reader import serve
+PIL.Image.init()
+serve(parse_mesh)
+"""
+"""What the process runs; what reading would import is there before a limit holds."""
+
+_lock = threading.Lock()
+_readers: dict[int, subprocess.Popen[bytes]] = {}
+"""The reader of each process that has one, by its number: a fork of it starts its own."""
+
+
+def read_apart(file: Path, root: Path) -> Mesh:
+    """Read a mesh file in a process of its own.
+
+    Parameters
+    ----------
+    file
+        The mesh file.
+    root
+        The folder that the files it names must be in.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be used, takes more than `BYTES` or `SECONDS`, or ends the process that reads it.
+    StageError
+        No such process can be started.
+    """
+    with _lock:
+        reader = _readers.get(os.getpid())
+        if reader and reader.poll() is not None:
+            end_reader()
+            reader = None
+        reader = reader or _readers.setdefault(os.getpid(), _start())
+        try:
+            answer = _ask(reader, file, root)
+        except BaseException:  # half of an answer may be left
+            end_reader()
+            raise
+    if isinstance(answer, Mesh):
+        return answer
+    raise InvalidInput(answer)
+
+
+def end_reader() -> None:
+    """End the reader of this process, at whatever it is."""
+    if reader := _readers.pop(os.getpid(), None):
+        if reader.poll() is None:
+            os.killpg(reader.pid, signal.SIGKILL)  # with the fork that reads a file
+        reader.communicate()
+
+
+def serve(read: Callable[[Path, Path], Mesh]) -> None:
+    """Read the files that standard input names; ends when there are no more, or with the status of a fork that failed."""
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    for line in sys.stdin.buffer:
+        file, root, size, seconds = json.loads(line)
+        if not (fork := os.fork()):
+            _answer(lambda: read(Path(file), Path(root)), answers, {resource.RLIMIT_DATA: size, resource.RLIMIT_CPU: seconds})  # noqa: B023
+        if status := os.waitstatus_to_exitcode(os.waitpid(fork, 0)[1]):
+            os._exit(status if status > 0 else 128 - status)
+
+
+def _answer(read: Callable[[], Mesh], answers: IO[bytes], limits: dict[int, int]) -> None:
+    """Write a mesh or an error in words, and end this process."""
+    try:
+        for kind, limit in {**limits, resource.RLIMIT_CORE: 0}.items():
+            soft, hard = resource.getrlimit(kind)
+            resource.setrlimit(kind, (min([limit, *(stated for stated in (soft, hard) if stated != resource.RLIM_INFINITY)]), hard))
+        try:
+            arrays, head = _arrays(read())
+        except InvalidInput as error:
+            arrays, head = [], {"error": str(error)}
+        except MemoryError:
+            raise
+        except Exception:
+            arrays, head = [], {"bug": traceback.format_exc()}
+        answers.write(json.dumps(head).encode() + b"\n")
+        for array in arrays:
+            answers.write(_bytes(array))
+        answers.flush()
+        os._exit(0)
+    except MemoryError:
+        os._exit(errno.ENOMEM)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(errno.EIO)
+
+
+def _start() -> subprocess.Popen[bytes]:
+    """Start a reader, one thread that finds the same modules; it ends when this process does."""
+    found = [str(Path(__file__).parents[2]), *(folder for folder in sys.path if folder)]
+    return subprocess.Popen(
+        [sys.executable, "-P", "-W", "ignore", "-c", START],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(found), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        start_new_session=True,  # Ctrl-C is for whoever asks
+    )
+
+
+def _ask(reader: subprocess.Popen[bytes], file: Path, root: Path) -> Mesh | str:
+    """Ask for a mesh; a text says why there is none."""
+    if reader.stdin is None or reader.stdout is None:
+        raise ValueError("a reader without pipes")
+    try:
+        reader.stdin.write(json.dumps([os.path.abspath(file), os.path.abspath(root), BYTES, SECONDS]).encode() + b"\n")
+        reader.stdin.flush()
+        line = reader.stdout.readline()
+        if line.endswith(b"\n"):
+            head = json.loads(line)
+            if "bug" in head:
+                raise RuntimeError(head["bug"])
+            return head["error"] if "error" in head else _mesh(head, reader.stdout)
+    except (BrokenPipeError, EOFError):
+        pass
+    return _ended(file.name, reader.wait())
+
+
+def _ended(name: str, status: int) -> str:
+    """Say why a file could not be read, from the status that its reader ended with."""
+    if status == errno.ENOMEM:
+        return f"{name} needs more than {BYTES / 1e9:.1f} GB of memory to read; {WAY_OUT}"
+    if status == 128 + signal.SIGXCPU:
+        return f"{name} takes more than {SECONDS} s of processor time to read; {WAY_OUT}"
+    if status == 128 + signal.SIGKILL:
+        return f"{name} was being read when the kernel ended its reader, as it does when memory is short; {WAY_OUT}, or use fewer workers"
+    if status > 128:
+        return f"{name} ends the process that reads it ({signal.Signals(status - 128).name}); write it with another program"
+    raise StageError(f"the process that reads mesh files ended with status {status}; what it printed says why")
+
+
+def _arrays(mesh: Mesh) -> tuple[list[NDArray[Any]], dict[str, object]]:
+    """List the arrays of a mesh, and describe them."""
+    look = mesh.look
+    colors = [] if look.vertex_color is None else [look.vertex_color]
+    shape: list[NDArray[Any]] = [mesh.vertices, mesh.faces]
+    arrays = [*shape, look.uv, look.face_material, look.base_color, look.material_texture, *colors, *look.textures]
+    return arrays, {"colors": bool(colors), "arrays": [[array.dtype.str, array.shape] for array in arrays]}
+
+
+def _mesh(head: dict[str, list[tuple[str, list[int]]]], stream: IO[bytes]) -> Mesh:
+    """Read the arrays of a mesh, as they were described."""
+    arrays = [np.empty(shape, dtype) for dtype, shape in head["arrays"]]
+    for array in arrays:
+        if stream.readinto(content := _bytes(array)) != len(content):  # type: ignore[attr-defined]
+            raise EOFError
+    vertices, faces, uv, face_material, base_color, material_texture, *others = arrays
+    colors = others.pop(0) if head["colors"] else None
+    return Mesh(vertices, faces, Look(uv, face_material, base_color, material_texture, tuple(others), colors))
+
+
+def _bytes(array: NDArray[Any]) -> memoryview:
+    return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+
+
+atexit.register(end_reader)

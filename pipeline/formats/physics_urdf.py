@@ -1,0 +1,118 @@
+"""The URDF that physics loads: a hand as its file describes it, without what a physics engine trips over."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from pathlib import Path
+from xml.etree.ElementTree import Element, ElementTree, SubElement
+
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from pipeline.formats.urdf import parse_urdf
+from pipeline.formats.urdf_shapes import numbers_of
+from pipeline.kernels.hand.model import Hand, Joint, Link
+
+DENSITY = 1000.0
+"""kg/m³ of the boxes around a link's collision shapes, from which the mass of a link without one is estimated."""
+
+LEAST_MASS = 1e-3
+"""kg, of a link without a mass and without collision shapes."""
+
+
+def write_physics_urdf(hand: Hand, folder: Path) -> Path:
+    """Write what physics needs of a hand's URDF into a folder.
+
+    Parameters
+    ----------
+    hand
+        Its links alone are written: what lies above the palm is left out, frozen joints are fixed.
+    folder
+        Existing; the file and the convex meshes beside it are put there.
+
+    Returns
+    -------
+    The URDF. Visuals are gone, every mesh that collides is a convex OBJ, every link has a mass, and a joint that follows another one is
+    as free as that one. All else is as in the hand's own file, to the letter.
+    """
+    links, joints = {link.name: link for link in hand.links}, {joint.name: joint for joint in hand.joints}
+    robot = Element("robot", name=hand.name)
+    for element in parse_urdf(hand.urdf):
+        name = element.get("name", "")
+        if element.tag == "link" and name in links:
+            robot.append(_link(element, links[name], folder / f"link-{hand.links.index(links[name])}"))
+        elif element.tag == "joint" and name in joints:
+            robot.append(_joint(element, joints[name], hand))
+    path = folder / "hand.urdf"
+    ElementTree(robot).write(path)
+    return path
+
+
+def links_without_mass(hand: Hand) -> list[str]:
+    """Name the links whose mass is estimated, because the URDF states none or zero."""
+    massless = [element.get("name", "") for element in parse_urdf(hand.urdf).findall("link") if not _mass(element)]
+    return [link.name for link in hand.links if link.name in massless]
+
+
+def _mass(link: Element) -> float:
+    mass = link.find("inertial/mass")
+    return float(numbers_of(mass, "value", (0.0,))[0])
+
+
+def _link(element: Element, link: Link, stem: Path) -> Element:
+    kept = deepcopy(element)
+    for visual in kept.findall("visual"):
+        kept.remove(visual)
+    if any(shape.kind == "mesh" for shape in link.collisions):
+        for collision in kept.findall("collision"):
+            if collision.find("geometry/mesh") is not None:
+                kept.remove(collision)
+        for number, shape in enumerate(link.collisions):
+            if shape.kind == "mesh":
+                path = stem.with_name(f"{stem.name}-{number}.obj")
+                trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False).convex_hull.export(path)
+                SubElement(SubElement(SubElement(kept, "collision"), "geometry"), "mesh", filename=str(path))
+    if not _mass(element):
+        for inertial in kept.findall("inertial"):
+            kept.remove(inertial)
+        kept.append(_estimated_inertial(link))
+    return kept
+
+
+def _estimated_inertial(link: Link) -> Element:
+    """Mass and inertia of a box of water around the collision shapes."""
+    corners = np.concatenate([shape.mesh.vertices for shape in link.collisions] or [np.zeros((1, 3))])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    x, y, z = high - low
+    mass = max(DENSITY * float(x * y * z), LEAST_MASS)
+    moments = {"ixx": y * y + z * z, "iyy": x * x + z * z, "izz": x * x + y * y}
+    inertial = Element("inertial")
+    SubElement(inertial, "origin", xyz=_text((low + high) / 2))
+    SubElement(inertial, "mass", value=repr(mass))
+    zeros = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
+    SubElement(inertial, "inertia", {name: repr(max(mass / 12 * float(value), 1e-9)) for name, value in moments.items()} | zeros)
+    return inertial
+
+
+def _joint(element: Element, joint: Joint, hand: Hand) -> Element:
+    kept = deepcopy(element)
+    for mimic in kept.findall("mimic"):
+        kept.remove(mimic)
+    if joint.name in hand.frozen:
+        kept.set("type", "fixed")
+        for origin in kept.findall("origin"):
+            kept.remove(origin)
+        angles = Rotation.from_matrix(joint.origin[:3, :3]).as_euler("xyz")
+        SubElement(kept, "origin", xyz=_text(joint.origin[:3, 3]), rpy=_text(angles))
+    for follower in hand.followers:
+        if follower.link == joint.child:
+            ends = [follower.multiplier * float(limit[follower.entry]) + follower.offset for limit in (hand.lower, hand.upper)]
+            for limit in kept.findall("limit"):
+                limit.set("lower", repr(min(ends) - 0.1))  # its leader's limits bind it: two that disagree would tear at it
+                limit.set("upper", repr(max(ends) + 0.1))
+    return kept
+
+
+def _text(numbers: np.ndarray) -> str:
+    return " ".join(repr(float(number)) for number in numbers)

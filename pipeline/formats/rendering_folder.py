@@ -1,0 +1,106 @@
+"""Folders of 3D-R2N2's renderings: `SYNSET/MODEL/rendering` with 24 images and their viewpoints."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import read_file
+from pipeline.kernels.vision.viewpoint import Viewpoint
+
+VIEWS, PIXELS = 24, 137
+"""Images per model, and pixels per side of each."""
+
+METADATA, LIST = "rendering_metadata.txt", "renderings.txt"
+MAX_BYTES = 2**20
+"""Of an image, or of the metadata: those of the cited renderings have 5 to 30 kB."""
+
+
+def rendering_files(folder: Path) -> list[Path]:
+    """List the files that `read_renderings` reads, the metadata first, whether they are there or not."""
+    return [folder / METADATA, *(folder / image_name(number) for number in range(VIEWS))]
+
+
+def image_name(number: int) -> str:
+    """Name the image of a viewpoint, from 0."""
+    return f"{number:02d}.png"
+
+
+def read_renderings(folder: Path) -> tuple[NDArray[np.uint8], list[Viewpoint]]:
+    """Read the images of a model, and where each was rendered from.
+
+    Parameters
+    ----------
+    folder
+        `ShapeNetRendering/SYNSET/MODEL/rendering`.
+
+    Returns
+    -------
+    (24, 137, 137, 4) uint8 sRGB and opacity, and 24 viewpoints.
+
+    Raises
+    ------
+    InvalidInput
+        A file is missing or damaged, an image is of another size or without opacity, or the metadata has another number of lines or a line
+        that is no viewpoint.
+    """
+    metadata, *images = rendering_files(folder)
+    for path in (metadata, *images):
+        if not path.is_file():
+            raise InvalidInput(f"{path} is missing; a model has {METADATA} and {VIEWS} images, {images[0].name} to {images[-1].name}")
+    viewpoints = _read_metadata(metadata)
+    return np.stack([_read_image(path) for path in images]), viewpoints
+
+
+def _read_metadata(path: Path) -> list[Viewpoint]:
+    try:
+        lines = read_file(path, MAX_BYTES).decode().split("\n")
+    except UnicodeDecodeError as error:
+        raise InvalidInput(f"{path} is no text ({error}); download the model's renderings again") from error
+    lines = [line for line in lines if line.strip()]
+    if len(lines) != VIEWS:
+        raise InvalidInput(f"{path} has {len(lines)} lines; there must be {VIEWS}, one per image")
+    return [_viewpoint(path, number, line) for number, line in enumerate(lines, start=1)]
+
+
+def _viewpoint(path: Path, number: int, line: str) -> Viewpoint:
+    where = f"{path}, line {number}: {line.strip()[:80]!r}"
+    try:
+        found = Viewpoint(*map(float, line.split()))
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(f"{where} is not azimuth, elevation, in-plane rotation, distance ratio and field of view") from error
+    if not all(map(math.isfinite, vars(found).values())) or found.distance <= 0:
+        raise InvalidInput(f"{where} has a value that is not finite, or a distance ratio that is not above 0")
+    if found.in_plane != 0:
+        raise InvalidInput(f"{where} has an in-plane rotation of {found.in_plane:g}; it must be 0, as in all the cited renderings")
+    return found
+
+
+def _read_image(path: Path) -> NDArray[np.uint8]:
+    content = read_file(path, MAX_BYTES)
+    try:
+        with Image.open(io.BytesIO(content), formats=["PNG"]) as image:
+            if image.size != (PIXELS, PIXELS) or image.mode != "RGBA":
+                size = f"{image.width} x {image.height} pixels of {image.mode}"
+                raise InvalidInput(f"{path} has {size}; a rendering has {PIXELS} x {PIXELS} pixels of RGBA")
+            return np.array(image)
+    except InvalidInput:
+        raise
+    except Exception as error:  # Pillow's readers raise whatever their parsing trips over
+        raise InvalidInput(f"{path} cannot be read as PNG ({error}); download the model's renderings again") from error
+
+
+def write_renderings(folder: Path, images: NDArray[np.uint8], viewpoints: Sequence[Viewpoint]) -> None:
+    """Write a model's images, (24, 137, 137, 4) uint8, and viewpoints as `read_renderings` reads them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, image in enumerate(images):
+        Image.fromarray(image).save(folder / image_name(number))
+    (folder / LIST).write_text("".join(f"{image_name(number)}\n" for number in range(len(images))))
+    (folder / METADATA).write_text("".join(" ".join(map(repr, vars(viewpoint).values())) + "\n" for viewpoint in viewpoints))

@@ -1,0 +1,71 @@
+"""Sensor files: the YAML descriptions of tactile sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path, read_description
+from pipeline.formats.image_file import read_image
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.sensor import Sensor
+
+
+def load_sensor(name: str | Path) -> Sensor:
+    """Read a sensor by the name of a shipped sensor or by path; an `InvalidInput` names the file and what is wrong with it."""
+    path = description_path("sensor", name)
+    sensor = read_description("sensor", path, Sensor)
+    file = photograph_file(path, sensor)
+    if file is None:
+        return sensor
+    image = read_image(file)
+    if image.shape[:2] != sensor.shape:
+        raise InvalidInput(
+            f"{file} has {image.shape[0]} x {image.shape[1]} pixels, {path} says {sensor.rows} x {sensor.cols}; make them agree"
+        )
+    return sensor.model_copy(update={"photograph": file.read_bytes()})
+
+
+def photograph_file(path: Path, sensor: Sensor) -> Path | None:
+    """Find the photograph that a sensor file names as its background; None where it names none."""
+    named = sensor.calibrated.background if sensor.calibrated else None
+    return path.parent / named if isinstance(named, str) else None
+
+
+def sensor_names(hand: Hand, override: str | None = None) -> tuple[str, ...]:
+    """Name the sensor at each mount, the hand file's, or `override` on all: a shipped one, or an absolute path."""
+    chosen = [override or mount.sensor for mount in hand.sensors]
+    return tuple(name if (path := Path(name).expanduser()).suffix != ".yaml" else str(path.absolute()) for name in chosen)
+
+
+def sensor_files(names: Sequence[str]) -> list[Path]:
+    """List the files that describe sensors, each once."""
+    paths = [description_path("sensor", name) for name in dict.fromkeys(names)]
+    photographs = [photograph_file(path, read_description("sensor", path, Sensor)) for path in paths]
+    return [*paths, *(file for file in photographs if file is not None)]
+
+
+def load_worn_sensors(names: Sequence[str]) -> tuple[Sensor, ...]:
+    """Read the sensors of a hand's fingers.
+
+    Parameters
+    ----------
+    names
+        Mount by mount, as `load_sensor` takes them.
+
+    Returns
+    -------
+    As many sensors.
+
+    Raises
+    ------
+    InvalidInput
+        One cannot be read, or their images differ in rows or columns: one array holds those of all fingers.
+    """
+    known = {name: load_sensor(name) for name in names}
+    sizes = {name: sensor.shape for name, sensor in known.items()}
+    if len(set(sizes.values())) > 1:
+        said = ", ".join(f"{name} has {rows} x {cols}" for name, (rows, cols) in sizes.items())
+        raise InvalidInput(f"the sensors of one hand need the same rows and columns of pixels, but {said}; change them in copies")
+    return tuple(known[name] for name in names)

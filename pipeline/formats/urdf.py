@@ -1,0 +1,183 @@
+"""URDF files: the links and joints of a hand. The format: https://wiki.ros.org/urdf/XML.
+
+yourdfpy and urchin read them too, but keep of an origin only the matrix that the C library's sine gives: its last digits are the
+processor's, and with them every pose that follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from xml.etree.ElementTree import Element, ParseError, fromstring
+
+import numpy as np
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import regular_stat
+from pipeline.formats.mesh_file import MAX_FACES, load_mesh
+from pipeline.formats.urdf_shapes import Color, named_color, numbers_of, origin_of, shape_of
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.transforms import length
+from pipeline.kernels.hand.model import Joint, Link, Mimic, Shape
+
+MOVING = ("revolute", "continuous", "prismatic")
+MAX_BYTES, MAX_PARTS = 10 * 2**20, 1000
+"""What a URDF file may have: bytes; links, joints and shapes."""
+
+
+def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
+    """Read the links and joints of a URDF file, and the meshes that it names.
+
+    Parameters
+    ----------
+    path
+        The file; mesh files are relative to it, or to a package (`package://`) around it.
+    root
+        Read only this link and what hangs from it; by default, the whole tree.
+
+    Returns
+    -------
+    links
+        The root link first, parents before children.
+    joints
+        Joint i moves link i + 1.
+
+    Raises
+    ------
+    InvalidInput
+        The file is no URDF tree, or uses what is not supported; the message names the file and the part.
+    """
+    try:
+        robot = parse_urdf(path)
+        kept = _below(robot, root)
+        materials = {material.get("name", ""): named_color(material, {}) for material in robot.findall("material")}
+        read = _reader()
+        links = tuple(_link(element, path.parent, materials, read) for element in robot.findall("link") if _name(element) in kept)
+        numbers = {link.name: i for i, link in enumerate(links)}
+        joints = [_joint(joint, numbers) for joint in robot.findall("joint") if root is None or _end(joint, "parent") in kept]
+        return _in_tree_order(links, joints)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from error
+
+
+def parse_urdf(path: Path) -> Element:
+    """Parse a URDF file; an `InvalidInput` says why it is none."""
+    try:
+        regular_stat(path)
+        content = path.read_bytes()
+        _check_size(content)
+        return fromstring(content)
+    except (OSError, ParseError, ValueError, LookupError) as error:  # the last two: its encoding is unknown
+        if isinstance(error, InvalidInput):
+            raise
+        raise InvalidInput(f"not XML ({error}); a hand's `urdf` must be a URDF file, not xacro") from error
+
+
+def _check_size(content: bytes) -> None:
+    """Refuse what no hand has and what would take minutes or gigabytes to read."""
+    if len(content) > MAX_BYTES:
+        raise InvalidInput(f"it has {len(content)} bytes, {MAX_BYTES} are the most")
+    if b"\0" in content or b"<!" in content.replace(b"<!--", b""):
+        raise InvalidInput("it declares a document type or entities, or is no UTF-8; write out what they stand for")
+    if (parts := sum(content.count(tag) for tag in (b"<link", b"<joint", b"<visual", b"<collision"))) > MAX_PARTS:
+        raise InvalidInput(f"it has {parts} links, joints and shapes, {MAX_PARTS} are the most")
+
+
+def _below(robot: Element, root: str | None) -> Collection[str]:
+    """The names of a link and all that hang from it, of all links where none is given."""
+    names = [_name(link) for link in robot.findall("link")]
+    if root is None:
+        return names
+    if root not in names:
+        raise InvalidInput(f"there is no link {root!r}; there are {', '.join(sorted(names))}")
+    ends = [(_end(joint, "parent"), _end(joint, "child")) for joint in robot.findall("joint")]
+    below, found = [root], {root}
+    for link in below:  # grows as we go
+        new = [child for parent, child in ends if parent == link and child not in found]
+        below += new
+        found.update(new)
+    return found
+
+
+def _end(joint: Element, role: str) -> str:
+    end = joint.find(role)
+    return end.get("link", "") if end is not None else ""
+
+
+def _reader() -> Callable[[Path], Mesh]:
+    """Read each mesh file once, and no more faces than a hand may have."""
+    load, faces = cache(load_mesh), 0
+
+    def read(path: Path) -> Mesh:
+        nonlocal faces
+        faces += len(load(path).faces)
+        if faces > MAX_FACES:
+            raise InvalidInput(f"its shapes have {faces} faces or more, {MAX_FACES} are the most; decimate their meshes")
+        return load(path)
+
+    return read
+
+
+def _link(element: Element, folder: Path, materials: Mapping[str, Color], read: Callable[[Path], Mesh]) -> Link:
+    def shapes(role: str) -> tuple[Shape, ...]:
+        return tuple(shape_of(shape, folder, materials, read) for shape in element.findall(role))
+
+    return Link(_name(element), shapes("visual"), shapes("collision"))
+
+
+def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
+    name, kind = _name(element), element.get("type", "")
+    if kind not in (*MOVING, "fixed"):
+        raise InvalidInput(f"joint {name} is of type {kind!r}; supported are {', '.join((*MOVING, 'fixed'))}")
+    ends = []
+    for role in ("parent", "child"):
+        link = _end(element, role)
+        if link not in numbers:
+            raise InvalidInput(f"joint {name} has {role} link {link!r}, which is not among the file's links")
+        ends.append(numbers[link])
+    axis = numbers_of(element.find("axis") if kind in MOVING else None, "xyz", (1.0, 0.0, 0.0))  # exporters fix joints about 0 0 0
+    if not axis.any():
+        raise InvalidInput(f"joint {name} has the axis 0 0 0; give a direction")
+    lower, upper = (float(numbers_of(element.find("limit"), key, (0.0,))[0]) for key in ("lower", "upper"))
+    if kind == "continuous":
+        lower, upper = -np.pi, np.pi
+    if kind in MOVING and not lower < upper:
+        raise InvalidInput(f"joint {name} has limits {lower} … {upper}; the lower one must be the smaller")
+    return Joint(name, kind, ends[0], ends[1], origin_of(element), axis / length(axis), lower, upper, _mimic(element))
+
+
+def _mimic(joint: Element) -> Mimic | None:
+    mimic = joint.find("mimic")
+    if mimic is None or joint.get("type") == "fixed":
+        return None
+    multiplier, offset = (float(numbers_of(mimic, key, (default,))[0]) for key, default in (("multiplier", 1.0), ("offset", 0.0)))
+    if multiplier == 0:
+        raise InvalidInput(f"joint {_name(joint)} mimics {mimic.get('joint')!r} with multiplier 0; make it fixed")
+    return Mimic(mimic.get("joint", ""), multiplier, offset)
+
+
+def _in_tree_order(links: tuple[Link, ...], joints: list[Joint]) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
+    """Renumber links root first and order joints so that every parent comes before its children."""
+    children = [joint.child for joint in joints]
+    roots = [i for i in range(len(links)) if i not in children]
+    order, sequence = roots[:1], []
+    if len(set(children)) == len(joints):
+        for link in order:  # grows as we go: breadth first, in the file's order
+            below = [joint for joint in joints if joint.parent == link]
+            sequence += below
+            order += [joint.child for joint in below]
+    if len(order) != len(links):
+        names = ", ".join(links[i].name for i in roots)
+        raise InvalidInput(f"{len(links)} links with {len(joints)} joints are no tree with one root (roots: {names})")
+    new = {old: i for i, old in enumerate(order)}
+    renumbered = tuple(replace(joint, parent=new[joint.parent], child=new[joint.child]) for joint in sequence)
+    return tuple(links[i] for i in order), renumbered
+
+
+def _name(element: Element) -> str:
+    name = element.get("name")
+    if not name:
+        raise InvalidInput(f"a <{element.tag}> has no name")
+    return name

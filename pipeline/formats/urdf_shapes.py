@@ -1,0 +1,167 @@
+"""The shapes of a URDF's links: primitives and mesh files, with their colours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.file_units import stated_units
+from pipeline.formats.mesh_file import load_mesh
+from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.geometry.transforms import rotation_from_euler, transform_points
+from pipeline.kernels.hand.model import Shape
+
+Color = tuple[int, int, int]
+MAX_NUMBER = 1e6
+"""Metres or radians that a number may be."""
+
+MAX_LEVELS = 20
+"""Folders around a URDF in which a package is looked for."""
+
+WAY_IN = "copy it there, or put an empty package.xml into the folder that holds both"
+
+GREY: Color = (178, 178, 178)
+"""sRGB colour of a visual shape that names none."""
+
+
+def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], read: Callable[[Path], Mesh] = load_mesh) -> Shape:
+    """Read a <visual> or <collision>.
+
+    Parameters
+    ----------
+    element
+        Of the URDF.
+    folder
+        That of the URDF, which mesh files are looked for from.
+    materials
+        sRGB colours by the names of the URDF's materials.
+    read
+        Reads mesh files.
+
+    Raises
+    ------
+    InvalidInput
+        It has no geometry, or one that cannot be used.
+    """
+    material = element.find("material")
+    origin, color = origin_of(element), named_color(material, materials)
+    for part in element.findall("geometry/*"):
+        path, scale = None, (1.0, 1.0, 1.0)
+        body: Any
+        if part.tag == "box":
+            size = _sizes(part, size=3)
+            body = trimesh.creation.box(extents=size)
+        elif part.tag == "sphere":
+            size = _sizes(part, radius=1)
+            body = trimesh.creation.icosphere(subdivisions=3, radius=size[0])
+        elif part.tag == "cylinder":
+            size = _sizes(part, radius=1, length=1)
+            body = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=32)
+        elif part.tag == "mesh":
+            path = mesh_path(part.get("filename", ""), folder)
+            body = read(path)
+            unit, _ = stated_units(path)  # COLLADA's counts, as in ROS; its up-axis does not
+            size = scale = tuple((numbers_of(part, "scale", scale) * (unit or 1)).tolist())
+        else:
+            continue
+        vertices, faces = transform_points(origin, body.vertices * scale), np.asarray(body.faces, np.int32)
+        plain = Look.plain(len(vertices), len(faces), color)
+        look = body.look if part.tag == "mesh" and material is None else plain  # a mesh without a material keeps its own
+        return Shape(part.tag, size, origin, Mesh(vertices, faces, look), path)
+    raise InvalidInput(f"a {element.tag} has no box, sphere, cylinder or mesh")
+
+
+def mesh_path(name: str, folder: Path) -> Path:
+    """Find a mesh file by the name that a URDF gives it, in the URDF's package.
+
+    That is the nearest folder around the URDF that has a `package.xml`; where none has, the one above the URDF's folder.
+    `package://PACKAGE/REST` is looked for in the folders around the URDF: as `PACKAGE/REST`, in another package too if it has a
+    `package.xml`; then as `REST`. Other names are relative to the URDF's folder, or absolute.
+
+    Raises
+    ------
+    InvalidInput
+        The file lies outside, or a package's file is not there; the message says where it was looked for.
+    """
+    folder = folder.resolve()
+    around = list(islice((folder, *folder.parents), MAX_LEVELS))
+    root = next((place for place in around if _is_package(place)), folder.parent)
+    scheme, _, rest = name.rpartition("://")
+    if scheme not in ("package", "model"):
+        path = folder / name.removeprefix("file://")
+        if _is_below(path, root):
+            return path
+        raise InvalidInput(f"{name!r} lies outside {root}, the package of the URDF; {WAY_IN}")
+    package, _, inner = rest.partition("/")
+    places = [(place / rest, place / package if _is_package(place / package) else root) for place in around]
+    there = [(path, limit) for path, limit in (*places, *((place / inner, root) for place in around if inner)) if path.is_file()]
+    for path, limit in there:
+        if _is_below(path, limit):
+            return path
+    if there:
+        raise InvalidInput(f"{name} is {there[0][0]}, outside {root}, the package of the URDF; {WAY_IN}")
+    raise InvalidInput(f"{name} is in no folder around {folder}; put package {package!r} beside the URDF, or write paths relative to it")
+
+
+def _is_package(folder: Path) -> bool:
+    return (folder / "package.xml").is_file()
+
+
+def _is_below(path: Path, root: Path) -> bool:
+    """Whether a path leads below a folder, links followed."""
+    try:
+        return path.resolve().is_relative_to(root.resolve())
+    except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, a link to itself
+        raise InvalidInput(f"{str(path)!r} is no path of a file ({error}); give that of a mesh file") from error
+
+
+def named_color(material: Element | None, known: Mapping[str, Color]) -> Color:
+    """Read the sRGB colour of a material, by its own element or by name."""
+    if material is None:
+        return GREY
+    color = material.find("color")
+    if color is None:
+        return known.get(material.get("name", ""), GREY)
+    red, green, blue, _ = (round(255 * part) for part in np.clip(numbers_of(color, "rgba", (0.7, 0.7, 0.7, 1.0)), 0, 1).tolist())
+    return red, green, blue
+
+
+def numbers_of(element: Element | None, key: str, default: tuple[float, ...]) -> NDArray[np.float64]:
+    """Read the finite numbers of an attribute, as many as its default has; blanks or commas separate them."""
+    if element is None or (text := element.get(key)) is None:
+        return np.array(default, np.float64)
+    try:
+        numbers = np.array([float(part) for part in text.replace(",", " ").split()], np.float64)
+    except ValueError:
+        numbers = np.array([np.nan])
+    if len(numbers) != len(default) or not (np.abs(numbers) <= MAX_NUMBER).all():
+        raise InvalidInput(f"<{element.tag} {key}={text!r}> must hold {len(default)} finite numbers, none beyond {MAX_NUMBER:g}")
+    return numbers
+
+
+def origin_of(element: Element) -> NDArray[np.float64]:
+    """Read the <origin> of an element as a pose (4, 4), m."""
+    origin = element.find("origin")
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_from_euler(numbers_of(origin, "rpy", (0.0, 0.0, 0.0)))  # fixed axes, as URDF says
+    pose[:3, 3] = numbers_of(origin, "xyz", (0.0, 0.0, 0.0))
+    return pose
+
+
+def _sizes(element: Element, **counts: int) -> tuple[float, ...]:
+    """Read the positive numbers of some attributes, given how many each holds."""
+    sizes: list[float] = []
+    for key, count in counts.items():
+        numbers = numbers_of(element, key, (0.0,) * count)
+        if not (numbers > 0).all():
+            raise InvalidInput(f"a {element.tag} has {key}={element.get(key)!r}; give positive metres")
+        sizes += numbers.tolist()
+    return tuple(sizes)

@@ -1,0 +1,31 @@
+"""What `evaluate` left out: reconstructions that would come out the same, and what no model is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from pipeline.engine.stage import DatasetJob
+from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
+from pipeline.models.trained_networks import load_reconstructor
+from pipeline.tradeoff.explain import Count, arrays_read
+from stages.evaluate.ground_truth import Truth, arrays_of
+from stages.evaluate.measure import cases_of
+from stages.evaluate.settings import EvaluationSettings
+from stages.evaluate.stage import Evaluate
+
+
+def explain(job: DatasetJob) -> Iterator[Count]:
+    """Count models, reconstructions, images and rings of an evaluation."""
+    settings: EvaluationSettings = job.settings
+    models = {Path(name).name: load_reconstructor(Path(name).name, folder) for name, folder in job.models.items()}
+    yield Count("models evaluated", len(models), len(EVERY_CONFIGURATION) - len(models), "not named in `configurations`")
+    yield arrays_read(arrays_of(list(models.values())), Evaluate().inputs(settings))
+    truth = Truth(job.data, list(models.values()), settings)
+    for model in models.values():
+        numbers, cases = cases_of(model, truth.grasps, settings)
+        figures = truth.grasps * len(numbers)
+        same = "the same grasps in another order, or inputs that the model is not given"
+        yield Count("reconstructions", len(cases) * len(truth), (figures - len(cases)) * len(truth), same, "each case once")
+        sites = int(truth.touched.sum())
+        yield Count("touch sites with rings", sites, truth.touched.size - sites, "nothing was touched there")

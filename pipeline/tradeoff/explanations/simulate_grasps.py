@@ -1,0 +1,32 @@
+"""What `simulate-grasps` left out: attempts that could not be kept, and exact distances where the grid is enough."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from pipeline.engine.stage import Task
+from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.penetration import doubtful_spheres
+from pipeline.tradeoff.explain import Count
+from stages.simulate_grasps.prepare import prepare_hand, prepare_object
+from stages.simulate_grasps.settings import GraspSettings
+
+
+def explain(settings: GraspSettings, models: Mapping[str, Path], tasks: Sequence[Task]) -> Iterator[Count]:
+    """Count the attempts at these objects, and what was measured exactly for their kept grasps."""
+    prepared_hand = prepare_hand(settings)
+    spheres = prepared_hand.spheres
+    for task in tasks:
+        surface, row = task.inputs["surfaces"], task.inputs["grasps"]
+        made = int(row["attempts"])
+        yield Count("attempts", made, max(settings.attempts - made, 0), "no further one could be kept", "enough attempts")
+        field = prepare_object(task.mesh(), surface["points"], surface["normals"], cell=settings.grid_cell).field
+        exact = int(field.records[..., 1:].any(axis=-1).sum())
+        cells = field.inside.size
+        yield Count("grid cells measured", exact, cells - exact, "farther from the object than any part of a hand is asked about")
+        for pose, angles in zip(row["hand_pose"], row["joint_angles"], strict=True):
+            points = spheres.world_centres(forward_kinematics(prepared_hand.hand, pose, angles)[None])[:, 0]
+            measured = len(doubtful_spheres(field, spheres, points))
+            why = "clear of the object by the grid already"
+            yield Count("spheres measured exactly", measured, len(spheres.radii) - measured, why, "doubtful spheres")

@@ -1,0 +1,153 @@
+"""`python -m tests.faults [--share 0.1] [--seed N] [--write FILE]`: inject faults, and print what became of them.
+
+Ends with status 1 if anything was lost, wrong or silent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from benchmarks.forked import OK, answer, finish, fork, run
+from benchmarks.provenance import provenance
+from stages.registry import GRASP_STAGES
+from tests.faults import changes, damage, interruptions, links
+from tests.faults.sandbox import Sandbox, digests
+from tests.faults.trial import Trial, Verdict
+
+Fault = Callable[[Trial], Verdict]
+
+FAULTS: dict[str, tuple[Fault, int]] = {
+    "kill −9 of a run": (interruptions.killed, 130),
+    "kill −9 of a worker": (interruptions.worker_killed, 20),
+    "SIGTERM": (interruptions.terminated, 15),
+    "Ctrl-C": (interruptions.interrupted, 15),
+    "disk full": (interruptions.disk_full, 20),
+    "disk read-only": (interruptions.read_only, 10),
+    "limit on the size of files": (interruptions.file_too_large, 20),
+    "two runs at once": (interruptions.two_at_once, 20),
+    "clock that jumps": (interruptions.clock_jumps, 15),
+    "limit on memory": (interruptions.short_of_memory, 20),
+    "damaged file of a dataset": (damage.damaged, 180),
+    "damaged row that waits to be packed": (damage.piece_damaged, 20),
+    "record of another version": (changes.version_changed, 15),
+    "hand, sensor or mesh changed in place": (changes.description_changed, 10),
+    "symbolic link in a dataset": (links.linked, 20),
+    "symbolic link in a report": (links.report_linked, 6),
+    "pipe or device in place of a file": (links.irregular, 40),
+    "reader open while shards are split otherwise": (links.open_while_resharded, 12),
+    "reader open while it is made with other settings": (links.open_while_made_again, 12),
+}
+"""What is injected, and how often."""
+
+NEEDS_MOUNT = ("disk full", "disk read-only")
+
+CACHES = ("inductor", "dask-scratch-space")
+"""Folders that torch and Dask keep among temporary files, one for all runs; Dask clears its own when it starts."""
+
+INTRODUCTION = """# What became of faults
+
+Written by the command below. Every fault hits a copy of a small dataset (three objects, all eight stages) at a random moment or place; then
+the stages are run again, and whatever a message says to do is done. All is well where every digest is that of the undisturbed dataset,
+`validate` finds nothing, and nothing is left in the work area. [Reliability](reliability.md) says what is promised.
+"""
+
+
+def main() -> None:
+    """Inject, gather, print."""
+    parser = argparse.ArgumentParser(prog="python -m tests.faults", description=__doc__)
+    parser.add_argument("--share", type=float, default=1.0, help="of the faults of each kind; at least one is injected")
+    parser.add_argument("--only", nargs="+", choices=list(FAULTS), default=list(FAULTS), help="these kinds alone")
+    parser.add_argument("--seed", type=int, default=0, help="draws moments and places")
+    parser.add_argument("--lanes", type=int, default=len(os.sched_getaffinity(0)), help="faults side by side")
+    parser.add_argument("--write", type=Path, help="put the table there too")
+    chosen = parser.parse_args()
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="faults-") as folder:
+        verdicts = inject(Path(folder), chosen.only, chosen.share, chosen.seed, chosen.lanes)
+    page = _page(verdicts, time.monotonic() - began, [kind for kind in chosen.only if kind not in verdicts])
+    print(page)
+    if chosen.write:
+        chosen.write.write_text(page, encoding="utf-8")
+    wrong = [f"{kind}: {one.what}: {one.fault_of_ours}" for kind, found in verdicts.items() for one in found if one.fault_of_ours]
+    for line in wrong:
+        print(line, file=sys.stderr)
+    sys.exit(bool(wrong))
+
+
+def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int) -> dict[str, list[Verdict]]:
+    """Make the undisturbed dataset, then inject faults into copies of it; the verdicts by kind."""
+    torch.set_num_threads(1)
+    temporary = root / "tmp"
+    temporary.mkdir()
+    os.environ["TMPDIR"] = tempfile.tempdir = str(temporary)
+    sandbox = Sandbox(root)
+    sandbox.prepare()
+    whole, seconds = root / "whole", {}
+    for stage in GRASP_STAGES:
+        began = time.monotonic()
+        end = run(lambda name=stage: sandbox.only(name).make(whole), root / "log")
+        assert end.status == OK, end.output
+        seconds[stage] = time.monotonic() - began
+    shutil.rmtree(whole / ".work", ignore_errors=True)
+    possible = [kind for kind in kinds if kind not in NEEDS_MOUNT or interruptions.can_mount(root)]
+    asked = [(kind, number) for kind in possible for number in range(max(1, round(share * FAULTS[kind][1])))]
+    expected = answer(lambda: digests(whole), root / "log")
+    logs = [root / f"lane-{lane}.log" for lane in range(lanes)]
+    processes = []
+    for lane, log in enumerate(logs):
+        trial = Trial(sandbox, whole, expected, seconds, root / f"lane-{lane}", np.random.default_rng(0))
+        processes.append(fork(lambda lane=lane, trial=trial: _lane(asked[lane::lanes], trial, seed), log))
+    for process, log in zip(processes, logs, strict=True):
+        end = finish(process, log, limit=10_000)
+        assert end.status == OK, end.output
+    verdicts: dict[str, list[Verdict]] = {kind: [] for kind in possible}
+    for line in (line for log in logs for line in log.read_text().splitlines() if line.startswith("{")):
+        told = json.loads(line)
+        verdicts[told["kind"]].append(Verdict(**told["verdict"]))
+    if left := [path.name for path in temporary.iterdir() if not any(name in path.name for name in CACHES)]:
+        verdicts["all of these"] = [Verdict("temporary folder", fault_of_ours=f"left behind: {', '.join(left[:5])}")]
+    return verdicts
+
+
+def _lane(asked: Sequence[tuple[str, int]], trial: Trial, seed: int) -> None:
+    """Inject faults one after the other; each draws from its own kind and number."""
+    for kind, number in asked:
+        trial.rng = np.random.default_rng([seed, number, *kind.encode()])
+        try:
+            verdict = FAULTS[kind][0](trial)
+        except Exception as error:
+            verdict = Verdict(f"number {number}", fault_of_ours=f"the harness: {type(error).__name__}: {error}")
+        print(json.dumps({"kind": kind, "verdict": vars(verdict)}), flush=True)
+
+
+def _page(verdicts: dict[str, list[Verdict]], seconds: float, missing: Sequence[str]) -> str:
+    """The table; `missing` are kinds that could not be injected."""
+    outcomes = sorted({one.outcome for found in verdicts.values() for one in found if one.outcome})
+    rows = []
+    for kind, found in verdicts.items():
+        counts = Counter(one.outcome for one in found)
+        rows.append([kind, len(found), *(counts[outcome] or "" for outcome in outcomes), sum(bool(one.fault_of_ours) for one in found)])
+    rows.append(["all", *(sum(row[column] or 0 for row in rows) for column in range(1, len(rows[0])))])
+    header = ["fault", "injected", *outcomes, "lost, wrong or silent"]
+    table = [header, ["---"] * len(header), *rows]
+    lines = ["| " + " | ".join(map(str, row)) + " |" for row in table]
+    about = provenance("make faults", "python -m tests.faults")
+    said = f"`{about['command']}`, commit {about['commit']}, {about['date']}, {about['machine']}:"
+    note = f"\nNot injected, for want of the right to mount a disk: {', '.join(missing)}.\n" if missing else ""
+    return "\n".join([INTRODUCTION, said, f"{seconds / 60:.0f} minutes.\n", *lines, note])
+
+
+if __name__ == "__main__":
+    main()

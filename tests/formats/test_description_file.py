@@ -1,0 +1,86 @@
+"""Sensor and scene files: found by name or path, validated with every unusable entry named."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path
+from pipeline.formats.scene_file import load_scene
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch.sensor import ray_origins
+
+
+def sensor_file(folder: Path, **changes: Any) -> Path:
+    """The shipped sensor's file with some entries changed."""
+    path = folder / "other.yaml"
+    path.write_text(yaml.safe_dump(yaml.safe_load(description_path("sensor", "gel_16mm").read_text()) | changes))
+    return path
+
+
+def test_shipped_sensor_is_the_supplements() -> None:
+    sensor = load_sensor("gel_16mm")
+    assert (sensor.width, sensor.rows, sensor.cols, sensor.w, sensor.range) == (0.01641, 100, 100, 0.0068, 0.05)
+    assert hash(sensor) == hash(load_sensor("gel_16mm"))
+
+
+def test_sensor_file_is_loaded_by_path(tmp_path: Path) -> None:
+    path = sensor_file(tmp_path, name="wide", rows=60, cols=80, width=0.03)
+    assert ray_origins([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], load_sensor(path)).shape == (60, 80, 3)
+    assert load_sensor(str(path)) == load_sensor(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "entry"),
+    [
+        ({"wdth": 1}, "wdth"),
+        ({"width": -1}, "width"),
+        ({"rows": 1}, "rows"),
+        ({"noise": "some"}, "noise"),
+        ({"lights": {}}, "lights"),
+        ({"w": float("nan")}, "w"),
+        ({"rows": 2**31}, "rows"),
+        ({"width": 1e300}, "width"),
+        ({"diffuse": 1e300}, "diffuse"),
+    ],
+)
+def test_unusable_sensor_entry_is_named_with_its_file(tmp_path: Path, changes: dict[str, object], entry: str) -> None:
+    path = sensor_file(tmp_path, **changes)
+    with pytest.raises(InvalidInput, match=entry) as error:
+        load_sensor(path)
+    assert str(path) in str(error.value)
+
+
+def test_every_unusable_entry_is_named_in_one_line(tmp_path: Path) -> None:
+    path = sensor_file(tmp_path, heigth=0.03, rows=48.5)
+    with pytest.raises(
+        InvalidInput, match=r"rows: .*; there is no entry heigth, did you mean height\?. Its entries are name, width, height, rows"
+    ) as error:
+        load_sensor(path)
+    assert "\n" not in str(error.value)
+    path.write_text("name: gel")
+    with pytest.raises(InvalidInput, match="entry width is missing; "):
+        load_sensor(path)
+
+
+def test_unknown_scene_entry_is_named_with_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "spoilt.yaml"
+    path.write_text(description_path("scene", "supplement").read_text() + "fog: 1\n")
+    with pytest.raises(InvalidInput, match=r"spoilt\.yaml[\s\S]*fog"):
+        load_scene(path)
+
+
+def test_file_that_is_no_yaml_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "torn.yaml"
+    path.write_text("name: [")
+    with pytest.raises(InvalidInput, match=r"torn\.yaml"):
+        load_scene(path)
+
+
+def test_missing_description_lists_the_shipped_ones() -> None:
+    with pytest.raises(InvalidInput, match=r"there is no sensor 'nope'; built in are digit, gel_16mm"):
+        load_sensor("nope")
+    with pytest.raises(InvalidInput, match=r"there is no scene 'gone\.yaml'; built in are supplement"):
+        load_scene("gone.yaml")

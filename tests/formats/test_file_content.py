@@ -1,0 +1,27 @@
+"""What is no regular file, or too large, is not read."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import read_file
+
+
+def test_pipes_devices_folders_and_large_files_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "large").write_bytes(bytes(11))
+    os.mkfifo(tmp_path / "pipe")
+    refused = {
+        tmp_path / "large": "has 11 bytes; 10 are the most",
+        tmp_path / "pipe": "no regular file",
+        Path("/dev/zero"): "no regular file",
+        tmp_path: "no regular file",
+        tmp_path / "absent": r"cannot be read \(No such file",
+    }
+    for path, words in refused.items():
+        with pytest.raises(InvalidInput, match=words):
+            read_file(path, 10)
+    assert read_file(tmp_path / "large", 11) == bytes(11)

@@ -1,0 +1,110 @@
+"""The unit and the up-axis that mesh files state."""
+
+from __future__ import annotations
+
+import io
+import os
+import zipfile
+from pathlib import Path
+from xml.etree.ElementTree import fromstring
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.config.manifest import load_manifest
+from pipeline.errors import InvalidInput
+from pipeline.formats.file_units import stated_units
+from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.urdf_shapes import shape_of
+from pipeline.kernels.geometry.normalise import normalise_mesh
+
+SIDES = (30.0, 20.0, 10.0)
+
+
+def collada(path: Path, *assets: str) -> Path:
+    """Write a box of `SIDES` units whose asset element holds `assets` in place of what trimesh states."""
+    text = trimesh.creation.box(SIDES).export(file_type="dae").decode()
+    before, _, rest = text.partition("<asset>")
+    path.write_text(f"{before}<asset>{''.join(assets)}</asset>{rest.partition('</asset>')[2]}")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("assets", "expected"),
+    [
+        (("<unit name='inch' meter='0.0254'/>", "<up_axis>Z_UP</up_axis>"), (0.0254, "z")),
+        (('<unit meter="1e-3" name="mm"/>',), (0.001, "y")),
+        (("<up_axis>X_UP</up_axis>",), (None, "x")),
+        (("<unit meter='0'/>",), (None, "y")),
+        (("<unit meter='nan'/>",), (None, "y")),
+        (("<unit meter='many'/>",), (None, "y")),
+    ],
+)
+def test_collada_states_its_unit_and_its_axis(tmp_path: Path, assets: tuple[str, ...], expected: tuple[float | None, str]) -> None:
+    path = collada(tmp_path / "box.dae", *assets)
+    assert stated_units(path) == expected
+    assert len(load_mesh(path).faces) == 12  # whatever it states, it can be read
+
+
+@pytest.mark.parametrize(("unit", "metres"), [(' unit="inch"', 0.0254), ("", 0.001), (' unit="furlong"', None)])
+def test_3mf_states_its_unit(tmp_path: Path, unit: str, metres: float | None) -> None:
+    content = trimesh.creation.box(SIDES).export(file_type="3mf")
+    (tmp_path / "made.3mf").write_bytes(content)
+    with zipfile.ZipFile(tmp_path / "made.3mf") as made, zipfile.ZipFile(tmp_path / "box.3mf", "w") as archive:
+        for name in made.namelist():
+            archive.writestr(name, made.read(name).replace(b' unit="millimeter"', unit.encode()))
+    assert stated_units(tmp_path / "box.3mf") == (metres, "z")
+    assert len(load_mesh(tmp_path / "box.3mf").faces) == 12
+
+
+def _bad_3mf(path: Path, fault: str) -> None:
+    """Write a 3MF file of a box whose archive is damaged."""
+    with zipfile.ZipFile(io.BytesIO(trimesh.creation.box(SIDES).export(file_type="3mf"))) as made, zipfile.ZipFile(path, "w") as archive:
+        for name in made.namelist():
+            archive.writestr(name, made.read(name), zipfile.ZIP_LZMA if fault == "damaged LZMA" else zipfile.ZIP_STORED)
+    content = bytearray(path.read_bytes())
+    entry = content.index(b"PK\1\2", content.index(b"[Content_Types].xml"))  # the first of the list of members, the model's
+    match fault:
+        case "name not UTF-8":
+            content[entry + 9] |= 8  # says that the name is
+            content[entry + 46] = 0xFF
+        case "member past the end":
+            content[entry + 20 : entry + 28] = (2**31 - 1).to_bytes(4, "little") * 2  # its bytes, packed and not
+        case "damaged LZMA":
+            start = content.index(b"3D/3dmodel.model") + len("3D/3dmodel.model") + 9
+            content[start : start + 200] = bytes([255]) * 200
+        case "millions of members":
+            content[-10:-6] = (2**28).to_bytes(4, "little")
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("fault", ["name not UTF-8", "member past the end", "damaged LZMA", "millions of members"])
+def test_a_bad_3mf_fails_alone(tmp_path: Path, fault: str) -> None:
+    _bad_3mf(tmp_path / "bad.3mf", fault)
+    trimesh.creation.box(SIDES).export(tmp_path / "good.ply")
+    assert [item.object_id for item in load_manifest("directory").objects(tmp_path)] == ["bad", "good"]
+    with pytest.raises(InvalidInput, match=r"^bad\.3mf"):
+        load_mesh(tmp_path / "bad.3mf")
+
+
+def test_other_files_state_nothing(tmp_path: Path) -> None:
+    (tmp_path / "box.stl").write_bytes(trimesh.creation.box(SIDES).export(file_type="stl"))
+    (tmp_path / "no.3mf").write_bytes(b"PK\3\4 no archive")
+    os.mkfifo(tmp_path / "pipe.dae")
+    assert {stated_units(tmp_path / name) for name in ("box.stl", "no.3mf", "pipe.dae", "missing.dae")} == {(None, None)}
+
+
+def test_a_folder_of_collada_files_keeps_their_sizes(tmp_path: Path) -> None:
+    collada(tmp_path / "box.dae", "<unit meter='0.001'/>")
+    (item,) = load_manifest("directory").objects(tmp_path)
+    how = {"up": item.source["up"], "metres_per_unit": item.source["metres_per_unit"]}
+    mesh = normalise_mesh(load_mesh(tmp_path / "box.dae"), diagonal=0.5, **how)
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), [0.03, 0.01, 0.02], atol=1e-9)  # y became z
+
+
+def test_a_urdfs_scale_is_of_its_collada_files_unit(tmp_path: Path) -> None:
+    collada(tmp_path / "box.dae", "<unit meter='0.001'/>")
+    element = fromstring("<visual><geometry><mesh filename='box.dae' scale='2 1 1'/></geometry></visual>")
+    shape = shape_of(element, tmp_path, {})
+    np.testing.assert_allclose(np.ptp(shape.mesh.vertices, axis=0), [0.06, 0.02, 0.01], atol=1e-9)  # its axes are the link's

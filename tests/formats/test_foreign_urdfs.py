@@ -1,0 +1,209 @@
+"""What URDFs of real hands hold: mimic joints, packages, arms above the palm, colours with commas, links without mass."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.physics_urdf import links_without_mass, write_physics_urdf
+from pipeline.formats.urdf import parse_urdf, read_urdf
+from pipeline.kernels.hand.collision_shapes import collision_boxes
+from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.resting_contacts import frequent_overlaps
+
+BAR = '<{0}><origin xyz="0 0 0.02"/><geometry><box size="0.01 0.01 0.04"/></geometry></{0}>'
+BODY = '<inertial><mass value="0.01"/></inertial>' + BAR.format("collision")
+TIP = """<visual><geometry><mesh filename="package://claw/meshes/tip.glb"/></geometry></visual>
+         <collision><geometry><mesh filename="package://claw/meshes/tip.glb"/></geometry></collision>"""
+
+
+def joint(name: str, kind: str, parent: str, child: str, more: str = "", xyz: str = "0 0 0.04") -> str:
+    axis = '<axis xyz="1 0 0"/><limit lower="-0.5" upper="1" effort="0"/>' if kind == "revolute" else ""
+    return f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/>{axis}{more}</joint>'
+
+
+PAINTED = BAR.format("visual").replace("<origin", '<material name="blue"/><origin')
+CLAW = f"""<robot name="claw">
+  <material name="blue"><color rgba="0.1, 0.2, 0.9, 1"/></material>
+  <link name="world"/><link name="arm">{BODY}</link><link name="palm">{BODY}{PAINTED}</link>
+  <link name="one">{BODY}</link><link name="two">{BODY}</link><link name="tip">{TIP}</link><link name="lever">{BODY}</link>
+  {joint("flight", "floating", "world", "arm")}
+  {joint("shoulder", "revolute", "arm", "palm")}
+  {joint("first", "revolute", "palm", "one")}
+  {joint("second", "revolute", "one", "two", '<mimic joint="first" multiplier="2" offset="0.1"/>')}
+  {joint("third", "revolute", "two", "tip", '<mimic joint="second" multiplier="-0.5"/>')}
+  {joint("brake", "revolute", "palm", "lever", xyz="0.05 0 0.02")}
+</robot>"""
+HAND = {
+    "name": "claw",
+    "urdf": "urdf/claw.urdf",
+    "sensor": "gel_16mm",
+    "palm": {"link": "palm", "facing": [0, 0, 1], "centre": [0, 0, 0.04]},
+    "frozen": {"brake": 0.25},
+    "fingers": [
+        {"name": "only", "joints": ["first"], "sensor": {"link": "tip", "origin": [0, 0, 0], "normal": [0, 0, 1], "columns": [1, 0, 0]}}
+    ],
+}
+
+
+def claw(folder: Path, text: str = CLAW, **changed: object) -> Path:
+    package = folder / "my things" / "claw"
+    for inner in ("urdf", "meshes"):
+        (package / inner).mkdir(parents=True, exist_ok=True)
+    trimesh.creation.cone(radius=0.01, height=0.03).export(package / "meshes" / "tip.glb")
+    (package / "urdf" / "claw.urdf").write_text(text)
+    (package / "claw.yaml").write_text(yaml.safe_dump(HAND | changed))
+    return package / "claw.yaml"
+
+
+@pytest.fixture
+def hand(tmp_path: Path) -> Hand:
+    return load_hand(claw(tmp_path))
+
+
+def test_arm_above_the_palm_is_cut_off(hand: Hand) -> None:
+    assert [link.name for link in hand.links] == ["palm", "one", "lever", "two", "tip"]
+    assert hand.joint_names == ("first",)
+    assert hand.links[0].visuals[0].mesh.look.base_color[0].tolist() == [26, 51, 230, 255]
+
+
+def test_joints_follow_their_leader_through_another_follower(hand: Hand) -> None:
+    """Rotations about one axis add up: 0.3, twice that and 0.1, less half of the latter."""
+    turned = forward_kinematics(hand, np.eye(4), np.array([0.3]))[[1, 3, 4], :3, :3]
+    angles = np.arctan2(turned[:, 2, 1], turned[:, 2, 2])
+    np.testing.assert_allclose(angles, [0.3, 0.3 + 0.7, 0.3 + 0.7 - 0.35], atol=1e-12)
+
+
+def test_frozen_joint_stays_at_its_angle(hand: Hand) -> None:
+    for angle in (-0.4, 0.9):
+        lever = forward_kinematics(hand, np.eye(4), np.array([angle]))[2]
+        assert np.arctan2(lever[2, 1], lever[2, 2]) == pytest.approx(0.25)
+
+
+def test_physics_gets_convex_meshes_masses_and_no_visuals(hand: Hand, tmp_path: Path) -> None:
+    assert links_without_mass(hand) == ["tip"]
+    robot = parse_urdf(write_physics_urdf(hand, tmp_path))
+    assert not robot.findall("*/visual")
+    assert not robot.findall("*/mimic")
+    assert {mesh.get("filename", "")[-4:] for mesh in robot.iter("mesh")} == {".obj"}
+    assert all(float(mass.get("value", 0)) > 0 for mass in robot.iter("mass"))
+    assert len(robot.findall("link/inertial")) == 5
+    _, joints = read_urdf(tmp_path / "hand.urdf")
+    frozen = next(one for one in joints if one.name == "brake")
+    mine = next(one for one in hand.joints if one.name == "brake")
+    assert frozen.kind == "fixed"
+    np.testing.assert_allclose(frozen.origin, mine.origin, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changed", "old", "new", "message"),
+    [
+        ({"frozen": {}}, "", "", "brake belong to no finger; list them under a finger's joints, or freeze them: {brake: 0}"),
+        ({"frozen": {"brake": 2}}, "", "", "frozen: brake is 2, outside its limits -0.5 … 1"),
+        ({}, 'mimic joint="first"', 'mimic joint="third"', "mimics itself"),
+        ({}, 'multiplier="2"', 'multiplier="0"', "joint second mimics 'first' with multiplier 0; make it fixed"),
+        ({}, 'mimic joint="first"', 'mimic joint="shoulder"', "joint second follows 'shoulder', which no finger uses"),
+        ({}, "package://claw/meshes", "package://paw/meshes", "put package 'paw' beside the URDF"),
+    ],
+)
+def test_what_cannot_work_is_named(tmp_path: Path, changed: dict[str, object], old: str, new: str, message: str) -> None:
+    if "paw" in new:
+        new = "package://paw/textures"
+    with pytest.raises(InvalidInput, match=re.escape(message)):
+        load_hand(claw(tmp_path, CLAW.replace(old, new) if old else CLAW, **changed))
+
+
+def test_links_that_always_overlap_are_named_unless_they_are_neighbours_at_rest(hand: Hand) -> None:
+    frames = forward_kinematics(hand, np.eye(4), np.linspace(-0.4, 0.9, 20)[:, None])
+    assert frequent_overlaps(hand, collision_boxes(hand), frames) == []
+    wide = replace(hand.links[2], collisions=(replace(hand.links[2].collisions[0], mesh=_moved(hand, [-0.05, 0, 0.03])),))
+    beside = replace(hand, links=(*hand.links[:2], wide, *hand.links[3:]))
+    (found,) = frequent_overlaps(beside, collision_boxes(beside), frames)
+    assert (found.first, found.second) == (1, 2)
+    assert found.depth > 0.002
+    assert frequent_overlaps(replace(beside, allowed_contacts=frozenset({(1, 2)})), collision_boxes(beside), frames) == []
+
+
+def _moved(hand: Hand, by: list[float]) -> object:
+    mesh = hand.links[2].collisions[0].mesh
+    return replace(mesh, vertices=mesh.vertices + by)
+
+
+def test_bent_link_is_cut_into_convex_parts(tmp_path: Path) -> None:
+    """An angle of two bars: in one part it fills the corner, in eight it does not."""
+    path = claw(tmp_path)
+    angle = trimesh.util.concatenate(
+        [
+            trimesh.creation.box((0.1, 0.01, 0.01), trimesh.transformations.translation_matrix((0.05, 0, 0))),
+            trimesh.creation.box((0.01, 0.01, 0.05), trimesh.transformations.translation_matrix((0, 0, 0.025))),
+        ]
+    )
+    angle.export(path.parent / "meshes" / "tip.glb")
+    whole = load_hand(path).links[4].collisions
+    path.write_text(yaml.safe_dump(HAND | {"convex_parts": {"tip": 8}}))
+    parts = load_hand(path).links[4].collisions
+    assert (len(whole), len(parts)) == (1, 8)
+    low = min(part.mesh.vertices.min() for part in parts)
+    assert low == pytest.approx(angle.vertices.min())
+    volumes = [trimesh.Trimesh(part.mesh.vertices, part.mesh.faces).convex_hull.volume for part in parts]
+    assert sum(volumes) == pytest.approx(0.1 * 0.01 * 0.01 + 0.01 * 0.01 * 0.045, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    "name", ["../../tip.glb", "{0}/tip.glb", "file://{0}/tip.glb", "package://{1}/tip.glb", "package://my things/../../tip.glb"]
+)
+def test_mesh_outside_the_package_is_refused(tmp_path: Path, name: str) -> None:
+    """`../meshes/tip.glb` is inside; with a package.xml the folder that has it is all of the package."""
+    path = claw(tmp_path, CLAW.replace("package://claw/meshes", "../meshes"))
+    assert len(load_hand(path).links) == 5
+    trimesh.creation.box((0.01, 0.01, 0.01)).export(tmp_path / "my things" / "tip.glb")
+    trimesh.creation.box((0.01, 0.01, 0.01)).export(tmp_path / "tip.glb")
+    outside = CLAW.replace("package://claw/meshes/tip.glb", name.format(tmp_path / "my things", tmp_path.name))
+    path = claw(tmp_path, outside)
+    message = rf"outside {re.escape(str(path.parent))}, the package of the URDF; copy it there, or put an empty package\.xml into"
+    with pytest.raises(InvalidInput, match=message):
+        load_hand(path)
+    if name == "../../tip.glb":
+        (tmp_path / "my things" / "package.xml").touch()
+        assert len(load_hand(path).links) == 5
+
+
+def test_link_out_of_the_package_is_refused(tmp_path: Path) -> None:
+    path = claw(tmp_path)
+    tip = path.parent / "meshes" / "tip.glb"
+    tip.rename(tmp_path / "tip.glb")
+    tip.symlink_to(tmp_path / "tip.glb")
+    with pytest.raises(InvalidInput, match=r"outside .*, the package of the URDF"):
+        load_hand(path)
+
+
+def test_package_beside_the_package_is_read(tmp_path: Path) -> None:
+    path = claw(tmp_path, CLAW.replace("package://claw", "package://tips"))
+    tips = tmp_path / "my things" / "tips"
+    (path.parent / "meshes").rename(tips.parent / "meshes")
+    tips.mkdir()
+    (tips.parent / "meshes").rename(tips / "meshes")
+    with pytest.raises(InvalidInput, match=r"outside .*, the package of the URDF"):
+        load_hand(path)
+    (tips / "package.xml").touch()
+    assert len(load_hand(path).links) == 5
+
+
+def test_faces_of_all_shapes_are_bounded_and_a_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, read = claw(tmp_path), list[Path]()
+    monkeypatch.setattr("pipeline.formats.urdf.load_mesh", lambda file: (read.append(file), load_mesh(file))[1])
+    load_hand(path)
+    assert len(read) == 1
+    monkeypatch.setattr("pipeline.formats.urdf.MAX_FACES", 100)
+    with pytest.raises(InvalidInput, match=r"its shapes have 1\d\d faces or more, 100 are the most; decimate their meshes"):
+        load_hand(path)

@@ -1,0 +1,136 @@
+"""Hand files and their URDFs: found by name or path, checked with the unusable entry named."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.sensor_file import load_worn_sensors
+from pipeline.formats.urdf import read_urdf
+from pipeline.kernels.hand.kinematics import sensor_poses
+from pipeline.kernels.hand.model import Hand
+
+
+@pytest.fixture(scope="module")
+def hand() -> Hand:
+    return load_hand("allegro_right")
+
+
+def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tmp_path: Path, rng: np.random.Generator) -> None:
+    """Other names, another order of links, and spheres in place of the visual meshes."""
+    text = hand.urdf.read_text()
+    text = text.replace("link_", "l-").replace("joint_", "j-").replace("base_link", "palm")
+    text = re.sub(r'<mesh filename="[^"]*"/>', '<sphere radius="0.01"/>', text)
+    body = re.findall(r"  <link .*?</link>\n", text, re.S)
+    for link in body:
+        text = text.replace(link, "")
+    text = text.replace("</robot>", "".join(reversed(body)) + "</robot>")
+    (tmp_path / "other.urdf").write_text(text)
+    file = yaml.safe_load(hand.path.read_text())
+    renamed = yaml.safe_dump(file).replace("link_", "l-").replace("joint_", "j-").replace("base_link", "palm")
+    path = tmp_path / "other.yaml"
+    path.write_text(renamed.replace("allegro_right.urdf", "other.urdf"))
+    other = load_hand(path)
+    angles = rng.uniform(hand.lower, hand.upper)
+    np.testing.assert_array_equal(sensor_poses(other, np.eye(4), angles), sensor_poses(hand, np.eye(4), angles))
+    assert {mesh.vertices.shape for _, mesh in other.visual_meshes} == {(642, 3)}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("joint_2.0", "joint_99", "allegro_right.urdf: there is no moving joint 'joint_99'; there are joint_0.0"),
+        ("link_3.0_tip", "link_3", "allegro_right.urdf: there is no sensor link 'link_3'"),
+        ("link_3.0_tip", "link_7.0_tip", "'link_7.0_tip' is not moved by the joints of finger 'index'"),
+        ("joint_4.0", "joint_0.0", "every moving joint must belong to one finger, or be frozen, but not so joint_0.0"),
+        ("joint_0.0, ", "", "joint_0.0 belong to no finger; list them under a finger's joints, or freeze them: {joint_0.0: 0}"),
+        (
+            "fingers:",
+            "frozen: {joint_0.0: 9}\nfingers:",
+            "every moving joint must belong to one finger, or be frozen, but not so joint_0.0",
+        ),
+        ("fingers:", "allowed_contacts: [[link_0.0, link_9]]\nfingers:", "there is no link 'link_9'"),
+        ("fingers:", "convex_parts: {link_9: 3}\nfingers:", "there is no link 'link_9'"),
+        ("normal: [1, 0, 0]", "normal: [0, 1, 0]", "not perpendicular"),
+        ("urdf: allegro_right.urdf", "urdf: nowhere.urdf", "there is no urdf 'nowhere.urdf'"),
+        ("palm:", "palms:", "palms"),
+        ("link: base_link", "link: link_99", "there is no link 'link_99'"),
+        ("link: base_link", "link: link_0.0", "there is no moving joint 'joint_0.0'; there are joint_1.0, joint_2.0, joint_3.0"),
+    ],
+)
+def test_unusable_hand_file_is_refused_with_the_entry(hand: Hand, tmp_path: Path, old: str, new: str, message: str) -> None:
+    text = hand.path.read_text().replace(old, new, 1)
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text.replace("urdf: allegro_right.urdf", f"urdf: {hand.urdf}"))
+    with pytest.raises(InvalidInput, match=re.escape(message)) as error:
+        load_hand(path)
+    assert str(path) in str(error.value)
+
+
+def test_unknown_hand_is_refused_with_the_shipped_ones() -> None:
+    with pytest.raises(
+        InvalidInput, match="there is no hand 'shadow'; built in are allegro_left, allegro_right, two_finger_gripper, or give"
+    ):
+        load_hand("shadow")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (r'axis xyz="[^"]*"', 'axis xyz="0 0 0"', "has the axis 0 0 0"),
+        (r'axis xyz="[^"]*"', 'axis xyz="nan 0 1"', "'nan 0 1'> must hold 3 finite numbers"),
+        (r'upper="[^"]*"', 'upper="inf"', "<limit upper='inf'> must hold 1 finite numbers"),
+        (r'lower="[^"]*"', 'lower="nan"', "<limit lower='nan'> must hold 1 finite numbers"),
+        (r'lower="[^"]*"', 'lower="9"', "the lower one must be the smaller"),
+        (r'type="revolute"', 'type="planar"', "is of type 'planar'; supported are revolute"),
+        (r'<parent link="[^"]*"', '<parent link="nowhere"', "has parent link 'nowhere'"),
+        (r'<child link="[^"]*"', '<child link="base_link"', "are no tree with one root"),
+        (r'filename="[^"]*"', 'filename="nowhere.obj"', "nowhere.obj is not there"),
+        (r'filename="[^"]*"', 'filename="odd.urdf"', "cannot be read"),
+        (r"</robot>", "", "not XML"),
+        (r"<visual><origin", '<visual><origin rpy="0 0"', "'0 0'> must hold 3 finite numbers"),
+        (r'<collision><origin xyz="[^"]*"', '<collision><origin xyz="0 0 1e999"', "must hold 3 finite numbers"),
+        (r'box size="[^"]*"', 'box size="1 2 zero"', "must hold 3 finite numbers"),
+        (r'box size="[^"]*"', 'box size="1 2 0"', "give positive metres"),
+        (r'box size="[^"]*"', 'box size="1 2 1e300"', "none beyond 1e+06"),
+        (r'filename="[^"]*"', f'filename="{"x" * 300}.obj"', "is not there"),
+        (r"<robot", '<!DOCTYPE x [<!ENTITY a "b">]><robot', "declares a document type or entities"),
+        (r"<robot", '<?xml version="1.0" encoding="odd"?><robot', "not XML"),
+        (r"</robot>", "<link/>" * 1001 + "</robot>", "links, joints and shapes, 1000 are the most"),
+        (r"</robot>", " " * 11_000_000 + "</robot>", "bytes, 10485760 are the most"),
+    ],
+)
+def test_unusable_urdf_is_refused_with_the_part(hand: Hand, tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = tmp_path / "odd.urdf"
+    shutil.copytree(hand.urdf.parent / "allegro_right", tmp_path / "allegro_right")
+    path.write_text(re.sub(old, new, hand.urdf.read_text(), count=1))
+    with pytest.raises(InvalidInput, match=re.escape(message)) as error:
+        read_urdf(path)
+    assert str(path) in str(error.value)
+
+
+def test_each_finger_may_wear_its_own_sensor(hand: Hand, tmp_path: Path) -> None:
+    """Shipped ones are named; paths start at the hand file; what no finger is given is an error."""
+    file = yaml.safe_load(hand.path.read_text()) | {"urdf": str(hand.urdf)}
+    file["fingers"][1]["sensor"]["file"] = "gels/soft.yaml"
+    path = tmp_path / "hand.yaml"
+    path.write_text(yaml.safe_dump(file))
+    worn = [mount.sensor for mount in load_hand(path).sensors]
+    assert worn == ["gel_16mm", str(tmp_path / "gels" / "soft.yaml"), "gel_16mm", "gel_16mm"]
+    del file["sensor"]
+    path.write_text(yaml.safe_dump(file))
+    with pytest.raises(InvalidInput, match=r"sensor 'index' has no sensor file; name one as its `file`"):
+        load_hand(path)
+
+
+def test_sensors_of_one_hand_need_the_same_pixels(tmp_path: Path) -> None:
+    coarse = tmp_path / "coarse.yaml"
+    coarse.write_text(description_path("sensor", "gel_16mm").read_text().replace("rows: 100", "rows: 50"))
+    with pytest.raises(InvalidInput, match=r"same rows and columns of pixels, but gel_16mm has 100 x 100, .*coarse.yaml has 50 x 100"):
+        load_worn_sensors(["gel_16mm", str(coarse)])

@@ -1,0 +1,76 @@
+"""Files that mesh files name: which are opened, and which never."""
+
+import os
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from pipeline.config.sources import fingerprint
+from pipeline.errors import InvalidInput
+from pipeline.formats.mesh_companions import Companions
+from pipeline.formats.mesh_file import load_mesh
+
+QUAD = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl paint\nf 1/1 2/2 3/3\n"
+
+
+def textured(folder: Path, texture: str) -> Path:
+    """A mesh file in a folder of its own, with a texture of any name."""
+    (folder / "models").mkdir()
+    (folder / "models" / "a.mtl").write_text(f"newmtl paint\nmap_Kd {texture}\n")
+    (folder / "models" / "a.obj").write_text(f"mtllib a.mtl\n{QUAD}")
+    return folder / "models" / "a.obj"
+
+
+def test_companions_are_found_within_the_root_only(tmp_path: Path) -> None:
+    file = textured(tmp_path, "../images/paint.png")
+    (tmp_path / "images").mkdir()
+    Image.new("RGB", (2, 2), (9, 9, 9)).save(tmp_path / "images" / "paint.png")
+    assert list(Companions(file, tmp_path)) == ["a.mtl", "../images/paint.png"]
+    assert len(load_mesh(file, tmp_path).look.textures) == 1
+    assert list(Companions(file)) == ["a.mtl"]
+    assert load_mesh(file).look.textures == ()
+
+
+@pytest.mark.parametrize("name", ["pipe", "/dev/zero", "/etc/hostname", "link", "loop", "a\0b", "x" * 300])
+@pytest.mark.parametrize("kind", ["material", "texture"])
+def test_no_pipe_device_or_outer_file_is_opened(tmp_path: Path, name: str, kind: str) -> None:
+    file = textured(tmp_path, name)
+    os.mkfifo(file.parent / "pipe")
+    (file.parent / "link").symlink_to("/etc/hostname")
+    (file.parent / "loop").symlink_to("loop")
+    if kind == "material":
+        file.write_text(f"mtllib {name}\n{QUAD}")
+    source = {"file": str(file), "root": str(tmp_path)}
+    assert list(fingerprint(source)["file"]["companions"]) == (["a.mtl"] if kind == "texture" else [])
+    assert load_mesh(file, tmp_path).look.textures == ()
+
+
+def test_mesh_file_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.obj")
+    with pytest.raises(InvalidInput, match=r"a\.obj is no regular file"):
+        fingerprint({"file": str(tmp_path / "a.obj"), "root": str(tmp_path)})
+
+
+def test_number_of_names_is_bounded(tmp_path: Path) -> None:
+    file = textured(tmp_path, "0.png")
+    (file.parent / "a.mtl").write_text("".join(f"map_Kd {number}.png\n" for number in range(1000)))
+    with pytest.raises(InvalidInput, match="names more than 1000 files"):
+        Companions(file)
+
+
+def test_size_of_companions_is_bounded_together(tmp_path: Path) -> None:
+    file = textured(tmp_path, "paint.png")
+    with (file.parent / "paint.png").open("wb") as opened:
+        opened.truncate(256 * 2**20)  # a hole, not written
+    with pytest.raises(InvalidInput, match="268435456 are the most; make its textures smaller"):
+        Companions(file)
+
+
+@pytest.mark.parametrize("name", ["deep.gltf", "deep.glb"])
+def test_deeply_nested_gltf_is_refused_in_words(tmp_path: Path, name: str) -> None:
+    brackets = b"[" * 200_000
+    header = b"glTF" + b"".join(number.to_bytes(4, "little") for number in (2, 20 + len(brackets), len(brackets), 0x4E4F534A))
+    (tmp_path / name).write_bytes((header if name.endswith("glb") else b"") + brackets)
+    with pytest.raises(InvalidInput, match=f"{name} cannot be read as"):
+        fingerprint({"file": str(tmp_path / name), "root": str(tmp_path)})

@@ -1,0 +1,222 @@
+"""Mesh files of every format with their materials, and files that hold no mesh."""
+
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import EpsImagePlugin, Image
+
+from pipeline.dataset.mesh_rows import mesh_row, read_mesh
+from pipeline.errors import InvalidInput
+from pipeline.formats.mesh_file import _join, load_mesh, parse_mesh
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
+
+POINTS = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n"
+BOX = trimesh.creation.box((1, 2, 3))
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "glb", "gltf"])
+def test_every_format_gives_the_same_triangles(tmp_path, suffix):
+    path = tmp_path / f"box.{suffix}"
+    if suffix == "gltf":
+        for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(BOX)).items():
+            (tmp_path / ("box.gltf" if name.endswith(".gltf") else name)).write_bytes(content)
+    else:
+        BOX.export(path)
+    mesh = load_mesh(path)
+    np.testing.assert_allclose(np.sort(mesh.triangles, axis=None), np.sort(BOX.triangles, axis=None), atol=1e-6)
+
+
+def textured_quad(folder: Path) -> Path:
+    image = np.zeros((2, 2, 3), np.uint8)
+    image[0, 1] = 255, 0, 0  # right of the top row
+    Image.fromarray(image).save(folder / "paint.png")
+    (folder / "quad.mtl").write_text("newmtl paint\nKd 1 1 1\nmap_Kd paint.png\nnewmtl plain\nKd 0 0 1\n")
+    (folder / "quad.obj").write_text(
+        "mtllib quad.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+        "usemtl paint\nf 1/1 2/2 3/3\nusemtl plain\nf 1/1 3/3 4/4\n"
+    )
+    return folder / "quad.obj"
+
+
+def test_materials_and_textures_are_read_per_face(tmp_path):
+    look = load_mesh(textured_quad(tmp_path)).look
+    worn = look.material_texture[look.face_material]
+    assert sorted(worn >= 0) == [False, True]
+    plain = int(np.flatnonzero(worn < 0)[0])
+    np.testing.assert_array_equal(look.base_color[look.face_material[plain]], [0, 0, 255, 255])
+    (texture,) = look.textures
+    np.testing.assert_array_equal(texture[0, 1], [255, 0, 0, 255])
+    assert set(map(tuple, look.uv.tolist())) >= {(0, 0), (1, 0), (1, 1)}
+
+
+def test_missing_texture_leaves_the_base_colour(tmp_path):
+    path = textured_quad(tmp_path)
+    (tmp_path / "paint.png").unlink()
+    assert load_mesh(path).look.textures == ()
+
+
+def test_truncated_texture_loses_the_look_and_keeps_the_shape(tmp_path, rng):
+    path, image_file = textured_quad(tmp_path), tmp_path / "paint.png"
+    Image.fromarray(rng.integers(0, 255, (64, 64, 3), np.uint8)).save(image_file)
+    image_file.write_bytes(image_file.read_bytes()[:1000])
+    mesh = load_mesh(path)
+    assert len(mesh.faces) == 2
+    assert mesh.look.textures == ()
+
+
+def test_gltf_base_colour_is_linear_light(tmp_path):
+    quad = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], process=False)
+    white = Image.new("RGB", (2, 2), (255, 255, 255))
+    material = trimesh.visual.material.PBRMaterial(baseColorFactor=[128, 0, 0, 255], baseColorTexture=white)
+    quad.visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [0, 1]], material=material)
+    quad.export(tmp_path / "red.glb")
+    look = load_mesh(tmp_path / "red.glb").look
+    np.testing.assert_array_equal(look.base_color[0], [188, 0, 0, 255])  # half the light is 188 of 255 in sRGB
+    assert (look.textures[0] == 255).all()
+
+
+def test_face_colours_become_materials(tmp_path):
+    box = BOX.copy()
+    box.visual.face_colors = np.repeat([[255, 0, 0, 255], [0, 255, 0, 255]], 6, axis=0)
+    box.export(tmp_path / "box.ply")
+    look = load_mesh(tmp_path / "box.ply").look
+    np.testing.assert_array_equal(look.base_color[look.face_material], box.visual.face_colors)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
+def test_vertex_colours_stay_those_of_the_vertices(tmp_path, suffix):
+    """Also through cleaning, a row of `surfaces`, and beside a part that states none. glTF states linear light."""
+    box = BOX.copy()
+    colors = np.array([[255 * (x > 0), 255 * (y > 0), 255 * (z > 0), 255] for x, y, z in BOX.vertices], np.uint8)
+    colors[0, :3] = 128
+    box.visual.vertex_colors = colors
+    box.export(tmp_path / f"box{suffix}")
+    mesh = load_mesh(tmp_path / f"box{suffix}")
+    mesh = read_mesh(mesh_row(clean_mesh(mesh, 100)[0]))
+    expected = colors.copy()
+    expected[0, :3] = 188 if suffix == ".glb" else 128
+    where = np.linalg.norm(mesh.vertices[:, None] - BOX.vertices, axis=2).argmin(axis=1)
+    np.testing.assert_allclose(mesh.look.vertex_color.astype(int), expected[where], atol=1)
+    assert mesh.look.base_color.tolist() == [[255, 255, 255, 255]]
+    joined = _join([mesh, Mesh.bare(BOX.vertices, BOX.faces)])
+    assert (joined.look.vertex_color[len(mesh.vertices) :] == 255).all()
+    assert joined.look.vertex_color.shape == (len(mesh.vertices) + 8, 4)
+
+
+def test_scene_is_joined_with_its_transforms(tmp_path):
+    scene = trimesh.Scene()
+    scene.add_geometry(BOX, transform=trimesh.transformations.translation_matrix([10, 0, 0]))
+    scene.add_geometry(BOX)
+    scene.export(tmp_path / "two.glb")
+    mesh = load_mesh(tmp_path / "two.glb")
+    assert len(mesh.faces) == 24
+    assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(11)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("empty.obj", b"", "empty.obj is an empty file"),
+        ("text.obj", b"Dear reader,\nthis is a letter.\n", "text.obj holds no triangle mesh|text.obj cannot be read as OBJ"),
+        ("points.ply", POINTS, "no triangle"),
+        ("cut.stl", b"solid", "cut.stl"),
+        ("noise.glb", bytes(range(256)), "cannot be read as GLB"),
+    ],
+)
+def test_files_without_a_mesh_are_refused_by_name(tmp_path, name, content, reason):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InvalidInput, match=reason):
+        load_mesh(tmp_path / name)
+
+
+def test_a_part_without_faces_is_left_out(tmp_path):
+    (tmp_path / "parts.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl one\nf 1 usemtl two\nf 1 2 3\n")
+    assert load_mesh(tmp_path / "parts.obj").faces.shape == (1, 3)
+
+
+def test_invalid_texture_coordinates_become_zero(tmp_path) -> None:
+    (tmp_path / "odd.mtl").write_text("newmtl m\nmap_Kd odd.png\n")
+    Image.new("RGB", (4, 4), (9, 9, 9)).save(tmp_path / "odd.png")
+    uv = ["0.5 0.25", "nan 1", "1e39 0.5"]
+    lines = ["mtllib odd.mtl", "usemtl m", "v 0 0 0", "v 1 0 0", "v 0 1 0", *(f"vt {pair}" for pair in uv), "f 1/1 2/2 3/3"]
+    (tmp_path / "odd.obj").write_text("\n".join(lines))
+    look = load_mesh(tmp_path / "odd.obj").look
+    assert look.uv.tolist() == [[0.5, 0.25], [0, 1], [0, 0.5]]
+
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+def gltf(folder: Path, **changes: object) -> Path:
+    """A box as glTF, with some entries of its JSON changed."""
+    for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(BOX)).items():
+        (folder / name).write_bytes(content)
+    path = folder / "model.gltf"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    return path
+
+
+def test_texture_of_several_materials_is_decoded_and_stored_once(tmp_path: Path) -> None:
+    path = textured_quad(tmp_path)
+    (tmp_path / "quad.mtl").write_text("newmtl paint\nmap_Kd paint.png\nnewmtl plain\nmap_Kd paint.png\n")
+    look = load_mesh(path).look
+    assert len(look.textures) == 1
+    assert look.material_texture.tolist() == [0, 0]
+
+
+def test_pixels_of_textures_are_bounded_together_before_decoding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = textured_quad(tmp_path)
+    (tmp_path / "quad.mtl").write_text("newmtl paint\nmap_Kd paint.png\nnewmtl plain\nmap_Kd other.png\n")
+    Image.new("RGB", (6000, 6000)).save(tmp_path / "paint.png")
+    Image.new("RGB", (6000, 6001)).save(tmp_path / "other.png")
+    monkeypatch.setattr(Image.Image, "convert", lambda image, mode: Image.new(mode, (1, 1)))
+    with pytest.raises(InvalidInput, match=r"quad.obj: its textures have 72006000 pixels in all, 67108864 are the most"):
+        parse_mesh(path, tmp_path)
+
+
+def test_texture_that_needs_another_program_loses_the_look(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = textured_quad(tmp_path)
+    (tmp_path / "paint.png").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n%%EOF\n")
+    monkeypatch.setattr(EpsImagePlugin, "Ghostscript", pytest.fail)
+    assert parse_mesh(path, tmp_path).look.textures == ()
+
+
+def test_gltf_of_too_many_entries_is_refused_before_it_is_parsed(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="entries in its JSON, 1000000 are the most"):
+        load_mesh(gltf(tmp_path, extras=[0] * 1_000_001))
+
+
+def test_only_mesh_formats_are_opened(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "box.zip", "w") as archive:
+        archive.writestr("box.obj", TRIANGLE)
+    with pytest.raises(InvalidInput, match=r"box.zip cannot be read; convert it to one of \.obj"):
+        load_mesh(tmp_path / "box.zip")
+
+
+def test_mesh_file_that_is_too_large_is_refused(tmp_path: Path) -> None:
+    with (tmp_path / "huge.obj").open("wb") as file:
+        file.truncate(257 * 2**20)  # a hole, not written
+    with pytest.raises(InvalidInput, match="has 269484032 bytes, 268435456 are the most"):
+        load_mesh(tmp_path / "huge.obj")
+
+
+def test_vertices_of_two_columns_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "flat.obj").write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
+    with pytest.raises(InvalidInput, match=r"flat.obj cannot be read as OBJ"):
+        load_mesh(tmp_path / "flat.obj")
+
+
+def test_reader_of_meshes_logs_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "odd.stl").write_text("solid a\nnormal x\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendsolid a\n")
+    parse_mesh(tmp_path / "odd.stl", tmp_path)
+    assert not caplog.records
+
+
+def test_missing_file_is_refused_by_name(tmp_path):
+    with pytest.raises(InvalidInput, match=r"gone\.obj is not there"):
+        load_mesh(tmp_path / "gone.obj")

@@ -1,0 +1,144 @@
+"""The limits of memory and processor time within which each mesh file is read."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import re
+import threading
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.errors import InvalidInput
+from pipeline.formats import mesh_reader
+from pipeline.formats.mesh_file import load_mesh, parse_mesh
+from vt_pipeline.objects import load_object
+
+BOX = trimesh.creation.box((1, 2, 3))
+SPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+
+
+def collada(path: Path, body: str, nodes: str = "") -> Path:
+    """Write a box whose scene is a node with this body; GEOMETRY stands for the box, and `nodes` can be named."""
+    text = BOX.export(file_type="dae").decode()
+    before, _, rest = text.partition("<library_visual_scenes>")
+    url = re.search(r'instance_geometry url="([^"]*)"', rest)
+    scene = f'<visual_scene id="scene"><node id="root">{body}</node></visual_scene>'
+    content = f"<library_nodes>{nodes}</library_nodes><library_visual_scenes>{scene}</library_visual_scenes>"
+    content += '<scene><instance_visual_scene url="#scene"/></scene></COLLADA>'
+    path.write_text(before + content.replace("GEOMETRY", f'<instance_geometry url="{url[1] if url else ""}"/>'))
+    return path
+
+
+def instances_of_instances(folder: Path) -> Path:
+    levels = (f'<node id="n{level}">{f"""<instance_node url="#n{level - 1}"/>""" * 10}</node>' for level in range(1, 10))
+    return collada(folder / "levels.dae", '<instance_node url="#n9"/>', f'<node id="n0">GEOMETRY</node>{"".join(levels)}')
+
+
+def instances_of_a_geometry(folder: Path) -> Path:
+    return collada(folder / "many.dae", "GEOMETRY" * 200_000)
+
+
+def millions_of_vertices(folder: Path) -> Path:
+    path = folder / "nine.3mf"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("3D/3dmodel.model", "w") as model:
+        model.write(f'<model xmlns="{SPACE}"><resources><object id="1"><mesh><vertices>'.encode())
+        for _ in range(90):
+            model.write(b'<vertex x="0" y="0" z="0"/>' * 100_000)
+        triangle = '</vertices><triangles><triangle v1="0" v2="1" v3="2"/></triangles></mesh></object></resources>'
+        model.write(f'{triangle}<build><item objectid="1"/></build></model>'.encode())
+    return path
+
+
+def views_of_the_same_bytes(folder: Path) -> Path:
+    path, size = folder / "views.gltf", 2**20
+    uri = f"data:application/octet-stream;base64,{base64.b64encode(bytes(size)).decode()}"
+    tree = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}]}
+    tree["meshes"] = [{"primitives": [{"attributes": {"POSITION": 0}}]}]
+    tree["accessors"] = [{"bufferView": 0, "type": "VEC3", "componentType": 5126, "count": 9}]
+    path.write_text(
+        json.dumps({**tree, "buffers": [{"uri": uri, "byteLength": size}], "bufferViews": [{"buffer": 0, "byteLength": size}] * 500})
+    )
+    return path
+
+
+@pytest.mark.parametrize("make", [instances_of_instances, instances_of_a_geometry, millions_of_vertices, views_of_the_same_bytes])
+def test_small_file_that_stands_for_gigabytes_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make: Callable[[Path], Path]
+) -> None:
+    monkeypatch.setattr(mesh_reader, "BYTES", 2**27)
+    path = make(tmp_path)
+    message = rf"^{path.name} needs more than 0\.1 GB of memory to read; decimate the mesh, .* or write it as binary PLY$"
+    with pytest.raises(InvalidInput, match=message):
+        load_mesh(path)
+
+
+def test_file_that_takes_too_long_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mesh_reader, "SECONDS", 1)
+    path = instances_of_instances(tmp_path)
+    with pytest.raises(InvalidInput, match=r"^levels\.dae takes more than 1 s of processor time to read; decimate"):
+        load_object(path)
+
+
+def test_limits_hold_in_any_thread_and_the_next_file_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mesh_reader, "BYTES", 2**27)
+    BOX.export(tmp_path / "box.ply")
+    path, read = instances_of_instances(tmp_path), []
+
+    def both() -> None:
+        with pytest.raises(InvalidInput, match="needs more than"):
+            load_mesh(path)
+        read.append(load_mesh(tmp_path / "box.ply"))
+
+    threads = [threading.Thread(target=both) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [len(mesh.faces) for mesh in read] == [12, 12]
+
+
+def test_file_that_crashes_its_reader_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    crash = "import os; from pipeline.formats.mesh_reader import serve; serve(lambda file, root: os.abort())"
+    mesh_reader.end_reader()
+    monkeypatch.setattr(mesh_reader, "START", crash)
+    try:
+        with pytest.raises(InvalidInput, match=r"^box\.ply ends the process that reads it \(SIGABRT\); write it with another program$"):
+            load_mesh(tmp_path / "box.ply")
+    finally:
+        mesh_reader.end_reader()
+
+
+def test_a_fork_of_this_process_reads_for_itself(tmp_path: Path) -> None:
+    BOX.export(tmp_path / "box.ply")
+    load_mesh(tmp_path / "box.ply")
+    fork = os.fork()
+    if not fork:
+        try:
+            load_mesh(tmp_path / "box.ply")
+            mesh_reader.end_reader()
+            os._exit(0)
+        finally:
+            os._exit(1)
+    assert os.waitpid(fork, 0)[1] == 0
+    assert len(load_mesh(tmp_path / "box.ply").faces) == 12
+
+
+@pytest.mark.parametrize("suffix", ["ply", "glb"])
+def test_a_mesh_is_what_it_is_in_this_process(tmp_path: Path, suffix: str) -> None:
+    box = BOX.copy()
+    box.visual.vertex_colors = np.arange(32, dtype=np.uint8).reshape(8, 4)
+    box.export(tmp_path / f"box.{suffix}")
+    apart, here = load_mesh(tmp_path / f"box.{suffix}"), parse_mesh(tmp_path / f"box.{suffix}", tmp_path)
+    for ours, theirs in (
+        (apart.vertices, here.vertices),
+        (apart.faces, here.faces),
+        *zip(vars(apart.look).values(), vars(here.look).values(), strict=True),
+    ):
+        np.testing.assert_array_equal(ours, theirs, strict=True)

@@ -1,0 +1,219 @@
+"""What is fuzzed: whatever opens a file that a user, or a stranger, may have written."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+import yaml
+from PIL import Image
+
+from pipeline.config import sources
+from pipeline.config.manifest import load_manifest
+from pipeline.config.sources import fingerprint
+from pipeline.formats.file_units import MODEL, stated_units
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.scene_file import load_scene
+from pipeline.formats.sensor_file import load_sensor
+from tests.fuzz.make_target import MakeVariables
+from tests.fuzz.predict_target import Predictions
+from tests.fuzz.store_target import Stores
+from tests.fuzz.target import Files, Target
+
+ASSETS = Path(__file__).parents[2] / "pipeline" / "assets"
+
+
+class Sensors(Target):
+    """Sensor files."""
+
+    def sound(self) -> list[Files]:
+        return [{"sensor.yaml": path.read_bytes()} for path in sorted((ASSETS / "sensors").glob("*.yaml"))]
+
+    def read(self, folder: Path, files: Files) -> None:
+        load_sensor(str(folder / "sensor.yaml"))
+
+
+class Scenes(Target):
+    """Scene files."""
+
+    def sound(self) -> list[Files]:
+        return [{"scene.yaml": path.read_bytes()} for path in sorted((ASSETS / "scenes").glob("*.yaml"))]
+
+    def read(self, folder: Path, files: Files) -> None:
+        load_scene(str(folder / "scene.yaml"))
+
+
+class Manifests(Target):
+    """Manifests, and the folders that they name."""
+
+    def sound(self) -> list[Files]:
+        splits = {"train": 0.5, "valid": 0.25, "test": 0.25}
+        common = {"name": "m", "description": "d", "seed": 0, "splits": splits}
+        sources = [
+            [{"kind": "procedural", "licence": "MIT", "seed": 0, "count": {"bottle": 1, "knife": 2}}],
+            [{"kind": "directory", "licence": "x", "up": "z", "path": "meshes", "metres_per_unit": 0.001}],
+            [{"kind": "shapenet", "licence": "x", "up": "y", "path": "shapenet", "synsets": {"mug": "1"}, "counts": {"mug": 1}}],
+            [{"kind": "pybullet", "licence": "zlib", "up": "z", "files": {"duck": {"file": "duck.obj", "up": "y"}}, "random_urdfs": 2}],
+        ]
+        mesh = {"meshes/a/b.obj": b"v 0 0 0\n", "shapenet/1/x/model.obj": b"v 0 0 0\n"}
+        manifests: list[dict[str, Any]] = [{**common, "sources": one} for one in sources]
+        manifests.append({**common, "splits": {"train": 2, "valid": 1, "test": 0}, "sources": sources[0]})
+        return [{"manifest.yaml": dump(one).encode(), **mesh} for one in manifests for dump in (json.dumps, yaml.safe_dump)]
+
+    def read(self, folder: Path, files: Files) -> None:
+        os.chdir(folder)
+        sources.MAX_ENTRIES = 1000  # some manifests name the root of the file system
+        load_manifest("manifest.yaml").objects(folder / "meshes")
+
+
+class Hands(Target):
+    """Hand files with their URDF and its meshes."""
+
+    def sound(self) -> list[Files]:
+        hand = {
+            "name": "pincer",
+            "urdf": "hand.urdf",
+            "sensor": "gel_16mm",
+            "palm": {"link": "palm", "facing": [0, 0, 1], "centre": [0, 0, 0.02]},
+            "fingers": [
+                {
+                    "name": name,
+                    "joints": [f"{name}-joint"],
+                    "sensor": {"link": name, "origin": [0, 0, 0.05], "normal": [1, 0, 0], "columns": [0, 1, 0]},
+                }
+                for name in ("left", "right")
+            ],
+        }
+        links = "".join(
+            f'<link name="{name}"><visual><origin xyz="0 0 0.02" rpy="0 0 0"/><geometry>{shape}</geometry></visual>'
+            f"<collision><geometry>{shape}</geometry></collision></link>"
+            for name, shape in (
+                ("palm", '<box size="0.05 0.05 0.02"/>'),
+                ("left", '<mesh filename="tip.obj"/>'),
+                ("right", '<sphere radius="0.01"/>'),
+            )
+        )
+        joints = "".join(
+            f'<joint name="{name}-joint" type="revolute"><parent link="palm"/><child link="{name}"/><origin xyz="{x} 0 0.02"/>'
+            '<axis xyz="0 1 0"/><limit lower="-0.5" upper="1.5" effort="1" velocity="1"/></joint>'
+            for name, x in (("left", -0.02), ("right", 0.02))
+        )
+        tip = trimesh.creation.box((0.01, 0.01, 0.02)).export(file_type="obj").encode()
+        urdf = f'<robot name="pincer">{links}{joints}</robot>'.encode()
+        return [{"hand.yaml": json.dumps(hand).encode(), "hand.urdf": urdf, "tip.obj": tip}]
+
+    def read(self, folder: Path, files: Files) -> None:
+        load_hand(str(folder / "hand.yaml"))
+
+
+class Meshes(Target):
+    """Mesh files with their materials and textures: their key, and their triangles."""
+
+    def sound(self) -> list[Files]:
+        box = trimesh.creation.box()
+        texture = _png(np.arange(48, dtype=np.uint8).reshape(4, 4, 3))
+        obj = b"mtllib box.mtl\nvt 0 0\nvt 1 0\nvt 0 1\n" + b"".join(b"v %g %g %g\n" % tuple(vertex) for vertex in box.vertices)
+        obj += b"usemtl skin\n" + b"".join(b"f %d/1 %d/2 %d/3\n" % tuple(face + 1) for face in box.faces)
+        looks = [{"mesh.obj": obj, "box.mtl": b"newmtl skin\nKd 0.5 0.2 0.1\nmap_Kd skin.png\n", "skin.png": texture}]
+        for kind in ("obj", "ply", "stl", "off", "glb"):
+            content = box.export(file_type=kind)
+            looks.append({f"mesh.{kind}": content.encode() if isinstance(content, str) else content})
+        colored = box.copy()
+        colored.visual.vertex_colors = np.arange(32, dtype=np.uint8).reshape(8, 4)
+        looks.append({"mesh.ply": colored.export(file_type="ply", encoding="ascii")})
+        looks.append({"mesh.stl": box.export(file_type="stl_ascii").encode()})
+        exported = trimesh.Scene(box).export(file_type="gltf")
+        looks.append({"mesh.gltf" if name.endswith(".gltf") else name: content for name, content in exported.items()})
+        return looks
+
+    def read(self, folder: Path, files: Files) -> None:
+        file = folder / next(name for name in files if name.startswith("mesh."))
+        stated_units(file)
+        fingerprint({"file": str(file), "root": str(folder)})
+        load_mesh(file, folder)
+
+
+class Collada(Meshes):
+    """COLLADA files: instances of nodes and of geometries, and a texture."""
+
+    def sound(self) -> list[Files]:
+        box = trimesh.creation.box()
+        plain = box.export(file_type="dae")
+        head, _, rest = plain.partition(b"<library_visual_scenes>")
+        geometry = (
+            b"<instance_geometry" + rest.partition(b"<instance_geometry")[2].partition(b"</instance_geometry>")[0] + b"</instance_geometry>"
+        )
+        levels = (b'<node id="n%d">\n%s</node>\n' % (level, b'<instance_node url="#n%d"/>\n' % (level - 1) * 3) for level in range(1, 4))
+        scene = b'<visual_scene id="scene"><node id="r">\n<matrix>1 0 0 2 0 1 0 0 0 0 1 0 0 0 0 1</matrix>\n'
+        scene += b'<instance_node url="#n3"/>\n' + geometry + b"</node></visual_scene></library_visual_scenes>"
+        nodes = (
+            b'<library_nodes>\n<node id="n0">' + geometry + b"</node>\n" + b"".join(levels) + b"</library_nodes>\n<library_visual_scenes>"
+        )
+        nested = head + nodes + scene + b'<scene><instance_visual_scene url="#scene"/></scene></COLLADA>'
+        image = Image.fromarray(np.arange(48, dtype=np.uint8).reshape(4, 4, 3))
+        box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), image=image)
+        painted = trimesh.exchange.dae.export_collada(box)
+        texture = _png(np.asarray(image))
+        return [{"mesh.dae": plain}, {"mesh.dae": nested}, {"mesh.dae": nested}, {"mesh.dae": painted, "material_0.png": texture}]
+
+
+class ThreeMF(Meshes):
+    """3MF files: whole archives in every compression, and the parts that one is made of."""
+
+    def sound(self) -> list[Files]:
+        made = zipfile.ZipFile(io.BytesIO(trimesh.Scene([trimesh.creation.box(), trimesh.creation.box()]).export(file_type="3mf")))
+        parts = {name: made.read(name) for name in made.namelist()}
+        components = b"".join(
+            b'<object id="%d" type="model"><components>%s</components></object>\n' % (number, inner)
+            for number, inner in ((8, b'<component objectid="1"/>\n<component objectid="2"/>\n'), (9, b'<component objectid="8"/>\n' * 3))
+        )
+        items = b'<item objectid="9" transform="1 0 0 0 1 0 0 0 1 5 5 5"/>\n<item objectid="9"/>\n</build>'
+        model = parts[MODEL].replace(b"</resources>", components + b"</resources>").replace(b"</build>", items)
+        parts[MODEL] = model.replace(b"><vertex", b">\n<vertex").replace(b"><triangle", b">\n<triangle")
+        whole = [
+            {"mesh.3mf": _packed(parts, kind)} for kind in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
+        ]
+        return [*whole, *[{f"parts/{name}": content for name, content in parts.items()}] * 4]
+
+    def read(self, folder: Path, files: Files) -> None:
+        if "mesh.3mf" not in files:
+            parts = {name.removeprefix("parts/"): content for name, content in files.items()}
+            (folder / "mesh.3mf").write_bytes(_packed(parts, zipfile.ZIP_DEFLATED))
+        stated_units(folder / "mesh.3mf")
+        load_mesh(folder / "mesh.3mf", folder)
+
+
+def _packed(parts: Files, compression: int) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", compression) as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+    return file.getvalue()
+
+
+def _png(pixels: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "PNG")
+    return file.getvalue()
+
+
+TARGETS: dict[str, tuple[type[Target], Any]] = {
+    "sensor files": (Sensors, 0.25),
+    "scene files": (Scenes, 0.25),
+    "manifests": (Manifests, 0.2),
+    "hand files": (Hands, 0.1),
+    "mesh files": (Meshes, 0.1),
+    "COLLADA files": (Collada, 0.05),
+    "3MF files": (ThreeMF, 0.05),
+    "predict": (Predictions, 0.1),
+    "store": (Stores, 0.05),
+    "variables of make": (MakeVariables, 0.003),
+}
+"""Each with its share of all inputs."""

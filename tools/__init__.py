@@ -1,0 +1,1 @@
+"""Make the pictures and pages of the documents."""

@@ -1,0 +1,54 @@
+"""The pictures of `docs/how-it-works`, one per stage, all of one object of a dataset that went through every stage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from pipeline.models.trained_networks import FAMILIES
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import Place, exists
+from schemas.catalogue import ARTIFACTS
+from schemas.renderings import RENDERINGS
+from tools.stage_pictures.data_stages import draw_distances, draw_grasps, draw_renderings, draw_surfaces, draw_touch, draw_vision
+from tools.stage_pictures.learning_stages import draw_charts, draw_deformation, draw_implicit, draw_reconstructions, draw_unet
+from tools.stage_pictures.shown import Shown, open_shown
+
+PICTURES: dict[str, tuple[Callable[[Shown, Path], None], str]] = {
+    "sample-surfaces": (draw_surfaces, "surfaces"),
+    "simulate-grasps": (draw_grasps, "grasps"),
+    "render-vision": (draw_vision, "vision"),
+    "simulate-touch": (draw_touch, "touch"),
+    "train-unet": (draw_unet, "models/unet"),
+    "fit-charts": (draw_charts, "charts"),
+    "train-gcn": (draw_deformation, "gcn"),
+    "sample-distances": (draw_distances, "distances"),
+    "train-implicit": (draw_implicit, "implicit"),
+    "evaluate": (draw_reconstructions, "evaluation"),
+}
+"""How each stage's picture is drawn, and what has to be there for it."""
+
+
+def draw_stages(data: Place, folder: Path) -> None:
+    """Draw the picture of each stage that a dataset has been through into `folder`, as STAGE.webp.
+
+    Raises
+    ------
+    StoreError
+        The dataset has neither renderings nor grasps and what is made of them.
+    """
+    directory = DataDirectory(data)
+    if directory.collection(RENDERINGS).shards:
+        draw_renderings(directory, folder / "read-renderings.webp")
+        return
+    with open_shown(data) as shown:
+        for stage, (draw, need) in PICTURES.items():
+            if _is_made(shown, need):
+                draw(shown, folder / f"{stage}.webp")
+
+
+def _is_made(shown: Shown, need: str) -> bool:
+    """Whether there is an artifact, a folder, or a trained network of a family."""
+    if need in ARTIFACTS:
+        return bool(shown.source.directory.collection(ARTIFACTS[need]).shards)
+    return need in shown.networks if need in FAMILIES else exists(shown.source.directory.folder_record(need))

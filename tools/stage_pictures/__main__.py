@@ -1,0 +1,13 @@
+"""Draw the picture of each stage that a dataset has been through; a stage that has not been run has none.
+
+python -m tools.stage_pictures data/toy/draft docs/pictures
+"""
+
+import sys
+from pathlib import Path
+
+from pipeline.store.storage import place
+from tools.stage_pictures import draw_stages
+
+if __name__ == "__main__":
+    draw_stages(place(sys.argv[1]), Path(sys.argv[2]))

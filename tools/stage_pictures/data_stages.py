@@ -1,0 +1,107 @@
+"""The pictures of the stages that make data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.kernels.vision.camera import project_points, projection_matrix
+from pipeline.reports.contact_sheet_page import COLORS, depth_colors
+from pipeline.reports.paper_figures import procedure_steps
+from pipeline.reports.picture_row import draw_row
+from pipeline.store.directory import DataDirectory
+from schemas.catalogue import ARTIFACTS
+from tools.stage_pictures.cuts import cutting_plane, frame_cut, outline
+from tools.stage_pictures.shown import Shown
+
+SLAB = 0.004
+"""m on either side of a cut in which points are drawn."""
+CLIPPED = 0.1
+"""m at which colours of distances end."""
+SEGMENTS = np.array([[235, 235, 238], COLORS[0], COLORS[1]], np.uint8)
+"""Colours of background, object and hand."""
+VIEWPOINTS = 6
+"""Renderings that are shown of an object."""
+
+
+def draw_surfaces(shown: Shown, path: Path) -> None:
+    """The mesh, its points as the camera sees them, and a cut."""
+    points, normals = (shown.rows["surfaces"][name].astype(np.float64) for name in ("points", "normals"))
+    camera = shown.scene.camera
+    facing = ((np.array(camera.position) - points) * normals).sum(axis=1) > 0
+    pixels = project_points(projection_matrix(camera), points[facing])
+
+    def scatter(axes: Any) -> None:
+        axes.scatter(*pixels.T, s=0.3, c=(normals[facing] + 1) / 2)
+        axes.set_aspect("equal")
+        axes.invert_yaxis()
+        axes.set_axis_off()
+
+    def cut(axes: Any) -> None:
+        across, offset = cutting_plane(points)
+        near = np.abs(points[:, across] - offset) < SLAB
+        seen = [axis for axis in range(3) if axis != across]
+        axes.scatter(*points[near][:, seen].T, s=4, color="C0")
+        outline(axes, shown.mesh(), across, offset, "0.6")
+        frame_cut(axes)
+
+    draw_row(
+        [("normalised mesh", shown.pictured(shown.mesh())), ("points, coloured by normal", scatter), ("a cut: only outside", cut)], path
+    )
+
+
+def draw_distances(shown: Shown, path: Path) -> None:
+    """The points of a cut, coloured by their distance."""
+    row = shown.source.directory.collection(ARTIFACTS["distances"]).view(shown.object_id)
+    points, distance = row["query_points"].astype(np.float64), row["signed_distance"]
+    across, offset = cutting_plane(shown.rows["surfaces"]["points"])
+    seen = [axis for axis in range(3) if axis != across]
+
+    def cut(axes: Any) -> None:
+        near = np.abs(points[:, across] - offset) < 2 * SLAB
+        colors = distance[near] / CLIPPED
+        axes.scatter(*points[near][:, seen].T, s=4, c=np.sign(colors) * np.sqrt(np.abs(colors)), cmap="RdBu", vmin=-1, vmax=1)
+        outline(axes, shown.mesh(), across, offset, "black")
+        frame_cut(axes)
+
+    draw_row([("object", shown.pictured(shown.mesh())), ("points of a cut", cut)], path)
+
+
+def draw_grasps(shown: Shown, path: Path) -> None:
+    """The steps of the grasp."""
+    steps = procedure_steps(shown.source, shown.renderer, shown.scene, shown.object_id, shown.grasp)
+    titles = ("1. the palm is placed", "2. posture found, drawn back", "3. closed in physics", "4. what touches")
+    draw_row([(title, image) for title, (_, image) in zip(titles, steps, strict=True)], path)
+
+
+def draw_vision(shown: Shown, path: Path) -> None:
+    """The images without and with the hand, and what is what in them."""
+    vision, grasp = shown.rows["vision"], shown.grasp
+    segments = vision["segmentation"][1 + grasp]
+    draw_row(
+        [("V_u: alone", vision["unoccluded"]), ("V_o: in a grasp", vision["occluded"][grasp]), ("segmentation", SEGMENTS[segments])], path
+    )
+
+
+def draw_touch(shown: Shown, path: Path) -> None:
+    """Tactile images above depth maps."""
+    touch, sensors = shown.rows["touch"], shown.source.sensors()
+    names = [mount.name for mount in shown.source.hand().sensors]
+    readings, depths = touch["reading"][shown.grasp], touch["depth"][shown.grasp]
+    maps = [depth_colors(depth, sensor) for depth, sensor in zip(depths, sensors, strict=True)]
+    panels = [
+        *zip(names, readings, strict=True),
+        *((f"D ≥ {1e3 * depth.min():.1f} mm", one) for depth, one in zip(depths, maps, strict=True)),
+    ]
+    draw_row(panels, path, columns=len(names))
+
+
+def draw_renderings(directory: DataDirectory, path: Path) -> None:
+    """Renderings of a test object."""
+    rows = ObjectRows(directory.root, ["rendering"], "test")
+    object_id = rows.object_ids[0]
+    images = rows.read("rendering", object_id)[:VIEWPOINTS]
+    draw_row([(f"viewpoint {number}", image) for number, image in enumerate(images)], path)

@@ -1,0 +1,84 @@
+"""What the pictures of stages show: one object, in one grasp, of a dataset that went through every stage."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.formats.scene_file import load_scene
+from pipeline.kernels.vision.scene import Scene
+from pipeline.models.observation import Observation, observed_arrays, stored_observation
+from pipeline.models.reconstruction import Reconstructor
+from pipeline.models.trained_networks import FAMILIES, load_reconstructor
+from pipeline.reports.paper_figures import PIXELS, clearest_grasp
+from pipeline.reports.reconstruction_gallery import render_mesh
+from pipeline.reports.report_source import ReportSource
+from pipeline.store.storage import Place
+from stages.render_vision.renderer import Renderer
+from tools.overview_picture import surroundings
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What all pictures show: an object in a grasp, and by family a network with what it is given of the object."""
+
+    source: ReportSource
+    networks: Mapping[str, tuple[Any, Observation]]
+    renderer: Renderer
+    scene: Scene
+    object_id: str
+    grasp: int
+
+    @property
+    def rows(self) -> Any:
+        """The object's rows, by artifact."""
+        return self.source.rows(self.object_id)
+
+    def mesh(self) -> Any:
+        """The object's normalised mesh."""
+        return read_mesh(self.rows["surfaces"])
+
+    def part(self) -> tuple[slice, slice]:
+        """The part of the camera's image, `PIXELS` a side, that object and hand are in."""
+        large = self.rows["vision"]["segmentation"][[0, 1 + self.grasp]] > 0
+        scale = PIXELS / large.shape[1]
+        row, col = surroundings(large)
+        return slice(int(scale * row.start), int(scale * row.stop)), slice(int(scale * col.start), int(scale * col.stop))
+
+    def pictured(self, mesh: Any) -> NDArray[np.uint8]:
+        """Render a mesh where the object is."""
+        return render_mesh(self.renderer, mesh)[self.part()]
+
+
+@contextmanager
+def open_shown(data: Place) -> Iterator[Shown]:
+    """Choose the object and load what its pictures need."""
+    source = ReportSource(data)
+    tested = ObjectRows(data, ["points"], "test").object_ids  # networks have not seen them
+    object_id, grasp = clearest_grasp(source, [name for name in source.object_ids if name in tested])
+    scene = load_scene(str(source.attributes("vision")["settings"]["scene"]))
+    networks = _networks(source, object_id, grasp)  # before OpenGL is opened: what torch imports for them crashes beside Mesa
+    with Renderer(scene, PIXELS) as renderer:
+        yield Shown(source, networks, renderer, scene, object_id, grasp)
+
+
+def _networks(source: ReportSource, object_id: str, grasp: int) -> dict[str, tuple[Reconstructor, Observation]]:
+    """Load a trained network per family, the one that is given most, and what it is given: all grasps, the shown one first."""
+    found = {}
+    for family in FAMILIES:
+        trained = [name for name in source.directory.folders() if name.startswith(f"models/{family}/")]
+        if trained:
+            folder = max(trained, key=len)
+            network = load_reconstructor(folder.rpartition("/")[2], source.directory.whole_folder(folder))
+            rows = ObjectRows(source.directory.root, observed_arrays(network.config), None)
+            every = len(source.rows(object_id)["grasps"]["hand_pose"])
+            grasps = [(grasp + step) % every for step in range(every)]
+            found[family] = network, stored_observation(rows, object_id, grasps, network.config)
+    return found
