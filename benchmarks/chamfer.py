@@ -1,67 +1,71 @@
-"""`python -m benchmarks.chamfer`: Chamfer distance, forward and backward, beside torch.cdist."""
+"""Chamfer distance of 10,000 points and as many, with its gradient: beside all pairs and KeOps."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
-from functools import partial
+from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from benchmarks.timing import alone, side_by_side
+from benchmarks.cases import touched_objects
+from benchmarks.timing import Table, alone, side_by_side
+from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.metrics.chamfer import chamfer
 
-TURNS = 5
 POINTS = 10_000
-RADIUS = 0.25
-"""m, of the sphere that the points lie on: an object's size."""
-Distance = Callable[[Tensor], Tensor]
+OURS, KEOPS = "k-d tree, exact (ours)", "KeOps 2.3, all pairs, none stored"
+Distance = Callable[[Tensor, Tensor], Tensor]
 
 
-def cloud(seed: int, offset: float, dtype: torch.dtype, device: str) -> Tensor:
-    """(POINTS, 3) on a sphere, moved by `offset` m."""
-    directions = torch.randn(POINTS, 3, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
-    return (RADIUS * directions / directions.norm(dim=1, keepdim=True) + offset).to(device, dtype)
+def measure(data: Path, turns: int) -> Table:
+    """Measure two pairs of clouds of the dataset's first case, `turns` rounds of each way."""
+    mesh = touched_objects(data)[0].mesh
+    table = Table(
+        f"Chamfer distance, {POINTS:,} × {POINTS:,}",
+        ["one surface, ms", "÷ ours", "5 cm apart, ms", "÷ ours", "relative error, float32"],
+        [
+            "Forward and backward, float32, of two draws of exterior points of an object: on one surface, and one of them 5 cm aside. One "
+            "thread, processor milliseconds, least / median; ratios of the least. Error: the worse of the two values against all pairs in "
+            "float64.",
+            "Every way is exact. Brute force and KeOps take as long whatever the clouds; a tree takes longer the farther they are apart. "
+            "Times leave out that KeOps compiles its formula with g++ when first used, some ten seconds.",
+        ],
+    )
+    ways: dict[str, Distance] = {OURS: chamfer, "torch.cdist, all pairs": all_pairs}
+    with table.peer(KEOPS):
+        ways[KEOPS] = load_keops()
+    rng = np.random.default_rng(0)
+    first, second = (torch.tensor(sample_exterior(mesh, POINTS, rng)[0], dtype=torch.float32) for _ in range(2))
+    pairs = [(first, second), (first, second + torch.tensor([0.05, 0.0, 0.0]))]
+    times = [side_by_side({name: alone(lambda w=way, a=a, b=b: _step(w, a, b)) for name, way in ways.items()}, turns) for a, b in pairs]
+    for name, way in ways.items():
+        error = max(abs(float(way(a, b)) / float(all_pairs(a.double(), b.double())) - 1) for a, b in pairs)
+        table.add(name, *(cell for pair in times for cell in (pair[name], pair[name].over(pair[OURS]))), f"{error:.1e}")
+    return table
 
 
 def all_pairs(a: Tensor, b: Tensor) -> Tensor:
-    """Chamfer distance from all distances at once."""
+    """Compute the Chamfer distance from all distances at once."""
     pairs = torch.cdist(a, b, compute_mode="donot_use_mm_for_euclid_dist")
     return pairs.min(dim=1).values.square().mean() + pairs.min(dim=0).values.square().mean()
 
 
-def forward(distance: Distance, points: Tensor) -> None:
-    distance(points).item()
+def _step(distance: Distance, a: Tensor, b: Tensor) -> None:
+    distance(a.clone().requires_grad_(), b).backward()  # type: ignore[no-untyped-call]
 
 
-def forward_backward(distance: Distance, points: Tensor) -> None:
-    value = distance(points.clone().requires_grad_())
-    value.backward()  # type: ignore[no-untyped-call]
-    value.item()
+def load_keops() -> Distance:
+    """Make the Chamfer distance by KeOps; raises ImportError or RuntimeError where it is not installed or cannot compile."""
+    if shutil.which("g++") is None:
+        raise RuntimeError("KeOps compiles its formulas with g++, which is missing; on Debian: apt-get install g++")
+    from pykeops.torch import LazyTensor
 
+    def nearest(a: Tensor, b: Tensor) -> Tensor:
+        pairs = LazyTensor(a.detach()[:, None, :].contiguous()) - LazyTensor(b.detach()[None, :, :].contiguous())
+        index: Tensor = (pairs**2).sum(-1).argmin(dim=1).view(-1)
+        return index
 
-def row(name: str, offset: float, dtype: torch.dtype, device: str) -> str:
-    """Measure one pair of clouds; a line of the table."""
-    a, b = cloud(0, 0.0, dtype, device), cloud(1, offset, dtype, device)
-    exact = float(all_pairs(a.double().cpu(), b.double().cpu()))
-    ways: list[Distance] = [lambda points: all_pairs(points, b), lambda points: chamfer(points, b)]
-    rounds = {(k, call): alone(partial(call, way, a)) for k, way in enumerate(ways) for call in (forward, forward_backward)}
-    times = [one.median for one in side_by_side(rounds, TURNS).values()]
-    error = abs(float(chamfer(a, b)) - exact) / exact
-    cells = "  ".join(f"{once:7.1f} {both:7.1f}" for once, both in zip(times[::2], times[1::2], strict=True))
-    return f"{name:<22} {cells}  {times[1] / times[3]:6.1f} x  {error:8.1e}"
-
-
-def main() -> None:
-    """Print the table."""
-    torch.set_num_threads(1)
-    print(f"Chamfer of {POINTS} x {POINTS} points, one thread: median ms forward, and forward + backward.")
-    print(f"{'':<22} {'torch.cdist':>15}  {'chamfer':>15}  {'cdist /':>8}  {'error':>8}")
-    for device in ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",):
-        for dtype in (torch.float32, torch.float64):
-            for apart, offset in (("same place", 0.0), ("5 cm apart", 0.05)):
-                print(row(f"{device} {str(dtype).removeprefix('torch.')} {apart}", offset, dtype, device), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+    return lambda a, b: (a - b[nearest(a, b)]).square().sum(1).mean() + (b - a[nearest(b, a)]).square().sum(1).mean()

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.closed_surfaces DATA CONFIGURATION`: closed meshes of test objects, as `predict` writes them, and their cost."""
+"""Closed meshes of test objects, as `predict` writes them: `python -m benchmarks.closed_surfaces DATA CONFIGURATION --resolution 128`."""
 
 from __future__ import annotations
 
@@ -11,68 +11,52 @@ import igl
 import numpy as np
 import trimesh
 
+from benchmarks.timing import Table, three_digits
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.inference.predict import predict
-from pipeline.kernels.metrics.surface_quality import dihedral_angles, intersection_over_union
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.metrics.surface_quality import intersection_over_union
 from pipeline.models.closed_reconstruction import closed
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import place
 from schemas.surfaces import SURFACES
 
 POINTS = 20_000
 """In the box around an object and its reconstruction, for their intersection over union."""
-COLUMNS = "object", "CPU s", "vertices", "watertight", "parts", "felt within, mm", "dihedral, °", "seen", "IoU"
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("data", type=place)
-    arguments.add_argument("configuration")
-    arguments.add_argument("--resolution", type=int, nargs="+", default=[128])
-    arguments.add_argument("--most", type=int, default=10_000, help="Objects at most, spread evenly.")
-    arguments.add_argument("--keep", type=Path, help="Folder for the meshes.")
-    asked = arguments.parse_args()
-    names = ObjectRows(asked.data, ["points"], "test").object_ids
-    names = [names[place] for place in np.linspace(0, len(names) - 1, min(asked.most, len(names))).astype(int)]
+    """Print a table of all test objects."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("configuration")
+    parser.add_argument("--resolution", type=int, default=128, help="edges along the longest side")
+    asked = parser.parse_args()
     surfaces = DataDirectory(asked.data).collection(SURFACES)
-    with tempfile.TemporaryDirectory() as scratch:
-        for resolution in asked.resolution:
-            print(f"\n{resolution} edges along the longest side")
-            print("  ".join(COLUMNS))
-            folder = asked.keep or Path(scratch)
-            folder.mkdir(exist_ok=True)
-            rows = []
-            for name in names:
-                truth = read_mesh(surfaces.view(name))
-                rows.append(one(asked.data, asked.configuration, name, resolution, folder / f"{name}.glb", (truth.vertices, truth.faces)))
-                print(name, *(f"{value:.3g}" for value in rows[-1]), sep="  ", flush=True)
-            for label, summary in (("mean", np.mean), ("median", np.median), ("worst", np.max), ("least", np.min)):
-                print(label, *(f"{value:.3g}" for value in summary(rows, axis=0)), sep="  ")
+    names = ObjectRows(asked.data, ["points"], "test").object_ids
+    rows = [measure(asked.data, asked.configuration, name, asked.resolution, read_mesh(surfaces.view(name))) for name in names]
+    table = Table(f"{asked.resolution} edges", ["processor s", "watertight", "parts", "touch charts within, mm", "IoU"])
+    for name, row in [*zip(names, rows, strict=True), ("mean", np.mean(rows, axis=0)), ("most", np.max(rows, axis=0))]:
+        table.add(name, *map(three_digits, row))
+    print(table.markdown(""))
 
 
-def one(data, configuration: str, name: str, resolution: int, path: Path, truth) -> tuple[float, ...]:
-    made = predict(path, data / "models", configuration, data=data, object_id=name, surface="closed", resolution=resolution)
+def measure(data: Path, configuration: str, name: str, resolution: int, truth: Mesh) -> tuple[float, ...]:
+    """Close one reconstruction, and compare what other programs read of it with its touch charts and the object."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "closed.glb"
+        made = predict(path, data / "models", configuration, data=data, object_id=name, surface="closed", resolution=resolution)
+        mesh = trimesh.load_scene(path).to_mesh()  # equal vertices become one
     began = time.process_time()
     closed(made.reconstruction, resolution)
     seconds = time.process_time() - began
-    mesh = trimesh.load_scene(path).to_mesh()  # equal vertices become one, as other programs make them
-    vertices, faces = mesh.vertices[:, [0, 2, 1]] * [1, -1, 1], np.asarray(mesh.faces)  # glTF is y up
-    vertices = np.ascontiguousarray(vertices)
+    vertices, faces = np.ascontiguousarray(mesh.vertices[:, [0, 2, 1]] * [1, -1, 1]), np.asarray(mesh.faces)  # glTF is y up
     felt = np.asarray(made.reconstruction.vertices[made.reconstruction.vision :])
     apart = np.sqrt(igl.point_mesh_squared_distance(felt, vertices, faces)[0]).max() if len(felt) else 0.0
-    low, high = (pick(np.concatenate([vertices, truth[0]]), axis=0) for pick in (np.min, np.max))
-    points = np.random.default_rng(0).uniform(low, high, (POINTS, 3))
-    return (
-        seconds,
-        len(vertices),
-        float(mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0),
-        mesh.body_count,
-        1e3 * apart,
-        float(np.median(dihedral_angles(vertices, faces))),
-        float(made.closed.seen.mean()) if made.closed else 0.0,
-        intersection_over_union((vertices, faces), truth, points),
-    )
+    both = np.concatenate([vertices, truth.vertices])
+    points = np.random.default_rng(0).uniform(both.min(axis=0), both.max(axis=0), (POINTS, 3))
+    overlap = intersection_over_union((vertices, faces), (truth.vertices, truth.faces), points)
+    return seconds, float(mesh.is_watertight and mesh.volume > 0), mesh.body_count, 1e3 * apart, overlap
 
 
 if __name__ == "__main__":

@@ -1,23 +1,19 @@
-"""Training steps of the graph network, sparse beside a dense twin, and of narrow networks. `python -m benchmarks.gcn [--narrow]`.
-
-The twin is the same network with a dense adjacency and the image encoder in every pass. Every figure comes from a process of its
-own, whose peak memory stands beside it; seconds are of the processor, one thread, so that other work on the machine counts little.
-"""
+"""A training step of the graph network of Table 7, sparse beside a dense twin, each in its own process for its peak memory."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import resource
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from benchmarks.timing import Table
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.networks.chart_graph import chart_graph
 from pipeline.kernels.networks.deformation_network import VISION, DeformationNetwork
@@ -30,14 +26,30 @@ BATCH = 16
 TWIN_BATCH = 2
 """Items of the twin's step, which is scaled to `BATCH`: all of them would take minutes."""
 SENSORS = 4
-NARROW = [(8, 64), (10, 64), (10, 96), (15, 64), (15, 96)]
-"""Layers and features of narrow graph networks; their image encoders have half the channels."""
 Forward = Callable[..., Tensor]
 Given = dict[str, Any]
 
 
+def measure(data: Path, turns: int) -> Table:
+    """Measure one step each; needs no dataset."""
+    config = CONFIGURATIONS["occluded-touch"]
+    note = (
+        f"{config.gcn_layers} × {config.gcn_features}, processor seconds of one thread. The twin has a dense adjacency and the image "
+        f"encoder in every pass; its seconds are those of {TWIN_BATCH} items × {BATCH // TWIN_BATCH}. Losses are of {TWIN_BATCH} items."
+    )
+    table = Table(f"Graph network: one training step of Table 7, batch {BATCH}", ["s", "÷ twin", "peak GB", "loss", "twin's"], [note])
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+        for grasps in (1, 5):
+            (sparse, peak, _), (_, _, loss), (twin, _, twin_loss) = pool.map(
+                step, [grasps] * 3, [BATCH, TWIN_BATCH, TWIN_BATCH], [False, False, True]
+            )
+            ratio = sparse / (twin * BATCH / TWIN_BATCH)
+            table.add(f"grasps: {grasps}", f"{sparse:.1f}", f"{ratio:.2f}", f"{peak:.2f}", f"{loss:.7f}", f"{twin_loss:.7f}")
+    return table
+
+
 def batch(items: int, grasps: int) -> Given:
-    """Inputs of a step: random images, and touch charts strewn about the object."""
+    """Make the inputs of a step: random images, and touch charts strewn about the object."""
     generator = torch.Generator().manual_seed(0)
     charts = items * grasps * SENSORS
     images = torch.rand(items, 3, 256, 256, generator=generator)
@@ -49,7 +61,7 @@ def batch(items: int, grasps: int) -> Given:
 
 
 def dense_twin(network: DeformationNetwork) -> Forward:
-    """The network's forward pass with a dense adjacency, one for all items, and the image encoder in every pass."""
+    """Make the network's forward pass with a dense adjacency, one for all items, and the image encoder in every pass."""
 
     def forward(*, images: Tensor, camera: Tensor, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> Tensor:
         assert network.encoder is not None
@@ -76,73 +88,14 @@ def dense_twin(network: DeformationNetwork) -> Forward:
     return forward
 
 
-def step(forward: Forward, network: DeformationNetwork, given: Given) -> float:
-    """One training step but for its Chamfer loss: every vertex is drawn to a smaller sphere. Returns the loss."""
-    network.zero_grad()
+def step(grasps: int, items: int, twin: bool) -> tuple[float, float, float]:
+    """Measure seconds, peak memory in GB, and loss of a step; instead of its Chamfer loss, every vertex is drawn to a smaller sphere."""
+    torch.set_num_threads(1)
+    network = DeformationNetwork(CONFIGURATIONS["occluded-touch"], torch.Generator().manual_seed(0))
+    forward: Forward = dense_twin(network) if twin else network
+    given, before = batch(items, grasps), time.process_time()
     radii = (forward(**given) - torch.tensor(network.config.centre)).norm(dim=-1)
     loss = (radii - 0.2).square().mean()
-    loss.backward()
-    return loss.item()
-
-
-def measure(layers: int, features: int, width: float, grasps: int, items: int, twin: bool) -> None:
-    """Print seconds a step, peak memory and loss, as JSON."""
-    torch.set_num_threads(1)
-    sizes = {"gcn_layers": layers, "gcn_features": features, "encoder_width": width}
-    network = DeformationNetwork(CONFIGURATIONS["occluded-touch"].model_copy(update=sizes), torch.Generator().manual_seed(0))
-    forward: Forward = dense_twin(network) if twin else network
-    given = batch(items, grasps)
-    before, wall = time.process_time(), time.perf_counter()
-    loss = step(forward, network, given)
-    seconds, wall = time.process_time() - before, time.perf_counter() - wall
-    gigabytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
-    print(json.dumps({"seconds": seconds, "wall": wall, "gigabytes": gigabytes, "loss": loss}))
-
-
-def measured(layers: int, features: int, width: float, grasps: int, items: int, twin: bool = False) -> dict[str, float]:
-    """`measure` in a process of its own."""
-    arguments = [str(value) for value in (layers, features, width, grasps, items, int(twin))]
-    done = subprocess.run([sys.executable, "-m", "benchmarks.gcn", "--measure", *arguments], capture_output=True, text=True, check=True)
-    result: dict[str, float] = json.loads(done.stdout)
-    return result
-
-
-def beside_the_twin() -> None:
-    config = CONFIGURATIONS["occluded-touch"]
-    size = config.gcn_layers, config.gcn_features, config.encoder_width
-    print(f"Table 7's network ({size[0]} x {size[1]}), batch {BATCH}; twin's seconds: those of {TWIN_BATCH} items x {BATCH // TWIN_BATCH}.")
-    print(f"{'grasps':>6}  {'sparse s':>8}  {'peak GB':>7}  {'twin s':>7}  {'ratio':>5}  {'losses of ' + str(TWIN_BATCH) + ' items':>22}")
-    for grasps in (1, 5):
-        sparse = measured(*size, grasps, BATCH)
-        alike = measured(*size, grasps, TWIN_BATCH)["loss"]
-        twin = measured(*size, grasps, TWIN_BATCH, twin=True)
-        seconds = twin["seconds"] * BATCH / TWIN_BATCH
-        cells = f"{sparse['seconds']:8.1f}  {sparse['gigabytes']:7.2f}  {seconds:7.1f}  {sparse['seconds'] / seconds:5.2f}"
-        print(f"{grasps:6}  {cells}  {alike:10.7f} {twin['loss']:10.7f}", flush=True)
-
-
-def narrow() -> None:
-    print(f"Narrow networks with image and touch, encoders of half the channels, batch {BATCH}, 3 grasps.")
-    print(f"{'layers x features':>17}  {'s a step':>8}  {'wall s':>6}  {'peak GB':>7}")
-    for layers, features in NARROW:
-        row = measured(layers, features, 0.5, 3, BATCH)
-        print(f"{layers:8} x {features:6}  {row['seconds']:8.2f}  {row['wall']:6.2f}  {row['gigabytes']:7.2f}", flush=True)
-
-
-def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--narrow", action="store_true", help="only narrow networks")
-    parser.add_argument("--measure", nargs=6, type=float, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.measure:
-        layers, features, width, grasps, items, twin = options.measure
-        measure(int(layers), int(features), width, int(grasps), int(items), bool(twin))
-        return
-    if not options.narrow:
-        beside_the_twin()
-    narrow()
-
-
-if __name__ == "__main__":
-    main()
+    loss.backward()  # type: ignore[no-untyped-call]
+    seconds, peak = time.process_time() - before, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+    return seconds, peak, loss.item()

@@ -15,6 +15,7 @@ import igl
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.timing import Table, quantiles
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
@@ -103,17 +104,15 @@ def independent_depth(prepared: PreparedHand, mesh: Mesh, grasp: Grasp, rng: np.
 
 def main() -> None:
     """Print the figures."""
-    seen = [one for found in examine(Path(sys.argv[1])).values() for one in found]
-    for name, chosen in (("watertight", [one for one in seen if one.watertight]), ("other", [one for one in seen if not one.watertight])):
-        if chosen:
-            mm = 1e3 * np.array([one.depth for one in chosen])
-            print(
-                f"{name}: {len(mm)} grasps, ≤ 1 mm inside {100 * np.mean(mm <= 1):.1f} %, median {np.median(mm):.3f}, "
-                f"99 % {np.percentile(mm, 99):.3f}, worst {mm.max():.3f} mm; as recorded, worst "
-                f"{1e3 * max(one.recorded for one in chosen):.3f} mm"
-            )
-    changed = np.array([one.changed for one in seen])
-    print(f"{MORE_STEPS} more steps change {100 * changed.mean():.2f} % of touches, {100 * changed.any(axis=1).mean():.2f} % of grasps")
+    seen = [grasp for found in examine(Path(sys.argv[1])).values() for grasp in found]
+    table = Table("Stored grasps", ["grasps", "≤ 1 mm inside, %", "mm inside: median / 99 % / most", "most as recorded, mm"])
+    for name, closed in (("watertight", True), ("other", False)):
+        mm = 1e3 * np.array([[grasp.depth, grasp.recorded] for grasp in seen if grasp.watertight == closed]).reshape(-1, 2)
+        if len(mm):
+            table.add(name, len(mm), f"{100 * np.mean(mm[:, 0] <= 1):.1f}", quantiles(mm[:, 0]), f"{mm[:, 1].max():.3f}")
+    changed = np.array([grasp.changed for grasp in seen])
+    shares = f"{100 * changed.mean():.2f} % of touches, {100 * changed.any(axis=1).mean():.2f} % of grasps"
+    print(table.markdown(f"{MORE_STEPS} more steps change {shares}."))
 
 
 if __name__ == "__main__":

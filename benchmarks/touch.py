@@ -1,78 +1,151 @@
-"""`python -m benchmarks.touch`: one sensor beside the raw limit, Embree on the same rays."""
+"""Depth and tactile image of one sensor beside TACTO and Taxim."""
 
 from __future__ import annotations
 
-import numpy as np
-import trimesh
+import json
+import subprocess
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
 
-from benchmarks.embree import EmbreeDepth
-from benchmarks.timing import alone, each, side_by_side
+import igl
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.cases import Case, over_cases, touched_objects
+from benchmarks.peers.taxim_shim import load_taxim
+from benchmarks.provenance import ROOT
+from benchmarks.timing import Round, Table, Times, quantiles, side_by_side
 from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch.depth_quantisation import quantise_depth
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres, sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image
+from stages.simulate_touch.settings import TouchSettings
 
-TURNS = 20
-POSES = 5
-"""Sensor poses per mesh; times are the mean per sensor."""
-RADIUS = 0.25
-
-
-def wavy_ball(subdivisions: int) -> np.ndarray:
-    """(F, 3, 3) faces of a ball of the size of an object, with waves of a finger's width."""
-    ball = trimesh.creation.icosphere(subdivisions=subdivisions, radius=RADIUS)
-    vertices = np.asarray(ball.vertices, np.float64)
-    vertices = vertices * (1 + 0.02 * np.sin(vertices * 150).sum(axis=1, keepdims=True) / 3)
-    triangles: np.ndarray = vertices[np.asarray(ball.faces)] + np.array([0.0, 0.0, 0.6])
-    return triangles
+TACTO = ROOT / ".venv-peers-tacto" / "bin" / "python"
+LARGE = "480 × 640"
+"""Rows and columns of the images that Taxim was calibrated on."""
+OURS, OURS_LARGE = "vt-pipeline, 100 × 100", f"vt-pipeline, {LARGE}"
+SIZES = {"TACTO 0.0.3, 100 × 100": (100, 100), "TACTO 0.0.3, 160 × 120 (its default)": (120, 160), f"TACTO 0.0.3, {LARGE}": (640, 480)}
+"""Width and height of TACTO's images."""
+Depth = Callable[[int, NDArray[np.float64]], NDArray[np.float32]]
 
 
-def press(triangles: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(4, 4) pose of a sensor 2 mm deep in a random face, tilted by about 20 degrees."""
-    face = triangles[rng.integers(len(triangles))]
-    normal = np.cross(face[1] - face[0], face[2] - face[0])
-    z = -normal / np.linalg.norm(normal) + rng.normal(size=3) * 0.2
-    z /= np.linalg.norm(z)
-    x = np.cross(rng.normal(size=3), z)
-    x /= np.linalg.norm(x)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
-    pose[:3, 3] = face.mean(axis=0) - 0.0048 * z
-    return pose
-
-
-def row(subdivisions: int, sensor: Sensor, rng: np.random.Generator) -> str:
-    """Measure one mesh; a line of the table."""
-    triangles = wavy_ball(subdivisions)
-    poses = [press(triangles, rng) for _ in range(POSES)]
-    away = poses[0].copy()
-    away[:3, 3] += 4 * RADIUS
-    embree, faces = EmbreeDepth(triangles, sensor), box_faces(triangles)
-    ways = {
-        "raw": each(embree.trace, [embree.rays(pose) for pose in poses]),
-        "ray": each(lambda pose: ray_depth(faces, pose, sensor), poses),
-        "whole": each(lambda pose: tactile_image(ray_depth(faces, pose, sensor).astype(np.float32), sensor), poses),
-        "sphere": each(lambda pose: sphere_traced_depth(faces, pose, sensor), poses),
-        "far": each(lambda pose: ray_depth(faces, pose, sensor), [away]),
-        "prepare": alone(lambda: box_faces(triangles)),
+def measure(data: Path, turns: int) -> Table:
+    """Measure all sensors of the dataset's cases, `turns` rounds of each way."""
+    cases, small = touched_objects(data), load_sensor("gel_16mm")
+    faces = [len(case.mesh.faces) for case in cases]
+    table = Table(
+        "Touch: depth and tactile image of one sensor",
+        ["ms, least / median", "frames/s", "÷ ours of that size", "depth's points off the mesh, µm: median / 99 % / most"],
+        [
+            f"{sum(len(case.poses) for case in cases)} sensors that touch, of {', '.join(case.name for case in cases)} "
+            f"({min(faces)} to {max(faces)} faces). Processor milliseconds of one core, rounds in turns, TACTO's after the others; "
+            "frames/s and ratios from the least. Times leave out what is done once per object: sorting its faces here, uploading "
+            "them in TACTO.",
+            "Ours is what `simulate-touch` stores: exact orthographic depth, rounded as stored, and the tactile image made from it, with "
+            "the supplement's lamps or with the colours of the shipped GelSight.",
+            "Not comparable with TACTO: it rasterises a DIGIT (perspective camera of 60°, curved gel of 20 × 30 mm, its own lamps and "
+            "noise) by pyrender, placed so that the middle of its gel is ours. Its points come from its depth with its camera taken into "
+            "account, where the object stands in its gel.",
+            "TACTO runs with other versions than it pins (`tacto_worker.py`). PyBullet is not asked for poses and forces.",
+            "Not comparable with Taxim: it makes no depth. Its time is that of our depth and its shading, which blurs the gel softly "
+            "around the contact and looks colours up in a table calibrated on a GelSight, with stand-ins of torch (`taxim_shim.py`).",
+        ],
+    )
+    large = small.model_copy(update={"rows": 480, "cols": 640})
+    gelsight = load_sensor("gelsight")
+    assert gelsight.calibrated is not None
+    both = {"lights": None, "calibrated": gelsight.calibrated, "membrane": gelsight.membrane}
+    neither = both | {"calibrated": gelsight.calibrated.model_copy(update={"shadows": ()}), "membrane": 0.0}
+    rounds: dict[str, Round] = {}
+    for name, sensor in ((OURS, small), (OURS_LARGE, large)):
+        colours = name.replace("vt-pipeline", "vt-pipeline, a GelSight's colours")
+        for label, changes in ((name, {}), (colours, neither), (f"{colours}, membrane and shadows", both)):
+            rounds[label] = _our_round(cases, sensor.model_copy(update=changes))
+    taxim_names = [f"Taxim on our depth, {size}{shadows}" for size in ("100 × 100", LARGE) for shadows in ("", ", shadows")]
+    with table.peer(*taxim_names):
+        taxim = load_taxim()
+        ways = [(sensor, shadow) for sensor in (small, large) for shadow in (False, True)]
+        rounds |= {name: _taxim_round(taxim, cases, *way) for name, way in zip(taxim_names, ways, strict=True)}
+    times = side_by_side(rounds, turns)
+    errors = {
+        OURS: np.concatenate([_off(case, our_points(case, number, our_depth(cases, small), small)) for number, case in enumerate(cases)])
     }
-    times = side_by_side(ways, TURNS)
-    cells = "  ".join(f"{times[way]!s:>14} {times[way].least / times['raw'].least:6.2f} x" for way in ("ray", "whole", "sphere"))
-    return f"{len(triangles):8}  {times['raw']!s:>14}  {cells}  {times['far']!s:>14}  {times['prepare'].least:11.1f}"
+    with table.peer(*SIZES):
+        for name, (taken, off) in tacto(cases, small, turns).items():
+            times[name], errors[name] = taken, off
+    for name in sorted(times, key=lambda name: LARGE in name):
+        ratio = times[name].over(times[OURS_LARGE if LARGE in name else OURS])
+        table.add(name, times[name], f"{1e3 / times[name].least:.0f}", ratio, quantiles(errors[name]) if name in errors else "–")
+    return table
 
 
-def main() -> None:
-    """Print the table."""
-    sensor = load_sensor("gel_16mm")
-    rng = np.random.default_rng(0)
-    print(f"One sensor, {sensor.rows} x {sensor.cols} rays: least / median ms, and the least over raw Embree's least.")
-    kernels = "  ".join(f"{name:>23}" for name in ("ray", "ray + image", "sphere"))
-    print(f"{'faces':>8}  {'raw Embree':>14}  {kernels}  {'far sensor':>14}  {'once a mesh':>11}")
-    for subdivisions in (3, 4, 5, 6, 7):
-        print(row(subdivisions, sensor, rng), flush=True)
+def our_depth(cases: Sequence[Case], sensor: Sensor) -> Depth:
+    """Make a function of a case's number and a pose: depth as the stage stores it."""
+    bits = {name: getattr(TouchSettings(), name) for name in ("gel_bits", "far_bits")}
+    faces = [box_faces(case.mesh.triangles) for case in cases]
+    return lambda number, pose: quantise_depth(ray_depth(faces[number], pose, sensor), sensor, **bits)
 
 
-if __name__ == "__main__":
-    main()
+def our_points(case: Case, number: int, depth: Depth, sensor: Sensor) -> NDArray[np.float64]:
+    """Compute (N, 3) world points in the gel, m, of all sensors of a case, in float64: only the depth's error counts."""
+    x, y = np.meshgrid(*pixel_centres(sensor))
+    points = []
+    for pose in case.poses:
+        z = depth(number, pose)
+        met = z < sensor.w
+        points.append(sensor_to_world(pose, x[met], y[met], z[met].astype(np.float64)))
+    return np.concatenate(points)
+
+
+def _our_round(cases: Sequence[Case], sensor: Sensor) -> Round:
+    depth = our_depth(cases, sensor)
+    return over_cases(cases, lambda number, pose: tactile_image(depth(number, pose), sensor))
+
+
+def _taxim_round(taxim: Any, cases: Sequence[Case], sensor: Sensor, shadow: bool) -> Round:
+    depth = our_depth(cases, sensor)
+
+    def render(number: int, pose: NDArray[np.float64]) -> object:
+        height = np.minimum(depth(number, pose), sensor.range) - sensor.w  # above the gel's face
+        return taxim.render((1e3 * height).astype(np.float32), with_shadow=shadow)
+
+    return over_cases(cases, render)
+
+
+def tacto(cases: Sequence[Case], sensor: Sensor, turns: int) -> dict[str, tuple[Times, NDArray[np.float64]]]:
+    """Run TACTO in its own environment: for each size its times, and distances of its points from the mesh, µm.
+
+    Raises
+    ------
+    RuntimeError
+        The environment is missing, or TACTO does not run in it.
+    """
+    if not TACTO.exists():
+        raise RuntimeError(f"{TACTO} is missing; `make bench-peers` installs it")
+    with tempfile.TemporaryDirectory() as folder:
+        for number, case in enumerate(cases):
+            arrays = {"vertices": case.mesh.vertices, "faces": case.mesh.faces, "poses": case.poses, "w": sensor.w}
+            np.savez(Path(folder) / f"{number}.npz", **arrays)
+        command = [str(TACTO), "-m", "benchmarks.peers.tacto_worker", folder, str(turns), json.dumps(list(SIZES.values()))]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+        if done.returncode:
+            raise RuntimeError(f"TACTO ended with status {done.returncode}: {(done.stderr.strip().splitlines() or [''])[-1]}")
+        measured = {}
+        for name, (width, height) in SIZES.items():
+            points = [np.load(Path(folder) / f"{number}-{width}-{height}.npy") for number in range(len(cases))]
+            off = np.concatenate([_off(case, found) for case, found in zip(cases, points, strict=True)])
+            ms = np.load(Path(folder) / f"ms-{width}-{height}.npy").tolist()
+            measured[name] = Times(min(ms), median(ms)), off
+        return measured
+
+
+def _off(case: Case, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute distances from the mesh, µm."""
+    squared = igl.point_mesh_squared_distance(points, case.mesh.vertices, case.mesh.faces.astype(np.int64))[0]
+    return np.asarray(1e6 * np.sqrt(squared))

@@ -45,11 +45,11 @@ faults: installed-dev  ## inject some 500 faults (kills, full disks, damage …)
 fuzz: installed-dev  ## feed a million wrong files to whatever reads files (half an hour)
 	@$(BIN)/python -m tests.fuzz
 
-bench: installed-dev  ## measure every stage beside its raw limit, in one run
-	@for name in surfaces grasps vision touch chamfer unet charts gcn; do $(BIN)/python -m benchmarks.$$name || exit 1; done
+bench: installed-dev simulate-touch.0  ## measure every stage beside its raw limit, in one run
+	@$(BIN)/python -m benchmarks surfaces grasps vision depth chamfer unet charts gcn --data $(call quoted,$(DATA))
 
 bench-peers: installed-peers installed-tacto simulate-touch.0  ## measure TACTO, Taxim, KeOps, HDF5 … beside ours; writes docs/peers.md
-	@KEOPS_CACHE_FOLDER="$$PWD/.venv-peers/keops" OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks.peers --data $(call quoted,$(DATA)) --write docs/peers.md
+	@KEOPS_CACHE_FOLDER="$$PWD/.venv-peers/keops" OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks --data $(call quoted,$(DATA)) --write docs/peers.md
 
 tradeoff: installed-peers  ## measure what every setting costs and how wrong it is; writes docs/tradeoff.md (about two hours)
 	@$(BIN)/python -m benchmarks.tradeoff

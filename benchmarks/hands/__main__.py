@@ -1,4 +1,4 @@
-"""Grasp a manifest's objects with each of seven foreign hands, and print what comes of it: python -m benchmarks.hands --help."""
+"""Grasp a manifest's objects with each of seven hands from PyPI, and print how often they touch: `make test-hands`."""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ from pathlib import Path
 
 import yaml
 
+from benchmarks.timing import Table
 from pipeline.dataset.touch_statistics import Tally, tally
 from pipeline.errors import StoreError
 from pipeline.formats.hand_file import load_hand
-from pipeline.reports.status import read_account
+from pipeline.store.directory import DataDirectory
+from schemas.grasps import GRASPS
 
 HERE = Path(__file__).parent
 STAGES = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 ENOUGH, HANDS = 60.0, 5
-"""Per cent of successful touches that as many hands must reach."""
+"""Per cent of successful touches, and how many hands must reach it."""
 
 
 def main() -> None:
-    """Run the stages of a dataset once per hand; ends with status 1 where too few hands touch enough."""
+    """Run the stages of a dataset once per hand; exit with status 1 where too few hands touch enough."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("hands", nargs="*", default=sorted(path.stem for path in HERE.glob("*.yaml")), help="names of hand files here")
     parser.add_argument("--site-packages", type=Path, action="append", required=True, help="where the wheels are installed")
@@ -32,43 +34,40 @@ def main() -> None:
     parser.add_argument("--workers", default="0")
     options = parser.parse_args()
     options.data.mkdir(parents=True, exist_ok=True)
-    rows = [_row(name, options) for name in options.hands]
-    print("\n| hand | fingers | sensors | joints | loaded in, s | objects | failed | % of touches | % of all attempts |")
-    print("| --- " * 9 + "|")
-    for row in rows:
-        print("| " + " | ".join(map(str, row)) + " |")
-    good = sum(isinstance(row[7], float) and row[7] >= ENOUGH for row in rows)
-    print(f"{good} of {len(rows)} hands reach {ENOUGH:g} % of successful touches")
-    if len(rows) >= HANDS > good:
+    columns = ["fingers", "sensors", "joints", "loaded in, s", "objects", "failed", "% of touches", "% of all attempts"]
+    table, reached = Table("Hands of others", columns), 0
+    for name in options.hands:
+        path = _installed(name, options.site_packages, options.data)
+        began = time.perf_counter()
+        hand = load_hand(path)
+        seconds = round(time.perf_counter() - began, 1)
+        touches = _run(path, options.data / name, options)
+        objects, share, tried = len(touches.touched), "–", "–"
+        if objects:
+            share, tried = (f"{value:.1f}" for value in touches.row()[3:])
+            reached += touches.row()[3] >= ENOUGH
+        failed = len(list(DataDirectory(options.data / name).collection(GRASPS))) - objects
+        table.add(name, len(hand.fingers), len(hand.sensors), len(hand.joint_names), seconds, objects, failed, share, tried)
+    print(table.markdown(f"{reached} of {len(table.rows)} hands reach {ENOUGH:g} % of successful touches."))
+    if len(table.rows) >= HANDS > reached:
         sys.exit(1)
 
 
-def _row(name: str, options: argparse.Namespace) -> tuple[object, ...]:
-    path = _installed(name, options.site_packages, options.data)
-    began = time.perf_counter()
-    hand = load_hand(path)
-    seconds = time.perf_counter() - began
-    data = options.data / name
+def _run(hand: Path, data: Path, options: argparse.Namespace) -> Tally:
+    """Run the stages with one hand, print the summary, and add up its categories."""
+    pipeline = [sys.executable, "-m", "pipeline"]
     for stage in STAGES:
-        settings = [f"hand={path}"] if stage in ("simulate-grasps", "render-vision") else []
-        assignments = [part for one in (*settings, *(text for text in options.set if text.startswith(stage))) for part in ("--set", one)]
-        command = [sys.executable, "-m", "pipeline", "run", stage, "--manifest", options.manifest, "--data", str(data)]
-        subprocess.run([*command, "--workers", options.workers, *assignments], check=True)
-    subprocess.run([sys.executable, "-m", "pipeline", "summary", str(data)], check=False)
+        settings = [f"{stage}.hand={hand}"] if stage in ("simulate-grasps", "render-vision") else []
+        settings += [text for text in options.set if text.startswith(stage)]
+        command = ["run", stage, "--manifest", options.manifest, "--data", str(data), "--workers", options.workers]
+        subprocess.run([*pipeline, *command, *(part for text in settings for part in ("--set", text))], check=True)
+    subprocess.run([*pipeline, "summary", str(data)], check=False)
     try:
         found = tally(data).values()
     except StoreError as error:
-        print(f"{name}: {error}")
-        found = []
-    everything = Tally([t for entry in found for t in entry.touched], [t for entry in found for t in entry.tried])
-    shares = tuple(round(share, 1) for share in everything.row()[3:]) if everything.touched else ("–", "–")
-    objects = len(everything.touched)
-    failed = _failed(data)
-    return name, len(hand.fingers), len(hand.sensors), len(hand.joint_names), round(seconds, 1), objects, failed, *shares
-
-
-def _failed(data: Path) -> int:
-    return sum(len(entry.failures) for entry in read_account(data).artifacts if entry.artifact == "grasps")
+        print(f"{hand.stem}: {error}")
+        found = {}.values()
+    return Tally([t for entry in found for t in entry.touched], [t for entry in found for t in entry.tried])
 
 
 def _installed(name: str, folders: list[Path], data: Path) -> Path:

@@ -1,69 +1,59 @@
-"""TACTO in an environment of its own: renders the sensors of a case when asked. `python -m benchmarks.peers.tacto_worker CASES…`.
+"""Time TACTO in an environment of its own: `python -m benchmarks.peers.tacto_worker FOLDER TURNS SIZES`.
 
-A request is a JSON line {"size": [width, height], "case": index}; the answer {"ms": …} is the mean of the case's sensors, processor time.
-With "points": PATH the surface points that TACTO's depth maps show are written there. Imports nothing of the pipeline: this runs
-where it is not installed.
+FOLDER has cases as 0.npz, 1.npz, …; SIZES is a JSON list of [width, height]. For each size `ms-WIDTH-HEIGHT.npy` gets the processor
+milliseconds per sensor of each turn, and `NUMBER-WIDTH-HEIGHT.npy` the surface points that TACTO's depth maps of a case show. This
+module imports nothing of the pipeline, which is not installed there.
+
+TACTO 0.0.3 pins networkx 2.2, which does not import since Python 3.10: `requirements-tacto.txt` does not ask for the pins. It uses
+`np.float` and `np.infty`, which numpy no longer has; `main` puts them back. No installed file is edited.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import sys
 import time
-from typing import Any, TextIO
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.tacto_shim import restore
-
 GEL = np.array([0.022, 0.0, 0.015])
-"""Where the middle of a DIGIT's gel is in TACTO's sensor frame, m (`config_digit.yml`), whose +x is the outward normal."""
+"""The middle of a DIGIT's gel in TACTO's sensor frame, m (`config_digit.yml`), whose +x is the outward normal."""
 TOUCHING = 1e-5
 """m, by which the object must stand in the gel for a pixel to show it and not the gel."""
 
 
-def main(paths: list[str]) -> None:
-    """Answer requests until standard input ends."""
-    answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what libraries print must not come between the answers
-    shimmed = restore()
-    cases = [dict(np.load(path)) for path in paths]
-    say(answers, {"ready": True, "shimmed": shimmed})
-    renderers: dict[tuple[int, int], Any] = {}
-    for line in sys.stdin:
-        request = json.loads(line)
-        width, height = request["size"]
-        if (width, height) not in renderers:
-            renderers[width, height] = renderer(width, height, cases)
-        made, case = renderers[width, height], request["case"]
-        poses = [tacto_pose(pose, float(cases[case]["w"])) for pose in cases[case]["poses"]]
-        touch(made, case, *poses[0])  # the first image of an object uploads it
-        start = time.process_time()
-        images = [touch(made, case, *pose) for pose in poses]
-        milliseconds = (time.process_time() - start) * 1e3 / len(poses)
-        if "points" in request:
-            np.save(request["points"], np.concatenate([points(made, *image) for image in images]))
-        say(answers, {"ms": milliseconds})
-
-
-def say(answers: TextIO, answer: dict[str, Any]) -> None:
-    print(json.dumps(answer), file=answers, flush=True)
-
-
-def renderer(width: int, height: int, cases: list[dict[str, Any]]) -> Any:
-    """A DIGIT as TACTO describes it, with every object in its scene."""
+def main(folder: Path, turns: int, sizes: list[list[int]]) -> None:
+    """Time every size in turn, after one turn to warm up."""
+    os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+    vars(np).setdefault("float", float)
+    vars(np).setdefault("infty", np.inf)
     import tacto
     import trimesh
 
-    made = tacto.Renderer(width, height, None, tacto.get_digit_config_path())
-    for number, case in enumerate(cases):
-        made.add_object(trimesh.Trimesh(case["vertices"], case["faces"], process=False), str(number))
-    return made
+    cases = [dict(np.load(folder / f"{number}.npz")) for number in range(len(list(folder.glob("*.npz"))))]
+    poses = [[tacto_pose(pose, float(case["w"])) for pose in case["poses"]] for case in cases]
+    meshes = {str(number): trimesh.Trimesh(case["vertices"], case["faces"], process=False) for number, case in enumerate(cases)}
+    renderers = {(width, height): tacto.Renderer(width, height, None, tacto.get_digit_config_path()) for width, height in sizes}
+    for made, (name, mesh) in itertools.product(renderers.values(), meshes.items()):
+        made.add_object(mesh, name)
+    taken: dict[tuple[int, int], list[float]] = {size: [] for size in renderers}
+    for turn in range(turns + 1):
+        for size, made in renderers.items():
+            start = time.process_time()
+            images = [[touch(made, number, *pose) for pose in own] for number, own in enumerate(poses)]
+            taken[size].append((time.process_time() - start) * 1e3 / sum(map(len, poses)))
+            for number, seen in enumerate(images if turn == turns else []):
+                np.save(folder / f"{number}-{size[0]}-{size[1]}.npy", np.concatenate([points(made, *image) for image in seen]))
+    for (width, height), milliseconds in taken.items():
+        np.save(folder / f"ms-{width}-{height}.npy", milliseconds[1:])
 
 
 def tacto_pose(pose: Any, gel: float) -> tuple[Any, Any]:
-    """Position and Euler angles ("xyz") of TACTO's sensor frame: its gel's middle in the middle of ours, `gel` m above the sensor plane."""
+    """Compute position and Euler angles ("xyz") of TACTO's sensor frame, the middle of its gel in that of ours, `gel` m above the base."""
     from scipy.spatial.transform import Rotation
 
     axes = pose[:3, [2, 0, 1]]  # its x is our z, its y our x, its z our y
@@ -72,16 +62,14 @@ def tacto_pose(pose: Any, gel: float) -> tuple[Any, Any]:
 
 
 def touch(made: Any, case: int, position: Any, angles: Any) -> tuple[Any, Any, Any]:
-    """Camera, depth and indentation of one sensor, by the steps of `tacto.Sensor.render` without its queries to PyBullet."""
-    name = str(case)
+    """Render camera, depth and indentation of one sensor by the steps of `tacto.Sensor.render`, without its queries to PyBullet."""
     made.update_camera_pose(position, angles)
-    _, depths = made.render({name: ([0, 0, 0], [0, 0, 0])}, {name: 0.0})  # no force: the object stays where it is
-    pressed = made.depth0[0] - depths[0]
-    return made.camera_nodes[0].matrix, depths[0], pressed
+    _, depths = made.render({str(case): ([0, 0, 0], [0, 0, 0])}, {str(case): 0.0})  # no force: the object stays where it is
+    return made.camera_nodes[0].matrix, depths[0], made.depth0[0] - depths[0]
 
 
 def points(made: Any, camera: Any, depth: Any, pressed: Any) -> Any:
-    """(N, 3) world points, m, of the pixels in which the object stands in the gel; the camera looks along its -z."""
+    """Compute (N, 3) world points, m, of the pixels in which the object stands in the gel; the camera looks along its -z."""
     height, width = depth.shape
     half = np.tan(made.camera_nodes[0].camera.yfov / 2)
     row, col = np.nonzero((pressed > TOUCHING) & (depth > 0))
@@ -92,4 +80,4 @@ def points(made: Any, camera: Any, depth: Any, pressed: Any) -> Any:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(Path(sys.argv[1]), int(sys.argv[2]), json.loads(sys.argv[3]))

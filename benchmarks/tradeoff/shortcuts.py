@@ -6,38 +6,17 @@ or batch of it. The names are those of `vt-pipeline run STAGE --explain`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import torch
 
 from benchmarks.timing import alone, side_by_side
+from benchmarks.tradeoff import shortcuts_data, shortcuts_learning
+from benchmarks.tradeoff.shortcut import Results, Shortcut
 
-Results = Mapping[str, np.ndarray]
 EQUAL = "bit for bit"
 TURNS = 2
-
-
-@dataclass(frozen=True)
-class Shortcut:
-    """A shortcut of a stage, with the same work done without it.
-
-    Attributes
-    ----------
-    what
-        What the shortcut leaves out.
-    with_, without
-        Do the work, and return arrays by name: equal to the bit where `bound` is 0, else at most `bound` apart, in `unit`.
-    """
-
-    stage: str
-    name: str
-    what: str
-    with_: Callable[[], Results]
-    without: Callable[[], Results]
-    bound: float = 0.0
-    unit: str = ""
 
 
 def difference(ours: Results, plain: Results) -> float:
@@ -70,10 +49,6 @@ def measure(shortcut: Shortcut, turns: int = TURNS) -> dict[str, Any]:
 
 def measure_all() -> list[dict[str, Any]]:
     """Measure every shortcut, in the order of the stages."""
-    import torch
-
-    from benchmarks.tradeoff import shortcuts_data, shortcuts_learning
-
     torch.set_num_threads(1)
     data, learning = shortcuts_data.Bench(size=2, attempts=12), shortcuts_learning.Bench()
     return [measure(one) for one in (*shortcuts_data.shortcuts(data), *shortcuts_learning.shortcuts(learning))]

@@ -8,8 +8,8 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.touch import press
-from benchmarks.tradeoff.shortcuts import Results, Shortcut
+from benchmarks.depth import press
+from benchmarks.tradeoff.shortcut import Results, Shortcut
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Task
 from pipeline.kernels.geometry import exterior_sampling

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from benchmarks.charts import SENSOR, press
 from benchmarks.gcn import Given, batch
-from benchmarks.tradeoff.shortcuts import Results, Shortcut
+from benchmarks.tradeoff.shortcut import Results, Shortcut
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.fit_options import FitOptions
 from pipeline.kernels.networks.chart_graph import ChartGraph

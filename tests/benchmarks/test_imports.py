@@ -1,15 +1,48 @@
-"""Benchmarks import the project, never the tests."""
+"""Benchmarks import the project and each other without a circle, never the tests; documents name those that exist."""
 
 from __future__ import annotations
 
 import ast
+import re
+from graphlib import TopologicalSorter
 
+import pytest
+
+from benchmarks.__main__ import NAMES, PEERS
 from benchmarks.provenance import ROOT
+from tests.test_documents import PAGES
+
+FILES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in (ROOT / "benchmarks").rglob("*.py")}
 
 
-def test_benchmarks_do_not_import_tests():
-    for path in (ROOT / "benchmarks").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            assert not [name for name in names if name.partition(".")[0] == "tests"], path
+def imported(module: str) -> set[str]:
+    """The modules that a file names, and those that may be in the packages that it names."""
+    names = set()
+    for node in ast.walk(ast.parse(FILES[module].read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return names
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_benchmarks_do_not_import_tests(module):
+    assert not [name for name in imported(module) if name.partition(".")[0] == "tests"]
+
+
+def test_imports_among_benchmarks_have_no_circle():
+    TopologicalSorter({module: imported(module) & FILES.keys() for module in FILES}).prepare()
+
+
+def test_every_table_is_a_module():
+    assert set(PEERS) < set(NAMES)
+    assert {f"benchmarks.{name}" for name in NAMES} < FILES.keys()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_benchmarks_that_documents_name_exist(page):
+    lines = [line for line in page.read_text().splitlines() if ", commit " not in line and "· commit " not in line]  # those name their own
+    for name, tables in re.findall(r"python -m (benchmarks[\w.]*)((?: [a-z]+)*)", "\n".join(lines)):
+        assert name in FILES or f"{name}.__main__" in FILES, name
+        assert name != "benchmarks" or set(tables.split()) <= set(NAMES), tables

@@ -12,7 +12,8 @@ import pytest
 import torch
 
 from benchmarks.tradeoff import shortcuts_data, shortcuts_learning
-from benchmarks.tradeoff.shortcuts import EQUAL, Results, Shortcut, difference, measure
+from benchmarks.tradeoff.shortcut import Results, Shortcut
+from benchmarks.tradeoff.shortcuts import EQUAL, difference, measure
 from pipeline.kernels.geometry.exterior_sampling import EscapeTest
 from pipeline.kernels.hand.distance_field import DistanceField
 from pipeline.kernels.metrics.chamfer import Target

@@ -19,12 +19,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from benchmarks.forked import OK, answer, finish, fork, run
 from benchmarks.provenance import provenance
 from stages.registry import GRASP_STAGES
 from tests.faults import changes, damage, interruptions, links
 from tests.faults.sandbox import Sandbox, digests
 from tests.faults.trial import Trial, Verdict
+from tests.forked import OK, answer, finish, fork, run
 
 Fault = Callable[[Trial], Verdict]
 

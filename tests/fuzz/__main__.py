@@ -24,9 +24,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 
-from benchmarks.forked import finish, fork
 from pipeline.errors import PipelineError
 from pipeline.formats.mesh_reader import end_reader
+from tests.forked import finish, fork
 from tests.fuzz.mutations import mutated
 from tests.fuzz.target import Files, Target
 from tests.fuzz.targets import TARGETS

@@ -1,13 +1,16 @@
-"""Meshes and sensor poses of a dataset, which every peer is given."""
+"""Meshes of a dataset and sensors that touch them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.timing import Round, each
+from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
@@ -25,13 +28,9 @@ class Case:
     mesh: Mesh
     poses: NDArray[np.float64]
 
-    def save(self, path: Path, gel: float) -> None:
-        """Write what a peer in another process needs: vertices, faces, poses, and the gel's thickness `w`, m."""
-        np.savez(path, vertices=self.mesh.vertices, faces=self.mesh.faces, poses=self.poses, w=gel)
-
 
 def touched_objects(data: Path) -> list[Case]:
-    """Choose the first object of every category of a dataset, each with `POSES` sensors that touch it."""
+    """Choose the first object of every category of a dataset that `POSES` sensors touch."""
     directory = DataDirectory(data)
     surfaces, grasps = directory.collection(SURFACES), directory.collection(GRASPS)
     cases: dict[str, Case] = {}
@@ -39,11 +38,14 @@ def touched_objects(data: Path) -> list[Case]:
         row = grasps.view(object_id)
         touching = row["sensor_pose"][row["touch_success"]] if bool(row["ok"]) else np.empty((0, 4, 4))
         category = str(row["category"])
-        if len(touching) < POSES or category in cases:
-            continue
-        view = surfaces.view(object_id)
-        mesh = Mesh.bare(view["meshes/vertices"], view["meshes/faces"])
-        cases[category] = Case(object_id, mesh, touching[np.linspace(0, len(touching) - 1, POSES).astype(int)])
+        if len(touching) >= POSES and category not in cases:
+            poses = touching[np.linspace(0, len(touching) - 1, POSES).astype(int)]
+            cases[category] = Case(object_id, read_mesh(surfaces.view(object_id)), poses)
     if not cases:
-        raise ValueError(f"{data} has no object that {POSES} sensors touch; make it first: make dataset")
+        raise SystemExit(f"{data} has no object that {POSES} sensors touch; make it first: make dataset")
     return list(cases.values())
+
+
+def over_cases(cases: Sequence[Case], call: Callable[[int, NDArray[np.float64]], object]) -> Round:
+    """Make a round over all sensors of all cases; `call` takes a case's number and a pose."""
+    return each(lambda item: call(*item), [(number, pose) for number, case in enumerate(cases) for pose in case.poses])

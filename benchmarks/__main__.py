@@ -1,0 +1,56 @@
+"""Measure stages and kernels beside raw limits and other tools: `python -m benchmarks [NAME …] --data DIR`.
+
+Every table comes from one run on one core. Peers that are not installed are listed as such; `make bench-peers` installs them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+import torch
+
+from benchmarks.provenance import provenance
+from benchmarks.timing import Table
+
+PEERS = "touch", "depth", "chamfer", "surfaces", "store"
+"""Tables of `docs/peers.md`."""
+NAMES = "surfaces", "grasps", "vision", "depth", "chamfer", "unet", "charts", "gcn", "touch", "store"
+"""Modules of this folder; each has `measure(data, turns)`, which returns a table."""
+INTRODUCTION = """# Side by side with what one would pick instead
+
+`make bench-peers` measures each peer in one run, on one core of the same machine, with the same meshes and sensor poses. Times are
+processor times; notes below each table say what is not comparable. A ratio above 1 is in our favour. Commands are those of their commit.
+"""
+
+
+def main() -> None:
+    """Measure, print, and write."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(NAMES)}; all unless given")
+    parser.add_argument("--data", type=Path, required=True, help="a dataset with surfaces, grasps and touches")
+    parser.add_argument("--write", type=Path, help=f"write the tables {', '.join(PEERS)} to this page")
+    parser.add_argument("--turns", type=int, default=3, help="rounds after one to warm up; 3 unless given")
+    chosen = parser.parse_args()
+    if unknown := set(chosen.names) - set(NAMES):
+        parser.error(f"there is no table {', '.join(sorted(unknown))}; there are {', '.join(NAMES)}")
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})  # of all threads, Mesa's among them, only one runs at a time
+    torch.set_num_threads(1)
+    above = "`{command}` · commit {commit} · {machine} · {date}".format(**provenance("python -m benchmarks", "python -m benchmarks"))
+    tables: list[Table] = []
+    for name in PEERS if chosen.write else chosen.names or NAMES:
+        measure: Callable[[Path, int], Table] = import_module(f"benchmarks.{name}").measure
+        tables.append(measure(chosen.data, chosen.turns))
+        print(tables[-1].markdown(above), flush=True)
+    if chosen.write:
+        chosen.write.write_text("\n".join([INTRODUCTION, *(table.markdown(above) for table in tables)]), encoding="utf-8")
+    for line in (line for table in tables for line in table.missing):
+        print(f"could not run: {line}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,1 +1,0 @@
-"""Hands of others, from wheels that `make test-hands` installs: hand files of ours, and what their grasps reach."""
