@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.timing import alone, side_by_side
 from pipeline.config.manifest import load_manifest
-from pipeline.engine.stage import Task
+from pipeline.engine.unit import Unit
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
 from pipeline.kernels.geometry.normalise import normalise_mesh
@@ -26,7 +26,7 @@ def main() -> None:
     settings, exterior_ms = SurfaceSettings(), []
     print(f"{'object':16}{'faces':>8}{'clean ms':>10}{'any ms':>10}{'exterior ms':>13}{'off surface µm':>16}")
     for item in load_manifest("toy").objects():
-        source = source_mesh(Task(item.object_id, item.category, 0, item.source))
+        source = source_mesh(Unit(item.object_id, source=item.source))
         mesh = normalise_mesh(clean_mesh(source, settings.max_faces)[0], up=item.source.get("up", "z"), diagonal=settings.diagonal)
         points, _ = sample_exterior(mesh, POINTS, np.random.default_rng(0))
         off = np.sqrt(igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces.astype(np.int64))[0]).max()

@@ -23,10 +23,10 @@ from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
-from pipeline.store.publish import publish_shard
+from pipeline.store.publish import ShardOutput
 from pipeline.store.reshard import shard_key, shard_of
+from pipeline.store.row_files import Chunks, encode_row
 from pipeline.store.storage import Place, names_in, place, remove
-from pipeline.store.write import RowToPack
 from schemas.catalogue import ARTIFACTS
 from stages.registry import load_stage, resolve
 
@@ -49,7 +49,7 @@ def objects(count: int) -> list[Object]:
 def replicate(source: Place, target: Place, count: int) -> None:
     """Write a dataset of `count` objects."""
     directory, shards = DataDirectory(target), -(-count // OBJECTS_PER_SHARD)
-    directory.claim_shards(shards)
+    directory.set_shard_count(shards)
     origins = list(DataDirectory(source).collection(ARTIFACTS["surfaces"]))
     copies = list(zip(objects(count), islice(cycle(origins), count), strict=True))
     for name in ("surfaces", "grasps", "touch", "charts"):
@@ -61,14 +61,15 @@ def replicate(source: Place, target: Place, count: int) -> None:
 def _write(directory: DataDirectory, collection: Collection, copies: list[tuple[Object, str]], number: int, shards: int) -> None:
     first, artifact = collection.first, collection.artifact
     constants = {name: first.read(name) for name, array in artifact.arrays.items() if not array.per_object and first.has(name)}
-    rows, packed = [], []
-    for item, origin in copies:
-        view, named = collection.view(origin), {"object_id": item.object_id, "split": item.split}
-        rows.append(collection.row(origin).model_copy(update=named))
-        packed.append(RowToPack(item.object_id, rows[-1].category, item.split, rows[-1].failure is None, view.shapes(), view.verify))
+    rows = [collection.row(origin).model_copy(update={"object_id": item.object_id, "split": item.split}) for item, origin in copies]
+    shapes = [collection.view(origin).shapes() for _, origin in copies]
+
+    def encoded(number: int) -> Chunks:
+        return encode_row(artifact, collection.view(copies[number][1]).verify())
+
     key = shard_key(((row.key, row.split) for row in rows), number, shards, "copies")
     record = first.record.model_copy(update={"key": key, "rows": tuple(rows), "models": {}})
-    publish_shard(directory, artifact, number, shards, record, packed, constants, first.attributes)
+    ShardOutput(directory, artifact, number, shards).commit(record, shapes, encoded, constants, first.attributes)
 
 
 def train(stage: str, data: Place, count: int) -> str:

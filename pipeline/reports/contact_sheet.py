@@ -26,7 +26,8 @@ from pipeline.reports.second_view import GraspView, gel_squares, second_view, to
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place, exists, names_in, read_bytes, remove, written_to
+from pipeline.store.mirror import local_copy
+from pipeline.store.storage import Place, exists, names_in, read_bytes, remove
 from schemas.catalogue import ARTIFACTS
 from stages.render_vision.renderer import Renderer
 
@@ -58,7 +59,7 @@ def contact_sheets(data: Place, most: int) -> list[Place]:
         for old in names_in(data):
             if fnmatch(old, "contact-sheet*.png"):
                 remove(data / old)
-        with written_to(data) as folder:
+        with local_copy(data, begin=False, send="at the end") as folder:
             drawn = [key, *(page.name for page in _draw(collections, shown, folder / "contact-sheet.png"))]
             (folder / stamp.name).write_text("\n".join(drawn) + "\n")
     return [data / name for name in drawn[1:]]

@@ -30,7 +30,8 @@ from pipeline.reports.report_source import ReportSource
 from pipeline.reports.results import show_results, trained
 from pipeline.reports.svg_plots import draw_bars, draw_histogram, svg_theme
 from pipeline.store import digest
-from pipeline.store.storage import Place, written_to
+from pipeline.store.mirror import local_copy
+from pipeline.store.storage import Place
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
 COPIED = ("style.css", "viewer.js", "gallery.js", "three.min.js", "three.LICENSE")
@@ -64,7 +65,7 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
         An artifact that a report needs has not been made, or something was made from other rows than there are now.
     """
     source = ReportSource(data)
-    with written_to(data / "report") as folder:
+    with local_copy(data / "report", begin=False, send="at the end") as folder:
         (folder / "objects").mkdir(exist_ok=True)
         (folder / "figures").mkdir(exist_ok=True)
         for name in COPIED:

@@ -17,7 +17,7 @@ from pipeline.console import print_table
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory, folder_digest
 from pipeline.store.garbage import everything_unnamed
-from pipeline.store.pieces import Pieces
+from pipeline.store.row_files import RowFiles
 from pipeline.store.storage import File, Place, files_below, names_in
 from schemas.catalogue import ARTIFACTS
 
@@ -124,7 +124,7 @@ def _artifact(directory: DataDirectory, name: str) -> ArtifactAccount:
         megabytes=sum(_megabytes(files_below(shard.path)) for shard in collection.shards),
         seconds=sum(row.seconds for shard in collection.shards for row in shard.record.rows),
         digest=collection.digest(),
-        unfinished=Pieces(directory.work(name)).count(),
+        unfinished=RowFiles(directory.work(name)).count(),
         processors=dict(collection.processors()),
     )
 

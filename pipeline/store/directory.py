@@ -80,7 +80,7 @@ class DataDirectory:
             raise StoreError(f"{path} says {shards} shards, and no record is of that number; {remedy}")
         return shards
 
-    def settled_shards(self, count: int | None) -> int:
+    def check_shard_count(self, count: int | None) -> int:
         """Settle on a number of shards: the dataset's own, before the first run the one asked for, or 1.
 
         Raises
@@ -96,10 +96,10 @@ class DataDirectory:
             )
         return current or count or 1
 
-    def claim_shards(self, count: int) -> None:
+    def set_shard_count(self, count: int) -> None:
         """Write down the number of shards, unless another run was first; a `StoreError` where that chose another number."""
         create(self.root / DESCRIPTION, Description(shards=count).model_dump_json().encode())
-        self.settled_shards(count)
+        self.check_shard_count(count)
 
     def shard_record(self, artifact: str, number: int, shards: int) -> Place:
         """The path of a shard's record."""
@@ -157,7 +157,7 @@ class DataDirectory:
     def folder_problems(self, name: str) -> Iterator[str]:
         """Compare the files that the record of a folder names with what it says: a line for each that differs."""
         folder = self.folder_path(name)
-        return _departures(self.folder(name), folder, folder)
+        return _differences(self.folder(name), folder, folder)
 
     def whole_folder(self, name: str) -> Path:
         """The folder that the record names, to be read on this machine's disk, where one in object storage is copied to.
@@ -171,7 +171,7 @@ class DataDirectory:
         local = folder if isinstance(folder, Path) else cache_of(folder)
         if local != folder and _hashes(local, record.files) != record.files:
             copy(folder, local, files_below(folder).keys() & record.files)
-        if problem := next(_departures(record, local, folder), None):
+        if problem := next(_differences(record, local, folder), None):
             raise StoreError(f"{folder}: {problem}")
         return local
 
@@ -260,7 +260,7 @@ def _maker(name: str) -> str:
     return f"`vt-pipeline run {stage}{''.join(stated)}`"
 
 
-def _departures(record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
+def _differences(record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
     """Compare the files of a folder, read there or as a copy, with what its record says: a line for each that differs."""
     there = _hashes(read, record.files)
     for file, written in record.files.items():

@@ -18,7 +18,6 @@ from datetime import timedelta
 from functools import lru_cache
 from itertools import count
 from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 from uuid import uuid4
 
@@ -195,18 +194,6 @@ def _copy_file(source: Place, target: Place) -> None:
         obstore.put(bucket_of(target), key_of(target), source)
     else:
         obstore.copy(bucket_of(target), key_of(source), key_of(target))
-
-
-@contextmanager
-def written_to(folder: Place) -> Iterator[Path]:
-    """Give a folder on this machine's disk to write files in: `folder` itself, or one that is copied to object storage at the end."""
-    if isinstance(folder, Path):
-        folder.mkdir(parents=True, exist_ok=True)
-        yield folder
-    else:
-        with TemporaryDirectory(prefix="vt-pipeline-") as name:
-            yield Path(name)
-            copy(Path(name), folder, files_below(Path(name)))
 
 
 def in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:

@@ -8,7 +8,7 @@ import pytest
 import torch
 from pydantic import ValidationError
 
-from pipeline.engine.stage import Task
+from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.fit_options import SUPPLEMENT, FitOptions, StopRule
@@ -49,22 +49,24 @@ def poses() -> np.ndarray:
     return made
 
 
-def task(heights: tuple[float, ...] = (0.003, 1.0, 0.0055, 0.00675), name: str = "ball", **sensor: Any) -> Task:
+class GivenRow(dict[str, np.ndarray]):
+    """Arrays with the attributes of their shard."""
+
+    attributes: dict[str, Any]
+
+
+def task(heights: tuple[float, ...] = (0.003, 1.0, 0.0055, 0.00675), name: str = "ball", **sensor: Any) -> tuple[Unit, dict[str, Any]]:
     """Three sensors that touch or nearly do and one in the air."""
     depth = np.stack([depth_of(height) for height in heights]).reshape(2, 2, 100, 100)
-    inputs = {
-        "touch": {
-            "depth": depth,
-            "reading": np.stack([tactile_image(one, SENSOR) for one in depth.reshape(4, 100, 100)]).reshape(2, 2, 100, 100, 3),
-        },
-        "grasps": {"sensor_pose": poses(), "touch_success": touch_success(depth, SENSOR)},
-    }
-    return Task(name, "balls", 0, inputs=inputs, attributes={"touch": {"sensor": SENSOR.model_copy(update=sensor).model_dump(mode="json")}})
+    readings = np.stack([tactile_image(one, SENSOR) for one in depth.reshape(4, 100, 100)]).reshape(2, 2, 100, 100, 3)
+    touch = GivenRow(depth=depth, reading=readings)
+    touch.attributes = {"sensor": SENSOR.model_copy(update=sensor).model_dump(mode="json")}
+    return Unit(name), {"touch": touch, "grasps": {"sensor_pose": poses(), "touch_success": touch_success(depth, SENSOR)}}
 
 
-def run(settings: ChartSettings, one: Task, models: dict[str, Path] | None = None) -> Row:
+def run(settings: ChartSettings, one: tuple[Unit, dict[str, Any]], models: dict[str, Path] | None = None) -> Row:
     with STAGE.session(settings, models or {}) as process:
-        return process(one)
+        return process(*one)
 
 
 @pytest.fixture(scope="module")
