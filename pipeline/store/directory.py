@@ -20,6 +20,7 @@ from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, cache_of, copy, files_below, in_threads, names_in, place, read_bytes
 from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
+from schemas.folders import RECORD, TREES, maker_of
 
 DESCRIPTION = "dataset.json"
 WORK = ".work"
@@ -28,16 +29,9 @@ LOGS = "tensorboard"
 """A folder in a folder that holds times of day, and hence belongs to no digest."""
 
 
-TREES = ("models", "sweeps")
-"""Folders that hold records of folders, and folders that do."""
-EVALUATION = re.compile(r"evaluation(-single-image|-seed-\d+)?\.json")
-"""Records of folders beside the artifacts."""
-
 SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
 """What the record of a shard is called."""
 
-_MODEL = re.compile(r"models/(?:seed-(\d+)/)?([^/]+)(?:/([^/]+))?")
-"""Training seed, family and network of a model's folder."""
 _VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
 
 
@@ -133,7 +127,7 @@ class DataDirectory:
     def folders(self) -> list[str]:
         """Names of the folders that were published."""
         trees = (f"{where}/{name}" for where in TREES for name in files_below(self.root / where))
-        found = [name for name in names_in(self.root) if EVALUATION.fullmatch(name)]
+        found = [name for name in names_in(self.root) if RECORD.fullmatch(name)]
         found += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
         return sorted(path.removesuffix(".json") for path in found)
 
@@ -148,7 +142,7 @@ class DataDirectory:
 
     def folder(self, name: str) -> FolderRecord:
         """The record of a folder; a `StoreError` where there is none."""
-        return read_record(self.folder_record(name), FolderRecord, _maker(name))
+        return read_record(self.folder_record(name), FolderRecord, maker_of(name))
 
     def folder_path(self, name: str) -> Place:
         """The folder that the record names."""
@@ -248,16 +242,6 @@ class DataDirectory:
 
 def _read_shard_record(path: Place) -> ShardRecord:
     return read_record(path, ShardRecord)
-
-
-def _maker(name: str) -> str:
-    """Say what makes a folder: `models/seed-1/gcn/touch` comes from `train-gcn`, told its network and seed."""
-    if not (found := _MODEL.fullmatch(name)):
-        return "the stage that makes it"
-    seed, family, network = found.groups()
-    stage = f"train-{family}"
-    stated = [f" --set {stage}.{what}={value}" for what, value in (("configuration", network), ("training_seed", seed)) if value]
-    return f"`vt-pipeline run {stage}{''.join(stated)}`"
 
 
 def _differences(record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:

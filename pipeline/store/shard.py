@@ -178,7 +178,7 @@ class Shard:
 class RowView(Mapping[str, np.ndarray]):
     """One object's row as a mapping from array names to arrays; ragged ones as `meshes/vertices`.
 
-    Arrays are read when asked for; after `verify` they are those that it looked at.
+    Arrays are read when first asked for, and kept; after `verify` they are those that it looked at.
     """
 
     def __init__(self, shard: Shard, object_id: str) -> None:
@@ -193,8 +193,11 @@ class RowView(Mapping[str, np.ndarray]):
         return self.shard.attributes
 
     def __getitem__(self, name: str) -> np.ndarray:
-        if name in self._held:
-            return self._held[name]
+        if name not in self._held:
+            self._held[name] = self._read(name)
+        return self._held[name]
+
+    def _read(self, name: str) -> np.ndarray:
         declared = self.shard.artifact.of(name)
         if declared is None:
             raise KeyError(f"{self.shard.artifact.name} has no array {name}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -62,14 +61,14 @@ def _origin(unit: Unit) -> Row:
     """Where an object comes from: its file with checksum, licence and unit, or the toy object that was modelled."""
     source = unit.source
     if "procedural" in source:
-        file, content, missing = f"procedural {source['procedural']} {source['variant']}, seed {source['seed']}", b"", 0
+        file, sha256, missing = f"procedural {source['procedural']} {source['variant']}, seed {source['seed']}", "", 0
     else:
-        missing = len(Companions(Path(source["file"]), Path(source["root"])).missing)
         path = Path(source["file"])
-        file, content = path.relative_to(source["root"]).as_posix(), path.read_bytes()
+        companions = Companions(path, Path(source["root"]))
+        file, sha256, missing = path.relative_to(source["root"]).as_posix(), companions.sha256, len(companions.missing)
     return {
         "source_file": np.array(file),
-        "source_sha256": np.array(hashlib.sha256(content).hexdigest() if content else ""),
+        "source_sha256": np.array(sha256),
         "licence": np.array(source.get("licence", "")),
         "missing_files": np.array(missing, np.int32),
         "metres_per_unit": np.array(source.get("metres_per_unit") or 0.0),

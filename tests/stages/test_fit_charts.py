@@ -94,7 +94,7 @@ def test_where_nothing_touched_the_square_stays(row: Row) -> None:
 
 
 def test_where_something_touched_the_chart_lies_on_its_points(row: Row) -> None:
-    depth = task().inputs["touch"]["depth"]
+    depth = task()[1]["touch"]["depth"]
     for at in ((0, 0), (1, 0)):
         points, count = local_points(depth[at], poses()[at], SENSOR)
         away = distances(points[:count].astype(np.float64), row["vertices"][at].astype(np.float64), chart_square()[1].numpy())
@@ -144,7 +144,7 @@ def test_predicted_points_are_the_u_nets(tmp_path: Path) -> None:
 
 def test_a_touch_that_the_u_net_does_not_see_keeps_its_square(tmp_path: Path) -> None:
     blind = task()
-    blind.inputs["touch"]["reading"][:] = untouched_image(SENSOR)  # type: ignore[index]
+    blind[1]["touch"]["reading"][:] = untouched_image(SENSOR)
     row = run(ChartSettings(), blind, trained(tmp_path / "unet"))
     assert row["stop_rule"].tolist() == [[StopRule.too_few_points, StopRule.no_touch]] * 2
     assert np.isfinite(row["vertices"]).all()
@@ -154,7 +154,7 @@ def test_faults_are_the_object_s_and_named(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="U-Net knows sensor other"):
         run(ChartSettings(), task(), trained(tmp_path / "unet", SENSOR.model_copy(update={"name": "other"})))
     bent = task()
-    bent.inputs["grasps"]["sensor_pose"][0, 1, 0, 0] += 1
+    bent[1]["grasps"]["sensor_pose"][0, 1, 0, 0] += 1
     with pytest.raises(InvalidInput, match="no rigid motion"):
         run(ChartSettings(cloud="true", max_iterations=1), bent)
 
