@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property
 
 from pipeline.engine.session import Work, session
 from pipeline.engine.unit import Unit
@@ -57,10 +56,13 @@ class Deferred(Executor):
 
     def __init__(self, make: Callable[[], Executor]) -> None:
         self._make = make
+        self._executor: Executor | None = None
 
-    @cached_property
+    @property
     def _made(self) -> Executor:
-        return self._make()
+        if self._executor is None:
+            self._executor = self._make()
+        return self._executor
 
     @property
     def processes(self) -> int:
@@ -73,5 +75,5 @@ class Deferred(Executor):
 
     def close(self, *, at_once: bool) -> None:
         """Give back what the other executor has opened, if it was made."""
-        if "_made" in self.__dict__:
-            self._made.close(at_once=at_once)
+        if self._executor is not None:
+            self._executor.close(at_once=at_once)

@@ -18,7 +18,7 @@ from pipeline.engine.unit import Unit
 from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory, hashes_of
-from pipeline.store.mirror import local_copy
+from pipeline.store.local_copy import local_copy
 from pipeline.store.publish import FolderOutput
 from pipeline.store.record import FolderRecord, read_record, serialise_with_checksum
 from pipeline.store.storage import names_in, remove

@@ -26,7 +26,7 @@ from pipeline.reports.second_view import GraspView, gel_squares, second_view, to
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
-from pipeline.store.mirror import local_copy
+from pipeline.store.local_copy import local_copy
 from pipeline.store.storage import Place, exists, names_in, read_bytes, remove
 from schemas.catalogue import ARTIFACTS
 from stages.render_vision.renderer import Renderer

@@ -30,7 +30,7 @@ from pipeline.reports.report_source import ReportSource
 from pipeline.reports.results import show_results, trained
 from pipeline.reports.svg_plots import draw_bars, draw_histogram, svg_theme
 from pipeline.store import digest
-from pipeline.store.mirror import local_copy
+from pipeline.store.local_copy import local_copy
 from pipeline.store.storage import Place
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"

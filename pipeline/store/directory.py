@@ -35,7 +35,7 @@ SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
 _VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
 
 
-class Description(BaseModel):
+class DatasetDescription(BaseModel):
     """What `dataset.json` says: into how many shards the objects are split."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -63,7 +63,7 @@ class DataDirectory:
         numbers = ", ".join(str(int(number)) for number in sorted(there))
         remedy = f'write {{"shards": N}} into it, N as the records are named: {numbers or "none is left"}'
         try:
-            shards = Description.model_validate_json(read_bytes(path)).shards
+            shards = DatasetDescription.model_validate_json(read_bytes(path)).shards
         except FileNotFoundError:
             if len(there) > 1:
                 raise StoreError(f"{path} is missing; {remedy}") from None
@@ -92,7 +92,7 @@ class DataDirectory:
 
     def set_shard_count(self, count: int) -> None:
         """Write down the number of shards, unless another run was first; a `StoreError` where that chose another number."""
-        create(self.root / DESCRIPTION, Description(shards=count).model_dump_json().encode())
+        create(self.root / DESCRIPTION, DatasetDescription(shards=count).model_dump_json().encode())
         self.check_shard_count(count)
 
     def shard_record(self, artifact: str, number: int, shards: int) -> Place:

@@ -11,7 +11,7 @@ from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
 from pipeline.store.directory import DataDirectory, hashes_of, shard_name, versioned
 from pipeline.store.garbage import collect, named_location, note_replaced
-from pipeline.store.mirror import local_copy
+from pipeline.store.local_copy import local_copy
 from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord, read_record, serialise_with_checksum
 from pipeline.store.row_files import Chunks, RowFiles
 from pipeline.store.rows import Row

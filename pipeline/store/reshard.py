@@ -9,7 +9,7 @@ from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.atomic import one_writer, write_at_once
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, Description, is_of
+from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, DatasetDescription, is_of
 from pipeline.store.publish import ShardOutput, withdraw
 from pipeline.store.record import RowRecord
 from pipeline.store.row_files import Chunks, encode_row
@@ -91,7 +91,7 @@ def _content(record: Place) -> bytes:
 
 
 def _describe(directory: DataDirectory, shards: int) -> None:
-    write_at_once(directory.root / DESCRIPTION, Description(shards=shards).model_dump_json().encode())
+    write_at_once(directory.root / DESCRIPTION, DatasetDescription(shards=shards).model_dump_json().encode())
 
 
 def _discard_records(directory: DataDirectory, shards: int) -> None:
