@@ -255,8 +255,7 @@ class ShapeNet(MeshSource):
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     """Describe an object's source wherever its files lie: a file is replaced by the hash of what it holds.
 
-    The materials and textures that it names count too; renderings do not, which the stage counts that reads them, nor does the licence,
-    for which nothing need be computed again.
+    The materials and textures that it names count too; renderings, which belong to another stage's key, and the licence do not.
 
     Raises
     ------
@@ -280,8 +279,7 @@ def checksum(found: list[Object]) -> str:
 def _sha256(file: Path) -> str:
     if not file.is_file():
         raise InvalidInput(f"{file} is no regular file; remove it")
-    with file.open("rb") as opened:
-        return hashlib.file_digest(opened, "sha256").hexdigest()
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def _name(*parts: str) -> str:

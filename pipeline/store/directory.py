@@ -7,6 +7,7 @@ import re
 from collections.abc import Container, Iterable, Iterator
 from contextlib import suppress
 from fnmatch import fnmatch
+from functools import partial
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -27,7 +28,6 @@ WORK = ".work"
 """The folder of what is being made."""
 LOGS = "tensorboard"
 """A folder in a folder that holds times of day, and hence belongs to no digest."""
-
 
 SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
 """What the record of a shard is called."""
@@ -110,7 +110,8 @@ class DataDirectory:
         if artifact.name not in self._collections:
             folder, shards = self.root / artifact.name, self.shards()
             records = [path for path in self.shard_records(artifact.name) if is_of(path, shards)]
-            read = list(map(_read_shard_record, records)) if isinstance(folder, Path) else in_threads(_read_shard_record, records)
+            read_one = partial(read_record, kind=ShardRecord)
+            read = list(map(read_one, records)) if isinstance(folder, Path) else in_threads(read_one, records)
             self._collections[artifact.name] = Collection(folder, artifact, [Shard(folder, artifact, record) for record in read])
         return self._collections[artifact.name]
 
@@ -238,10 +239,6 @@ class DataDirectory:
             if folder_digest(self.folder(model)) != made_with:
                 raise StoreError(f"{self.root / name} was made from another {model} than the current one; {again}")
         return [*record.inputs, *record.models]
-
-
-def _read_shard_record(path: Place) -> ShardRecord:
-    return read_record(path, ShardRecord)
 
 
 def _differences(record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
