@@ -10,11 +10,11 @@ import pytest
 from pipeline.config.manifest import load_manifest
 from pipeline.console import errors
 from pipeline.engine.dask_executor import Dask
-from pipeline.engine.jobs import Work
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
-from pipeline.engine.shard_plan import ShardPlan
+from pipeline.engine.session import Work
 from pipeline.engine.stage import DatasetStage
+from pipeline.store.publish import ShardOutput
 from stages.registry import GRASP_STAGES, load_stage, resolve
 
 ASSIGNMENTS = [
@@ -47,13 +47,10 @@ def test_memory_and_open_files_stay_flat_over_300_objects_in_every_object_stage(
         if isinstance(stage, DatasetStage) and name != "train-unet":  # whose model fit-charts reads
             continue
         (plan,) = make_plans(Request(stage, resolve(name, "draft", ASSIGNMENTS), "300", objects, "draft", 0, tmp_path))
-        if isinstance(plan, ShardPlan):
-            jobs, work = (
-                [member.job for member in plan.members if not member.failure],
-                Work(stage, plan.settings, 0, tmp_path, plan.model_digests),
-            )
+        if isinstance(plan.output, ShardOutput):
+            units, work = [unit for unit in plan.units if not unit.failure], Work(stage, plan.settings, tmp_path, plan.model_digests)
             with Dask() as executor:
-                seen = [children() for _ in executor.run(work, jobs)]
+                seen = [children() for _ in executor.run(work, units)]
             print(f"{name}: {seen[49]} at object 50, {seen[-1]} at object {len(seen)}")
             assert seen[-1]["megabytes"] - seen[49]["megabytes"] < GROWTH_MB
             assert seen[-1]["files"] <= seen[49]["files"]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.dataset.mesh_rows import mesh_row
-from pipeline.engine.stage import Task
+from pipeline.engine.stage import Inputs
+from pipeline.engine.unit import Unit
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
@@ -85,11 +86,11 @@ def grasp(
     from stages.simulate_grasps.stage import SimulateGrasps
 
     chosen = GraspSettings(hand=hand, attempts=attempts, grasps=grasps, **settings)
-    task = Task("object", "object", seed)
-    points, normals = sample_exterior(object_.mesh, POINTS, task.rng("sample-surfaces"))
+    unit = Unit("object", seed=seed)
+    points, normals = sample_exterior(object_.mesh, POINTS, unit.rng("sample-surfaces"))
     surface = {**mesh_row(object_.mesh), "points": points.astype(np.float32), "normals": normals.astype(np.float32)}
     with SimulateGrasps().session(chosen, {}) as process:
-        row = process(Task("object", "object", seed, inputs={"surfaces": surface}))
+        row = process(unit, cast(Inputs, {"surfaces": surface}))
     described = load_hand(hand)
     return Grasps(
         fingers=tuple(mount.name for mount in described.sensors),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import cast
 from unittest.mock import patch
 
 import numpy as np
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 from benchmarks.depth import press
 from benchmarks.tradeoff.shortcut import Results, Shortcut
 from pipeline.dataset.mesh_rows import mesh_row
-from pipeline.engine.stage import Task
+from pipeline.engine.stage import Inputs
+from pipeline.engine.unit import Unit
 from pipeline.kernels.geometry import exterior_sampling
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import normalise_mesh
@@ -108,25 +110,19 @@ def _all_spheres(bench: Bench) -> Results:
         return _depths(bench)
 
 
-def _task(bench: Bench) -> Task:
+def _made(bench: Bench) -> tuple[Unit, Inputs]:
     points, normals = bench.surface
     surface = {"points": points.astype(np.float32), "normals": normals.astype(np.float32), **mesh_row(bench.mesh)}
     angles = np.zeros(len(bench.prepared_hand.hand.joint_names))
     poses = np.stack([sensor_poses(bench.prepared_hand.hand, pose, angles) for pose in bench.poses])
     poses[:, 0] = bench.sensors[: len(poses)]
-    return Task(
-        object_id="bottle",
-        category="bottle",
-        seed=0,
-        inputs={"surfaces": surface, "grasps": {"sensor_pose": poses}},
-        attributes={"grasps": {"hand": {"sensor": "gel_16mm"}}},
-    )
+    return Unit("bottle"), cast(Inputs, {"surfaces": surface, "grasps": {"sensor_pose": poses}})
 
 
 def _grasps(bench: Bench, exhaustive: bool = False) -> Results:
     settings = bench.settings.model_copy(update={"exhaustive": exhaustive, "grasps": 2})
     with patch.object(grasping, "prepare_hand", lambda _: bench.prepared_hand), grasping.SimulateGrasps().session(settings, {}) as process:
-        row = process(_task(bench))
+        row = process(*_made(bench))
     return {name: row[name] for name in ("hand_pose", "joint_angles", "sensor_pose", "touch_success", "penetration")}
 
 

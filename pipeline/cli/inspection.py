@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,7 +12,7 @@ from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
 from pipeline.console import console, say
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import place
+from pipeline.store.storage import on_disk, place
 from schemas.catalogue import ARTIFACTS
 from stages.registry import STAGES, load_stage
 
@@ -65,7 +64,7 @@ def collect_garbage(
     from pipeline.store.garbage import collect_everything, links
 
     directory = DataDirectory(data)
-    if isinstance(directory.root, Path) and not directory.root.is_dir():
+    if (folder := on_disk(directory.root)) and not folder.is_dir():
         fail(f"{data} is no data directory")
     removed = collect_everything(directory, 60 * older_than)
     for path in removed:

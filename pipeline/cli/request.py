@@ -16,7 +16,7 @@ from pipeline.config.presets import load_presets
 from pipeline.engine.executor import Deferred, Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
-from pipeline.store.storage import place
+from pipeline.store.storage import on_disk, place
 from stages.registry import resolve
 
 S = TypeVar("S", bound=Stage)
@@ -63,7 +63,7 @@ def make_request(
 ) -> Request[S]:
     """Turn what the shared options say into a request."""
     where = place(data or _default_place(manifest, objects) / preset)
-    if isinstance(where, Path) and where.is_file():
+    if (file := on_disk(where)) and file.is_file():
         fail(f"--data {where} is a file; name a folder")
     objects = objects and objects.expanduser()
     described = load_manifest(manifest).with_units(units, up)

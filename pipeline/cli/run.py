@@ -26,14 +26,14 @@ from pipeline.cli.request import (
 )
 from pipeline.config.manifest import load_manifest
 from pipeline.console import NAMED, console, counted, errors, few, say
-from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.peers import peers
-from pipeline.engine.plan import Forecast, Request
+from pipeline.engine.plan import Forecast, Plan, Request
 from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as run_stage
-from pipeline.engine.shard_plan import ShardPlan
+from pipeline.engine.shard import failures as failures_of
 from pipeline.engine.stage import DatasetStage
 from pipeline.reports.object_fit import misfits
+from pipeline.store.publish import ShardOutput
 from pipeline.store.record import Failure
 from pipeline.store.storage import Place
 from pipeline.tradeoff.explain import explain_plan
@@ -105,7 +105,7 @@ def _print_forecast(stage: str, path: Place, foreseen: Forecast) -> None:
     say(f"{stage} {path}: would make {foreseen.missing} of {counted(foreseen.total)}, {size}")
 
 
-def run_plan(plan: ShardPlan | FolderPlan) -> None:
+def run_plan(plan: Plan[Any]) -> None:
     """Run a plan and say what was done; an object that failed is named with its reason."""
     stage, request = plan.stage.name, plan.request
     failures: dict[str, Failure] = {}
@@ -115,16 +115,16 @@ def run_plan(plan: ShardPlan | FolderPlan) -> None:
         run_stage(plan, console)
         say(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
     else:
-        for line in misfits(plan) if isinstance(plan, ShardPlan) else ():
+        for line in misfits(plan) if isinstance(plan.output, ShardOutput) else ():
             say(line)
         result = run_stage(plan, console)
-        what = f"made {counted(result.made)}" if isinstance(plan, ShardPlan) else f"made from {counted(plan.total)}"
+        what = f"made {counted(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {counted(plan.total)}"
         left = f"; {result.waiting} of {plan.total} not made yet, run without --object to publish the shard" if result.waiting else ""
-        failures = plan.failures() if isinstance(plan, ShardPlan) else {}
+        failures = failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
         say(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + left)
-        if stage == "sample-surfaces" and isinstance(plan, ShardPlan):
+        if stage == "sample-surfaces" and isinstance(plan.output, ShardOutput):
             _say_what_is_missing(plan)
-    failures = failures or (plan.failures() if isinstance(plan, ShardPlan) else {})
+    failures = failures or (failures_of(plan) if isinstance(plan.output, ShardOutput) else {})
     _print_failures({name: failure for name, failure in failures.items() if request.only in (None, name)})
     if failures and request.strict:
         fail(f"{counted(len(failures))} failed, and --strict was asked for")
@@ -140,12 +140,13 @@ def _say_how_files_are_read(request: Request[Any], left_out: Mapping[str, list[s
         say(f"{counted(unitless)} scaled to a diagonal of {size:g} m; --units mm (make: UNITS=mm), or another unit, keeps real sizes")
 
 
-def _say_what_is_missing(plan: ShardPlan) -> None:
+def _say_what_is_missing(plan: Plan[ShardOutput]) -> None:
     """Name the objects whose textures or materials are not there: they are rendered without."""
-    if plan.published is None or not plan.published.has("missing_files"):
+    shard = plan.output.shard
+    if shard is None or not shard.has("missing_files"):
         return
-    counts = plan.published.read("missing_files")
-    names = [name for name, row in plan.published.position.items() if counts[row]]
+    counts = shard.read("missing_files")
+    names = [name for name, row in shard.position.items() if counts[row]]
     if names:
         say(f"{counted(len(names))} drawn without textures or materials that are not below their folder ({few(names)})")
 
@@ -161,7 +162,7 @@ def _print_failures(failures: Mapping[str, Failure]) -> None:
         errors.print(f"  [yellow]failed[/] {escape(listed)}: {escape(reason)}")
 
 
-def _print_explanation(plan: ShardPlan | FolderPlan) -> None:
+def _print_explanation(plan: Plan[Any]) -> None:
     """Explain what has just been made, or was up to date."""
     explanation, request = explain_plan(plan), plan.request
     if explanation is not None:

@@ -58,7 +58,7 @@ def submit(
     submission = Submission(
         profile=load_cluster(cluster),
         arguments=(*arguments, *(part for assignment in assignments or () for part in ("--set", assignment))),
-        shards=DataDirectory(where).settled_shards(shards),
+        shards=DataDirectory(where).check_shard_count(shards),
         folder=slurm.slurm_folder(where).absolute(),
         start=Path.cwd(),
     )

@@ -16,7 +16,7 @@ from pipeline.cluster.slurm_jobs import Job, Submission, dependency, script_of
 from pipeline.errors import StageError, StoreError, first_line
 from pipeline.store.atomic import one_writer, write_at_once
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place, read_bytes
+from pipeline.store.storage import Place, on_disk, read_bytes
 
 State = Literal["pending", "running", "done", "failed", "unknown"]
 
@@ -80,7 +80,7 @@ class JobState:
 def slurm_folder(data: Place) -> Path:
     """Where scripts, logs, exit statuses and the list of jobs lie: with the data, or in the current folder if that is in object storage."""
     folder = DataDirectory(data).work("slurm")
-    return folder if isinstance(folder, Path) else Path("slurm") / "-".join(data.parts[1:])
+    return on_disk(folder) or Path("slurm") / "-".join(data.parts[1:])
 
 
 def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob]:

@@ -6,14 +6,15 @@ import hashlib
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import count, pairwise
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from pipeline.config.sources import Catalogue, Directory, Found, Placed, Procedural, Pybullet, ShapeNet
+from pipeline.config.sources import Catalogue, Directory, MeshSource, Procedural, Pybullet, ShapeNet
+from pipeline.config.sources import Object as Object
 from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, read_description
@@ -22,13 +23,6 @@ from pipeline.formats.file_units import METRES
 SPLITS = ("train", "valid", "test")
 OBJECT_ID = re.compile(r"(?!\.|zarr\.json$)[A-Za-z0-9._-]{1,120}")
 """What names an object: it also names files and Zarr groups, where `zarr.json` is taken."""
-
-
-@dataclass(frozen=True)
-class Object(Found):
-    """One object of a manifest: what its source says of it, and its split."""
-
-    split: str
 
 
 class Splits(BaseModel):
@@ -100,14 +94,16 @@ class Manifest(BaseModel):
             splits = self._draw_splits(found)
         except (OSError, InvalidInput) as error:
             raise InvalidInput(f"manifest {self.name}: {error}") from error
-        return [Object(**vars(item), split=splits[item.object_id]) for item in found]
+        return [replace(item, split=splits[item.object_id]) for item in found]
 
     def with_units(self, units: str | None, up: str | None) -> Manifest:
         """Return the manifest with other units, of `METRES`, or another up-axis for all its mesh files."""
+        if units is None and up is None:
+            return self
         wanted = {"metres_per_unit": METRES[units] if units else None, "up": up}
         stated = {name: value for name, value in wanted.items() if value is not None}
-        files = [isinstance(source, Placed) for source in self.sources]
-        if stated and not any(files):
+        files = [isinstance(source, MeshSource) for source in self.sources]
+        if not any(files):
             raise InvalidInput(f"manifest {self.name} names no mesh files, so units and an up-axis mean nothing; leave them out")
         changed = (source.model_copy(update=stated if placed else {}) for source, placed in zip(self.sources, files, strict=True))
         return self.model_copy(update={"sources": tuple(changed)})
@@ -116,11 +112,11 @@ class Manifest(BaseModel):
         """List files of its folders that look like objects and are not read, by the reason."""
         found: dict[str, list[str]] = {}
         for source in self.sources:
-            for reason, files in source.left_out(root).items() if isinstance(source, Placed) else ():
+            for reason, files in source.left_out(root).items() if isinstance(source, MeshSource) else ():
                 found.setdefault(reason, []).extend(files)
         return found
 
-    def _draw_splits(self, items: Sequence[Found]) -> dict[str, str]:
+    def _draw_splits(self, items: Sequence[Object]) -> dict[str, str]:
         """Draw the split of every object: by seed and id, each category spread evenly over the splits."""
         wanted = (self.splits.train, self.splits.valid, self.splits.test)
         if self.splits.are_counts and sum(wanted) != len(items):
@@ -150,7 +146,7 @@ def _sizes(shares: Sequence[float], objects: int) -> list[int]:
     return sizes
 
 
-def _check_names(found: Sequence[Found]) -> None:
+def _check_names(found: Sequence[Object]) -> None:
     """Refuse objects, sorted by id, that are none, or of which one cannot be named as it is or two are named alike."""
     if not found:
         raise InvalidInput("it names no objects; give its sources some")

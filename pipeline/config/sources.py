@@ -38,12 +38,13 @@ Category = Literal["bottle", "cellphone", "knife", "rifle"]
 
 
 @dataclass(frozen=True)
-class Found:
-    """An object in a source: its id, its category, and how to load it (JSON values; `file` is a path)."""
+class Object:
+    """An object: its id, its category, how to load it (JSON values; `file` is a path), and the split that the manifest draws."""
 
     object_id: str
     category: str
     source: dict[str, Any]
+    split: str = ""
 
 
 class Source(BaseModel):
@@ -55,10 +56,10 @@ class Source(BaseModel):
     sha256: str | None = Field(None, pattern="[0-9a-f]{64}")
 
     @abstractmethod
-    def each(self, root: Path | None) -> Iterator[Found]:
+    def each(self, root: Path | None) -> Iterator[Object]:
         """List every object of the source; an `OSError` or `InvalidInput` says what is not there."""
 
-    def find(self, root: Path | None) -> list[Found]:
+    def find(self, root: Path | None) -> list[Object]:
         """List every object of the source, and check its checksum if it states one."""
         found = list(islice(self.each(root), MAX_OBJECTS + 1))
         if len(found) > MAX_OBJECTS:
@@ -71,7 +72,7 @@ class Source(BaseModel):
         return found
 
 
-class Placed(Source):
+class MeshSource(Source):
     """A source of mesh files: which axis of theirs points up, and how large they are."""
 
     up: Literal["x", "y", "z"] | None = None
@@ -102,12 +103,12 @@ class Procedural(Source):
     count: dict[Category, Annotated[int, Field(gt=0)]] = Field(min_length=1)
     seed: int = Field(ge=0)
 
-    def each(self, root: Path | None) -> Iterator[Found]:
+    def each(self, root: Path | None) -> Iterator[Object]:
         """List every variant of every category."""
         for category, count in self.count.items():
             for number in range(count):
                 source = {"procedural": category, "variant": number, "seed": self.seed}
-                yield Found(f"{category}-{number:04d}", category, source)
+                yield Object(f"{category}-{number:04d}", category, source)
 
 
 class PybulletFile(BaseModel):
@@ -119,7 +120,7 @@ class PybulletFile(BaseModel):
     up: Literal["x", "y", "z"] = "z"
 
 
-class Pybullet(Placed):
+class Pybullet(MeshSource):
     """Meshes that come inside the pybullet wheel."""
 
     kind: Literal["pybullet"]
@@ -127,7 +128,7 @@ class Pybullet(Placed):
     random_urdfs: int = Field(0, ge=0, le=1000)
     category: str = "object"
 
-    def each(self, root: Path | None) -> Iterator[Found]:
+    def each(self, root: Path | None) -> Iterator[Object]:
         """List the named files, then the first of `random_urdfs`."""
         data = Path(str(resources.files("pybullet_data")))
         named = [(name, entry.file, entry.up) for name, entry in self.files.items()]
@@ -135,16 +136,16 @@ class Pybullet(Placed):
         for name, file, up in [*named, *numbered]:
             if not (data / file).is_file():
                 raise InvalidInput(f"{data / file} is missing; reinstall the pinned packages")
-            yield Found(name, self.category, self.placed(data / file, (data / file).parent, up))
+            yield Object(name, self.category, self.placed(data / file, (data / file).parent, up))
 
 
-class Directory(Placed):
+class Directory(MeshSource):
     """Any folder of mesh files; a file's sub-folder is its category."""
 
     kind: Literal["directory"]
     path: Path | None = None
 
-    def each(self, root: Path | None) -> Iterator[Found]:
+    def each(self, root: Path | None) -> Iterator[Object]:
         """List every mesh file below the folder, hidden ones apart."""
         folder = _folder(root or self.path, "a folder of meshes")
         entries = list(islice(folder.rglob("*"), MAX_ENTRIES + 1))
@@ -159,7 +160,7 @@ class Directory(Placed):
             name = _name(*file.with_suffix("").parts)
             unique = name if repeated[name] == 1 else f"{name}-{file.suffix[1:].lower()}"
             category = _name(file.parts[0]) if len(file.parts) > 1 else "object"
-            yield Found(unique, category, self.placed(folder / file, folder))
+            yield Object(unique, category, self.placed(folder / file, folder))
 
     def left_out(self, root: Path | None) -> dict[str, list[str]]:
         """List mesh files in formats that are not read, and links to folders, which are not followed."""
@@ -174,7 +175,7 @@ class Directory(Placed):
         return found
 
 
-class Catalogue(Placed):
+class Catalogue(MeshSource):
     """A folder whose `catalogue.csv` lists mesh files below it, one per line.
 
     Its columns are `object_id`, `category`, `file`, `up` (the source's where it is empty), and whatever else its readers want to know of an
@@ -184,7 +185,7 @@ class Catalogue(Placed):
     kind: Literal["catalogue"]
     path: Path | None = None
 
-    def each(self, root: Path | None) -> Iterator[Found]:
+    def each(self, root: Path | None) -> Iterator[Object]:
         """List the objects of the catalogue in its order; one whose file is missing fails when it is read."""
         folder = _folder(root or self.path, "a folder with a catalogue.csv (`make household` fills data/meshes/household)")
         file = folder / "catalogue.csv"
@@ -199,12 +200,12 @@ class Catalogue(Placed):
                     raise InvalidInput(
                         f"{file.resolve()}: {line['object_id']} has file {line['file']!r}; it must be a path below {folder.resolve()}"
                     )
-                yield Found(line["object_id"], _name(line["category"]), self.placed(folder / line["file"], folder, line["up"]))
+                yield Object(line["object_id"], _name(line["category"]), self.placed(folder / line["file"], folder, line["up"]))
         except (UnicodeDecodeError, csv.Error) as error:
             raise InvalidInput(f"{file.resolve()} cannot be read as CSV in UTF-8: {error}") from error
 
 
-class ShapeNet(Placed):
+class ShapeNet(MeshSource):
     """A folder laid out as ShapeNetCore is: SYNSET/MODEL/models/model_normalized.obj, or SYNSET/MODEL/model.obj.
 
     Renderings, where a manifest names their folder, lie in SYNSET/MODEL/rendering below it.
@@ -227,7 +228,7 @@ class ShapeNet(Placed):
             raise ValueError(f"counts are of {sorted(self.counts)}, synsets of {sorted(self.synsets)}; they must be the same")
         return self
 
-    def each(self, root: Path | None) -> Iterator[Found]:
+    def each(self, root: Path | None) -> Iterator[Object]:
         """List every model of the named synsets, whose numbers must be those of `counts`; one without a file fails when it is read."""
         given = _folder(root or self.path, "a folder laid out as ShapeNetCore")
         folder = given / self.meshes
@@ -248,14 +249,13 @@ class ShapeNet(Placed):
                 source = self.placed(file, folder / synset / name)
                 if self.renderings is not None:
                     source["renderings"] = str(given / self.renderings / synset / name / "rendering")
-                yield Found(f"{category}-{_name(name)}", category, source)
+                yield Object(f"{category}-{_name(name)}", category, source)
 
 
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     """Describe an object's source wherever its files lie: a file is replaced by the hash of what it holds.
 
-    The materials and textures that it names count too; renderings do not, which the stage counts that reads them, nor does the licence,
-    for which nothing need be computed again.
+    The materials and textures that it names count too; renderings, which belong to another stage's key, and the licence do not.
 
     Raises
     ------
@@ -264,14 +264,13 @@ def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     """
     if "file" not in source:
         return dict(source)
-    file = Path(source["file"])
-    companions = Companions(file, Path(source["root"]))
+    companions = Companions(Path(source["file"]), Path(source["root"]))
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in companions.items()}
     stated = {name: value for name, value in source.items() if name not in ("root", "renderings", "licence")}
-    return {**stated, "file": {"sha256": _sha256(file), "companions": digests}}
+    return {**stated, "file": {"sha256": companions.sha256, "companions": digests}}
 
 
-def checksum(found: list[Found]) -> str:
+def checksum(found: list[Object]) -> str:
     """Compute one SHA-256 for all files of a source: of the lines `ID SHA256`, by id."""
     files = sorted((item.object_id, Path(item.source["file"])) for item in found if "file" in item.source)
     return hashlib.sha256("".join(f"{name} {_sha256(file)}\n" for name, file in files).encode()).hexdigest()
@@ -280,8 +279,7 @@ def checksum(found: list[Found]) -> str:
 def _sha256(file: Path) -> str:
     if not file.is_file():
         raise InvalidInput(f"{file} is no regular file; remove it")
-    with file.open("rb") as opened:
-        return hashlib.file_digest(opened, "sha256").hexdigest()
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def _name(*parts: str) -> str:

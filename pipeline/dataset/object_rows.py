@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,7 +17,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, place
+from pipeline.store.storage import Place, on_disk, place
 from schemas.base import CHOSEN, Artifact
 from schemas.catalogue import artifact_of
 
@@ -68,7 +67,7 @@ class ObjectRows:
 
     def __init__(self, data: str | Place, arrays: Sequence[str], split: str | None = "train", *, cache_bytes: int = CACHE_BYTES) -> None:
         self.data, self.arrays, self.split = place(data), tuple(arrays), split
-        if isinstance(self.data, Path) and not self.data.is_dir():
+        if (folder := on_disk(self.data)) and not folder.is_dir():
             raise StoreError(
                 f"there is no folder {self.data.resolve()}; give a data directory, which `vt-pipeline run` or `make dataset` makes"
             )

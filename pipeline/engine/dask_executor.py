@@ -18,8 +18,10 @@ from distributed import CancelledError, Client, Future, KilledWorker, LocalClust
 
 from pipeline.engine import dask_worker, keys
 from pipeline.engine.executor import Executor
-from pipeline.engine.jobs import MORE_MEMORY, Job, Outcome, Work, give_up
+from pipeline.engine.session import MORE_MEMORY, Work, record_crash
+from pipeline.engine.unit import Unit
 from pipeline.errors import StageError
+from pipeline.store.row_files import Result
 
 TRIES = 2
 """A process that dies may have been killed from outside; the object is to blame when it dies again."""
@@ -71,16 +73,16 @@ class Dask(Executor):
         """The workers to be started, or those that the scheduler has."""
         return max(1, len(self._connect().nthreads())) if self._scheduler else self._count
 
-    def run(self, work: Work, jobs: Sequence[Job]) -> Iterator[Outcome]:
+    def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
         """Do jobs: each worker has a bundle at a time; after a crash its jobs are tried alone, to know which one is to blame."""
         client = self._connect()
         # Each run opens sessions of its own: those of the last one know its inputs.
         packed = pickle.dumps((uuid.uuid4(), keys.code_hash(work.stage), work))
         self._open_sessions(client, packed, work.stage.name)
-        limit, waiting, suspects = work.settings.object_seconds, deque(jobs), deque[Job]()
+        limit, waiting, suspects = work.settings.object_seconds, deque(units), deque[Unit]()
         done, seconds = 0, 0.0
         survived: dict[str, list[float]] = {}  # seconds until its process died, of each time that an object was tried alone
-        running: dict[Future, tuple[list[Job], float]] = {}
+        running: dict[Future, tuple[list[Unit], float]] = {}
         while waiting or suspects or running:
             workers = self._workers(client)
             while (waiting or suspects) and len(running) < workers:
@@ -96,19 +98,19 @@ class Dask(Executor):
                     waiting.extend(bundle)
                     continue
                 try:
-                    outcomes: list[Outcome] = future.result()
+                    results: list[Result] = future.result()
                 except KilledWorker:
                     if len(bundle) > 1:
                         suspects.extend(bundle)
                         continue
-                    tries = survived.setdefault(bundle[0].item.object_id, [])
+                    tries = survived.setdefault(bundle[0].name, [])
                     tries.append(time.monotonic() - began)
                     if len(tries) < self._tries:
                         suspects.extend(bundle)
                         continue
-                    outcomes = [give_up(work, bundle[0], _why(max(tries), limit))]
-                done, seconds = done + len(outcomes), seconds + sum(outcome.seconds for outcome in outcomes)
-                yield from outcomes
+                    results = [record_crash(work, bundle[0], _why(max(tries), limit))]
+                done, seconds = done + len(results), seconds + sum(result.seconds for result in results)
+                yield from results
 
     def _connect(self) -> Client:
         """Connect to the scheduler, or start workers on this machine."""

@@ -12,10 +12,12 @@ from multiprocessing import util
 from distributed import Worker, WorkerPlugin
 
 from pipeline.engine import keys
-from pipeline.engine.jobs import Job, Outcome, Work, session
+from pipeline.engine.session import Work, session
+from pipeline.engine.unit import Unit
 from pipeline.errors import StageError
+from pipeline.store.row_files import Result
 
-_opened: tuple[bytes, AbstractContextManager[object], Callable[[Job], Outcome]] | None = None
+_opened: tuple[bytes, AbstractContextManager[object], Callable[[Unit], Result]] | None = None
 """The run whose session is open in this process, with its work, pickled; the session; and what does its jobs."""
 
 
@@ -28,7 +30,7 @@ class LocalWorker(WorkerPlugin):  # type: ignore[misc]  # which has no types
         tempfile.tempdir = worker.local_directory  # Dask clears those of workers that were killed
 
 
-def open_session(packed: bytes) -> Callable[[Job], Outcome]:
+def open_session(packed: bytes) -> Callable[[Unit], Result]:
     """Open the session of a run's pickled work unless it is open; that of another run is closed.
 
     Raises
@@ -67,13 +69,13 @@ def end_session() -> None:
     util._exit_function()  # type: ignore[attr-defined]
 
 
-def do(packed: bytes, jobs: Sequence[Job], seconds: float) -> list[Outcome]:
+def do(packed: bytes, units: Sequence[Unit], seconds: float) -> list[Result]:
     """Do jobs; the kernel ends this process when one of them has taken `seconds`, in whatever native code it may be."""
-    process, outcomes = open_session(packed), []
+    process, results = open_session(packed), []
     try:
-        for job in jobs:
+        for unit in units:
             signal.setitimer(signal.ITIMER_REAL, seconds)
-            outcomes.append(process(job))
+            results.append(process(unit))
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-    return outcomes
+    return results

@@ -1,16 +1,17 @@
-"""Executors do the jobs of a plan. What they write does not depend on which it was, nor on the order."""
+"""Executors make the units of a plan. What they write depends neither on which executor it was, nor on the order."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property
 
-from pipeline.engine.jobs import Job, Outcome, Work, session
+from pipeline.engine.session import Work, session
+from pipeline.engine.unit import Unit
+from pipeline.store.row_files import Result
 
 
 class Executor(ABC):
-    """Does jobs somewhere; a context manager that gives back what it has opened."""
+    """Makes units somewhere; a context manager that gives back what it has opened."""
 
     @property
     @abstractmethod
@@ -18,8 +19,8 @@ class Executor(ABC):
         """How many objects are processed at a time."""
 
     @abstractmethod
-    def run(self, work: Work, jobs: Sequence[Job]) -> Iterator[Outcome]:
-        """Do jobs, in whatever order they finish.
+    def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
+        """Make units, in whatever order they finish.
 
         Raises
         ------
@@ -40,36 +41,39 @@ class Executor(ABC):
 
 
 class Serial(Executor):
-    """One job after the other in this process, which a crash in a native library then ends, and no job is too slow for."""
+    """One unit after the other in this process, which a crash in a native library then ends; no unit is too slow for it."""
 
     processes = 1
 
-    def run(self, work: Work, jobs: Sequence[Job]) -> Iterator[Outcome]:
-        """Do jobs in their order."""
+    def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
+        """Make units in their order."""
         with session(work) as process:
-            yield from map(process, jobs)
+            yield from map(process, units)
 
 
 class Deferred(Executor):
-    """Another executor, made when it is first asked for something: its libraries take a second to import, and there may be no jobs."""
+    """Another executor, made on first use: importing its libraries takes a second, and there may be nothing to make."""
 
     def __init__(self, make: Callable[[], Executor]) -> None:
         self._make = make
+        self._executor: Executor | None = None
 
-    @cached_property
+    @property
     def _made(self) -> Executor:
-        return self._make()
+        if self._executor is None:
+            self._executor = self._make()
+        return self._executor
 
     @property
     def processes(self) -> int:
         """Those of the other executor."""
         return self._made.processes
 
-    def run(self, work: Work, jobs: Sequence[Job]) -> Iterator[Outcome]:
-        """Let the other executor do the jobs."""
-        return self._made.run(work, jobs)
+    def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
+        """Let the other executor make the units."""
+        return self._made.run(work, units)
 
     def close(self, *, at_once: bool) -> None:
         """Give back what the other executor has opened, if it was made."""
-        if "_made" in self.__dict__:
-            self._made.close(at_once=at_once)
+        if self._executor is not None:
+            self._executor.close(at_once=at_once)

@@ -1,28 +1,29 @@
-"""A plan: what a run of a stage amounts to, worked out before anything is made."""
+"""Plans: the units that a run of a stage makes of one output, a shard or a folder, worked out before anything is made."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Generic, TypeVar
 
-from rich.console import Console
-
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
 from pipeline.engine import keys
 from pipeline.engine.executor import Executor, Serial
 from pipeline.engine.stage import Stage
+from pipeline.engine.unit import Unit
 from pipeline.engine.versions import library_versions, processor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory, folder_digest
-from pipeline.store.storage import Place
+from pipeline.store.publish import FolderOutput, ShardOutput
+from pipeline.store.record import Failure, ShardRecord
+from pipeline.store.storage import Place, exists
 
 S = TypeVar("S", bound=Stage)
+Output = TypeVar("Output", bound=ShardOutput | FolderOutput)
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class Request(Generic[S]):
 class Forecast:
     """What a run would do: make `missing` of `total` objects, in about that many seconds, and that many kilobytes of output.
 
-    Where it is not `up_to_date` and no object is missing, a run packs those that are made already, or removes a shard without objects.
+    Where it is not `up_to_date` and no object is missing, a run publishes those that are made already, or removes a shard without objects.
     """
 
     missing: int
@@ -78,8 +79,8 @@ class Forecast:
 
 
 @dataclass(frozen=True)
-class Result:
-    """What a run did: the objects it made, those of them that failed, the seconds these took, and those that packing took.
+class Summary:
+    """What a run did: the objects it made, those of them that failed, the seconds these took, and those that publishing took.
 
     `waiting` objects are still to be made before the shard is published; 0 where it is.
     """
@@ -91,60 +92,51 @@ class Result:
     waiting: int = 0
 
 
-class Plan(ABC, Generic[S]):
-    """What a run makes of one output: a shard of an artifact, or a folder. The data directory is read as it is now.
+class Plan(Generic[Output]):
+    """What a run makes of one output. The data directory is read as it is now.
 
-    Raises
-    ------
-    StoreError
-        An input has not been made, or was made from something else than what is there now.
+    Attributes
+    ----------
+    output
+        The shard or folder, with what is published of it.
+    units
+        The objects' rows that a shard consists of; or a folder, alone.
+    total
+        How many objects the output is made from.
     """
 
-    def __init__(self, request: Request[S]) -> None:
-        self.request, self.stage, self.settings = request, request.stage, request.settings
-        self.directory = DataDirectory(request.data)
+    def __init__(self, request: Request[Any], directory: DataDirectory, output: Output, schema: Sequence[object] = ()) -> None:
+        self.request, self.stage, self.settings, self.directory, self.output = request, request.stage, request.settings, directory, output
         self.models = {name: self.directory.whole_folder(name) for name in self.stage.models(self.settings)}
+        self.model_digests = {name: folder_digest(self.directory.folder(name)) for name in self.models}
         self.inputs = [self.directory.collection(artifact) for artifact in self.stage.inputs(self.settings)]
+        self.schema = list(schema)
+        self.units: list[Unit] = []
+        self.key, self.total = "", 0
 
     @property
-    @abstractmethod
     def path(self) -> Place:
-        """What is made, as messages name it."""
+        """The path of the output, as messages name it."""
+        return self.output.path
 
-    @property
-    @abstractmethod
-    def lock(self) -> Place:
-        """The lock that whoever makes it holds."""
-
-    @property
-    @abstractmethod
-    def key(self) -> str:
-        """The hash of everything the output depends on."""
-
-    @property
-    def schema(self) -> list[Any]:
-        """Name and version of what the output is declared to be."""
-        return []
-
-    @property
-    @abstractmethod
-    def total(self) -> int:
-        """How many objects it is made of."""
-
-    def look_again(self) -> None:
-        """Forget what was seen of the output; what is asked for next is read again."""
-
-    @abstractmethod
     def up_to_date(self) -> bool:
-        """Whether it is there, complete, made under the same key."""
+        """Whether the output is there, complete, made under the same key, with no failure that is to be tried again."""
+        if not self.units:
+            return not exists(self.output.record_path)
+        record = self.output.record
+        if record is None or record.key != self.key:
+            return False
+        if self.request.retry and isinstance(record, ShardRecord) and any(self.is_own(row.failure) for row in record.rows):
+            return False
+        return self.output.is_sound() if self.request.check else self.output.is_complete()
 
-    @abstractmethod
-    def forecast(self) -> Forecast:
-        """What a run would do."""
+    def is_own(self, failure: Failure | None) -> bool:
+        """Whether something failed in this stage."""
+        return failure is not None and failure.stage == self.stage.name
 
-    @abstractmethod
-    def make(self, console: Console) -> Result:
-        """Make what is missing, and publish the output when it is whole; the lock is held."""
+    def tries_again(self, unit: Unit) -> bool:
+        """Whether a unit is asked for again where it failed."""
+        return self.request.retry and self.request.only in (None, unit.name)
 
     @cached_property
     def stage_key(self) -> str:
@@ -162,11 +154,6 @@ class Plan(ABC, Generic[S]):
                 "models": self.model_digests,
             }
         )
-
-    @cached_property
-    def model_digests(self) -> dict[str, str]:
-        """The digest of every trained model that is read."""
-        return {name: folder_digest(self.directory.folder(name)) for name in self.models}
 
     def provenance(self) -> dict[str, Any]:
         """The fields that every record has; `location` is filled in on publishing."""

@@ -4,27 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 from rich.console import Console
 
 from pipeline.config.manifest import Object
-from pipeline.engine.folder_plan import FolderPlan
+from pipeline.engine.folder import forecast_folder, help_folder, make_folder, plan_folder
 from pipeline.engine.peers import HELP, NOTHING, peers
-from pipeline.engine.plan import Forecast, Request, Result, description_errors
-from pipeline.engine.shard_plan import ShardPlan
-from pipeline.engine.stage import DatasetStage, ObjectStage
+from pipeline.engine.plan import Forecast, Plan, Request, Summary, description_errors
+from pipeline.engine.shard import forecast_shard, make_shard, plan_shard
+from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError, first_line
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory
+from pipeline.store.publish import FolderOutput
 from pipeline.store.reshard import shard_of
 from pipeline.store.storage import Place, is_machine_fault
 
 
-def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[ShardPlan | FolderPlan]:
+def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Plan[Any]]:
     """Plan a stage: one plan per shard, or the one of `shard` or of the one object; a dataset stage has one plan.
 
     Raises
@@ -34,16 +35,16 @@ def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Shar
         another shard than `shard`.
     """
     if isinstance(request.stage, DatasetStage):
-        yield FolderPlan(request)
+        yield plan_folder(request)
         return
     shards, numbers = _shards(request, shard)
     for number in numbers:
-        yield ShardPlan(cast(Request[ObjectStage], request), number, shards)
+        yield plan_shard(request, number, shards)
 
 
 def _shards(request: Request[Any], shard: int | None) -> tuple[int, Sequence[int]]:
     """Say into how many shards the dataset is split, and which of them are asked for."""
-    shards = DataDirectory(request.data).settled_shards(request.shards)
+    shards = DataDirectory(request.data).check_shard_count(request.shards)
     if shard is not None and shard >= shards:
         raise StoreError(f"there is no shard {shard} of {shards}: shards are numbered 0 to {shards - 1}")
     own = None if request.only is None else shard_of(request.only, shards)
@@ -63,18 +64,18 @@ def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[
     """
     _check_descriptions(request)
     if isinstance(request.stage, DatasetStage):
-        yield _foreseen(request, request.objects, lambda: FolderPlan(request))
+        yield _foreseen(request, request.objects, lambda: plan_folder(request))
         return
     shards, numbers = _shards(request, shard)
     for number in numbers:
         own = [item for item in request.objects if shard_of(item.object_id, shards) == number and request.only in (None, item.object_id)]
-        yield _foreseen(request, own, partial(ShardPlan, request, number, shards))
+        yield _foreseen(request, own, partial(plan_shard, request, number, shards))
 
 
-def _foreseen(request: Request[Any], objects: Sequence[Object], make_plan: Callable[[], ShardPlan | FolderPlan]) -> tuple[Place, Forecast]:
+def _foreseen(request: Request[Any], objects: Sequence[Object], make_plan: Callable[[], Plan[Any]]) -> tuple[Place, Forecast]:
     try:
         plan = make_plan()
-        return plan.path, plan.forecast()
+        return plan.path, forecast_folder(plan) if isinstance(plan.output, FolderOutput) else forecast_shard(plan)
     except StoreError:
         total, cost = request.stage.cost_of(request.settings, objects)
         cores = 1 if isinstance(request.stage, DatasetStage) else request.executor.processes
@@ -90,7 +91,7 @@ def _check_descriptions(request: Request[Any]) -> None:
                 read(given)
 
 
-def run(plan: ShardPlan | FolderPlan, console: Console) -> Result:
+def run(plan: Plan[Any], console: Console) -> Summary:
     """Make what a plan lacks; killed at any moment and run again, it continues where it stopped.
 
     Of processes that were started together, the first makes a folder, and the others help where it wants help.
@@ -106,27 +107,29 @@ def run(plan: ShardPlan | FolderPlan, console: Console) -> Result:
     BugFound
         Processing an object raised what no stage is meant to raise.
     """
-    if isinstance(plan, FolderPlan) and (together := peers()):
+    if isinstance(plan.output, FolderOutput) and (together := peers()):
         if together.rank:
-            if together.hear(plan.name) == HELP:
-                plan.help(console)
-            return Result()
+            if together.hear(plan.units[0].name) == HELP:
+                help_folder(plan, console)
+            return Summary()
         result = _make(plan, console)
-        together.tell(plan.name, NOTHING)
+        together.tell(plan.units[0].name, NOTHING)
         return result
     return _make(plan, console)
 
 
-def _make(plan: ShardPlan | FolderPlan, console: Console) -> Result:
+def _make(plan: Plan[Any], console: Console) -> Summary:
     try:
-        with one_writer(plan.lock, plan.path):
-            plan.look_again()  # the run that held the lock before may have made it
-            return Result() if plan.up_to_date() else plan.make(console)
+        with one_writer(plan.output.lock, plan.path):
+            plan.output.refresh()  # the run that held the lock before may have made it
+            if plan.up_to_date():
+                return Summary()
+            return make_folder(plan, console) if isinstance(plan.output, FolderOutput) else make_shard(plan, console)
     except StoreError:
-        plan.look_again()
+        plan.output.refresh()
         if not plan.up_to_date():
             raise
-        return Result()  # another run, on another machine, has made the same meanwhile
+        return Summary()  # another run, on another machine, has made the same meanwhile
     except Exception as error:
         if not is_machine_fault(error):
             raise

@@ -5,19 +5,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 from rich.console import Console
 
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
-from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.rng import numpy_rng
+from pipeline.engine.unit import Unit
 from pipeline.store.rows import Row
+from pipeline.store.shard import RowView
 from pipeline.store.storage import Place
 from schemas.base import Artifact
 
@@ -30,27 +28,8 @@ class Cost:
     kilobytes: float
 
 
-@dataclass(frozen=True)
-class Task:
-    """One object to process: who it is, the root seed, and what earlier stages know of it.
-
-    `inputs` gives an artifact's arrays for this object, `attributes` what its root says.
-    """
-
-    object_id: str
-    category: str
-    seed: int
-    source: Mapping[str, Any] = field(default_factory=dict)
-    inputs: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
-    attributes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-
-    def rng(self, *identity: str | int) -> np.random.Generator:
-        """Make a generator for this object and the given names (stage, attempt, …)."""
-        return numpy_rng(self.seed, self.object_id, *identity)
-
-    def mesh(self) -> Mesh:
-        """Read the object's normalised mesh in the world frame, as `sample-surfaces` stored it; needs SURFACES among the inputs."""
-        return read_mesh(self.inputs["surfaces"])
+Inputs = Mapping[str, RowView]
+"""An object's rows of a stage's inputs, by artifact; `attributes` of each are those of its shard's root."""
 
 
 class Stage(ABC):
@@ -86,7 +65,7 @@ class ObjectStage(Stage):
 
     output: ClassVar[Artifact]
 
-    def settle(self, settings: Any, attributes: Mapping[str, Mapping[str, Any]]) -> Any:
+    def resolve_settings(self, settings: Any, attributes: Mapping[str, Mapping[str, Any]]) -> Any:
         """Fill in settings that follow the inputs where they are null, by what the inputs' roots say; by default there are none."""
         return settings
 
@@ -119,8 +98,8 @@ class ObjectStage(Stage):
         return len(items), Cost(each.seconds * len(items), each.kilobytes * len(items))
 
     @abstractmethod
-    def session(self, settings: Any, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Task], Row]]:
-        """Open what a worker keeps between objects (a renderer, a physics client); yields `process(task) -> row`.
+    def session(self, settings: Any, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Unit, Inputs], Row]]:
+        """Open what a worker keeps between objects (a renderer, a physics client); yields `process(unit, inputs) -> row`.
 
         An `InvalidInput` that `process` raises is the object's failure; any other exception is a fault of the stage.
         """

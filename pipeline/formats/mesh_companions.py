@@ -5,9 +5,11 @@ They are what a mesh's key covers, and all that its reader may open.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -50,10 +52,11 @@ class Companions(Mapping[str, bytes]):
         self._folder, self._root = file.parent, (root or file.parent).resolve()
         self._contents: dict[Path, bytes] = {}
         check_file(file)
+        self.content = file.read_bytes()
         self.paths: dict[str, Path] = {}
         self.missing: list[str] = []
         seen = set[str]()
-        for name in self._names(file):  # one after the other: a file of names only would fill the memory with them
+        for name in self._names(file, self.content):  # one after the other: a file of names only would fill the memory with them
             if name in seen:
                 continue
             seen.add(name)
@@ -79,16 +82,21 @@ class Companions(Mapping[str, bytes]):
     def __len__(self) -> int:
         return len(self.paths)
 
-    def _names(self, file: Path) -> Iterator[str]:
+    @cached_property
+    def sha256(self) -> str:
+        """The SHA-256 of the mesh file."""
+        return hashlib.sha256(self.content).hexdigest()
+
+    def _names(self, file: Path, content: bytes) -> Iterator[str]:
         match file.suffix.lower():
             case ".gltf" | ".glb":
                 yield from _gltf_names(file)
             case ".dae":
-                yield from (_decode(name[1]) for name in re.finditer(rb"<init_from>([^<]*)</init_from>", file.read_bytes()))
+                yield from (_decode(name[1]) for name in re.finditer(rb"<init_from>([^<]*)</init_from>", content))
             case ".ply":
-                yield from _after(b"texturefile", file.read_bytes().partition(b"end_header")[0])
+                yield from _after(b"texturefile", content.partition(b"end_header")[0])
             case ".obj":
-                line = file.read_bytes().partition(b"mtllib")[2].partition(b"\n")[0]  # readers take the first one
+                line = content.partition(b"mtllib")[2].partition(b"\n")[0]  # readers take the first one
                 library = _decode(line)
                 yield library
                 if path := self._find(library):

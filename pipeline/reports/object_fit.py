@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.console import counted, few
-from pipeline.engine.shard_plan import ShardPlan
+from pipeline.engine.plan import Plan
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.physics_urdf import links_without_mass
 from pipeline.formats.scene_file import load_scene
@@ -17,6 +17,7 @@ from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_link
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
 from pipeline.rng import numpy_rng
+from pipeline.store.publish import ShardOutput
 from stages.render_vision.settings import VisionSettings
 from stages.simulate_grasps.settings import GraspSettings
 
@@ -26,7 +27,7 @@ POSTURES = 512
 """Random postures of which the widest is how far a hand opens."""
 
 
-def misfits(plan: ShardPlan) -> Iterator[str]:
+def misfits(plan: Plan[ShardOutput]) -> Iterator[str]:
     """Say what a run of `simulate-grasps` or `render-vision` should tell before it starts: object by name, reason and remedy."""
     if isinstance(plan.settings, GraspSettings):
         hand = load_hand(plan.settings.hand)
@@ -51,13 +52,12 @@ def misfits(plan: ShardPlan) -> Iterator[str]:
             yield f"{counted(len(names))} {fault} {', '.join(views)} ({few(names)}): {remedy}"
 
 
-def _points(plan: ShardPlan) -> Iterator[tuple[str, np.ndarray]]:
+def _points(plan: Plan[ShardOutput]) -> Iterator[tuple[str, np.ndarray]]:
     """The exterior points of each object that a run would make, world frame, m."""
     surfaces = next(collection for collection in plan.inputs if collection.artifact.name == "surfaces")
-    for member in plan.members:
-        name = member.item.object_id
-        if plan.request.only in (None, name) and surfaces.failure(name) is None:
-            yield name, surfaces.view(name)["points"]
+    for unit in plan.units:
+        if plan.request.only in (None, unit.name) and surfaces.failure(unit.name) is None:
+            yield unit.name, surfaces.view(unit.name)["points"]
 
 
 def _of_unfit_size(extents: dict[str, np.ndarray], *, smallest: float, largest: float, hand: str) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.reports.printed_html import PrintedRow, PrintedTable
 from pipeline.reports.training_seeds import evaluations
 from pipeline.store.directory import DataDirectory
-from pipeline.store.shard import RowView
 from pipeline.store.storage import Place
 from schemas.catalogue import ARTIFACTS
 from stages.evaluate.evaluation_files import Arrays, read_root, read_surfaces, read_table, surface_of
@@ -68,7 +67,7 @@ class ReportSource:
 
     def rows(self, object_id: str) -> dict[str, Mapping[str, np.ndarray]]:
         """An object's rows, by artifact; each array is read once."""
-        return {name: _HeldRow(collection.view(object_id)) for name, collection in self.collections.items()}
+        return {name: collection.view(object_id) for name, collection in self.collections.items()}
 
     def attributes(self, artifact: str) -> Mapping[str, Any]:
         """What the root of an artifact says."""
@@ -91,25 +90,6 @@ class ReportSource:
     def digests(self, object_id: str) -> dict[str, str]:
         """The digests of an object's rows, by artifact."""
         return {name: collection.row(object_id).digest for name, collection in self.collections.items()}
-
-
-class _HeldRow(Mapping[str, np.ndarray]):
-    """Keeps what was read of a row."""
-
-    def __init__(self, view: RowView) -> None:
-        self._view, self._names = view, list(view)
-        self._held: dict[str, np.ndarray] = {}
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        if name not in self._held:
-            self._held[name] = self._view[name]
-        return self._held[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
 
 
 class Evaluation:

@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -17,8 +16,8 @@ from pipeline.console import print_table
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory, folder_digest
 from pipeline.store.garbage import everything_unnamed
-from pipeline.store.pieces import Pieces
-from pipeline.store.storage import File, Place, files_below, names_in
+from pipeline.store.row_files import RowFiles
+from pipeline.store.storage import File, Place, files_below, names_in, on_disk
 from schemas.catalogue import ARTIFACTS
 
 
@@ -86,7 +85,7 @@ def read_account(data: Place) -> Account:
     StoreError
         There is no data directory.
     """
-    if not names_in(data) and not (isinstance(data, Path) and data.is_dir()):
+    if not names_in(data) and not ((folder := on_disk(data)) and folder.is_dir()):
         raise StoreError(f"{data.resolve()} is no data directory; `vt-pipeline run` makes one, --data names it")
     directory = DataDirectory(data)
     account = Account([], [], garbage=sum(_megabytes(files_below(path)) for path in everything_unnamed(directory)), damaged=[], jobs=[])
@@ -124,7 +123,7 @@ def _artifact(directory: DataDirectory, name: str) -> ArtifactAccount:
         megabytes=sum(_megabytes(files_below(shard.path)) for shard in collection.shards),
         seconds=sum(row.seconds for shard in collection.shards for row in shard.record.rows),
         digest=collection.digest(),
-        unfinished=Pieces(directory.work(name)).count(),
+        unfinished=RowFiles(directory.work(name)).count(),
         processors=dict(collection.processors()),
     )
 

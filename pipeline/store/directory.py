@@ -8,6 +8,7 @@ import shlex
 from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import suppress
 from fnmatch import fnmatch
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -22,6 +23,7 @@ from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, cache_of, copy, files_below, in_threads, names_in, place, read_bytes
 from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
+from schemas.folders import RECORD, TREES, maker_of
 
 DESCRIPTION = "dataset.json"
 WORK = ".work"
@@ -29,23 +31,15 @@ WORK = ".work"
 LOGS = "tensorboard"
 """A folder in a folder that holds times of day, and hence belongs to no digest."""
 
-
-TREES = ("models", "sweeps")
-"""Folders that hold records of folders, and folders that do."""
-EVALUATION = re.compile(r"evaluation(-single-image|-seed-\d+)?\.json")
-"""Records of folders beside the artifacts."""
-
 SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
 """What the record of a shard is called."""
 
-_MODEL = re.compile(r"models/(?:seed-(\d+)/)?([^/]+)(?:/([^/]+))?")
-"""Training seed, family and network of a model's folder."""
 _VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
 
 T = TypeVar("T")
 
 
-class Description(BaseModel):
+class DatasetDescription(BaseModel):
     """What `dataset.json` says: into how many shards the objects are split."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -94,7 +88,7 @@ class DataDirectory:
         numbers = ", ".join(str(int(number)) for number in sorted(there))
         remedy = f'write {{"shards": N}} into it, N as the records are named: {numbers or "none is left"}'
         try:
-            shards = Description.model_validate_json(read_bytes(path)).shards
+            shards = DatasetDescription.model_validate_json(read_bytes(path)).shards
         except FileNotFoundError:
             if len(there) > 1:
                 raise StoreError(f"{path} is missing; {remedy}") from None
@@ -105,7 +99,7 @@ class DataDirectory:
             raise StoreError(f"{path} says {shards} shards, and no record is of that number; {remedy}")
         return shards
 
-    def settled_shards(self, count: int | None) -> int:
+    def check_shard_count(self, count: int | None) -> int:
         """Settle on a number of shards: the dataset's own, before the first run the one asked for, or 1.
 
         Raises
@@ -121,10 +115,10 @@ class DataDirectory:
             )
         return current or count or 1
 
-    def claim_shards(self, count: int) -> None:
+    def set_shard_count(self, count: int) -> None:
         """Write down the number of shards, unless another run was first; a `StoreError` where that chose another number."""
-        create(self.root / DESCRIPTION, Description(shards=count).model_dump_json().encode())
-        self.settled_shards(count)
+        create(self.root / DESCRIPTION, DatasetDescription(shards=count).model_dump_json().encode())
+        self.check_shard_count(count)
 
     def shard_record(self, artifact: str, number: int, shards: int) -> Place:
         """The path of a shard's record."""
@@ -145,7 +139,8 @@ class DataDirectory:
     def _collection(self, artifact: Artifact) -> Collection:
         folder, shards = self.root / artifact.name, self.shards()
         records = [path for path in self.shard_records(artifact.name) if is_of(path, shards)]
-        read = list(map(_read_shard_record, records)) if isinstance(folder, Path) else in_threads(_read_shard_record, records)
+        read_one = partial(read_record, kind=ShardRecord)
+        read = list(map(read_one, records)) if isinstance(folder, Path) else in_threads(read_one, records)
         return Collection(folder, artifact, [Shard(folder, artifact, record) for record in read])
 
     def artifacts(self) -> list[Artifact]:
@@ -161,7 +156,7 @@ class DataDirectory:
     def folders(self) -> list[str]:
         """Names of the folders that were published."""
         trees = (f"{where}/{name}" for where in TREES for name in files_below(self.root / where))
-        found = [name for name in names_in(self.root) if EVALUATION.fullmatch(name)]
+        found = [name for name in names_in(self.root) if RECORD.fullmatch(name)]
         found += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
         return sorted(path.removesuffix(".json") for path in found)
 
@@ -176,7 +171,7 @@ class DataDirectory:
 
     def folder(self, name: str) -> FolderRecord:
         """The record of a folder; a `StoreError` where there is none."""
-        return read_record(self.folder_record(name), FolderRecord, _maker(name))
+        return read_record(self.folder_record(name), FolderRecord, maker_of(name))
 
     def folder_path(self, name: str) -> Place:
         """The folder that the record names."""
@@ -185,7 +180,7 @@ class DataDirectory:
     def folder_problems(self, name: str) -> Iterator[str]:
         """Compare the files that the record of a folder names with what it says: a line for each that differs."""
         folder = self.folder_path(name)
-        return _departures(self.folder(name), folder, folder)
+        return _differences(self.folder(name), folder, folder)
 
     def whole_folder(self, name: str) -> Path:
         """The folder that the record names, to be read on this machine's disk, where one in object storage is copied to.
@@ -199,7 +194,7 @@ class DataDirectory:
         local = folder if isinstance(folder, Path) else cache_of(folder)
         if local != folder and _hashes(local, record.files) != record.files:
             copy(folder, local, files_below(folder).keys() & record.files)
-        if problem := next(_departures(record, local, folder), None):
+        if problem := next(_differences(record, local, folder), None):
             raise StoreError(f"{folder}: {problem}")
         return local
 
@@ -274,21 +269,7 @@ class DataDirectory:
         return [*record.inputs, *record.models]
 
 
-def _read_shard_record(path: Place) -> ShardRecord:
-    return read_record(path, ShardRecord)
-
-
-def _maker(name: str) -> str:
-    """Say what makes a folder: `models/seed-1/gcn/touch` comes from `train-gcn`, told its network and seed."""
-    if not (found := _MODEL.fullmatch(name)):
-        return "the stage that makes it"
-    seed, family, network = found.groups()
-    stage = f"train-{family}"
-    stated = [f" --set {stage}.{what}={value}" for what, value in (("configuration", network), ("training_seed", seed)) if value]
-    return f"`vt-pipeline run {stage}{''.join(stated)}`"
-
-
-def _departures(record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
+def _differences(record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
     """Compare the files of a folder, read there or as a copy, with what its record says: a line for each that differs."""
     there = _hashes(read, record.files)
     for file, written in record.files.items():

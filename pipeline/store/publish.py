@@ -1,78 +1,148 @@
-"""Publish shards and folders: write under a name of their own, then let a record name them."""
+"""Outputs: a shard or a folder, what is published of it, and its next version: written under another name, then named by its record."""
 
 from __future__ import annotations
 
 import shutil
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
-from pipeline.store.directory import DataDirectory, shard_name, versioned
+from pipeline.store.directory import DataDirectory, hashes_of, shard_name, versioned
 from pipeline.store.garbage import collect, note_replaced
-from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord, named_location, sealed
+from pipeline.store.local_copy import local_copy
+from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord, named_location, read_record, serialise_with_checksum
+from pipeline.store.row_files import Chunks, RowFiles
 from pipeline.store.rows import Row
-from pipeline.store.storage import Place, remove
-from pipeline.store.write import RowToPack, metadata_digests, write_group
+from pipeline.store.shard import Shard
+from pipeline.store.storage import Place, files_below, remove
+from pipeline.store.validate import problems_of
+from pipeline.store.write import Shapes, metadata_digests, write_group
 from schemas.base import Artifact
 
 
-def publish_shard(
-    directory: DataDirectory,
-    artifact: Artifact,
-    number: int,
-    shards: int,
-    record: ShardRecord,
-    rows: Sequence[RowToPack],
-    constants: Row,
-    attributes: Mapping[str, Any],
-) -> Place:
-    """Write the group of a shard, and publish its record with the group's name in it; returns the group's path.
+class ShardOutput:
+    """A shard of an artifact: where it lies, what is published of it, and the rows that wait.
 
-    Raises
-    ------
-    StoreError
-        The group cannot be written as its schema says; or, in object storage, another run has published something meanwhile.
+    Attributes
+    ----------
+    path
+        The record's path without its suffix, as messages name the shard.
+    lock
+        The file that whoever makes the shard locks.
+    shard
+        The shard that readers see; None where there is none that can be used.
     """
-    name = shard_name(number, shards)
-    location = versioned(name, [record.key, [row.digest for row in record.rows]]) + ".zarr"
-    path, record_path = directory.root / artifact.name / location, directory.shard_record(artifact.name, number, shards)
-    version = version_of(record_path)
-    with _workplace(directory.work(artifact.name)) as work:
-        for unfinished in work.glob(f"{name}-*.zarr"):  # of a run that was killed
-            shutil.rmtree(unfinished, ignore_errors=True)
-        beside = work / location
-        write_group(beside, artifact, rows, constants, attributes)
-        written = {"location": location, "metadata": metadata_digests(beside, artifact)}
-        _publish(directory, beside, path, record_path, _completed(record, written), version)
-    return path
+
+    def __init__(self, directory: DataDirectory, artifact: Artifact, number: int, shards: int) -> None:
+        self.directory, self.artifact, self.shards, self.name = directory, artifact, shards, shard_name(number, shards)
+        self.path, self.work = directory.root / artifact.name / self.name, directory.work(artifact.name)
+        self.record_path = directory.shard_record(artifact.name, number, shards)
+        self.lock = directory.shard_lock(artifact.name, number, shards)
+        self.rows = RowFiles(self.work, artifact)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Read again what is published."""
+        try:
+            self.shard: Shard | None = Shard(self.record_path.parent, self.artifact, read_record(self.record_path, ShardRecord))
+        except StoreError:
+            self.shard = None
+
+    @property
+    def record(self) -> ShardRecord | None:
+        """The record of what is published."""
+        return None if self.shard is None else self.shard.record
+
+    def is_complete(self) -> bool:
+        """Whether every file of the published shard is there and holds something."""
+        return self.shard is not None and self.shard.is_complete()
+
+    def is_sound(self) -> bool:
+        """Whether the published shard holds what was written: every value is read."""
+        return self.shard is not None and not problems_of(self.shard)
+
+    def commit(
+        self,
+        record: ShardRecord,
+        shapes: Sequence[Shapes],
+        chunks: Callable[[int], Chunks],
+        constants: Row,
+        attributes: Mapping[str, Any],
+    ) -> Place:
+        """Write the group of the record's rows, and publish the record with the group's name in it; returns the group's path.
+
+        `shapes` gives the shapes of each row's arrays, `chunks` reads the encoded row of a number.
+
+        Raises
+        ------
+        StoreError
+            A row is damaged, the group cannot be written as its schema says, or, in object storage, another run has published meanwhile.
+        """
+        location = versioned(self.name, [record.key, [row.digest for row in record.rows]]) + ".zarr"
+        path, version = self.path.with_name(location), version_of(self.record_path)
+        with local_copy(self.work, begin=False) as work:
+            for unfinished in work.glob(f"{self.name}-*.zarr"):  # of a run that was killed
+                shutil.rmtree(unfinished, ignore_errors=True)
+            beside = work / location
+            write_group(beside, self.artifact, record.rows, shapes, chunks, constants, attributes)
+            written = {"location": location, "metadata": metadata_digests(beside, self.artifact)}
+            _publish(self.directory, beside, path, self.record_path, _completed(record, written), version)
+        self.refresh()
+        return path
+
+    def withdraw(self) -> None:
+        """Remove the record, so that nobody finds what it names."""
+        withdraw(self.record_path)
 
 
-@contextmanager
-def _workplace(work: Place) -> Iterator[Path]:
-    """Give a folder on this machine's disk to write a group in: `work` itself, or for object storage a temporary one."""
-    if isinstance(work, Path):
-        yield work
-    else:
-        with tempfile.TemporaryDirectory(prefix="vt-pipeline-") as folder:
-            yield Path(folder)
+class FolderOutput:
+    """A folder that a dataset stage fills: where it lies, and what is published of it.
 
-
-def publish_folder(directory: DataDirectory, name: str, beside: Path, record: FolderRecord) -> Place:
-    """Move a finished folder to a name of its own, and publish its record; returns the folder's path.
-
-    Raises
-    ------
-    StoreError
-        In object storage: another run has published something meanwhile.
+    Attributes
+    ----------
+    path
+        The folder's name without its version.
+    lock
+        The file that whoever fills the folder locks.
+    record
+        Of the folder that readers see; None where there is none.
     """
-    place = directory.folder_record(name)
-    location = versioned(place.stem, [record.key, record.files])
-    _publish(directory, beside, place.with_name(location), place, _completed(record, {"location": location}), version_of(place))
-    return place.with_name(location)
+
+    def __init__(self, directory: DataDirectory, name: str) -> None:
+        self.directory, self.path, self.work = directory, directory.root / name, directory.work(name)
+        self.record_path, self.lock = directory.folder_record(name), self.work / "lock"
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Read again what is published."""
+        try:
+            self.record: FolderRecord | None = read_record(self.record_path, FolderRecord)
+        except StoreError:
+            self.record = None
+
+    def is_complete(self) -> bool:
+        """Whether every file of the published folder is there."""
+        return self.record is not None and self.record.files.keys() <= files_below(self.path.with_name(self.record.location)).keys()
+
+    def is_sound(self) -> bool:
+        """Whether the published folder holds what was written: every file is read."""
+        return self.record is not None and hashes_of(self.path.with_name(self.record.location)) == self.record.files
+
+    def commit(self, beside: Path, record: FolderRecord) -> Place:
+        """Move a finished folder to a name of its own, and publish its record; returns the folder's path.
+
+        Raises
+        ------
+        StoreError
+            In object storage: another run has published something meanwhile.
+        """
+        location = versioned(self.record_path.stem, [record.key, record.files])
+        path = self.record_path.with_name(location)
+        _publish(self.directory, beside, path, self.record_path, _completed(record, {"location": location}), version_of(self.record_path))
+        self.refresh()
+        return path
 
 
 def withdraw(record_path: Place) -> None:
@@ -92,7 +162,7 @@ def _publish(directory: DataDirectory, beside: Path, path: Place, record_path: P
     replaced = named_location(record_path)
     if replaced not in (None, path.name):
         note_replaced(path.with_name(replaced))
-    if not replace_version(record_path, sealed(record), version):
+    if not replace_version(record_path, serialise_with_checksum(record), version):
         raise StoreError(f"{record_path} was published by another run meanwhile; run again")
     if isinstance(path, Path):  # object storage has no lock: there it is a command of its own
         collect(directory, path.parent)

@@ -140,8 +140,8 @@ def processor_kind(processor: Mapping[str, Any]) -> str:
     return f"{processor.get('model')}, {processor.get('machine')}, {' '.join(map(str, sets)) if isinstance(sets, list) else sets}"
 
 
-def sealed(record: Provenance) -> bytes:
-    """The content of a record's file, with its checksum: one flipped bit could name another split, or another group."""
+def serialise_with_checksum(record: Provenance) -> bytes:
+    """Return the content of a record's file, with its checksum: one flipped bit could name another split, or another group."""
     content = json.loads(record.model_dump_json())
     return json.dumps({"checksum": digest.of_json(content), **content}, indent=1).encode()
 

@@ -9,12 +9,12 @@ from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.atomic import one_writer, write_at_once
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, Description, is_of
-from pipeline.store.publish import publish_shard, withdraw
+from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, DatasetDescription, is_of
+from pipeline.store.publish import ShardOutput, withdraw
 from pipeline.store.record import RowRecord
+from pipeline.store.row_files import Chunks, encode_row
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, in_threads, names_in, read_bytes
-from pipeline.store.write import RowToPack
 from schemas.catalogue import ARTIFACTS
 
 
@@ -98,7 +98,7 @@ def _content(record: Place) -> bytes:
 
 
 def _describe(directory: DataDirectory, shards: int) -> None:
-    write_at_once(directory.root / DESCRIPTION, Description(shards=shards).model_dump_json().encode())
+    write_at_once(directory.root / DESCRIPTION, DatasetDescription(shards=shards).model_dump_json().encode())
 
 
 def _discard_records(directory: DataDirectory, shards: int) -> None:
@@ -126,10 +126,10 @@ def _write(directory: DataDirectory, collection: Collection, members: Sequence[s
     attributes = {**first.attributes, "failures": {row.object_id: row.failure.model_dump() for row in rows if row.failure}}
     constants = {name: first.read(name) for name, array in artifact.arrays.items() if not array.per_object and first.has(name)}
     key = shard_key(((row.key, row.split) for row in rows), number, shards, first.record.manifest)
-    packed = [
-        RowToPack(row.object_id, row.category, row.split, row.failure is None, view.shapes(), view.verify)
-        for row in rows
-        for view in [collection.view(row.object_id)]
-    ]
     record = first.record.model_copy(update={"key": key, "rows": rows})
-    return publish_shard(directory, artifact, number, shards, record, packed, constants, attributes)
+    shapes = [collection.view(name).shapes() for name in members]
+
+    def encoded(number: int) -> Chunks:
+        return encode_row(artifact, collection.view(members[number]).verify())
+
+    return ShardOutput(directory, artifact, number, shards).commit(record, shapes, encoded, constants, attributes)

@@ -19,7 +19,7 @@ from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.record import RowRecord, ShardRecord, named_location
 from pipeline.store.rows import Row, row_digest
-from pipeline.store.spec import array_departures, declared, numpy_dtype
+from pipeline.store.spec import array_violations, declared, numpy_dtype
 from pipeline.store.storage import File, Place, exists, files_below, is_machine_fault, read_bytes, zarr_store
 from schemas.base import COMMON, Artifact
 
@@ -138,7 +138,7 @@ class Shard:
         if known is None:
             return
         with self.errors_as_damage(f"{name} cannot be opened"):
-            found = list(array_departures(name, known, ArraySpec.from_zarr(array)))
+            found = list(array_violations(name, known, ArraySpec.from_zarr(array)))
         if not found and known.per_object and "/" not in name and array.shape[0] != len(self.record.rows):
             found = [f"{name}: it has {array.shape[0]} rows, the record {len(self.record.rows)}"]
         if found:
@@ -184,17 +184,26 @@ class Shard:
 class RowView(Mapping[str, np.ndarray]):
     """One object's row as a mapping from array names to arrays; ragged ones as `meshes/vertices`.
 
-    Arrays are read when asked for; after `verify` they are those that it looked at.
+    Arrays are read when first asked for, and kept; after `verify` they are those that it looked at.
     """
 
     def __init__(self, shard: Shard, object_id: str) -> None:
         self.shard = shard
         self.object_id = object_id
+        self.record = shard.row(object_id)
         self._held: Row = {}
 
+    @property
+    def attributes(self) -> Mapping[str, Any]:
+        """The attributes of the shard."""
+        return self.shard.attributes
+
     def __getitem__(self, name: str) -> np.ndarray:
-        if name in self._held:
-            return self._held[name]
+        if name not in self._held:
+            self._held[name] = self._read(name)
+        return self._held[name]
+
+    def _read(self, name: str) -> np.ndarray:
         declared = self.shard.artifact.of(name)
         if declared is None:
             raise KeyError(f"{self.shard.artifact.name} has no array {name}")
@@ -230,7 +239,7 @@ class RowView(Mapping[str, np.ndarray]):
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """The shapes of the row's arrays, read from metadata alone; none where the object failed."""
-        if self.shard.row(self.object_id).failure:
+        if self.record.failure:
             return {}
         row = (name for name in self if name not in COMMON)
         return {
@@ -240,7 +249,7 @@ class RowView(Mapping[str, np.ndarray]):
 
     def row(self) -> Row:
         """Read what the stage returned for the object; empty where it failed."""
-        return {} if self.shard.row(self.object_id).failure else {name: self[name] for name in self if name not in COMMON}
+        return {} if self.record.failure else {name: self[name] for name in self if name not in COMMON}
 
     def verify(self) -> Row:
         """Read the row and hold it.
@@ -250,7 +259,7 @@ class RowView(Mapping[str, np.ndarray]):
         StoreError
             It cannot be read, or is not what its stage wrote.
         """
-        recorded = self.shard.row(self.object_id)
+        recorded = self.record
         self._held = {}
         row = self.row()
         if row_digest(row, recorded.failure, recorded.category) != recorded.digest:

@@ -40,9 +40,11 @@ def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
     zstd over shuffled bytes with a checksum, an object (or one grasp or viewpoint of it) a chunk, up to `OBJECTS_PER_FILE` objects a
     file, so that one of them is read without the others and a dataset is few files.
     """
-    file_shape, chunk = _chunking(array, shape)
+    file_shape, chunk = chunking(array, shape)
     bytes_codec = {"name": "vlen-utf8"} if array.dtype == "string" else {"name": "bytes", **_endian(array)}
-    inner: tuple[Any, ...] = (*_planar(array), bytes_codec, _blosc(array), {"name": "crc32c"})
+    order = planar_order(array)
+    planar = ({"name": "transpose", "configuration": {"order": order}},) if order else ()
+    inner: tuple[Any, ...] = (*planar, bytes_codec, _blosc(array), {"name": "crc32c"})
     if array.per_object and array.dtype != "string":
         index = ({"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"})
         sharding = {"chunk_shape": chunk, "codecs": inner, "index_codecs": index, "index_location": "end"}
@@ -64,8 +66,8 @@ def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
     )
 
 
-def _chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """The shapes of a file and of a chunk in it."""
+def chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The shapes of a file and of a chunk in it, of a stored array of this shape."""
     whole = tuple(max(1, size) for size in shape)
     if not array.per_object:
         return whole, whole
@@ -82,12 +84,12 @@ def _endian(array: Array) -> dict[str, Any]:
     return {"configuration": {"endian": "little"}} if _ITEM[array.dtype] > 1 else {}
 
 
-def _planar(array: Array) -> tuple[Any, ...]:
-    """Colours one plane after the other, where neighbours are alike: a reading takes a third of the space."""
-    if array.dims[-1] != "rgb" or len(array.dims) < 3:
+def planar_order(array: Array | None) -> tuple[int, ...]:
+    """The order in which axes are stored, empty where it is theirs: colours one plane after the other, which takes a third of the space."""
+    if array is None or array.dims[-1] != "rgb" or len(array.dims) < 3:
         return ()
     *others, row, col, rgb = range(len(array.dims))
-    return ({"name": "transpose", "configuration": {"order": (*others, rgb, row, col)}},)
+    return (*others, rgb, row, col)
 
 
 def _blosc(array: Array) -> dict[str, Any]:
@@ -122,7 +124,7 @@ def declared(path: str) -> str:
     return "/".join((parts[0], parts[-1])) if len(parts) == 3 else path
 
 
-def departures(artifact: Artifact, group: AnyGroup) -> Iterator[str]:
+def schema_violations(artifact: Artifact, group: AnyGroup) -> Iterator[str]:
     """How a stored group departs from its schema, a line each that names array and reason."""
     found = dict(_arrays(group))
     for name, array in artifact.arrays.items():
@@ -134,14 +136,14 @@ def departures(artifact: Artifact, group: AnyGroup) -> Iterator[str]:
         if known is None:
             yield f"{path}: the schema knows no such array"
             continue
-        departing = list(array_departures(path, known, stored))
-        yield from departing
-        for dim, size in zip(known.dims, stored.shape, strict=True) if not departing and "/" not in path else ():
+        violations = list(array_violations(path, known, stored))
+        yield from violations
+        for dim, size in zip(known.dims, stored.shape, strict=True) if not violations and "/" not in path else ():
             if sizes.setdefault(dim, (size, path))[0] != size:
                 yield f"{path}: dimension {dim} has size {size}, but {sizes[dim][0]} in {sizes[dim][1]}"
 
 
-def array_departures(path: str, known: Array, stored: AnyArray) -> Iterator[str]:
+def array_violations(path: str, known: Array, stored: AnyArray) -> Iterator[str]:
     """How a stored array departs from what its schema declares, a line each."""
     if stored.data_type != _DTYPES.get(known.dtype, known.dtype):
         yield f"{path}: dtype is {stored.data_type}, the schema says {known.dtype}"

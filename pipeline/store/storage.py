@@ -108,6 +108,11 @@ def exists(path: Place) -> bool:
     return True
 
 
+def on_disk(path: Place) -> Path | None:
+    """Return a place on this machine's disk as it is; None for one in object storage."""
+    return path if isinstance(path, Path) else None
+
+
 def names_in(folder: Place) -> dict[str, bool]:
     """List what is directly in a folder, by name: whether it is a folder; nothing where there is no such folder."""
     if isinstance(folder, Path):

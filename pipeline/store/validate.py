@@ -14,7 +14,7 @@ from pipeline.store.directory import DESCRIPTION, DataDirectory, files_of, is_of
 from pipeline.store.garbage import everything_unnamed
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
-from pipeline.store.spec import departures
+from pipeline.store.spec import schema_violations
 from pipeline.store.storage import Place, exists, read_bytes
 from schemas.base import COMMON, Artifact
 from schemas.catalogue import ARTIFACTS
@@ -99,7 +99,7 @@ def _shard_problems(shard: Shard) -> Iterator[str]:
     with shard.errors_as_damage("metadata cannot be read"):
         for name in filter(shard.has, shard.artifact.arrays):
             shard.group.get(name)  # one after the other: where two fail side by side, asyncio prints the other's traceback
-        found = list(departures(shard.artifact, GroupSpec.from_zarr(shard.group)))
+        found = list(schema_violations(shard.artifact, GroupSpec.from_zarr(shard.group)))
     if found:
         yield from (f"{line}; {shard.remedy}" for line in found)
         return

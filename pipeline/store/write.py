@@ -3,39 +3,44 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
-from pydantic_zarr.v3 import GroupSpec
+from pydantic_zarr.v3 import ArraySpec, GroupSpec
+from zarr.core.buffer import default_buffer_prototype
+from zarr.core.group import GroupMetadata
+from zarr.core.metadata.v3 import ArrayV3Metadata
 from zarr.storage import LocalStore
 
 from pipeline.errors import StoreError
+from pipeline.store.encode import decode_array, encode_chunk, shard_file
+from pipeline.store.record import RowRecord
+from pipeline.store.row_files import Chunks
 from pipeline.store.rows import Row
-from pipeline.store.spec import OBJECTS_PER_FILE, departures, group_spec
-from schemas.base import COMMON, FIXED, Artifact
+from pipeline.store.spec import OBJECTS_PER_FILE, AnyArray, AnyGroup, chunking, group_spec, numpy_dtype, schema_violations
+from schemas.base import COMMON, FIXED, Array, Artifact
+
+Shapes = Mapping[str, tuple[int, ...]]
 
 
-@dataclass(frozen=True)
-class RowToPack:
-    """One object of a shard to write: the shapes of its row's arrays, and how to read them; `ok` is false where there is no row."""
+def write_group(
+    path: Path,
+    artifact: Artifact,
+    rows: Sequence[RowRecord],
+    shapes: Sequence[Shapes],
+    chunks: Callable[[int], Chunks],
+    constants: Row,
+    attributes: Mapping[str, Any],
+) -> None:
+    """Write a shard's group and check its structure.
 
-    object_id: str
-    category: str
-    split: str
-    ok: bool
-    shapes: Mapping[str, tuple[int, ...]]
-    load: Callable[[], Row]
-
-
-def write_group(path: Path, artifact: Artifact, rows: Sequence[RowToPack], constants: Row, attributes: Mapping[str, Any]) -> None:
-    """Write a shard's group and check its structure; every row is read once, and at most `OBJECTS_PER_FILE` are held at a time.
-
-    Files of zeros are written too: one that is missing later was lost.
+    `shapes` gives the shapes of each row's arrays, `chunks` reads the encoded row of a number: each once, and at most `OBJECTS_PER_FILE`
+    are held at a time. Files without chunks are written too: one that is missing later was lost.
 
     Raises
     ------
@@ -43,19 +48,31 @@ def write_group(path: Path, artifact: Artifact, rows: Sequence[RowToPack], const
         Two objects disagree in the shape of an array, or the group departs from its schema.
     """
     shutil.rmtree(path, ignore_errors=True)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    shapes = _shapes(artifact, rows, constants)
+    of_group = _group_shapes(artifact, rows, shapes, constants)
+    _write_metadata(path, group_spec(artifact, of_group, attributes))
+    stacked = {name: shape for name, shape in of_group.items() if "/" not in name and name not in (*COMMON, *constants)}
+    strings: dict[str, Any] = {name: [] for name in stacked if artifact.arrays[name].dtype == "string"}
+    for first in range(0, len(rows), OBJECTS_PER_FILE):
+        held = [chunks(number) for number in range(first, min(first + OBJECTS_PER_FILE, len(rows)))]
+        for name, shape in stacked.items():
+            parts = [encoded.get(name) for encoded in held]
+            if name in strings:
+                strings[name] += ["" if part is None else str(decode_array(None, (), "U", part)) for part in parts]
+            else:
+                _write_file(path / name / "c" / str(first // OBJECTS_PER_FILE), artifact.arrays[name], shape, parts)
+        for row, encoded in zip(rows[first:], held, strict=False):
+            for name in (name for name in encoded if "/" in name):
+                _write_ragged(path.joinpath(name.split("/")[0], row.object_id, name.split("/")[1]), encoded[name], artifact.of(name))
+    common = {
+        "object_id": [row.object_id for row in rows],
+        "category": [row.category for row in rows],
+        "split": [row.split for row in rows],
+    }
     with zarr.config.set({"array.write_empty_chunks": True}):
-        group: Any = group_spec(artifact, shapes, attributes).to_zarr(LocalStore(path), path="")
-        group["object_id"][:] = np.array([row.object_id for row in rows], object)
-        group["category"][:] = np.array([row.category for row in rows], object)
-        group["split"][:] = np.array([row.split for row in rows], object)
-        for name, constant in constants.items():
-            group[name][...] = constant.astype(object) if artifact.arrays[name].dtype == "string" else constant
-        stacked = {name: group[name] for name in shapes if "/" not in name and name not in (*COMMON, *constants)}
-        for first in range(0, len(rows), OBJECTS_PER_FILE):
-            _write_rows(group, stacked, artifact, rows[first : first + OBJECTS_PER_FILE], first)
-    if found := list(departures(artifact, GroupSpec.from_zarr(zarr.open_group(str(path), mode="r")))):
+        group: Any = zarr.open_group(LocalStore(path), mode="r+")
+        for name, values in {**constants, **strings, **common, "ok": [row.failure is None for row in rows]}.items():
+            group[name][...] = np.array(values, numpy_dtype(artifact.arrays[name]))
+    if found := list(schema_violations(artifact, GroupSpec.from_zarr(zarr.open_group(str(path), mode="r")))):
         raise StoreError(f"{path} was written but does not fit its schema, so it is not published: {'; '.join(found)}")
 
 
@@ -65,38 +82,61 @@ def metadata_digests(path: Path, artifact: Artifact) -> dict[str, str]:
     return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items() if file.exists()}
 
 
-def _write_rows(group: Any, stacked: Mapping[str, Any], artifact: Artifact, rows: Sequence[RowToPack], first: int) -> None:
-    where = slice(first, first + len(rows))
-    group["ok"][where] = np.array([row.ok for row in rows])
-    loaded = [row.load() for row in rows]
-    for name, array in stacked.items():
-        strings = artifact.arrays[name].dtype == "string"
-        blank: Any = "" if strings else np.zeros(array.shape[1:], array.dtype)
-        values = [found.get(name, blank) for found in loaded]
-        array[where] = np.array([str(value) for value in values], object) if strings else np.stack(values)
-    for row, found in zip(rows, loaded, strict=True):
-        for name, value in found.items():
-            if "/" in name:
-                parent, leaf = name.split("/")
-                group[f"{parent}/{row.object_id}/{leaf}"][...] = value
+def _write_metadata(path: Path, spec: AnyGroup | AnyArray) -> None:
+    """Write the metadata of a group and all that is in it, as Zarr writes it."""
+    path.mkdir(parents=True)
+    described = ArrayV3Metadata.from_dict(spec.model_dump()) if isinstance(spec, ArraySpec) else GroupMetadata(spec.attributes)
+    for name, content in described.to_buffer_dict(default_buffer_prototype()).items():
+        (path / name).write_bytes(content.to_bytes())
+    for name, member in spec.members.items() if isinstance(spec, GroupSpec) and spec.members else ():
+        _write_metadata(path / name, member)
 
 
-def _shapes(artifact: Artifact, rows: Sequence[RowToPack], constants: Row) -> dict[str, tuple[int, ...]]:
+def _write_file(folder: Path, array: Array, shape: tuple[int, ...], parts: Sequence[list[bytes] | None]) -> None:
+    """Write a file of an array: a part per object, None where it has no row, whose values are zeros."""
+    if not math.prod(shape):
+        return
+    file_shape, chunk = chunking(array, shape)
+    if chunk[0] > 1:  # several objects share a chunk
+        values = np.zeros(chunk, numpy_dtype(array))
+        for number, part in enumerate(parts):
+            if part is not None:
+                values[number] = decode_array(array, shape[1:], array.dtype, part)
+        chunks: list[bytes | None] = [encode_chunk(array, values)]
+    else:
+        count = math.prod(file_shape[1:]) // math.prod(chunk[1:])
+        absent = [None] * count
+        chunks = [one for part in (*parts, *[None] * (file_shape[0] - len(parts))) for one in part or absent]
+    file = folder.joinpath(*["0"] * (len(shape) - 1))
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("wb") as opened:
+        opened.writelines(shard_file(chunks))
+
+
+def _write_ragged(folder: Path, chunks: list[bytes], array: Array | None) -> None:
+    """Write an array of one object: its only chunk is a file, none where it is empty."""
+    file = folder.joinpath("c", *["0"] * (len(array.dims) if array else 0))
+    file.parent.mkdir(parents=True, exist_ok=True)
+    for chunk in chunks:
+        file.write_bytes(chunk)
+
+
+def _group_shapes(artifact: Artifact, rows: Sequence[RowRecord], shapes: Sequence[Shapes], constants: Row) -> dict[str, tuple[int, ...]]:
     """The shape of every array of the shard, by path."""
-    shapes: dict[str, tuple[int, ...]] = {name: (len(rows),) for name in COMMON}
-    shapes |= {name: constant.shape for name, constant in constants.items()}
-    for row in rows:
-        for name, shape in row.shapes.items():
+    of_group: dict[str, tuple[int, ...]] = {name: (len(rows),) for name in COMMON}
+    of_group |= {name: constant.shape for name, constant in constants.items()}
+    for row, of_row in zip(rows, shapes, strict=True):
+        for name, shape in of_row.items():
             if "/" in name:
                 parent, leaf = name.split("/")
-                shapes[f"{parent}/{row.object_id}/{leaf}"] = shape
-            elif shapes.setdefault(name, (len(rows), *shape)) != (len(rows), *shape):
-                raise StoreError(f"{artifact.name}: {name} of {row.object_id} has shape {shape}, others {shapes[name][1:]}")
+                of_group[f"{parent}/{row.object_id}/{leaf}"] = shape
+            elif of_group.setdefault(name, (len(rows), *shape)) != (len(rows), *shape):
+                raise StoreError(f"{artifact.name}: {name} of {row.object_id} has shape {shape}, others {of_group[name][1:]}")
     sizes = dict(FIXED)
-    for name, shape in shapes.items():
+    for name, shape in of_group.items():
         if name in artifact.arrays:
             sizes.update(zip(artifact.arrays[name].dims, shape, strict=True))
     for name, array in artifact.arrays.items():  # a shard in which every object failed still has every array
-        if name not in shapes and not array.optional:
-            shapes[name] = (len(rows), *(sizes.get(dim, 0) for dim in array.dims[1:]))
-    return shapes
+        if name not in of_group and not array.optional:
+            of_group[name] = (len(rows), *(sizes.get(dim, 0) for dim in array.dims[1:]))
+    return of_group

@@ -17,10 +17,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from pipeline.console import console
-from pipeline.engine.folder_plan import FolderPlan
-from pipeline.engine.jobs import make_task
-from pipeline.engine.shard_plan import ShardPlan
-from pipeline.engine.stage import DatasetJob, Stage, Task
+from pipeline.engine.plan import Plan
+from pipeline.engine.session import verified_inputs
+from pipeline.engine.shard import read_row
+from pipeline.engine.stage import DatasetJob, Stage
+from pipeline.engine.unit import Unit
+from pipeline.store.publish import FolderOutput, ShardOutput
 from schemas.base import COMMON, COORDINATES, Artifact
 
 OBJECTS = 4
@@ -62,7 +64,7 @@ class Explanation:
         return table
 
 
-def explain_plan(plan: ShardPlan | FolderPlan) -> Explanation | None:
+def explain_plan(plan: Plan[Any]) -> Explanation | None:
     """Explain what is up to date: a shard on a few of its objects (on `only`, if one was asked for), or a folder.
 
     Parameters
@@ -76,14 +78,14 @@ def explain_plan(plan: ShardPlan | FolderPlan) -> Explanation | None:
         None where no object of the shard was processed.
     """
     request, stage, count = plan.request, plan.stage, _counts_of(plan.stage)
-    if isinstance(plan, FolderPlan):
-        folder = plan.directory.whole_folder(plan.name)
+    if isinstance(plan.output, FolderOutput):
+        folder = plan.directory.whole_folder(plan.units[0].name)
         counts = count(DatasetJob(request.data, folder, request.settings, request.seed, plan.models, console))
         return Explanation(f"{stage.name} {folder}: counted on its objects", total(counts))
-    if not (tasks := processed_tasks(plan)):
+    if not (units := processed_units(plan)):
         return None
-    few = f"{len(tasks)} of {plan.total} objects ({', '.join(task.object_id for task in tasks)})"
-    return Explanation(f"{stage.name} {plan.path}: counted on {few}", total(count(plan.settings, plan.models, tasks)))
+    few = f"{len(units)} of {plan.total} objects ({', '.join(unit.name for unit, _ in units)})"
+    return Explanation(f"{stage.name} {plan.path}: counted on {few}", total(count(plan.settings, plan.models, units)))
 
 
 def total(counts: Iterable[Count]) -> list[Count]:
@@ -103,23 +105,18 @@ def arrays_read(names: Iterable[str], artifacts: Iterable[Artifact]) -> Count:
     return Count("arrays read", len(read), len(declared - read), "not used by this stage")
 
 
-def processed_tasks(plan: ShardPlan) -> list[Task]:
-    """Make the tasks of a few of a shard's processed objects, with the stage's own row among their inputs."""
-    asked = (member for member in plan.members if plan.request.only in (None, member.item.object_id))
-    rows = [(member.job, row) for member in asked if (row := plan.row(member)) is not None]
-    inputs = {one.artifact.name: one for one in plan.inputs}
-    tasks = []
-    for number in np.linspace(0, len(rows) - 1, min(OBJECTS, len(rows))).astype(int):
-        job, row = rows[number]
-        task = make_task(job, plan.request.seed, inputs)
-        tasks.append(replace(task, inputs={**task.inputs, plan.artifact.name: row}))
-    return tasks
+def processed_units(plan: Plan[ShardOutput]) -> list[tuple[Unit, dict[str, Any]]]:
+    """Read the inputs of a few of a shard's processed objects, with the stage's own row among them."""
+    asked = (unit for unit in plan.units if plan.request.only in (None, unit.name))
+    rows = [(unit, row) for unit in asked if (row := read_row(plan, unit)) is not None]
+    chosen = (rows[number] for number in np.linspace(0, len(rows) - 1, min(OBJECTS, len(rows))).astype(int))
+    return [(unit, {**verified_inputs(unit, plan.inputs), plan.output.artifact.name: row}) for unit, row in chosen]
 
 
 def _counts_of(stage: Stage) -> Any:
     """Find the stage's function in `pipeline.tradeoff.explanations`.
 
-    Of an object stage: (settings, models by name: Mapping[str, Path], tasks) -> Iterable[Count]; of a dataset stage:
+    Of an object stage: (settings, models by name: Mapping[str, Path], units with their inputs) -> Iterable[Count]; of a dataset stage:
     (job) -> Iterable[Count]. One that counts nothing for a stage without a module there.
     """
     name = f"pipeline.tradeoff.explanations.{stage.name.replace('-', '_')}"

@@ -10,12 +10,12 @@ from typing import Any
 from rich.console import Console
 
 from pipeline.config.manifest import Object
-from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
+from pipeline.store.publish import FolderOutput
 from pipeline.tradeoff.choice import Choice, MachineSpeed
 
 
@@ -47,11 +47,11 @@ def measure_speed(request: Request[Any], choice: Choice, console: Console) -> Ma
     (plan,) = make_plans(replace(request, settings=short))
     result = run(plan, console)
     wall, directory = time.perf_counter() - began, DataDirectory(request.data)
-    if isinstance(plan, FolderPlan):
-        epoch = float(directory.folder(plan.name).facts["training_seconds"])
+    if isinstance(plan.output, FolderOutput):
+        epoch = float(directory.folder(plan.units[0].name).facts["training_seconds"])
         per_object = settings.epochs * epoch / sum(item.split == "train" for item in request.objects)
         return MachineSpeed(factor=per_object * choice.study.objects / measured.seconds, startup=wall - epoch)
-    rows = directory.collection(plan.artifact).first.record.rows
+    rows = directory.collection(plan.output.artifact).first.record.rows
     failures = [row.failure for row in rows if row.failure]
     if len(failures) == len(rows):
         raise StoreError(f"none of {len(rows)} objects tried can be made; {rows[0].object_id}: {failures[0].reason}")

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from pipeline.config.manifest import SPLITS
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
+from pipeline.errors import StoreError
 from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.trained_networks import load_reconstructor, model_name
 from pipeline.store.directory import DataDirectory
-from pipeline.store.pieces import Pieces
+from pipeline.store.row_files import Result, RowFiles
 from pipeline.store.storage import remove
 from pipeline.training.device import device_of, torch_threads
 from schemas.base import Artifact
@@ -85,20 +87,20 @@ class Evaluate(DatasetStage):
         write_evaluation(job.folder, tables | groups, attributes)
         show(job.folder, job.console)
         show_training(facts, job.console)
-        remove(Pieces(job.folder).folder)
+        remove(RowFiles(job.folder).folder)
         return {"objects": len(truth), "left_out": len(truth.rows.left_out), "training": facts}
 
 
 def _measured(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> dict[str, Arrays]:
     """Take a model's groups over from a killed run, or measure it and keep them for one."""
-    pieces, found = Pieces(job.folder), {}
+    rows, found = RowFiles(job.folder), {}
     kinds = ("values", surfaces_group(model), *(["closed"] if job.settings.closed_resolution else []))
     for group in (f"{kind}/{name}" for kind in kinds):
-        facts = pieces.facts(group, PIECE)
-        if facts and (kept := pieces.load(group, PIECE, "", facts)):
-            found[group] = kept
+        if result := rows.find(group, PIECE):
+            with suppress(StoreError):
+                found[group] = rows.load(result)
     if len(found) < len(kinds):
         found = measure(name, model, truth, job)
         for group, arrays in found.items():
-            pieces.save(group, PIECE, "", arrays, seconds=0.0)
+            rows.save(Result(name=group, key=PIECE), dict(arrays))
     return found

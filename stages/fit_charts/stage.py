@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.dataset.touch_sensors import touch_sensor
-from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.unit import Unit
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.charts.fit_options import StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
@@ -57,18 +58,18 @@ class FitCharts(ObjectStage):
         return Cost(seconds=TOUCHES * (0.45 if settings.tight else 0.3), kilobytes=20)
 
     @contextmanager
-    def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Load the U-Net, if need be; compute on one thread per worker: results do not depend on how many share the machine."""
         with torch_threads(1):
             model = load_touch_model(models[UNET], settings.device) if settings.cloud == "predicted" else None
-            yield lambda task: _process(task, settings, model)
+            yield lambda unit, inputs: _process(unit, inputs, settings, model)
 
 
-def _process(task: Task, settings: ChartSettings, model: TouchModel | None) -> Row:
-    sensor = touch_sensor(task.attributes["touch"])
-    poses, touched = task.inputs["grasps"]["sensor_pose"], task.inputs["grasps"]["touch_success"]
-    clouds = _clouds(task, touched, sensor, model)
-    generators = [torch_generator(task.seed, task.object_id, "fit-charts", *at) for at in np.argwhere(touched).tolist()]
+def _process(unit: Unit, inputs: Inputs, settings: ChartSettings, model: TouchModel | None) -> Row:
+    sensor = touch_sensor(inputs["touch"].attributes)
+    poses, touched = inputs["grasps"]["sensor_pose"], inputs["grasps"]["touch_success"]
+    clouds = _clouds(inputs, touched, sensor, model)
+    generators = [torch_generator(unit.seed, unit.name, "fit-charts", *at) for at in np.argwhere(touched).tolist()]
     fits = fit_charts(clouds, sensor.width, generators, options=settings.fit_options(sensor.width), device=settings.device)
     charts = np.tile(chart_square(settings.side)[0].numpy() * sensor.width, (*touched.shape, 1, 1))
     charts[touched] = fits.vertices
@@ -80,9 +81,9 @@ def _process(task: Task, settings: ChartSettings, model: TouchModel | None) -> R
     return row
 
 
-def _clouds(task: Task, touched: NDArray[np.bool_], sensor: Sensor, model: TouchModel | None) -> list[NDArray[np.float64]]:
+def _clouds(inputs: Inputs, touched: NDArray[np.bool_], sensor: Sensor, model: TouchModel | None) -> list[NDArray[np.float64]]:
     """The points that the U-Net predicts of each touch, without one those with D < w; sensor frame, m."""
-    touch = task.inputs["touch"]
+    touch = inputs["touch"]
     if model is None:
         return [masked_points(depth, in_gel(depth, sensor), sensor) for depth in touch["depth"][touched].astype(np.float64)]
     model.check_sensor(sensor)

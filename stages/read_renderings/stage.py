@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.rendering_folder import PIXELS, read_renderings, rendering_files
 from pipeline.kernels.vision.viewpoint import placed_camera, viewpoint_camera
@@ -41,21 +42,21 @@ class ReadRenderings(ObjectStage):
         return Cost(seconds=0.3, kilobytes=200)
 
     @contextmanager
-    def session(self, settings: RenderingSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: RenderingSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Keep nothing between objects."""
-        yield lambda task: _read(task, settings)
+        yield lambda unit, inputs: _read(unit, inputs, settings)
 
 
-def _read(task: Task, settings: RenderingSettings) -> Row:
-    surface = task.inputs["surfaces"]
-    if "renderings" not in task.source:
+def _read(unit: Unit, inputs: Inputs, settings: RenderingSettings) -> Row:
+    surface = inputs["surfaces"]
+    if "renderings" not in unit.source:
         raise InvalidInput("its manifest names no renderings; take the manifest single-image, or give a shapenet source `renderings`")
     if "placement" not in surface:
         raise InvalidInput("its surface was made before placements were stored; run sample-surfaces again")
-    images, viewpoints = read_renderings(Path(task.source["renderings"]))
+    images, viewpoints = read_renderings(Path(unit.source["renderings"]))
     opacity = images[..., 3:] / 255  # (viewpoint, row, col, 1)
     if not (opacity >= 0.5).any(axis=(1, 2, 3)).all():
-        raise InvalidInput(f"{task.source['renderings']}: an image shows nothing; download the model's renderings again")
+        raise InvalidInput(f"{unit.source['renderings']}: an image shows nothing; download the model's renderings again")
     return {
         "rendering": np.rint(opacity * images[..., :3] + (1 - opacity) * settings.background).astype(np.uint8),
         "silhouette": opacity[..., 0] >= 0.5,

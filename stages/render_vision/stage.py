@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.keys import assets_digest
-from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
@@ -48,7 +50,7 @@ class RenderVision(ObjectStage):
         """The files of the scene, the hand and the shaders."""
         return [description_path("scene", settings.scene), *load_hand(settings.hand).files, *shader_paths()]
 
-    def settle(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> VisionSettings:
+    def resolve_settings(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> VisionSettings:
         """The hand is that of the grasps."""
         return settings.model_copy(update={"hand": settings.hand or attributes["grasps"]["settings"]["hand"]})
 
@@ -83,7 +85,7 @@ class RenderVision(ObjectStage):
         return Cost(seconds=0.05 + 0.025 * images * pixels, kilobytes=15 * images * pixels)
 
     @contextmanager
-    def session(self, settings: VisionSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: VisionSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Open one renderer per worker, with the hand's meshes in it."""
         hand = load_hand(settings.hand)
         scene = load_scene(settings.scene)
@@ -91,10 +93,10 @@ class RenderVision(ObjectStage):
         with Renderer(scene, settings.resolution) as renderer:
             meshes = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in hand.visual_meshes]
 
-            def process(task: Task) -> Row:
-                grasps = task.inputs["grasps"]
+            def process(unit: Unit, inputs: Inputs) -> Row:
+                grasps = inputs["grasps"]
                 frames = forward_kinematics(hand, grasps["hand_pose"], grasps["joint_angles"])  # (grasp, link, 4, 4)
-                with renderer.added(task.mesh(), Label.OBJECT) as handle:
+                with renderer.added(read_mesh(inputs["surfaces"]), Label.OBJECT) as handle:
                     return _render_grasps(renderer, (handle, np.eye(4)), meshes, frames if settings.occluded else frames[:0], further)
 
             yield process

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.unit import Unit
 from pipeline.kernels.geometry.signed_distance import draw_around, signed_distances
 from pipeline.store.rows import Row
 from schemas.base import Artifact
@@ -35,15 +36,15 @@ class SampleDistances(ObjectStage):
         return Cost(seconds=0.25 * settings.queries / 16_384, kilobytes=240 * settings.queries / 16_384)
 
     @contextmanager
-    def session(self, settings: DistanceSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: DistanceSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Keep nothing between objects."""
-        yield lambda task: _process(task, settings)
+        yield lambda unit, inputs: _process(unit, inputs, settings)
 
 
-def _process(task: Task, settings: DistanceSettings) -> Row:
-    view = task.inputs["surfaces"]
+def _process(unit: Unit, inputs: Inputs, settings: DistanceSettings) -> Row:
+    view = inputs["surfaces"]
     mesh, spread = read_mesh(view), (settings.least_spread, settings.most_spread)
-    surface, rng = view["points"].astype(np.float64), task.rng("sample-distances")
+    surface, rng = view["points"].astype(np.float64), unit.rng("sample-distances")
     drawn = draw_around(surface, settings.queries, rng, near=settings.near, spread=spread, reach=settings.reach)
     queries = drawn.astype(np.float32)
     distances = signed_distances(queries.astype(np.float64), mesh.vertices, mesh.faces)

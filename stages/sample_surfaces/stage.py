@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.dataset.mesh_rows import mesh_row
-from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.unit import Unit
 from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
@@ -37,19 +37,19 @@ class SampleSurfaces(ObjectStage):
         return Cost(seconds=0.15, kilobytes=400 * settings.points / 10_000)
 
     @contextmanager
-    def session(self, settings: SurfaceSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: SurfaceSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Keep nothing between objects."""
-        yield lambda task: _process(task, settings)
+        yield lambda unit, inputs: _process(unit, settings)
 
 
-def _process(task: Task, settings: SurfaceSettings) -> Row:
-    mesh, placement, report = normalised_mesh(task, settings)
-    points, normals = sample_exterior(mesh, settings.points, task.rng("sample-surfaces"), directions=settings.directions)
+def _process(unit: Unit, settings: SurfaceSettings) -> Row:
+    mesh, placement, report = normalised_mesh(unit, settings)
+    points, normals = sample_exterior(mesh, settings.points, unit.rng("sample-surfaces"), directions=settings.directions)
     return {
         "points": points,
         "normals": normals,
         "placement": placement,
-        **_origin(task),
+        **_origin(unit),
         "watertight": np.array(report.watertight),
         "degenerate_faces": np.array(report.degenerate_faces, np.int32),
         "duplicate_faces": np.array(report.duplicate_faces, np.int32),
@@ -57,36 +57,36 @@ def _process(task: Task, settings: SurfaceSettings) -> Row:
     }
 
 
-def _origin(task: Task) -> Row:
+def _origin(unit: Unit) -> Row:
     """Where an object comes from: its file with checksum, licence and unit, or the toy object that was modelled."""
-    source = task.source
+    source = unit.source
     if "procedural" in source:
-        file, content, missing = f"procedural {source['procedural']} {source['variant']}, seed {source['seed']}", b"", 0
+        file, sha256, missing = f"procedural {source['procedural']} {source['variant']}, seed {source['seed']}", "", 0
     else:
-        missing = len(Companions(Path(source["file"]), Path(source["root"])).missing)
         path = Path(source["file"])
-        file, content = path.relative_to(source["root"]).as_posix(), path.read_bytes()
+        companions = Companions(path, Path(source["root"]))
+        file, sha256, missing = path.relative_to(source["root"]).as_posix(), companions.sha256, len(companions.missing)
     return {
         "source_file": np.array(file),
-        "source_sha256": np.array(hashlib.sha256(content).hexdigest() if content else ""),
+        "source_sha256": np.array(sha256),
         "licence": np.array(source.get("licence", "")),
         "missing_files": np.array(missing, np.int32),
         "metres_per_unit": np.array(source.get("metres_per_unit") or 0.0),
     }
 
 
-def normalised_mesh(task: Task, settings: SurfaceSettings) -> tuple[Mesh, np.ndarray, CleaningReport]:
+def normalised_mesh(unit: Unit, settings: SurfaceSettings) -> tuple[Mesh, np.ndarray, CleaningReport]:
     """Clean and normalise an object's mesh; the matrix (4, 4) says how it was placed, the report what was removed."""
-    source = task.source
-    mesh, report = clean_mesh(source_mesh(task), settings.max_faces)
+    source = unit.source
+    mesh, report = clean_mesh(source_mesh(unit), settings.max_faces)
     how = {"up": source.get("up", "z"), "diagonal": settings.diagonal, "metres_per_unit": source.get("metres_per_unit")}
     return normalise_mesh(mesh, **how), placement_of(mesh, **how), report
 
 
-def source_mesh(task: Task) -> Mesh:
+def source_mesh(unit: Unit) -> Mesh:
     """Make the mesh of a procedural object, or read that of another from its file."""
-    if "procedural" not in task.source:
-        return load_mesh(Path(task.source["file"]), Path(task.source["root"]))
-    category, variant, seed = (task.source[name] for name in ("procedural", "variant", "seed"))
+    if "procedural" not in unit.source:
+        return load_mesh(Path(unit.source["file"]), Path(unit.source["root"]))
+    category, variant, seed = (unit.source[name] for name in ("procedural", "variant", "seed"))
     order = numpy_rng(seed, "procedural", category).permutation(len(KINDS[category]))  # every kind once before any repeats
     return generate(category, numpy_rng(seed, "procedural", category, variant), order[variant % len(order)])

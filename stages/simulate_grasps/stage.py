@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.keys import assets_digest
-from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import sensor_files, sensor_names
@@ -73,7 +75,7 @@ class SimulateGrasps(ObjectStage):
         return Cost(seconds=0.3 + 0.08 * attempts + lifts, kilobytes=settings.grasps)
 
     @contextmanager
-    def session(self, settings: GraspSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: GraspSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Prepare the hand and open a physics client, for all objects of a worker."""
         prepared_hand = prepare_hand(settings)
         with ExitStack() as opened:
@@ -81,11 +83,14 @@ class SimulateGrasps(ObjectStage):
             lift = LiftTest(prepared_hand.hand, prepared_hand.sensors, mass=settings.lift_mass) if settings.lift_test else None
             if lift is not None:
                 opened.enter_context(lift)
-            yield lambda task: _grasp(prepared_hand, physics, lift, settings, task)
+            yield lambda unit, inputs: _grasp(prepared_hand, physics, lift, settings, unit, inputs)
 
 
-def _grasp(prepared_hand: PreparedHand, physics: Simulation, lift: LiftTest | None, settings: GraspSettings, task: Task) -> Row:
-    surface, mesh = task.inputs["surfaces"], task.mesh()
+def _grasp(
+    prepared_hand: PreparedHand, physics: Simulation, lift: LiftTest | None, settings: GraspSettings, unit: Unit, inputs: Inputs
+) -> Row:
+    surface = inputs["surfaces"]
+    mesh = read_mesh(surface)
     prepared_object = prepare_object(mesh, surface["points"], surface["normals"], cell=settings.grid_cell)
     physics.load(mesh)
     search = GraspSearch(prepared_hand, prepared_object, physics, settings)
@@ -97,7 +102,7 @@ def _grasp(prepared_hand: PreparedHand, physics: Simulation, lift: LiftTest | No
         first_are_best = settings.prefer == "touches" and not settings.exhaustive
         if first_are_best and len(kept) == settings.grasps and all(grasp.touched.all() for grasp in kept):
             break
-        grasp = search.attempt(task.rng("simulate-grasps", number))
+        grasp = search.attempt(unit.rng("simulate-grasps", number))
         touched.append(grasp.touched if grasp else np.zeros(len(prepared_hand.hand.sensors), bool))
         kept = keep_best(kept, grasp, settings.grasps, settings.prefer)
     if len(kept) < settings.grasps:

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.keys import assets_digest
-from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
 from pipeline.kernels.touch.contact import local_points
@@ -44,7 +46,7 @@ class SimulateTouch(ObjectStage):
         """The sensor files."""
         return sensor_files(settings.sensors)
 
-    def settle(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> TouchSettings:
+    def resolve_settings(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> TouchSettings:
         """The sensors are those that the hand wore."""
         return settings.model_copy(update={"sensors": settings.sensors or tuple(attributes["grasps"]["hand"]["sensor_files"])})
 
@@ -77,16 +79,16 @@ class SimulateTouch(ObjectStage):
         return Cost(seconds=0.03 if settings.tracer == "ray" else 0.7, kilobytes=1600 if settings.store_points else 600)
 
     @contextmanager
-    def session(self, settings: TouchSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: TouchSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Load the sensors once; nothing else is kept between objects."""
         sensors = load_worn_sensors(settings.sensors)
 
-        def process(task: Task) -> Row:
-            faces = box_faces(task.mesh().triangles)
-            poses = task.inputs["grasps"]["sensor_pose"]  # (grasp, sensor, 4, 4)
+        def process(unit: Unit, inputs: Inputs) -> Row:
+            faces = box_faces(read_mesh(inputs["surfaces"]).triangles)
+            poses = inputs["grasps"]["sensor_pose"]  # (grasp, sensor, 4, 4)
             rows = []
             for grasp, finger in np.ndindex(poses.shape[:2]):
-                rng = None if sensors[finger].noise == "none" else task.rng("simulate-touch", grasp, finger)
+                rng = None if sensors[finger].noise == "none" else unit.rng("simulate-touch", grasp, finger)
                 rows.append(_touch(faces, poses[grasp, finger], sensors[finger], settings, rng))
             return {name: np.stack([row[name] for row in rows]).reshape(*poses.shape[:2], *array.shape) for name, array in rows[0].items()}
 

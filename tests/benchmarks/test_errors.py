@@ -16,7 +16,7 @@ from benchmarks.tradeoff.errors import ERRORS, SOUND, Errors
 from benchmarks.tradeoff.runs import Made
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
-from pipeline.engine.stage import Task
+from pipeline.engine.unit import Unit
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
@@ -50,7 +50,7 @@ CONSTANTS: dict[str, Row] = {
 }
 
 
-def store(data: Path, output: Artifact, row: Callable[[Task], Row], count: int = 2, failed: str = "") -> Path:
+def store(data: Path, output: Artifact, row: Callable[[Unit], Row], count: int = 2, failed: str = "") -> Path:
     """Write what a function says of each of some objects, a, b, …, but for those that failed."""
     stage: Any = spheres.Given(output, row, (), CONSTANTS.get(output.name, {}), ATTRIBUTES.get(output.name, {}))
     items = spheres.objects(count)
@@ -58,8 +58,8 @@ def store(data: Path, output: Artifact, row: Callable[[Task], Row], count: int =
     return data
 
 
-def number(task: Task) -> int:
-    return ord(task.object_id) - ord("a")
+def number(unit: Unit) -> int:
+    return ord(unit.name) - ord("a")
 
 
 def errors(stage: str, made: Path, reference: Path = Path()) -> Errors:
@@ -77,24 +77,24 @@ def test_errors_are_of_stages_in_their_order() -> None:
     assert list(ERRORS) == [name for name in STAGES if name in ERRORS]
 
 
-def lifted(task: Task, near: float, far: float) -> Row:
+def lifted(unit: Unit, near: float, far: float) -> Row:
     """A ball's points in its directions, moved outwards: most by `near` m, one in ten by `far`."""
-    row = spheres.surfaces(task)
+    row = spheres.surfaces(unit)
     off = np.where(np.arange(len(row["points"])) % 10, near, far)[:, None]
     return row | {"points": (row["points"] + off * row["normals"]).astype(np.float32)}
 
 
 def test_a_surface_that_points_stand_off_by_so_much_is_missed_by_so_much(tmp_path: Path) -> None:
     made = store(tmp_path / "made", SURFACES, spheres.surfaces)
-    dense = store(tmp_path / "dense", SURFACES, lambda task: lifted(task, (1 + number(task)) * MM, 20 * MM))
+    dense = store(tmp_path / "dense", SURFACES, lambda unit: lifted(unit, (1 + number(unit)) * MM, 20 * MM))
     squares = [0.9 * 1 + 0.1 * 400, 0.9 * 4 + 0.1 * 400]
     sure(errors("sample-surfaces", made, dense), np.sqrt(np.mean(squares)), 10, each=list(np.sqrt(squares)), power=2)
 
 
-def held(task: Task, touched: list[list[int]], attempts: float = 0.75) -> Row:
+def held(unit: Unit, touched: list[list[int]], attempts: float = 0.75) -> Row:
     """Hands of an object at the origin, and which of their sensors touch."""
     success = np.array(touched, bool)
-    return spheres.grasps(task) | {
+    return spheres.grasps(unit) | {
         "hand_pose": np.tile(np.eye(4), (len(success), 1, 1)),
         "joint_angles": np.zeros((len(success), 16)),
         "sensor_pose": np.tile(np.eye(4), (*success.shape, 1, 1)),
@@ -115,7 +115,7 @@ def test_touches_are_missing_where_there_is_none_or_it_changes_or_the_hand_is_in
         "b": [seen("b", 0, 0, [0, 0, 0, 0]), seen("b", 1, 1.01 * SOUND, [0, 0, 0, 0])],  # 3 + 0
     }
     monkeypatch.setattr("benchmarks.tradeoff.errors.examine", lambda data, points: found if data == tmp_path else None)
-    made = store(tmp_path, GRASPS, lambda task: held(task, TOUCHED[task.object_id], 0.5 + 0.25 * number(task)))
+    made = store(tmp_path, GRASPS, lambda unit: held(unit, TOUCHED[unit.name], 0.5 + 0.25 * number(unit)))
     one = errors("simulate-grasps", made)
     sure(one, 100 * (4 / 8 + 5 / 8) / 2, 100 * (1 - 0.625), 100 * 3 / 16, 1.01, each=[50, 62.5])
     assert one.touches == 16
@@ -133,15 +133,15 @@ def test_hands_that_stand_in_a_block_and_touch_nothing_are_measured_so(tmp_path:
     block = trimesh.creation.box((1, 1, 1)).apply_translation([0, 0, lowest + 2 * MM - 0.5])
     mesh = {"meshes/vertices": block.vertices, "meshes/faces": block.faces.astype(np.int32), "meshes/uv": np.zeros((8, 2))}
     look = {"meshes/face_material": np.zeros(12, np.int32)}
-    store(tmp_path, SURFACES, lambda task: spheres.surfaces(task) | mesh | look)
-    store(tmp_path, GRASPS, lambda task: held(task, TOUCHED["a"]))
+    store(tmp_path, SURFACES, lambda unit: spheres.surfaces(unit) | mesh | look)
+    store(tmp_path, GRASPS, lambda unit: held(unit, TOUCHED["a"]))
     sure(errors("simulate-grasps", tmp_path), 100, 25, 75, 2, each=[100, 100], rel=0.02)
 
 
 def test_an_object_without_grasps_has_all_its_touches_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = {"a": [seen("a", 0, 0, [0, 0, 0, 0]), seen("a", 1, 0, [0, 0, 0, 0])]}
     monkeypatch.setattr("benchmarks.tradeoff.errors.examine", lambda *_: found)
-    made = store(tmp_path, GRASPS, lambda task: held(task, TOUCHED["a"], 1.0), failed="b")
+    made = store(tmp_path, GRASPS, lambda unit: held(unit, TOUCHED["a"], 1.0), failed="b")
     sure(errors("simulate-grasps", made), (25 + 100) / 2, 50, 0, 0, each=[25, 100])
 
 
@@ -155,8 +155,8 @@ def image(level: int, size: int, columns: slice) -> Row:
 
 
 def test_images_differ_by_their_levels_and_silhouettes_by_their_columns(tmp_path: Path) -> None:
-    made = store(tmp_path / "made", VISION, lambda task: image(100 + 3 + number(task), 16, slice(4, 14 - 2 * number(task))))
-    true = store(tmp_path / "true", VISION, lambda task: image(100, 32, slice(8, 24)))
+    made = store(tmp_path / "made", VISION, lambda unit: image(100 + 3 + number(unit), 16, slice(4, 14 - 2 * number(unit))))
+    true = store(tmp_path / "true", VISION, lambda unit: image(100, 32, slice(8, 24)))
     levels, c1 = np.array([103, 104]) / 255, 0.01**2
     likeness = (2 * levels * 100 / 255 + c1) / (levels**2 + (100 / 255) ** 2 + c1)
     sure(errors("render-vision", made, true), np.sqrt((9 + 16) / 2), 100 * 4 / 16 / 2, 1 - likeness.mean(), each=[3, 4], power=2, rel=1e-9)
@@ -177,7 +177,7 @@ def felt(off: float = 0.0, beyond: float = 0.0, outlier: float = 0.0, lost: int 
 
 
 def test_depths_are_off_by_what_they_were_moved_by_in_the_gel_and_beyond(tmp_path: Path) -> None:
-    made = store(tmp_path / "made", TOUCH, lambda task: felt((1 + 2 * number(task)) * UM, 2 * UM, 50 * UM, 3, 2, 30 * number(task)))
+    made = store(tmp_path / "made", TOUCH, lambda unit: felt((1 + 2 * number(unit)) * UM, 2 * UM, 50 * UM, 3, 2, 30 * number(unit)))
     true = store(tmp_path / "true", TOUCH, lambda _: felt())
     sure(errors("simulate-touch", made, true), 3, 50, 2, 2 * (3 + 2), 100 * 30 / 2400 / 2, each=[1, 3], rel=2e-3)
 
@@ -185,11 +185,11 @@ def test_depths_are_off_by_what_they_were_moved_by_in_the_gel_and_beyond(tmp_pat
 PREDICTED = 3 * MM
 
 
-def pressed(task: Task) -> Row:
+def pressed(unit: Unit) -> Row:
     """A flat in the gel, 0.1 mm an object nearer than is predicted, whose reading is a column wider; others than the first touch once."""
     depth = np.full((1, 2, *SENSOR.shape), 10 * MM, np.float32)
-    depth[..., 5:15, 5:15] = PREDICTED - 0.1 * MM * (1 + number(task))
-    if number(task):
+    depth[..., 5:15, 5:15] = PREDICTED - 0.1 * MM * (1 + number(unit))
+    if number(unit):
         depth[0, 1] = 1 * MM
     readings = np.tile(untouched_image(SENSOR), (1, 2, 1, 1, 1))
     readings[..., 5:15, 5:16, :] ^= 128
@@ -198,7 +198,7 @@ def pressed(task: Task) -> Row:
 
 def test_a_network_that_says_one_depth_is_off_by_the_true_ones(tmp_path: Path) -> None:
     store(tmp_path, TOUCH, pressed, 3, failed="c")
-    store(tmp_path, GRASPS, lambda task: held(task, [[1, number(task) == 0]]), 3)
+    store(tmp_path, GRASPS, lambda unit: held(unit, [[1, number(unit) == 0]]), 3)
     network = UNet(1)
     with torch.no_grad():
         for parameter in network.parameters():
@@ -212,10 +212,10 @@ def test_a_network_that_says_one_depth_is_off_by_the_true_ones(tmp_path: Path) -
     sure(errors("train-unet", tmp_path), np.sqrt((2 * 100**2 + 200**2) / 3), apart.mean(), each=[100, 200], power=2)
 
 
-def fitted(task: Task) -> Row:
+def fitted(unit: Unit) -> Row:
     """Charts with a given error, µm, of which one object's last was stopped by the cap; others were not fitted, of one object none."""
-    last, off = {"a": ("threshold", [100, 300]), "b": ("cap", [200, 300]), "c": ("no_touch", [0, 0])}[task.object_id]
-    rules = ["no_touch" if task.object_id == "c" else "threshold", last, "no_touch", "too_few_points", "collapsed"]
+    last, off = {"a": ("threshold", [100, 300]), "b": ("cap", [200, 300]), "c": ("no_touch", [0, 0])}[unit.name]
+    rules = ["no_touch" if unit.name == "c" else "threshold", last, "no_touch", "too_few_points", "collapsed"]
     return {
         "vertices": np.zeros((1, 5, 9, 3), np.float32),
         "residual": np.array([[*off, 0, 0, 0]], np.float32) * np.float32(UM),
@@ -267,8 +267,8 @@ def test_an_evaluation_is_off_by_what_its_table_is(tmp_path: Path) -> None:
     sure(errors("evaluate", tmp_path / "made", tmp_path / "true"), 100 * (0.1 + 0.1) / 2, each=[100 * 0.1 / 1.5, 0], rel=1e-12)
 
 
-KNOWN: dict[str, tuple[Artifact, Callable[[Task], Row], Callable[[Task], Row], float]] = {
-    "sample-surfaces": (SURFACES, spheres.surfaces, lambda task: lifted(task, MM, MM), 1),
+KNOWN: dict[str, tuple[Artifact, Callable[[Unit], Row], Callable[[Unit], Row], float]] = {
+    "sample-surfaces": (SURFACES, spheres.surfaces, lambda unit: lifted(unit, MM, MM), 1),
     "render-vision": (VISION, lambda _: image(103, 16, slice(4, 12)), lambda _: image(100, 16, slice(4, 12)), 3),
     "simulate-touch": (TOUCH, lambda _: felt(3 * UM), lambda _: felt(), 3),
 }

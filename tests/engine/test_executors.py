@@ -20,9 +20,10 @@ import pytest
 from pipeline.engine import dask_executor
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
-from pipeline.engine.jobs import Work
 from pipeline.engine.run import run as run_plan
-from pipeline.engine.stage import Task
+from pipeline.engine.session import Work
+from pipeline.engine.stage import Inputs
+from pipeline.engine.unit import Unit
 from pipeline.errors import StageError, StoreError
 from pipeline.store.rows import Row
 from pipeline.store.validate import problems_below
@@ -37,7 +38,7 @@ class DiesOpening(MakeNoise):
         self.flag, self.once = flag, once
 
     @contextmanager
-    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         if not self.flag.exists():
             if self.once:
                 self.flag.touch()
@@ -54,7 +55,7 @@ class NotesItsEnd(MakeNoise):
         self.folder = folder
 
     @contextmanager
-    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         opener = threading.get_ident()
         with super().session(settings, models) as process:
             yield process
@@ -74,14 +75,14 @@ def test_temporary_folders_of_workers_are_where_dask_clears_them(tmp_path):
 
 def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
     plan = plan_of(request(tmp_path))
-    work = Work(plan.stage, plan.settings, 0, tmp_path, {})
-    jobs = [member.job for member in plan.members]
+    work = Work(plan.stage, plan.settings, tmp_path, {})
+    units = plan.units
     with Dask() as executor:
-        assert len([*executor.run(work, jobs[:1])]) == 1
+        assert len([*executor.run(work, units[:1])]) == 1
         for process in executor._connect().run(os.getpid).values():
             os.kill(process, signal.SIGKILL)
-        outcomes = [*executor.run(work, jobs[1:])]
-        assert [(outcome.failure, outcome.bug) for outcome in outcomes] == [(None, None)] * 4
+        results = [*executor.run(work, units[1:])]
+        assert [(result.failure, result.bug) for result in results] == [(None, None)] * 4
 
 
 def test_an_object_that_never_ends_is_given_up_with_its_worker_and_the_others_go_on(tmp_path):
@@ -140,11 +141,11 @@ def test_memory_that_runs_out_is_the_objects_failure_and_the_others_go_on(tmp_pa
 
 def test_a_worker_that_nobody_watches_over_any_more_is_replaced(tmp_path):
     plan = plan_of(request(tmp_path))
-    work, jobs = Work(plan.stage, plan.settings, 0, tmp_path, {}), [member.job for member in plan.members]
+    work, units = Work(plan.stage, plan.settings, tmp_path, {}), plan.units
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "1s"}), Dask() as executor:
-        assert len([*executor.run(work, jobs[:1])]) == 1
+        assert len([*executor.run(work, units[:1])]) == 1
         executor._cluster.sync(executor._cluster.workers[0].close)
-        assert len([*executor.run(work, jobs[1:])]) == 4
+        assert len([*executor.run(work, units[1:])]) == 4
 
 
 class _Cluster:
@@ -179,11 +180,11 @@ def test_a_cluster_that_is_killed_and_started_again_gives_the_same(tmp_path):
     cluster.start()
     try:
         with Dask(scheduler=cluster.address) as executor:
-            outcomes = executor.run(Work(plan.stage, plan.settings, 0, tmp_path / "there", {}), [member.job for member in plan.members])
-            done = {next(outcomes).object_id, next(outcomes).object_id}
+            results = executor.run(Work(plan.stage, plan.settings, tmp_path / "there", {}), plan.units)
+            done = {next(results).name, next(results).name}
             cluster.kill()
             cluster.start()
-            done |= {outcome.object_id for outcome in outcomes}
+            done |= {result.name for result in results}
     finally:
         cluster.kill()
     assert done == {"a", "b", "c", "d", "e"}

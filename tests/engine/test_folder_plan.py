@@ -12,7 +12,7 @@ from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.reports.status import read_account
 from pipeline.store.directory import DataDirectory
-from pipeline.store.record import FolderRecord, sealed
+from pipeline.store.record import FolderRecord, serialise_with_checksum
 from pipeline.store.validate import problems_below
 from tests.engine.tiny_stages import CONSOLE, Average, objects, plan_of, request, run
 
@@ -73,7 +73,7 @@ def test_what_was_finished_but_not_published_is_not_made_again(tmp_path):
     folder, work = DataDirectory(tmp_path).folder_path("models/average"), DataDirectory(tmp_path).work("models/average") / plan.key[:16]
 
     def unpublish() -> None:
-        work.with_suffix(".json").write_bytes(sealed(record(tmp_path)))
+        work.with_suffix(".json").write_bytes(serialise_with_checksum(record(tmp_path)))
         (tmp_path / RECORD).unlink()
         folder.rename(work)
 
@@ -147,6 +147,6 @@ def test_a_record_that_names_an_artifact_nobody_knows_is_refused(tmp_path):
     run(request(tmp_path))
     make(tmp_path)
     foreign = record(tmp_path).model_copy(update={"inputs": {"passwords": "0" * 64}})
-    (tmp_path / RECORD).write_bytes(sealed(foreign))
+    (tmp_path / RECORD).write_bytes(serialise_with_checksum(foreign))
     with pytest.raises(StoreError, match="there is no artifact passwords; delete the record and run average again"):
         DataDirectory(tmp_path).check_origins(["models/average"])

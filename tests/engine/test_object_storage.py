@@ -18,8 +18,8 @@ from pipeline.reports.status import read_account
 from pipeline.store import garbage, publish, storage
 from pipeline.store.atomic import create, replace_version, version_of, write_at_once
 from pipeline.store.directory import DataDirectory
-from pipeline.store.pieces import Pieces
 from pipeline.store.reshard import reshard
+from pipeline.store.row_files import Result, RowFiles
 from pipeline.store.storage import Place, files_below, place, read_bytes, remove
 from pipeline.store.validate import problems_below
 from pipeline.store.write import write_group
@@ -231,7 +231,7 @@ def test_garbage_is_what_no_record_names_and_is_old(data, monkeypatch):
     monkeypatch.setattr(garbage.time, "time", lambda: later)
     assert garbage.collect_everything(DataDirectory(data)) == [replaced]
     assert not files_below(replaced)
-    Pieces(DataDirectory(data).work("noise")).save("a", "0", "", {}, seconds=0.0)
+    RowFiles(DataDirectory(data).work("noise")).save(Result(name="a", key="0"), {})
     assert len(garbage.collect_everything(DataDirectory(data))) == 1, "a row that no run has packed"
     assert not any(problems_below(data).values())
 

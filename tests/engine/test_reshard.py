@@ -78,14 +78,14 @@ def test_a_run_that_ends_after_shards_were_split_keeps_its_rows_for_the_next(tmp
     next(halfway)
 
     class Late(Serial):
-        def run(self, work, jobs):
-            yield from super().run(work, jobs)
+        def run(self, work, units):
+            yield from super().run(work, units)
             list(halfway)
 
     with pytest.raises(StoreError, match="is split into 4 shards, 2 were asked for"):
         run(request(tmp_path, stage=TakeMean(), executor=Late()), 0)
     assert not any(problems_below(tmp_path).values())
-    before = len(list((tmp_path / ".work/mean/pieces").glob("*/*.npz")))
+    before = len(list((tmp_path / ".work/mean/rows").glob("*/*.row")))
     assert before
     assert run(request(tmp_path, stage=TakeMean())) == 5 - before
     assert list(published(tmp_path, MEAN)) == list("abcde")

@@ -13,6 +13,7 @@ from pipeline.config.manifest import Object
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.run import forecast
+from pipeline.engine.shard import failures, missing
 from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.rng import numpy_rng
@@ -52,10 +53,10 @@ def test_shards_and_workers_change_no_digest(tmp_path, shards, workers):
 
 
 class StopsAfterTwo(Serial):
-    def run(self, work, jobs):
-        outcomes = super().run(work, jobs)
-        yield next(outcomes)
-        yield next(outcomes)
+    def run(self, work, units):
+        results = super().run(work, units)
+        yield next(results)
+        yield next(results)
         raise KeyboardInterrupt
 
 
@@ -64,8 +65,8 @@ def test_a_run_that_ends_in_the_middle_continues_where_it_stopped(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         run(request(tmp_path / "cut", executor=StopsAfterTwo()))
     plan = plan_of(request(tmp_path / "cut"))
-    assert plan.published is None
-    assert len(plan.missing()) == 3
+    assert plan.output.shard is None
+    assert len(missing(plan)) == 3
     assert run(request(tmp_path / "cut")) == 3
     assert digest(tmp_path / "cut") == digest(tmp_path / "whole")
 
@@ -209,7 +210,7 @@ def test_a_failure_under_other_settings_is_not_this_runs(tmp_path):
     mended.touch()
     with_more = request(tmp_path, items=items, settings={"samples": 60}, only="b")
     assert run(with_more) == 1
-    assert plan_of(with_more).failures() == {}
+    assert failures(plan_of(with_more)) == {}
 
 
 def test_an_object_more_is_made_alone(tmp_path):
@@ -311,7 +312,7 @@ def test_two_runs_of_one_shard_do_not_meet(tmp_path):
     held, free = threading.Event(), threading.Event()
 
     def hold() -> None:
-        with one_writer(plan_of(request(tmp_path)).lock, tmp_path):
+        with one_writer(plan_of(request(tmp_path)).output.lock, tmp_path):
             held.set()
             free.wait(30)
 

@@ -17,17 +17,17 @@ import numpy as np
 from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings, setting
 from pipeline.console import console_on
-from pipeline.engine.folder_plan import FolderPlan
-from pipeline.engine.plan import Request
+from pipeline.engine.plan import Plan, Request
 from pipeline.engine.run import make_plans
 from pipeline.engine.run import run as run_plan
-from pipeline.engine.shard_plan import ShardPlan
-from pipeline.engine.stage import Cost, DatasetJob, DatasetStage, ObjectStage, Task
+from pipeline.engine.stage import Cost, DatasetJob, DatasetStage, Inputs, ObjectStage
+from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput, StageError
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory, hashes_of
-from pipeline.store.publish import publish_folder
+from pipeline.store.publish import FolderOutput
 from pipeline.store.record import Failure, FolderRecord
+from pipeline.store.row_files import Result
 from pipeline.store.rows import Row, conform
 from schemas.base import Array, Artifact
 from tests import conftest
@@ -81,14 +81,14 @@ class MakeNoise(_TinyStage):
         return {"reach": np.ones((settings.samples, 3))}
 
     @contextmanager
-    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         if self.broken:
             raise OSError("no device")
 
-        def process(task: Task) -> Row:
-            if (trouble := str(task.source.get("trouble"))).startswith("until ") and not Path(trouble[6:]).exists():
+        def process(unit: Unit, inputs: Inputs) -> Row:
+            if (trouble := str(unit.source.get("trouble"))).startswith("until ") and not Path(trouble[6:]).exists():
                 raise InvalidInput("not yet")
-            match task.source.get("trouble"):
+            match unit.source.get("trouble"):
                 case "bad":
                     raise InvalidInput("it is bad; make it good")
                 case "bug":
@@ -101,8 +101,8 @@ class MakeNoise(_TinyStage):
                     os.kill(os.getpid(), signal.SIGSEGV)
                 case "nan":
                     return {"values": np.full((settings.samples, 3), np.nan), "label": np.array("x"), "lists/numbers": np.arange(1)}
-            values = task.rng("make-noise").standard_normal((settings.samples, 3))
-            return {"values": values, "label": np.array(task.category), "lists/numbers": np.arange(len(task.object_id)) + 1}
+            values = unit.rng("make-noise").standard_normal((settings.samples, 3))
+            return {"values": values, "label": np.array(unit.category), "lists/numbers": np.arange(len(unit.name)) + 1}
 
         yield process
 
@@ -116,8 +116,8 @@ class TakeMean(_TinyStage):
         return (NOISE,)
 
     @contextmanager
-    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
-        yield lambda task: {"mean": task.inputs["noise"]["values"].astype(np.float64).mean(axis=0)}
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
+        yield lambda unit, inputs: {"mean": inputs["noise"]["values"].astype(np.float64).mean(axis=0)}
 
 
 class Compare(_TinyStage):
@@ -129,8 +129,8 @@ class Compare(_TinyStage):
         return (NOISE, MEAN)
 
     @contextmanager
-    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
-        yield lambda task: {"mean": task.inputs["mean"]["mean"] - task.inputs["noise"]["values"][0]}
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
+        yield lambda unit, inputs: {"mean": inputs["mean"]["mean"] - inputs["noise"]["values"][0]}
 
 
 class Halve(_TinyStage):
@@ -144,8 +144,8 @@ class Halve(_TinyStage):
         return (MEAN,)
 
     @contextmanager
-    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
-        yield lambda task: {"mean": task.inputs["mean"]["mean"] / 2}
+    def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
+        yield lambda unit, inputs: {"mean": inputs["mean"]["mean"] / 2}
 
 
 class Average(DatasetStage):
@@ -202,7 +202,7 @@ def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] |
     return Request(stage=stage or MakeNoise(), settings=NoiseSettings(**values), objects=items, data=data, **named)
 
 
-def plan_of(asked: Request) -> ShardPlan | FolderPlan:
+def plan_of(asked: Request) -> Plan[Any]:
     """The one plan of a request."""
     (plan,) = make_plans(asked)
     return plan
@@ -214,14 +214,13 @@ def run(asked: Request, shard: int | None = None) -> int:
         return sum(run_plan(plan, CONSOLE).made for plan in make_plans(asked, shard) if not plan.up_to_date())
 
 
-def pack(asked: Request, row: Callable[[Task], Row], failed: str = "") -> None:
+def pack(asked: Request, row: Callable[[Unit], Row], failed: str = "") -> None:
     """Publish rows without the workers' start: what a function says of each object, but for those that failed."""
     plan = plan_of(asked)
-    for member in plan.members:
-        item, job = member.item, member.job
-        why = Failure(stage=plan.stage.name, reason="no room") if item.object_id in failed else None
-        made = {} if why else conform(plan.artifact, row(Task(item.object_id, item.category, seed=0)))
-        plan.pieces.save(item.object_id, job.key, item.category, made, seconds=0.0, failure=why)
+    for unit in plan.units:
+        why = Failure(stage=plan.stage.name, reason="no room") if unit.name in failed else None
+        made = {} if why else conform(plan.output.artifact, row(unit))
+        plan.output.rows.save(Result(name=unit.name, key=unit.key, failure=why), made, unit.category)
     assert not run_plan(plan, CONSOLE).made
 
 
@@ -232,7 +231,7 @@ def publish(data: Path, name: str, folder: Path, stage: str, facts: dict[str, An
         **{"seed": 0, "manifest": "tiny", "models": {}, "versions": {}, "processor": {}, "splits": (), "inputs": {}},
         **{"facts": facts or {}, "seconds": 1.5, "files": hashes_of(folder)},
     )
-    return publish_folder(DataDirectory(data), name, folder, record)
+    return FolderOutput(DataDirectory(data), name).commit(folder, record)
 
 
 def published(data: Path, artifact: Artifact = NOISE) -> Collection:

@@ -40,7 +40,7 @@ FAULTS: dict[str, tuple[Fault, int]] = {
     "clock that jumps": (interruptions.clock_jumps, 15),
     "limit on memory": (interruptions.short_of_memory, 20),
     "damaged file of a dataset": (damage.damaged, 180),
-    "damaged row that waits to be packed": (damage.piece_damaged, 20),
+    "damaged row that waits to be published": (damage.row_damaged, 20),
     "record of another version": (changes.version_changed, 15),
     "hand, sensor or mesh changed in place": (changes.description_changed, 10),
     "symbolic link in a dataset": (links.linked, 20),

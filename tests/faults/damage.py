@@ -102,24 +102,24 @@ def damaged(trial: Trial, damages: Mapping[str, Damage] = DAMAGES) -> Verdict:
     return trial.mended(what, trial.run(lambda: trial.sandbox.make(trial.data)), check=True)
 
 
-def piece_damaged(trial: Trial) -> Verdict:
+def row_damaged(trial: Trial) -> Verdict:
     """Damage a row that waits to be packed."""
     trial.copy(without="simulate-touch")
     stage = trial.sandbox.only("simulate-touch")
 
     def stop_before_packing() -> None:
-        from pipeline.engine.shard_plan import ShardPlan
+        from pipeline.engine import shard
 
-        ShardPlan._publish = lambda self: os._exit(OK)  # type: ignore[method-assign]
+        shard._publish = lambda *_: os._exit(OK)
         stage.make(trial.data)
 
     trial.run(stop_before_packing)
-    pieces = sorted((trial.data / ".work").rglob("*.npz"))
-    path = pieces[trial.rng.integers(len(pieces))]
+    files = sorted((trial.data / ".work").rglob("*.row"))
+    path = files[trial.rng.integers(len(files))]
     name = str(trial.rng.choice(sorted(DAMAGES)))
-    DAMAGES[name](path, trial.rng, [one for one in pieces if one != path])
+    DAMAGES[name](path, trial.rng, [one for one in files if one != path])
     first = trial.run(lambda: stage.make(trial.data))
-    return trial.mended(f"piece of {path.parent.name} {name}", first, stages=("simulate-touch",))
+    return trial.mended(f"row of {path.parent.name} {name}", first, stages=("simulate-touch",))
 
 
 def _is_harmless(path: Path, name: str) -> bool:

@@ -25,7 +25,7 @@ from pipeline.models.model_files import save_model
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.touch_model import load_touch_model, save_touch_model
 from pipeline.store.directory import DataDirectory, hashes_of, is_version
-from pipeline.store.publish import publish_folder
+from pipeline.store.publish import FolderOutput
 from pipeline.store.record import FolderRecord
 from tests.fuzz.target import Files, Target, files_made_by, seal
 
@@ -110,4 +110,4 @@ def _publish(models: Path, name: str, folder: Path) -> None:
         seconds=1.0,
         files=hashes_of(folder),
     )
-    publish_folder(DataDirectory(models), name, folder, record)
+    FolderOutput(DataDirectory(models), name).commit(folder, record)

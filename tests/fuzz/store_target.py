@@ -22,12 +22,12 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.reports import status, touch_tables
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory, hashes_of
-from pipeline.store.publish import publish_folder, publish_shard
+from pipeline.store.publish import FolderOutput, ShardOutput
 from pipeline.store.record import Failure, FolderRecord, RowRecord, ShardRecord
+from pipeline.store.row_files import encode_row
 from pipeline.store.rows import Row, row_digest
 from pipeline.store.spec import numpy_dtype
 from pipeline.store.validate import problems_below
-from pipeline.store.write import RowToPack
 from schemas.base import COMMON, FIXED, Array
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -79,7 +79,7 @@ def _checks(data: Path) -> Iterator[Callable[[], object]]:
 def _make(data: Path) -> None:
     """Publish the artifacts of an object, and of one that failed, with random values."""
     directory, rng = DataDirectory(data), np.random.default_rng(0)
-    directory.claim_shards(1)
+    directory.set_shard_count(1)
     inputs: dict[str, dict[str, str]] = {"a": {}, "b": {}}
     for artifact in (SURFACES, GRASPS, TOUCH):
         constants = {name: _values(array, rng) for name, array in artifact.arrays.items() if not array.per_object}
@@ -102,18 +102,15 @@ def _make(data: Path) -> None:
             constants_digest=digest.of_arrays(constants),
             metadata={},
         )
-        packed = [_to_pack(name, row) for name, row in found.items()]
+        shapes = [{path: value.shape for path, value in row.items()} for row in found.values()]
+        encoded = [encode_row(artifact, row) for row in found.values()]
         attributes = {"sensor": load_sensor("gel_16mm").model_copy(update={"rows": SIZE, "cols": SIZE}).model_dump(mode="json")}
-        publish_shard(directory, artifact, 0, 1, record, packed, constants, attributes)
+        ShardOutput(directory, artifact, 0, 1).commit(record, shapes, encoded.__getitem__, constants, attributes)
     (folder := data / ".work" / "unet").mkdir(parents=True)
     (folder / "model.json").write_text("{}")
     told: dict[str, Any] = {"stage": "train-unet", "splits": ("train",), "facts": {"epochs": 3}, "seconds": 1.0, "files": hashes_of(folder)}
     grasps = directory.collection(GRASPS).rows_digest(("train",))
-    publish_folder(directory, "models/unet", folder, FolderRecord(**PROVENANCE, **told, inputs={"grasps": grasps}))
-
-
-def _to_pack(name: str, row: Row) -> RowToPack:
-    return RowToPack(name, "mug", "train", bool(row), {path: value.shape for path, value in row.items()}, lambda: row)
+    FolderOutput(directory, "models/unet").commit(folder, FolderRecord(**PROVENANCE, **told, inputs={"grasps": grasps}))
 
 
 def _values(array: Array, rng: np.random.Generator) -> np.ndarray:

@@ -14,7 +14,8 @@ import trimesh
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
-from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.unit import Unit
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
@@ -42,41 +43,41 @@ HAND = {"hand": "allegro_right"}
 CAMERA = Camera(position=(1.5, 0, 0.6), rotation=(90, 0, 90), focal=(400, 400), centre=(128, 128), resolution=256)
 
 
-def direction_to(task: Task, grasp: int, sensor: int) -> np.ndarray:
+def direction_to(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
     """Where a sensor stands, from the ball's centre."""
-    drawn = task.rng("sensor", grasp, sensor).normal(size=3)
+    drawn = unit.rng("sensor", grasp, sensor).normal(size=3)
     return np.asarray(drawn / np.linalg.norm(drawn))
 
 
-def radius_of(task: Task) -> float:
-    return 0.1 + 0.02 * (ord(task.object_id[-1]) - ord("a"))
+def radius_of(unit: Unit) -> float:
+    return 0.1 + 0.02 * (ord(unit.name[-1]) - ord("a"))
 
 
-def pose_of(task: Task, grasp: int, sensor: int) -> np.ndarray:
+def pose_of(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
     """A sensor that looks at the ball's centre, its plane 5 mm from the ball; every fourth is too far away."""
-    outward = direction_to(task, grasp, sensor)
+    outward = direction_to(unit, grasp, sensor)
     across = np.cross(outward, np.eye(3)[np.argmin(np.abs(outward))])
     across /= np.linalg.norm(across)
     pose = np.eye(4)
     pose[:3, :3] = np.stack([across, np.cross(-outward, across), -outward], axis=1)
-    pose[:3, 3] = CENTRE + outward * (radius_of(task) + (0.02 if sensor == grasp % SENSORS else 0.005))
+    pose[:3, 3] = CENTRE + outward * (radius_of(unit) + (0.02 if sensor == grasp % SENSORS else 0.005))
     return pose
 
 
-def depth_of(task: Task, grasp: int, sensor: int) -> np.ndarray:
+def depth_of(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
     """The ball's depth map, in closed form."""
-    radius, pose = radius_of(task), pose_of(task, grasp, sensor)
+    radius, pose = radius_of(unit), pose_of(unit, grasp, sensor)
     gap = np.linalg.norm(pose[:3, 3] - CENTRE)
     along = (np.arange(SENSOR.cols) + 0.5) / SENSOR.cols - 0.5
     squared = (along[None] ** 2 + along[:, None] ** 2) * SENSOR.width**2
     return (gap - np.sqrt(radius**2 - squared)).astype(np.float32)
 
 
-def surfaces(task: Task) -> Row:
-    directions = task.rng("points").normal(size=(2000, 3))
+def surfaces(unit: Unit) -> Row:
+    directions = unit.rng("points").normal(size=(2000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     flags = {name: np.array(0, np.int32) for name in ("degenerate_faces", "duplicate_faces")}
-    ball = trimesh.creation.icosphere(3, radius_of(task))
+    ball = trimesh.creation.icosphere(3, radius_of(unit))
     mesh = {
         "meshes/vertices": np.asarray(ball.vertices) + CENTRE,
         "meshes/faces": np.asarray(ball.faces, np.int32),
@@ -87,68 +88,68 @@ def surfaces(task: Task) -> Row:
         "meshes/base_color": np.full((1, 4), 255, np.uint8),
         "meshes/material_texture": np.full(1, -1, np.int32),
     }
-    points = (CENTRE + radius_of(task) * directions).astype(np.float32)
+    points = (CENTRE + radius_of(unit) * directions).astype(np.float32)
     return {"points": points, "normals": directions.astype(np.float32), "watertight": np.array(True), **flags, **mesh, **look}
 
 
-def distances(task: Task) -> Row:
-    reach = task.rng("queries").uniform(-0.27, 0.27, (2000, 3))
+def distances(unit: Unit) -> Row:
+    reach = unit.rng("queries").uniform(-0.27, 0.27, (2000, 3))
     return {
         "query_points": (CENTRE + reach).astype(np.float32),
-        "signed_distance": (np.linalg.norm(reach, axis=1) - radius_of(task)).astype(np.float32),
+        "signed_distance": (np.linalg.norm(reach, axis=1) - radius_of(unit)).astype(np.float32),
     }
 
 
-def each_sensor(function: Callable[[Task, int, int], np.ndarray], task: Task) -> np.ndarray:
-    return np.array([[function(task, grasp, sensor) for sensor in range(SENSORS)] for grasp in range(GRASPS_AN_OBJECT)])
+def each_sensor(function: Callable[[Unit, int, int], np.ndarray], unit: Unit) -> np.ndarray:
+    return np.array([[function(unit, grasp, sensor) for sensor in range(SENSORS)] for grasp in range(GRASPS_AN_OBJECT)])
 
 
-def touched(task: Task, grasp: int, sensor: int) -> np.ndarray:
+def touched(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
     return np.array(sensor != grasp % SENSORS)
 
 
-def grasps(task: Task) -> Row:
+def grasps(unit: Unit) -> Row:
     return {
         "hand_pose": np.tile(np.eye(4), (GRASPS_AN_OBJECT, 1, 1)),
         "joint_angles": np.zeros((GRASPS_AN_OBJECT, 16)),
-        "sensor_pose": each_sensor(pose_of, task),
-        "touch_success": each_sensor(touched, task),
+        "sensor_pose": each_sensor(pose_of, unit),
+        "touch_success": each_sensor(touched, unit),
         "penetration": np.zeros(GRASPS_AN_OBJECT, np.float32),
         "attempts": np.array(5, np.int32),
         "attempt_success": np.full(SENSORS, 0.75, np.float32),
     }
 
 
-def vision(task: Task) -> Row:
-    rng = task.rng("image")
+def vision(unit: Unit) -> Row:
+    rng = unit.rng("image")
     shape = (GRASPS_AN_OBJECT, CAMERA.resolution, CAMERA.resolution)
     images = rng.integers(0, 256, (1 + GRASPS_AN_OBJECT, *shape[1:], 3), dtype=np.uint8)
     row, col = np.indices(shape[1:]) - CAMERA.resolution / 2
     segmentation = np.zeros((1 + shape[0], *shape[1:]), np.uint8)
-    segmentation[0] = np.hypot(row, col) < 400 * radius_of(task)  # not to scale, but larger for larger balls
+    segmentation[0] = np.hypot(row, col) < 400 * radius_of(unit)  # not to scale, but larger for larger balls
     return {"unoccluded": images[0], "occluded": images[1:], "segmentation": segmentation}
 
 
-def touch(task: Task) -> Row:
-    depth = each_sensor(depth_of, task)
+def touch(unit: Unit) -> Row:
+    depth = each_sensor(depth_of, unit)
     readings = np.array([[tactile_image(one, SENSOR) for one in grasp] for grasp in depth])
     return {"depth": depth, "reading": readings}
 
 
-def chart_of(task: Task, grasp: int, sensor: int) -> np.ndarray:
+def chart_of(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
     """The sensor's square, laid on the ball where it touches."""
     flat = chart_square(SIDE)[0].numpy() * SENSOR.width
-    square = sensor_to_world(pose_of(task, grasp, sensor), flat[:, 0], flat[:, 1], flat[:, 2])
-    if not touched(task, grasp, sensor):
+    square = sensor_to_world(pose_of(unit, grasp, sensor), flat[:, 0], flat[:, 1], flat[:, 2])
+    if not touched(unit, grasp, sensor):
         return square
     outward = square - CENTRE
-    return np.asarray(CENTRE + radius_of(task) * outward / np.linalg.norm(outward, axis=1, keepdims=True))
+    return np.asarray(CENTRE + radius_of(unit) * outward / np.linalg.norm(outward, axis=1, keepdims=True))
 
 
-def charts(task: Task) -> Row:
-    felt = each_sensor(touched, task)
+def charts(unit: Unit) -> Row:
+    felt = each_sensor(touched, unit)
     return {
-        "vertices": each_sensor(chart_of, task).astype(np.float32),
+        "vertices": each_sensor(chart_of, unit).astype(np.float32),
         "residual": np.where(felt, 2e-4, 0).astype(np.float32),
         "iterations": np.where(felt, 80, 0).astype(np.int32),
         "stop_rule": felt.astype(np.uint8),
@@ -169,7 +170,7 @@ class Given(ObjectStage):
     summary = "in closed form"
 
     def __init__(
-        self, output: Artifact, function: Callable[[Task], Row], reads: tuple[Artifact, ...], constants: Row, attributes: dict[str, Any]
+        self, output: Artifact, function: Callable[[Unit], Row], reads: tuple[Artifact, ...], constants: Row, attributes: dict[str, Any]
     ):
         self.name, self.output = f"give-{output.name}", output
         self.row, self._reads, self._constants, self._attributes = function, reads, constants, attributes
@@ -180,8 +181,8 @@ class Given(ObjectStage):
     def cost(self, settings: Settings) -> Cost:
         return Cost(0.0, 0.0)
 
-    def session(self, settings: Settings, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Task], Row]]:
-        return nullcontext(self.row)
+    def session(self, settings: Settings, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Unit, Inputs], Row]]:
+        return nullcontext(lambda unit, inputs: self.row(unit))
 
     def constants(self, settings: Settings) -> Row:
         return self._constants
@@ -209,7 +210,7 @@ def objects(count: int, splits: Sequence[str] = ("test",)) -> list[Object]:
 
 
 def make_data(data: Path, count: int, splits: Sequence[str] = ("test",)) -> None:
-    """Write every artifact of a number of balls; the pieces are made here, which spares the start of five worker processes."""
+    """Write every artifact of a number of balls; the rows are made here, which spares the start of five worker processes."""
     for stage in stages():
         request: Any = Request(
             stage=stage, settings=Settings(), manifest="balls", objects=objects(count, splits), preset="draft", seed=0, data=data

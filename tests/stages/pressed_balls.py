@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.config.settings import Settings
-from pipeline.engine.stage import Cost, ObjectStage, Task
+from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.unit import Unit
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
@@ -63,9 +64,9 @@ class Made(ObjectStage):
         return Cost(0.01, 1)
 
     @contextmanager
-    def session(self, settings: Settings, models: Mapping[str, Path]) -> Iterator[Callable[[Task], Row]]:
-        def process(task: Task) -> Row:
-            depth = depths(task.rng("balls"))
+    def session(self, settings: Settings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
+        def process(unit: Unit, inputs: Inputs) -> Row:
+            depth = depths(unit.rng("balls"))
             if self.output.name == "touch":
                 images = [tactile_image(image, SENSOR) for image in depth.reshape(-1, *SENSOR.shape)]
                 return {"depth": depth, "reading": np.stack(images).reshape(*depth.shape, 3)}

@@ -24,7 +24,7 @@ from pipeline.models.reconstruction import Reconstructor
 from pipeline.reports.orderings import Verdict, orderings, show_orderings
 from pipeline.reports.training_seeds import evaluations, read_values, show_trainings
 from pipeline.store.directory import DataDirectory, hashes_of
-from pipeline.store.pieces import Pieces
+from pipeline.store.row_files import RowFiles
 from stages.evaluate.baselines import retrieved
 from stages.evaluate.evaluation_files import TABLES_ZARR, has_table, read_root, read_table, write_evaluation
 from stages.evaluate.ground_truth import Truth
@@ -49,7 +49,7 @@ def evaluate(data: Path, place: str = "evaluation", **settings: Any) -> tuple[Pa
     console = Console(record=True, width=200)
     (plan,) = make_plans(replace(request(data, **settings), folder=place))
     run(plan, console)
-    return plan.directory.folder_path(plan.name), console.export_text()
+    return plan.directory.folder_path(plan.units[0].name), console.export_text()
 
 
 @pytest.fixture(scope="module")
@@ -225,12 +225,12 @@ def test_a_killed_run_goes_on_with_the_next_configuration(data, evaluation, monk
         evaluate(data, "killed", configurations=("none", "occluded"))
     (plan,) = make_plans(replace(request(data, configurations=("none", "occluded")), folder="killed"))
     work = plan.directory.work("killed") / plan.key[:16]
-    assert Pieces(work).facts("values/none", PIECE) is not None
-    assert Pieces(work).facts("values/occluded", PIECE) is None
+    assert RowFiles(work).find("values/none", PIECE) is not None
+    assert RowFiles(work).find("values/occluded", PIECE) is None
     asked.clear()
     folder, _ = evaluate(data, "killed", configurations=("none", "occluded"))
     assert set(asked) == {"occluded"}
-    assert not Pieces(folder).folder.exists()
+    assert not RowFiles(folder).folder.exists()
     np.testing.assert_array_equal(read_table(folder, "values/occluded")["chamfer"], read_table(evaluation[0], "values/occluded")["chamfer"])
 
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 from pydantic import ValidationError
 
-from pipeline.engine.stage import Task
+from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.fit_options import SUPPLEMENT, FitOptions, StopRule
@@ -49,22 +49,24 @@ def poses() -> np.ndarray:
     return made
 
 
-def task(heights: tuple[float, ...] = (0.003, 1.0, 0.0055, 0.00675), name: str = "ball", **sensor: Any) -> Task:
+class GivenRow(dict[str, np.ndarray]):
+    """Arrays with the attributes of their shard."""
+
+    attributes: dict[str, Any]
+
+
+def task(heights: tuple[float, ...] = (0.003, 1.0, 0.0055, 0.00675), name: str = "ball", **sensor: Any) -> tuple[Unit, dict[str, Any]]:
     """Three sensors that touch or nearly do and one in the air."""
     depth = np.stack([depth_of(height) for height in heights]).reshape(2, 2, 100, 100)
-    inputs = {
-        "touch": {
-            "depth": depth,
-            "reading": np.stack([tactile_image(one, SENSOR) for one in depth.reshape(4, 100, 100)]).reshape(2, 2, 100, 100, 3),
-        },
-        "grasps": {"sensor_pose": poses(), "touch_success": touch_success(depth, SENSOR)},
-    }
-    return Task(name, "balls", 0, inputs=inputs, attributes={"touch": {"sensor": SENSOR.model_copy(update=sensor).model_dump(mode="json")}})
+    readings = np.stack([tactile_image(one, SENSOR) for one in depth.reshape(4, 100, 100)]).reshape(2, 2, 100, 100, 3)
+    touch = GivenRow(depth=depth, reading=readings)
+    touch.attributes = {"sensor": SENSOR.model_copy(update=sensor).model_dump(mode="json")}
+    return Unit(name), {"touch": touch, "grasps": {"sensor_pose": poses(), "touch_success": touch_success(depth, SENSOR)}}
 
 
-def run(settings: ChartSettings, one: Task, models: dict[str, Path] | None = None) -> Row:
+def run(settings: ChartSettings, one: tuple[Unit, dict[str, Any]], models: dict[str, Path] | None = None) -> Row:
     with STAGE.session(settings, models or {}) as process:
-        return process(one)
+        return process(*one)
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +94,7 @@ def test_where_nothing_touched_the_square_stays(row: Row) -> None:
 
 
 def test_where_something_touched_the_chart_lies_on_its_points(row: Row) -> None:
-    depth = task().inputs["touch"]["depth"]
+    depth = task()[1]["touch"]["depth"]
     for at in ((0, 0), (1, 0)):
         points, count = local_points(depth[at], poses()[at], SENSOR)
         away = distances(points[:count].astype(np.float64), row["vertices"][at].astype(np.float64), chart_square()[1].numpy())
@@ -142,7 +144,7 @@ def test_predicted_points_are_the_u_nets(tmp_path: Path) -> None:
 
 def test_a_touch_that_the_u_net_does_not_see_keeps_its_square(tmp_path: Path) -> None:
     blind = task()
-    blind.inputs["touch"]["reading"][:] = untouched_image(SENSOR)  # type: ignore[index]
+    blind[1]["touch"]["reading"][:] = untouched_image(SENSOR)
     row = run(ChartSettings(), blind, trained(tmp_path / "unet"))
     assert row["stop_rule"].tolist() == [[StopRule.too_few_points, StopRule.no_touch]] * 2
     assert np.isfinite(row["vertices"]).all()
@@ -152,7 +154,7 @@ def test_faults_are_the_object_s_and_named(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="U-Net knows sensor other"):
         run(ChartSettings(), task(), trained(tmp_path / "unet", SENSOR.model_copy(update={"name": "other"})))
     bent = task()
-    bent.inputs["grasps"]["sensor_pose"][0, 1, 0, 0] += 1
+    bent[1]["grasps"]["sensor_pose"][0, 1, 0, 0] += 1
     with pytest.raises(InvalidInput, match="no rigid motion"):
         run(ChartSettings(cloud="true", max_iterations=1), bent)
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from pipeline.config.manifest import Manifest
 from pipeline.console import errors
-from pipeline.engine.folder_plan import FolderPlan
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
+from pipeline.store.publish import FolderOutput
 from stages.registry import load_stage, resolve
 
 ASSIGNMENTS = ("sample-surfaces.points=2000", "simulate-grasps.attempts=4", "simulate-grasps.ik_samples=512")
@@ -27,4 +27,4 @@ def run_stage(data: Path, name: str, objects: Manifest, *assignments: str, seed:
     settings = resolve(name, "draft", [*ASSIGNMENTS, *assignments])
     (plan,) = make_plans(Request(stage, settings, objects.name, objects.objects(), "draft", seed, data))
     assert not run(plan, errors).failed
-    return plan.directory.folder_path(plan.name) if isinstance(plan, FolderPlan) else None
+    return plan.directory.folder_path(plan.units[0].name) if isinstance(plan.output, FolderOutput) else None

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.engine import jobs
+from pipeline.engine import session
 from pipeline.engine.versions import processor
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import processor_kind
@@ -36,7 +36,7 @@ def known_noise() -> Iterator[None]:
 def mixed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Five rows in one shard, two of which were computed by another kind of processor than the rest."""
     with monkeypatch.context() as patch:
-        patch.setattr(jobs, "processor", lambda: OTHER)
+        patch.setattr(session, "processor", lambda: OTHER)
         for name in "ab":
             run(request(tmp_path, only=name))
     run(request(tmp_path))

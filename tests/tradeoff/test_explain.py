@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 from pkgutil import iter_modules
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -16,13 +17,11 @@ from benchmarks.tradeoff import shortcuts_data, shortcuts_learning
 from pipeline.cli import app
 from pipeline.cli import run as command
 from pipeline.console import console
-from pipeline.engine.folder_plan import FolderPlan
-from pipeline.engine.plan import Request
+from pipeline.engine.plan import Plan, Request
 from pipeline.engine.run import make_plans, run
-from pipeline.engine.shard_plan import ShardPlan
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff import explanations
-from pipeline.tradeoff.explain import Count, Explanation, arrays_read, explain_plan, processed_tasks, total
+from pipeline.tradeoff.explain import Count, Explanation, arrays_read, explain_plan, processed_units, total
 from schemas.base import COMMON, COORDINATES
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
@@ -60,7 +59,7 @@ def explained(data) -> Explained:
     sets = [part for assignment in SETS for part in ("--set", assignment)]
     found: Explained = {}
 
-    def explain_and_keep(plan: ShardPlan | FolderPlan) -> Explanation | None:
+    def explain_and_keep(plan: Plan[Any]) -> Explanation | None:
         explanation = explain_plan(plan)
         assert explanation is not None
         found[plan.stage.name] = list(explanation.counts)
@@ -168,5 +167,5 @@ def test_explanation_is_of_what_was_just_made(tmp_path):
     for points, only in ((100, None), (150, objects[0].object_id)):
         (plan,) = make_plans(Request(stage, SurfaceSettings(points=points), "tiny", objects, "draft", 0, tmp_path, only=only))
         run(plan, console)
-    (task,) = processed_tasks(plan)
-    assert len(task.inputs["surfaces"]["points"]) == 150
+    ((_, inputs),) = processed_units(plan)
+    assert len(inputs["surfaces"]["points"]) == 150

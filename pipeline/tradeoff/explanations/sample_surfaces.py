@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.engine.stage import Task
+from pipeline.engine.stage import Inputs
+from pipeline.engine.unit import Unit
 from pipeline.kernels.geometry.exterior_sampling import MIN_ESCAPES, EscapeTest
 from pipeline.kernels.geometry.mesh import face_cross_products
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
@@ -16,13 +17,13 @@ from stages.sample_surfaces.settings import SurfaceSettings
 from stages.sample_surfaces.stage import normalised_mesh
 
 
-def explain(settings: SurfaceSettings, models: Mapping[str, Path], tasks: Sequence[Task]) -> Iterator[Count]:
+def explain(settings: SurfaceSettings, models: Mapping[str, Path], units: Sequence[tuple[Unit, Inputs]]) -> Iterator[Count]:
     """Clean these objects' meshes again, and count how many points of their whole surfaces are exterior."""
-    for task in tasks:
-        mesh, _, report = normalised_mesh(task, settings)
+    for unit, _ in units:
+        mesh, _, report = normalised_mesh(unit, settings)
         yield Count("faces", len(mesh.faces), report.degenerate_faces, "without area")
         yield Count("faces", len(mesh.faces), report.duplicate_faces, "the same as another one")
-        points, face = sample_triangles(mesh.triangles, settings.points, task.rng("sample-surfaces", "explain"))
+        points, face = sample_triangles(mesh.triangles, settings.points, unit.rng("sample-surfaces", "explain"))
         normals = face_cross_products(mesh.triangles)[face]
         front, back = EscapeTest(mesh, settings.directions).count(points, normals / np.linalg.norm(normals, axis=1, keepdims=True))
         exterior = int((front + back >= MIN_ESCAPES).sum())

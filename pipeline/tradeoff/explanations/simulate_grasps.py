@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from pipeline.engine.stage import Task
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.engine.stage import Inputs
+from pipeline.engine.unit import Unit
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.penetration import doubtful_spheres
 from pipeline.tradeoff.explain import Count
@@ -13,15 +15,15 @@ from stages.simulate_grasps.prepare import prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
 
 
-def explain(settings: GraspSettings, models: Mapping[str, Path], tasks: Sequence[Task]) -> Iterator[Count]:
+def explain(settings: GraspSettings, models: Mapping[str, Path], units: Sequence[tuple[Unit, Inputs]]) -> Iterator[Count]:
     """Count the attempts at these objects, and what was measured exactly for their kept grasps."""
     prepared_hand = prepare_hand(settings)
     spheres = prepared_hand.spheres
-    for task in tasks:
-        surface, row = task.inputs["surfaces"], task.inputs["grasps"]
+    for _, inputs in units:
+        surface, row = inputs["surfaces"], inputs["grasps"]
         made = int(row["attempts"])
         yield Count("attempts", made, max(settings.attempts - made, 0), "no further one could be kept", "enough attempts")
-        field = prepare_object(task.mesh(), surface["points"], surface["normals"], cell=settings.grid_cell).field
+        field = prepare_object(read_mesh(inputs["surfaces"]), surface["points"], surface["normals"], cell=settings.grid_cell).field
         exact = int(field.records[..., 1:].any(axis=-1).sum())
         cells = field.inside.size
         yield Count("grid cells measured", exact, cells - exact, "farther from the object than any part of a hand is asked about")

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from pipeline.engine.stage import Task
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.engine.stage import Inputs
+from pipeline.engine.unit import Unit
 from pipeline.formats.sensor_file import load_worn_sensors
 from pipeline.kernels.touch.face_culling import box_faces, cull_faces
 from pipeline.kernels.touch.sphere_tracing import trace_spheres
@@ -13,12 +15,12 @@ from pipeline.tradeoff.explain import Count
 from stages.simulate_touch.settings import TouchSettings
 
 
-def explain(settings: TouchSettings, models: Mapping[str, Path], tasks: Sequence[Task]) -> Iterator[Count]:
+def explain(settings: TouchSettings, models: Mapping[str, Path], units: Sequence[tuple[Unit, Inputs]]) -> Iterator[Count]:
     """Count faces, rays and points of every sensor of these objects."""
     sensors = load_worn_sensors(settings.sensors)
-    for task in tasks:
-        faces = box_faces(task.mesh().triangles)
-        poses = task.inputs["grasps"]["sensor_pose"]
+    for _, inputs in units:
+        faces = box_faces(read_mesh(inputs["surfaces"]).triangles)
+        poses = inputs["grasps"]["sensor_pose"]
         near = [(cull_faces(faces, pose, sensor), sensor) for grasp in poses for pose, sensor in zip(grasp, sensors, strict=True)]
         for local, sensor in near:
             culled = faces.corners.shape[2] - local.shape[2]

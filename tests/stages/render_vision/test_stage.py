@@ -1,5 +1,6 @@
 import json
 import shutil
+from typing import Any
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ import yaml
 
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.keys import assets_digest
-from pipeline.engine.stage import Task
+from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
@@ -24,23 +25,18 @@ HAND = "allegro_right"
 GRASPS = 3
 
 
-def task(name: str, radius: float) -> Task:
+def task(name: str, radius: float) -> tuple[Unit, dict[str, Any]]:
     """A ball with the hand at three distances on the camera's side of it."""
     hand = load_hand("allegro_right")
     poses = np.tile(np.eye(4), (GRASPS, 1, 1))
     poses[:, :3, 3] = [[0.2, 0.1, 0.7], [0.3, 0.1, 0.7], [3.0, 3.0, 3.0]]  # the last out of sight, behind the camera
     angles = np.tile(np.clip(0.4, hand.lower, hand.upper), (GRASPS, 1))
-    return Task(
-        name,
-        "ball",
-        0,
-        inputs={"surfaces": mesh_row(ball(radius)), "grasps": {"hand_pose": poses, "joint_angles": angles}},
-    )
+    return Unit(name), {"surfaces": mesh_row(ball(radius)), "grasps": {"hand_pose": poses, "joint_angles": angles}}
 
 
-def rows(settings: VisionSettings, *tasks: Task) -> list[Row]:
+def rows(settings: VisionSettings, *tasks: tuple[Unit, dict[str, Any]]) -> list[Row]:
     with STAGE.session(settings, {}) as process:
-        return [process(one) for one in tasks]
+        return [process(*one) for one in tasks]
 
 
 def test_rows_have_the_shapes_and_types_of_the_schema() -> None:

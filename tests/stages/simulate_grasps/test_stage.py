@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import trimesh
 
 from pipeline.dataset.mesh_rows import mesh_row
-from pipeline.engine.stage import Task
+from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
@@ -22,16 +24,16 @@ from tests.kernels.hand.meshes import bar, centred, points_on
 from tests.stages.simulate_grasps.conftest import SETTINGS
 
 
-def task_of(mesh: Mesh, points: np.ndarray, normals: np.ndarray) -> Task:
+def unit_of(mesh: Mesh, points: np.ndarray, normals: np.ndarray) -> tuple[Unit, dict[str, Any]]:
     surfaces = {"points": points.astype(np.float32), "normals": normals.astype(np.float32), **mesh_row(mesh)}
-    return Task("thing", "things", seed=0, inputs={"surfaces": surfaces})
+    return Unit("thing"), {"surfaces": surfaces}
 
 
 @pytest.mark.parametrize("lift_test", [False, True])
 def test_row_has_the_arrays_of_the_schema(lift_test: bool) -> None:
     settings = SETTINGS.model_copy(update={"attempts": 3, "grasps": 2, "lift_test": lift_test})
     with SimulateGrasps().session(settings, {}) as process:
-        row = process(task_of(bar(), *points_on(bar(), 1000, seed=3)))
+        row = process(*unit_of(bar(), *points_on(bar(), 1000, seed=3)))
     sizes = {"grasp": 2, "sensor": 4, "joint": 16, "pose_row": 4, "pose_column": 4}
     declared = {name: array for name, array in GRASPS.arrays.items() if name not in COMMON and array.dims[0] == "object"}
     if not lift_test:
@@ -47,7 +49,7 @@ def test_stage_that_stops_early_keeps_the_same_grasps() -> None:
     for exhaustive in (True, False):
         settings = SETTINGS.model_copy(update={"attempts": 6, "grasps": 2, "exhaustive": exhaustive})
         with SimulateGrasps().session(settings, {}) as process:
-            rows.append(process(task_of(bar(), *points_on(bar(), 1000, seed=3))))
+            rows.append(process(*unit_of(bar(), *points_on(bar(), 1000, seed=3))))
     assert rows[1]["attempts"] <= rows[0]["attempts"] == 6
     for name in ("hand_pose", "joint_angles", "sensor_pose", "touch_success", "penetration"):
         np.testing.assert_array_equal(rows[1][name], rows[0][name])
@@ -59,7 +61,7 @@ def test_kept_grasps_touch_with_most_sensors_at_standard_settings(category: str)
     mesh = normalise_mesh(generate(category, numpy_rng(5, category)), up="z", diagonal=0.5)
     points, normals = sample_exterior(mesh, 10_000, numpy_rng(6, category))
     with SimulateGrasps().session(GraspSettings(exhaustive=True), {}) as process:
-        row = process(task_of(mesh, points, normals))
+        row = process(*unit_of(mesh, points, normals))
     assert row["attempts"] == 50
     assert row["touch_success"].mean() >= 0.85
     assert row["touch_success"][:, 3].mean() >= 0.6
@@ -74,4 +76,4 @@ def test_object_without_room_for_a_hand_is_refused() -> None:
     settings = SETTINGS.model_copy(update={"attempts": 1})
     told = pytest.raises(InvalidInput, match=r"0 of 5 grasps found in 1 attempts: the hand has no room")
     with SimulateGrasps().session(settings, {}) as process, told:
-        process(task_of(shell, points, -normals))
+        process(*unit_of(shell, points, -normals))

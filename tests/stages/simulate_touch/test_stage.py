@@ -1,7 +1,7 @@
 """The stage on a pressed ball: arrays as declared, and one from another as documented."""
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ import trimesh
 
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.keys import assets_digest
-from pipeline.engine.stage import Task
+from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.kernels.geometry.mesh import Mesh
@@ -26,10 +26,10 @@ WORN = ("gel_16mm",) * 3
 CENTRE = np.array([0.0, 0.0, 0.6])
 
 
-def task(poses: np.ndarray) -> Task:
+def inputs(poses: np.ndarray) -> dict[str, Any]:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
     mesh = Mesh.bare(np.asarray(ball.vertices) + CENTRE, np.asarray(ball.faces))
-    return Task("ball", "balls", 0, inputs={"surfaces": mesh_row(mesh), "grasps": {"sensor_pose": poses}})
+    return {"surfaces": mesh_row(mesh), "grasps": {"sensor_pose": poses}}
 
 
 def six_poses() -> np.ndarray:
@@ -43,7 +43,7 @@ def six_poses() -> np.ndarray:
 
 def run(settings: TouchSettings, poses: np.ndarray) -> Row:
     with STAGE.session(settings, {}) as process:
-        return process(task(poses))
+        return process(Unit("ball"), inputs(poses))
 
 
 @pytest.mark.parametrize("tracer", ["ray", "sphere"])
@@ -99,7 +99,7 @@ def test_sensors_follow_the_grasps_and_may_differ_between_fingers(tmp_path: Path
     thin = tmp_path / "thin.yaml"
     thin.write_text(description_path("sensor", "gel_16mm").read_text().replace("w: 0.0068", "w: 0.002"))
     worn = ("gel_16mm", "gel_16mm", str(thin))
-    settings = STAGE.settle(TouchSettings(store_points=True), {"grasps": {"hand": {"sensor_files": list(worn)}}})
+    settings = STAGE.resolve_settings(TouchSettings(store_points=True), {"grasps": {"hand": {"sensor_files": list(worn)}}})
     assert settings.sensors == worn
     row, alike = run(settings, six_poses()), run(TouchSettings(sensors=WORN, store_points=True), six_poses())
     assert (row["reading"][:, :2] == alike["reading"][:, :2]).all()

@@ -1,4 +1,4 @@
-"""Jobs: an object to process each, and the session in which a process does them."""
+"""The session in which a process works through the units of a run."""
 
 from __future__ import annotations
 
@@ -8,54 +8,39 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
-from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings
-from pipeline.engine.stage import ObjectStage, Task
+from pipeline.engine.stage import ObjectStage
+from pipeline.engine.unit import Unit
 from pipeline.engine.versions import processor
 from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory, folder_digest
-from pipeline.store.pieces import Pieces
 from pipeline.store.record import Failure, processor_kind
+from pipeline.store.row_files import Result, RowFiles
 from pipeline.store.rows import Row, conform
+from pipeline.store.shard import RowView
 from pipeline.store.storage import Place, is_machine_fault
 
 MORE_MEMORY = "with more memory, or the mesh made smaller, run again with --retry"
 
 
 @dataclass(frozen=True)
-class Job:
-    """An object to process, the key its row is made under, and the digests of the rows it is made from, by artifact."""
-
-    item: Object
-    key: str
-    inputs: dict[str, str]
-
-
-@dataclass(frozen=True)
 class Work:
-    """What every process that does jobs of a run is told; `models` are digests by name."""
+    """What the processes of a run share; `models` are digests by name."""
 
     stage: ObjectStage
     settings: ObjectSettings
-    seed: int
     data: Place
     models: Mapping[str, str]
 
-
-@dataclass(frozen=True)
-class Outcome:
-    """What became of a job: its row, or why there is none, lies among the pieces; unless there was a `bug`, told by its traceback."""
-
-    object_id: str
-    seconds: float
-    failure: Failure | None = None
-    bug: str | None = None
+    def rows(self) -> RowFiles:
+        """Where finished rows wait."""
+        return RowFiles(DataDirectory(self.data).work(self.stage.output.name), self.stage.output)
 
 
 @contextmanager
-def session(work: Work) -> Iterator[Callable[[Job], Outcome]]:
-    """Open what a stage keeps between objects; yields what processes a job and saves its row, or why there is none.
+def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
+    """Open what a stage keeps between objects; yields what processes a unit and saves its row, or why there is none.
 
     Raises
     ------
@@ -64,10 +49,10 @@ def session(work: Work) -> Iterator[Callable[[Job], Outcome]]:
     StoreError
         An input is damaged.
     """
-    directory, pieces, kind = DataDirectory(work.data), _pieces(work), processor_kind(processor())
+    directory, rows, kind = DataDirectory(work.data), work.rows(), processor_kind(processor())
     with ExitStack() as stack:
         try:
-            inputs = {artifact.name: directory.collection(artifact) for artifact in work.stage.inputs(work.settings)}
+            collections = [directory.collection(artifact) for artifact in work.stage.inputs(work.settings)]
             for name, wanted in work.models.items():
                 if folder_digest(directory.folder(name)) != wanted:
                     raise StoreError(f"{directory.folder_path(name)} was replaced meanwhile; run again")
@@ -76,13 +61,13 @@ def session(work: Work) -> Iterator[Callable[[Job], Outcome]]:
         except Exception as error:
             raise _cannot_start(work.stage, error) from error
 
-        def do(job: Job) -> Outcome:
-            task = make_task(job, work.seed, inputs)
+        def make(unit: Unit) -> Result:
+            inputs = verified_inputs(unit, collections)
             began = time.perf_counter()
             row: Row = {}
             failure = None
             try:
-                row = conform(work.stage.output, process(task))
+                row = conform(work.stage.output, process(unit, inputs))
             except InvalidInput as error:
                 failure = Failure(stage=work.stage.name, reason=str(error))
             except MemoryError:
@@ -90,27 +75,21 @@ def session(work: Work) -> Iterator[Callable[[Job], Outcome]]:
             except Exception as error:  # a fault of ours: the other objects are processed all the same
                 if is_machine_fault(error):
                     raise
-                return Outcome(job.item.object_id, time.perf_counter() - began, bug=traceback.format_exc())
+                return Result(name=unit.name, key=unit.key, seconds=time.perf_counter() - began, bug=traceback.format_exc())
             seconds = time.perf_counter() - began
-            pieces.save(job.item.object_id, job.key, job.item.category, row, seconds=seconds, failure=failure, processor=kind)
-            return Outcome(job.item.object_id, seconds, failure)
+            return rows.save(Result(name=unit.name, key=unit.key, seconds=seconds, processor=kind, failure=failure), row, unit.category)
 
-        yield do
+        yield make
 
 
-def give_up(work: Work, job: Job, reason: str) -> Outcome:
+def record_crash(work: Work, unit: Unit, reason: str) -> Result:
     """Record that an object has no row because of what it does to the process that works on it."""
     failure = Failure(stage=work.stage.name, reason=reason)
-    _pieces(work).save(job.item.object_id, job.key, job.item.category, {}, seconds=0.0, failure=failure)
-    return Outcome(job.item.object_id, 0.0, failure)
-
-
-def _pieces(work: Work) -> Pieces:
-    return Pieces(DataDirectory(work.data).work(work.stage.output.name))
+    return work.rows().save(Result(name=unit.name, key=unit.key, failure=failure), {}, unit.category)
 
 
 def _cannot_start(stage: ObjectStage, error: Exception) -> StageError:
-    """What a stage's libraries raise where they are not installed as they should be, or a description file that cannot be used."""
+    """Explain libraries that are not installed as they should be, or a description file that cannot be used."""
     if isinstance(error, PipelineError):
         return StageError(f"{stage.name} cannot start: {error}")
     where = (
@@ -119,25 +98,17 @@ def _cannot_start(stage: ObjectStage, error: Exception) -> StageError:
     return StageError(f"{stage.name} cannot start: {type(error).__name__}: {error}; {where}")
 
 
-def make_task(job: Job, seed: int, collections: Mapping[str, Collection]) -> Task:
-    """Make the task of a job, whose inputs are verified to be what the plan was made with.
+def verified_inputs(unit: Unit, collections: list[Collection]) -> dict[str, RowView]:
+    """Read a unit's rows of the inputs, by artifact, and verify that they are those that the plan was made with.
 
     Raises
     ------
     StoreError
         An input is damaged, or was replaced since.
     """
-    item = job.item
-    views = {name: collection.view(item.object_id) for name, collection in collections.items()}
+    views = {collection.artifact.name: collection.view(unit.name) for collection in collections}
     for name, view in views.items():
-        if collections[name].row(item.object_id).digest != job.inputs[name]:
-            raise StoreError(f"{view.shard.path}: {name} of {item.object_id} was replaced meanwhile; run again")
+        if view.record.digest != unit.inputs[name]:
+            raise StoreError(f"{view.shard.path}: {name} of {unit.name} was replaced meanwhile; run again")
         view.verify()
-    return Task(
-        object_id=item.object_id,
-        category=item.category,
-        seed=seed,
-        source=item.source,
-        inputs=views,
-        attributes={name: view.shard.attributes for name, view in views.items()},
-    )
+    return views

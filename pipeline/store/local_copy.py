@@ -1,10 +1,11 @@
-"""A work folder on this machine's disk whose files are brought to object storage as they change."""
+"""Copies of folders in object storage on this machine's disk."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Event, Thread
 
 from obstore.exceptions import BaseError
@@ -16,15 +17,26 @@ SECONDS = 30.0
 
 
 @contextmanager
-def mirrored(folder: Place, *, send: bool = True) -> Iterator[Path]:
-    """Give a folder to work in: `folder` itself on a disk, else one on this machine's disk that begins and stays like it.
+def local_copy(folder: Place, *, begin: bool = True, send: bool = False) -> Iterator[Path]:
+    """Give a folder on this machine's disk to work in: `folder` itself where it is on one, else a copy.
 
-    A run that is killed goes on from it, on another machine too. What ends without an error has been published, and is not sent once more.
-    Without `send` the folder only begins like the other one.
+    Parameters
+    ----------
+    folder
+        On a disk, or in object storage.
+    begin
+        Begin with the files that are there, and keep the copy for the next run; else the copy is empty, and removed at the end.
+    send
+        Send files to `folder` as they change: a run that is killed goes on from there, on another machine too; the copy of one
+        that ends without an error has been published, and is not sent once more.
     """
     if isinstance(folder, Path):
         folder.mkdir(parents=True, exist_ok=True)
         yield folder
+        return
+    if not begin:
+        with TemporaryDirectory(prefix="vt-pipeline-") as name:
+            yield Path(name)
         return
     local = cache_of(folder)
     local.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,124 @@
+"""Folders: a plan with one unit, which a dataset stage fills in a work folder and which is then published."""
+
+from __future__ import annotations
+
+import re
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from pipeline.console import Meter
+from pipeline.engine.peers import HELP, HelpDone, peers
+from pipeline.engine.plan import Forecast, Plan, Request, Summary
+from pipeline.engine.stage import DatasetJob, DatasetStage
+from pipeline.engine.unit import Unit
+from pipeline.errors import StoreError
+from pipeline.store import digest
+from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.local_copy import local_copy
+from pipeline.store.publish import FolderOutput
+from pipeline.store.record import FolderRecord, read_record, serialise_with_checksum
+from pipeline.store.storage import names_in, remove
+
+_WORK = re.compile("[0-9a-f]{16}")
+"""Names of folders that are being filled; another one may be part of a longer name, as models/gcn/touch."""
+
+
+def plan_folder(request: Request[Any]) -> Plan[FolderOutput]:
+    """Plan a folder that a dataset stage fills.
+
+    Raises
+    ------
+    StoreError
+        No object is in the stage's splits; an input has not been made, or was made from something else than what is there now.
+    """
+    stage: DatasetStage = request.stage
+    name, splits = request.folder or stage.writes(request.settings), stage.splits(request.settings)
+    directory = DataDirectory(request.data)
+    plan = Plan(request, directory, FolderOutput(directory, name))
+    objects = _objects(plan)
+    if not objects:
+        raise StoreError(f"{stage.name}: manifest {request.manifest} has no object in split {' or '.join(splits)}; give its `splits` some")
+    for collection in plan.inputs:
+        for object_id in objects:
+            collection.shard(object_id)  # an error where it has not been made yet
+    directory.check_origins([*(collection.artifact.name for collection in plan.inputs), *plan.models])
+    inputs = {collection.artifact.name: collection.rows_digest(splits) for collection in plan.inputs}
+    plan.key = digest.of_json({"stage": plan.stage_key, "inputs": inputs})
+    plan.units = [Unit(name, plan.key, inputs, request.seed)]
+    plan.total = len(objects)
+    return plan
+
+
+def _objects(plan: Plan[FolderOutput]) -> list[str]:
+    splits = plan.stage.splits(plan.settings)
+    return [item.object_id for item in plan.request.objects if item.split in splits]
+
+
+def forecast_folder(plan: Plan[FolderOutput]) -> Forecast:
+    """Foresee a run from what the stage says."""
+    cost, done = plan.stage.cost(plan.settings, plan.total), plan.up_to_date()
+    return Forecast(0 if done else plan.total, plan.total, cost.seconds, cost.kilobytes, done)
+
+
+def make_folder(plan: Plan[FolderOutput], console: Console) -> Summary:
+    """Fill the folder; killed at any moment and run again, the stage finds what it left in its work folder."""
+    began, place = time.perf_counter(), plan.output.work / plan.key[:16]
+    with local_copy(place, send=True) as work:
+        filled = work.with_suffix(".json")  # the record, from when the folder is filled until it is published
+        record = _finished(plan, work, filled) or _fill(plan, work, filled, console)
+        plan.output.commit(work, record)
+        filled.unlink()
+    for folder in {place.parent, work.parent}:  # what is no longer needed, and what runs with other settings left half done
+        for name in filter(_WORK.fullmatch, names_in(folder)):
+            remove(folder / name)
+    return Summary(plan.total, 0, time.perf_counter() - began)
+
+
+def help_folder(plan: Plan[FolderOutput], console: Console) -> None:
+    """Train together with the process that fills the folder; nothing is written."""
+    with local_copy(plan.output.work / plan.key[:16]) as work, suppress(HelpDone):
+        plan.stage.make(_job(plan, work, console))
+
+
+def _job(plan: Plan[FolderOutput], work: Path, console: Console) -> DatasetJob:
+    return DatasetJob(plan.request.data, work, plan.settings, plan.request.seed, plan.models, console)
+
+
+def _fill(plan: Plan[FolderOutput], work: Path, filled: Path, console: Console) -> FolderRecord:
+    began, (unit,) = time.perf_counter(), plan.units
+    _verify_inputs(plan, console)
+    if plan.stage.trains and (together := peers()):
+        together.tell(unit.name, HELP)
+    facts = plan.stage.make(_job(plan, work, console))
+    record = FolderRecord(
+        **plan.provenance(),
+        splits=plan.stage.splits(plan.settings),
+        inputs=unit.inputs,
+        facts=facts,
+        seconds=round(time.perf_counter() - began, 2),
+        files=hashes_of(work),
+    )
+    filled.write_bytes(serialise_with_checksum(record))
+    return record
+
+
+def _verify_inputs(plan: Plan[FolderOutput], console: Console) -> None:
+    """Compare every row that is looked at with its digest, so that nothing is learned from what is damaged."""
+    with Meter(console, f"{plan.stage.name} checks its inputs", plan.total * len(plan.inputs), "rows") as meter:
+        for collection in plan.inputs:
+            for object_id in _objects(plan):
+                collection.view(object_id).verify()
+                meter.advance()
+
+
+def _finished(plan: Plan[FolderOutput], work: Path, filled: Path) -> FolderRecord | None:
+    """Read the record of a run that was killed after it had filled the folder."""
+    try:
+        record = read_record(filled, FolderRecord)
+    except StoreError:
+        return None
+    return record if (record.key, record.files) == (plan.key, hashes_of(work)) else None

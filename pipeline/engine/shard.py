@@ -1,0 +1,271 @@
+"""Shards: a plan with a unit per object, made by an executor, then published as one group."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+from rich.console import Console
+
+from pipeline.config.manifest import Object
+from pipeline.config.settings import ObjectSettings
+from pipeline.console import Meter, counted, few
+from pipeline.engine import keys
+from pipeline.engine.plan import Forecast, Plan, Request, Summary, description_errors
+from pipeline.engine.session import Work
+from pipeline.engine.stage import ObjectStage
+from pipeline.engine.unit import Unit
+from pipeline.errors import BugFound, InvalidInput, StoreError
+from pipeline.store import digest
+from pipeline.store.collection import Collection
+from pipeline.store.directory import DataDirectory
+from pipeline.store.publish import ShardOutput
+from pipeline.store.record import Failure, RowRecord, ShardRecord
+from pipeline.store.reshard import shard_key, shard_of
+from pipeline.store.row_files import Result
+from pipeline.store.rows import Row, conform, row_digest
+
+
+def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOutput]:
+    """Plan a shard that an object stage makes.
+
+    Raises
+    ------
+    StoreError
+        An input has not been made, or was made from something else than what is there now.
+    """
+    stage: ObjectStage = request.stage
+    directory = DataDirectory(request.data)
+    output = ShardOutput(directory, stage.output, number, shards)
+    plan = Plan(request, directory, output, (stage.output.name, stage.output.version))
+    items = [item for item in request.objects if shard_of(item.object_id, shards) == number]
+    directory.check_origins([*(collection.artifact.name for collection in plan.inputs), *plan.models], {item.object_id for item in items})
+    if items:  # a shard without objects reads nothing, whether or not its inputs have been made
+        # the rows of a shard come from those of the same number
+        roots = {collection.artifact.name: collection.shard(items[0].object_id).attributes for collection in plan.inputs}
+        with description_errors(stage):
+            plan.settings = stage.resolve_settings(plan.settings, roots)
+            stage.check_inputs(plan.settings, roots)
+    plan.units = [_unit(plan, item) for item in items]
+    plan.total = len(items)
+    plan.key = shard_key(((unit.key, unit.split) for unit in plan.units), number, shards, request.manifest)
+    return plan
+
+
+def _unit(plan: Plan[ShardOutput], item: Object) -> Unit:
+    """Plan an object's row, from its source or from its rows of the inputs."""
+    inputs: dict[str, str] = {}
+    failure: Failure | None = None
+    origin: dict[str, Any] = inputs
+    if plan.inputs:
+        rows = {collection.artifact.name: collection.row(item.object_id) for collection in plan.inputs}
+        inputs |= {name: row.digest for name, row in rows.items()}
+        failure = next((row.failure for row in rows.values() if row.failure), None)
+        if files := [path for path in plan.stage.files(item.source) if path.is_file()]:  # of one that is missing the stage says so
+            origin = {**inputs, "files": keys.assets_digest(files)}
+    else:
+        try:
+            origin = {"source": keys.source_key(item.source)}
+        except (OSError, InvalidInput) as error:
+            origin = {"unreadable": str(error)}
+            failure = Failure(stage=plan.stage.name, reason=f"its file cannot be read: {error}; mend or remove it")
+    key = keys.object_key(plan.stage_key, item.object_id, item.category, origin)
+    return Unit(item.object_id, key, inputs, plan.request.seed, item.category, item.split, item.source, failure)
+
+
+# ---- the state of units
+
+
+def finished(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
+    """Find what a unit has come to that waits to be published; None where that is not known yet."""
+    if unit.failure:
+        return Result(name=unit.name, key=unit.key, digest=row_digest({}, unit.failure, unit.category), failure=unit.failure)
+    return plan.output.rows.find(unit.name, unit.key)
+
+
+def published(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
+    """Find the published row of a unit; None where there is none that was made under its key."""
+    shard = plan.output.shard
+    row = shard.row(unit.name) if shard and unit.name in shard.position else None
+    return row if row is not None and row.key == unit.key else None
+
+
+def reusable(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
+    """Find the published row of a unit, unless it failed and is tried again."""
+    row = published(plan, unit)
+    return None if row is not None and plan.is_own(row.failure) and plan.tries_again(unit) else row
+
+
+def missing(plan: Plan[ShardOutput]) -> list[Unit]:
+    """List the units that are asked for and whose row is neither published under its key nor waiting to be."""
+    asked = (unit for unit in plan.units if plan.request.only in (None, unit.name))
+    return [unit for unit in asked if finished(plan, unit) is None and reusable(plan, unit) is None]
+
+
+def failures(plan: Plan[ShardOutput]) -> dict[str, Failure]:
+    """List the objects that failed in this stage as it is now, published or not, with their reasons."""
+    states = {unit.name: finished(plan, unit) or published(plan, unit) for unit in plan.units}
+    return {name: state.failure for name, state in states.items() if state and state.failure and plan.is_own(state.failure)}
+
+
+def read_row(plan: Plan[ShardOutput], unit: Unit) -> Mapping[str, np.ndarray] | None:
+    """Read the row of a unit, published or not; None where there is none."""
+    if result := finished(plan, unit):
+        return None if result.failure else plan.output.rows.load(result)
+    row = published(plan, unit)
+    return None if row is None or row.failure or plan.output.shard is None else plan.output.shard.view(unit.name)
+
+
+def published_before(plan: Plan[ShardOutput]) -> Collection:
+    """All shards of the artifact; none where one is damaged or of another version, and is to be made again."""
+    try:
+        return plan.directory.collection(plan.output.artifact)
+    except StoreError:
+        return Collection(plan.path.parent, plan.output.artifact, [])
+
+
+def forecast_shard(plan: Plan[ShardOutput]) -> Forecast:
+    """Foresee a run from the seconds that objects took here before, else from what the stage says."""
+    typical, done = plan.stage.cost(plan.settings), plan.up_to_date()
+    number = 0 if done else len(missing(plan))
+    same = [shard for shard in published_before(plan).shards if shard.record.settings == plan.settings.results()]
+    seconds = [row.seconds for shard in same for row in shard.record.rows]
+    mean = sum(seconds) / len(seconds) if seconds else typical.seconds
+    return Forecast(number, plan.total, number * mean / plan.request.executor.processes, plan.total * typical.kilobytes, done)
+
+
+# ---- making it
+
+
+def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
+    """Process what is missing, then publish; with `only`, the shard is published only if that was all that was missing.
+
+    A shard that has no objects any more is withdrawn.
+    """
+    plan.directory.set_shard_count(plan.output.shards)
+    _check_same_manifest(plan)
+    if not plan.units:  # the objects that it had are gone
+        plan.output.withdraw()
+        return Summary()
+    results = {unit.name: result for unit in plan.units if (result := _kept(plan, unit))}
+    for result in results.values():
+        _check_strictness(plan, result)
+    asked = [unit for unit in plan.units if unit.name not in results and plan.request.only in (None, unit.name)]
+    began = time.perf_counter()
+    made = list(_process(plan, asked, console))
+    summary = Summary(len(made), sum(result.failure is not None for result in made), time.perf_counter() - began)
+    results |= {result.name: result for result in made}
+    if waiting := len(plan.units) - len(results):
+        return replace(summary, waiting=waiting)
+    began = time.perf_counter()
+    _publish(plan, [results[unit.name] for unit in plan.units])
+    return replace(summary, packing=time.perf_counter() - began)
+
+
+def _check_same_manifest(plan: Plan[ShardOutput]) -> None:
+    """Refuse to overwrite other objects: two folders of meshes go by one name, or a manifest was forgotten."""
+    request, record = plan.request, plan.output.record
+    if record is not None and record.manifest != request.manifest:
+        asked = {unit.name for unit in plan.units}
+        if lost := [row.object_id for row in record.rows if row.object_id not in asked]:
+            raise StoreError(
+                f"{plan.path} is of manifest {record.manifest}; {request.manifest} lacks {counted(len(lost))} of it "
+                f"({few(lost)}); name that --manifest (make: MANIFEST=), or another --data (make: DATA=)"
+            )
+    there = published_before(plan)
+    if len(there) and not any(item.object_id in there for item in request.objects):
+        raise StoreError(
+            f"{plan.path.parent} holds other objects ({few(list(there))}), and none of manifest "
+            f"{request.manifest}; name another --data (make: DATA=), or delete it"
+        )
+
+
+def _kept(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
+    """Find what need not be made again: a row that waits, or the published one; one that is damaged is made again."""
+    result = finished(plan, unit)
+    if result and result.failure and not unit.failure and plan.tries_again(unit):
+        plan.output.rows.discard(unit.name, unit.key)
+        result = None
+    shard, row = plan.output.shard, reusable(plan, unit)
+    if result or row is None or shard is None:
+        return result
+    with suppress(StoreError):
+        kept = Result(name=unit.name, key=unit.key, seconds=row.seconds, processor=shard.record.processor_of(row), failure=row.failure)
+        return plan.output.rows.save(kept, shard.view(unit.name).verify(), unit.category)
+    return None
+
+
+def _process(plan: Plan[ShardOutput], units: list[Unit], console: Console) -> Iterator[Result]:
+    """Process units; a bug in one of them is raised at the end, when the others are done."""
+    work, bugs = Work(plan.stage, cast(ObjectSettings, plan.settings), plan.request.data, plan.model_digests), []
+    with Meter(console, plan.stage.name, len(units), "objects") as meter:
+        for result in plan.request.executor.run(work, units) if units else ():
+            meter.advance()
+            _check_strictness(plan, result)
+            if result.bug:
+                bugs.append(result)
+            yield result
+    if bugs:
+        raise BugFound(
+            f"{plan.stage.name}: processing {', '.join(result.name for result in bugs)} met a bug in vt-pipeline, not a fault "
+            f"of the objects. Please report it with this traceback; to continue, leave the objects out of the manifest.\n{bugs[0].bug}"
+        )
+
+
+def _check_strictness(plan: Plan[ShardOutput], result: Result) -> None:
+    if plan.request.strict and result.failure:
+        raise InvalidInput(f"{result.name}: {result.failure.reason} (--strict stops here; without it the others go on)")
+
+
+def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
+    stage, output = plan.stage, plan.output
+    attributes = {
+        "schema": output.artifact.name,
+        "schema_version": output.artifact.version,
+        "stage": stage.name,
+        "settings": plan.settings.results(),
+        "seed": plan.request.seed,
+        "manifest": plan.request.manifest,
+        "failures": {result.name: result.failure.model_dump() for result in results if result.failure},
+        **stage.attributes(plan.settings),
+    }
+    constants = conform(output.artifact, _labels(plan) | stage.constants(plan.settings), constants=True)
+    record = ShardRecord(
+        **plan.provenance(),
+        schema_version=output.artifact.version,
+        rows=tuple(_row_record(unit, result) for unit, result in zip(plan.units, results, strict=True)),
+        constants_digest=digest.of_arrays(constants),
+        metadata={},
+    )
+    output.commit(record, [result.shapes for result in results], lambda number: output.rows.chunks(results[number]), constants, attributes)
+    try:  # where the objects were split otherwise meanwhile, nobody finds this shard; its rows are kept for the next run
+        plan.directory.check_shard_count(output.shards)
+    except StoreError:
+        output.withdraw()
+        raise
+    output.rows.discard_all({unit.name: unit.key for unit in plan.units})
+
+
+def _labels(plan: Plan[ShardOutput]) -> Row:
+    """Labels of dimensions that the inputs have too."""
+    wanted = [name for name, array in plan.output.artifact.arrays.items() if array.is_coordinate]
+    shards = [collection.first for collection in plan.inputs]
+    return {name: shard.read(name) for name in wanted for shard in shards if shard.has(name)}
+
+
+def _row_record(unit: Unit, result: Result) -> RowRecord:
+    return RowRecord(
+        object_id=unit.name,
+        category=unit.category,
+        split=unit.split,
+        key=unit.key,
+        digest=result.digest,
+        inputs=unit.inputs,
+        seconds=round(result.seconds, 4),
+        processor=result.processor,
+        failure=result.failure,
+    )

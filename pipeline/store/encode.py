@@ -1,0 +1,81 @@
+"""Encode arrays as the chunks of a shard's files, and lay chunks out as files of Zarr v3's `sharding_indexed` codec.
+
+The codecs are those that `spec.py` declares: transposed colours, Blosc (zstd of shuffled bytes), crc32c. A chunk is encoded once, by
+the process that computed it; publishing concatenates chunks.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Sequence
+
+import google_crc32c
+import numpy as np
+from numcodecs import blosc
+
+from pipeline.store.spec import LEVEL, chunking, planar_order
+from schemas.base import Array
+
+blosc.use_threads = False  # threads write the blocks of a chunk in the order in which they finish: equal values get equal bytes without
+
+ABSENT = (2**64 - 1, 2**64 - 1)
+"""Offset and size, in the index of a file, of a chunk that is not there: Zarr reads the fill value."""
+
+
+def encode_array(array: Array | None, values: np.ndarray) -> list[bytes]:
+    """Encode one object's array as its chunks in C order; strings, and arrays without a declaration, as one chunk."""
+    if values.dtype.kind in "OUT":
+        return [with_checksum(json.dumps(values.tolist()).encode())]
+    part = part_shape(array, values.shape)
+    parts = values.reshape(-1, *part) if math.prod(part) else ()
+    return [encode_chunk(array, values_of_part) for values_of_part in parts]
+
+
+def decode_array(array: Array | None, shape: Sequence[int], dtype: str, chunks: Iterable[bytes]) -> np.ndarray:
+    """Decode what `encode_array` returned; a `ValueError` where a chunk differs from its checksum."""
+    if np.dtype(dtype).kind in "OUT":
+        return np.array(json.loads(without_checksum(next(iter(chunks)))))
+    part, order = part_shape(array, shape), planar_order(array)
+    stored = [part[axis] for axis in order] if order else part
+    values = [np.frombuffer(blosc.decompress(without_checksum(chunk)), dtype).reshape(stored) for chunk in chunks]
+    parts = [value.transpose(np.argsort(order)) for value in values] if order else values
+    return np.stack(parts).reshape(shape) if parts else np.empty(shape, dtype)
+
+
+def part_shape(array: Array | None, shape: Sequence[int]) -> tuple[int, ...]:
+    """The shape of a chunk of one object's array, with the object's axis where the array has one."""
+    return chunking(array, (1, *shape))[1] if array is not None and array.per_object else tuple(shape)
+
+
+def encode_chunk(array: Array | None, values: np.ndarray) -> bytes:
+    """Encode a chunk, whose axes are those of the stored array."""
+    order = planar_order(array)
+    stored = np.ascontiguousarray(values.transpose(order) if order else values)
+    size = stored.dtype.itemsize
+    compressed: bytes = blosc.compress(stored, b"zstd", LEVEL, blosc.SHUFFLE if size > 1 else blosc.NOSHUFFLE, 0, size)
+    return with_checksum(compressed)
+
+
+def shard_file(chunks: Iterable[bytes | None]) -> Iterator[bytes]:
+    """Lay out a file of `sharding_indexed`: the chunks there are, then the index of all, in C order, with its checksum."""
+    offset, index = 0, []
+    for chunk in chunks:
+        index.append(ABSENT if chunk is None else (offset, len(chunk)))
+        if chunk is not None:
+            offset += len(chunk)
+            yield chunk
+    yield with_checksum(np.array(index, "<u8").tobytes())
+
+
+def with_checksum(content: bytes) -> bytes:
+    """Append the crc32c of some bytes."""
+    checksum: int = google_crc32c.value(content)
+    return content + checksum.to_bytes(4, "little")
+
+
+def without_checksum(content: bytes) -> bytes:
+    """Compare some bytes with the crc32c at their end; a `ValueError` where they differ."""
+    if len(content) < 4 or google_crc32c.value(content[:-4]) != int.from_bytes(content[-4:], "little"):
+        raise ValueError("its bytes differ from their checksum")
+    return content[:-4]

@@ -1,0 +1,22 @@
+"""Folders that dataset stages fill, beside the artifacts: where they lie, and the command that makes each."""
+
+import re
+
+TREES = ("models", "sweeps")
+"""Folders that hold records of folders, and folders that do."""
+
+RECORD = re.compile(r"evaluation(-single-image|-seed-\d+)?\.json")
+"""Records of folders beside the artifacts."""
+
+_MODEL = re.compile(r"models/(?:seed-(\d+)/)?([^/]+)(?:/([^/]+))?")
+"""Training seed, family and network of a model's folder."""
+
+
+def maker_of(folder: str) -> str:
+    """Name what makes a folder: `models/seed-1/gcn/touch` comes from `train-gcn` with its network and seed."""
+    if not (match := _MODEL.fullmatch(folder)):
+        return "the stage that makes it"
+    seed, family, network = match.groups()
+    stage = f"train-{family}"
+    stated = [f" --set {stage}.{what}={value}" for what, value in (("configuration", network), ("training_seed", seed)) if value]
+    return f"`vt-pipeline run {stage}{''.join(stated)}`"

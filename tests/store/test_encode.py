@@ -1,0 +1,155 @@
+"""Groups that are put together from encoded rows are those that Zarr itself would write."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zarr
+from zarr.storage import LocalStore
+
+from pipeline.errors import StoreError
+from pipeline.store.encode import decode_array, encode_array
+from pipeline.store.record import Failure, RowRecord
+from pipeline.store.row_files import Result, RowFiles, encode_row
+from pipeline.store.rows import Row
+from pipeline.store.spec import OBJECTS_PER_FILE, group_spec
+from pipeline.store.write import write_group
+from schemas.base import Array, Artifact
+
+ARTIFACT = Artifact(
+    name="encoded",
+    version=1,
+    summary="Every kind of array.",
+    arrays={
+        "image": Array(("object", "row", "col", "rgb"), "uint8", "1", "Stored colour by colour, an object a chunk."),
+        "views": Array(("object", "grasp", "row", "col", "rgb"), "uint8", "1", "A grasp a chunk."),
+        "depth": Array(("object", "grasp", "row", "col"), "float32", "m", "A grasp a chunk."),
+        "points": Array(("object", "point", "xyz"), "float64", "m", "An object a chunk."),
+        "pose": Array(("object", "pose_row", "pose_column"), "float64", "m", "Several objects a chunk."),
+        "icon": Array(("object", "pose_row", "pose_column", "rgb"), "uint8", "1", "Stored colour by colour, several objects a chunk."),
+        "flag": Array(("object",), "bool", "1", "A number per object."),
+        "label": Array(("object",), "string", "1", "A word."),
+        "scale": Array(("xyz",), "float32", "m", "A constant."),
+    },
+    ragged={
+        "meshes/faces": Array(("face", "corner"), "int32", "1", "Ragged."),
+        "meshes/texture": Array(("row", "col", "rgb"), "uint8", "1", "…"),
+    },
+)
+CONSTANTS: Row = {"scale": np.array([1, 2, 3], np.float32)}
+FAILED = 3
+
+
+def row(number: int) -> Row:
+    """Random arrays: some of one value, some empty."""
+    rng = np.random.default_rng(number)
+    return {
+        "image": rng.integers(0, 256, (80, 90, 3), np.uint8),
+        "views": rng.integers(0, 256, (2, 80, 90, 3), np.uint8),
+        "depth": np.zeros((2, 80, 90), np.float32) if number == 1 else rng.normal(size=(2, 80, 90)).astype(np.float32),
+        "points": rng.normal(size=(1000, 3)),
+        "pose": rng.normal(size=(4, 4)),
+        "icon": rng.integers(0, 256, (4, 4, 3), np.uint8),
+        "flag": np.array(number % 2 == 0),
+        "label": np.array(f"wörd {number}"),
+        "meshes/faces": rng.integers(0, 9, (number % 4, 3), np.int32),
+        "meshes/texture": rng.integers(0, 256, (number + 1, 7, 3), np.uint8),
+    }
+
+
+def written(path: Path, count: int) -> list[Row]:
+    """Write a group of encoded rows, one of them failed; returns the rows."""
+    rows = [{} if number == FAILED else row(number) for number in range(count)]
+    records = [
+        RowRecord(
+            **{"object_id": f"object-{number}", "category": "thing", "split": "train", "key": "0" * 64, "digest": "0" * 64},
+            **{"inputs": {}, "seconds": 0.0, "failure": None if made else Failure(stage="s", reason="r")},
+        )
+        for number, made in enumerate(rows)
+    ]
+    shapes = [{name: value.shape for name, value in made.items()} for made in rows]
+    write_group(path, ARTIFACT, records, shapes, lambda number: encode_row(ARTIFACT, rows[number]), CONSTANTS, {"a": 1})
+    return rows
+
+
+def written_by_zarr(path: Path, rows: list[Row]) -> Any:
+    """Write the same values with Zarr alone."""
+    shapes = {name: (len(rows), *value.shape) for name, value in rows[0].items() if "/" not in name}
+    shapes |= dict.fromkeys(("object_id", "category", "split", "ok"), (len(rows),)) | {"scale": (3,)}
+    ragged = {f"meshes/object-{n}/{name[7:]}": value for n, made in enumerate(rows) for name, value in made.items() if "/" in name}
+    with zarr.config.set({"array.write_empty_chunks": True}):
+        group: Any = group_spec(ARTIFACT, shapes | {name: value.shape for name, value in ragged.items()}, {"a": 1}).to_zarr(
+            LocalStore(path), path=""
+        )
+        for name, value in {**ragged, **CONSTANTS}.items():
+            group[name][...] = value
+        for name in ARTIFACT.arrays.keys() & rows[0].keys():
+            for number, made in enumerate(rows):
+                if made:
+                    group[name][number] = str(made[name]) if name == "label" else made[name]
+        group["object_id"][:] = np.array([f"object-{number}" for number in range(len(rows))], object)
+        group["category"][:], group["split"][:] = "thing", "train"
+        group["ok"][:] = [bool(made) for made in rows]
+    return group
+
+
+@pytest.mark.parametrize("count", [1, 5, OBJECTS_PER_FILE + 5])
+def test_groups_of_encoded_rows_hold_what_zarr_would_write(tmp_path: Path, count: int) -> None:
+    rows = written(tmp_path / "ours", count)
+    wanted = written_by_zarr(tmp_path / "zarr", rows)
+    ours: Any = zarr.open_group(str(tmp_path / "ours"), mode="r")
+    metadata = [
+        {path.relative_to(folder): path.read_text() for path in folder.rglob("zarr.json")}
+        for folder in (tmp_path / "ours", tmp_path / "zarr")
+    ]
+    assert metadata[0] == metadata[1]
+    files = [
+        {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()} for folder in (tmp_path / "ours", tmp_path / "zarr")
+    ]
+    assert files[0] >= files[1], "and files of failed objects alone, which have no chunk"
+    for path in (path.parent.as_posix() for path in metadata[0]):
+        if isinstance(wanted[path] if path != "." else wanted, zarr.Array):
+            np.testing.assert_array_equal(ours[path][...], wanted[path][...], err_msg=path)
+
+
+def test_a_flipped_bit_is_found_by_the_checksum_of_its_chunk(tmp_path: Path) -> None:
+    written(tmp_path / "group", 2)
+    file = tmp_path / "group" / "points" / "c" / "0" / "0" / "0"
+    content = bytearray(file.read_bytes())
+    content[1000] ^= 1
+    file.write_bytes(content)
+    ours: Any = zarr.open_group(str(tmp_path / "group"), mode="r")
+    with pytest.raises(ValueError, match="checksum"):
+        ours["points"][0]
+
+
+def test_rows_come_back_as_they_were_and_damaged_ones_are_removed(tmp_path: Path) -> None:
+    files, made = RowFiles(tmp_path, ARTIFACT), row(5)
+    result = files.save(Result(name="a", key="k", seconds=1.5), made, "thing")
+    assert files.find("a", "k") == result
+    loaded = files.load(result)
+    assert list(loaded) == list(made)
+    for name, value in made.items():
+        assert loaded[name].dtype == value.dtype
+        np.testing.assert_array_equal(loaded[name], value)
+    path = tmp_path / "rows" / "a" / "k.row"
+    content = bytearray(path.read_bytes())
+    content[100] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(StoreError, match="was damaged and is removed; run again"):
+        files.chunks(result)
+    assert files.find("a", "k") is None
+
+
+@pytest.mark.parametrize("values", [np.zeros((0, 3), np.float32), np.array(2.5), np.array(["a", "b"]), np.arange(6).reshape(2, 3)])
+def test_arrays_without_a_declaration_are_kept_too(values: np.ndarray) -> None:
+    again = decode_array(None, values.shape, values.dtype.str, encode_array(None, values))
+    np.testing.assert_array_equal(again, values)
+    assert again.dtype == values.dtype
+
+
+def test_equal_values_are_encoded_as_equal_bytes() -> None:
+    assert encode_row(ARTIFACT, row(2)) == encode_row(ARTIFACT, row(2))
