@@ -10,7 +10,7 @@ from pathlib import Path
 from pipeline.errors import InvalidInput
 
 
-def regular_stat(path: Path) -> os.stat_result:
+def regular_stat(path: Path | str) -> os.stat_result:
     """Find size and times of a regular file, and refuse what is none: a pipe may never say anything, a device never end.
 
     Whatever opens a file that a user or a stranger may have given asks here first, whether it opens it itself or has a library do so.
@@ -22,7 +22,7 @@ def regular_stat(path: Path) -> os.stat_result:
         as little use to a reader.
     """
     try:
-        found = path.stat()
+        found = os.stat(path)
         regular = stat.S_ISREG(found.st_mode)
     except OSError as error:
         if error.errno != errno.ELOOP:

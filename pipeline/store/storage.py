@@ -18,7 +18,7 @@ from datetime import timedelta
 from functools import lru_cache
 from itertools import count
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 from uuid import uuid4
 
 import obstore
@@ -218,21 +218,22 @@ def in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:
 
 
 class _Files(WrapperStore[Store]):
-    """The files of a group that Zarr reads; only regular ones are opened."""
+    """The files of a group that Zarr reads: only regular ones are opened, and, unless it is `sparse`, a missing chunk is an error."""
+
+    def __init__(self, store: Store, sparse: bool = False) -> None:
+        super().__init__(store)
+        self.sparse = sparse
+        self._folder = str(store.root) if isinstance(store, LocalStore) else None
+
+    def _with_store(self, store: Store) -> Self:
+        return type(self)(store, self.sparse)
 
     async def get(self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None) -> Buffer | None:
-        if isinstance(self._store, LocalStore):
+        if self._folder:
             with suppress(FileNotFoundError, NotADirectoryError):
-                regular_stat(self._store.root / key)
-        return await super().get(key, prototype, byte_range)
-
-
-class _WholeFiles(_Files):
-    """The files of a group that was written with its chunks of zeros: a missing chunk is an error, where Zarr would read zeros."""
-
-    async def get(self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None) -> Buffer | None:
-        content = await super().get(key, prototype, byte_range)
-        if content is None and PurePosixPath(key).name not in ZARR_METADATA:
+                regular_stat(f"{self._folder}/{key}")
+        content = await self._store.get(key, prototype, byte_range)
+        if content is None and not self.sparse and PurePosixPath(key).name not in ZARR_METADATA:
             raise FileNotFoundError(errno.ENOENT, "the chunk is missing", key)
         return content
 
@@ -240,7 +241,7 @@ class _WholeFiles(_Files):
 def zarr_store(path: Place, *, sparse: bool = False) -> Store:
     """Open what Zarr reads a group through; a `FileNotFoundError` where a chunk is missing, unless the group is `sparse`: without zeros."""
     files = LocalStore(path, read_only=True) if isinstance(path, Path) else ZarrObjectStore(_client(str(path)), read_only=True)
-    return (_Files if sparse else _WholeFiles)(files)
+    return _Files(files, sparse)
 
 
 def bucket_of(path: Place) -> ObjectStore:
