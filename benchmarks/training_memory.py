@@ -35,7 +35,7 @@ VALID = 10
 """Every tenth object is for validation."""
 TRAININGS = {
     "train-unet": ["width=1", "train-unet.epochs=1", "train-unet.batch_size=16"],
-    "train-gcn": ["configuration=touch", "gcn_layers=2", "gcn_features=6", "train-gcn.epochs=1", "items=1", "loss_points=100"],
+    "train-gcn": ["configuration=touch", "gcn_layers=2", "gcn_features=6", "train-gcn.epochs=1", "samples_per_object=1", "loss_points=100"],
 }
 """Small networks: what counts is what is read."""
 

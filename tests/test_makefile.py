@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from pipeline.engine.stage import ObjectStage
-from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION, IMPLICIT_CONFIGURATIONS
+from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS
+from pipeline.models.families import GRASP_CONFIGURATIONS
 from stages.registry import STAGES, load_settings_type, load_stage
 
 ROOT = Path(__file__).parents[1]
@@ -52,7 +53,7 @@ def rules_of_stages(settings: Mapping[str, dict[str, Any]]) -> dict[str, list[st
     return {name: [makers[one] for one in found] for name, found in reads.items()}
 
 
-@pytest.mark.parametrize("configuration", EVERY_CONFIGURATION)
+@pytest.mark.parametrize("configuration", GRASP_CONFIGURATIONS)
 def test_prerequisites_are_the_stages_inputs(configuration, tmp_path):
     chosen = {"train-gcn": "none", "train-implicit": "implicit-unoccluded"}
     chosen["train-implicit" if configuration in IMPLICIT_CONFIGURATIONS else "train-gcn"] = configuration

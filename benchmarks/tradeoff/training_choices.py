@@ -20,8 +20,7 @@ from benchmarks.tradeoff.figures import read_figures, section_rows, write_figure
 from benchmarks.tradeoff.page import write_page
 from benchmarks.tradeoff.runs import command
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
-from pipeline.models.trained_networks import family_of, model_name
+from pipeline.models.families import EVERY_CONFIGURATION, family_of, model_name
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.measurements import load_studies
 from stages.evaluate.evaluation_files import evaluation_name, read_table
@@ -41,7 +40,7 @@ COMMON: dict[str, tuple[str, ...]] = {
 }
 """By name, the settings that differ from draft's."""
 CHARTS = COMMON | {
-    "each object once an epoch, five times the epochs": ("items=1", "epochs=15"),
+    "each object once an epoch, five times the epochs": ("samples_per_object=1", "epochs=15"),
     "3000 loss points": ("loss_points=3000",),
     "seams open": ("seams=open",),
     "no edge term": ("edge_weight=0",),

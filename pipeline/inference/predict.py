@@ -26,10 +26,10 @@ from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.vertex_colors import foreground, seen_colors
 from pipeline.models.closed_reconstruction import closed
+from pipeline.models.families import load_reconstructor, model_name, trained_models
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.models.touch_model import TouchModel, load_touch_model
-from pipeline.models.trained_networks import FAMILIES, SINGLE_IMAGE_MODEL, load_reconstructor, model_name
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place, names_in
@@ -160,16 +160,12 @@ def predict(
 
 
 def _load(models: Place, configuration: str, training_seed: int, device: torch.device) -> Reconstructor:
-    trained = models / f"seed-{training_seed}" if training_seed else models
-    records = ((family, name) for family in FAMILIES for name in names_in(trained / family) if name.endswith(".json"))
-    there = {name.removesuffix(".json"): trained / family for family, name in records}
-    if not training_seed and f"{SINGLE_IMAGE_MODEL}.json" in names_in(models):  # which is trained once
-        there[SINGLE_IMAGE_MODEL] = models
+    there = trained_models(models, training_seed)
     if configuration not in there:
+        folder = models / f"seed-{training_seed}" if training_seed else models
         known = f"its models are {', '.join(sorted(there))}" if there else "there are none at all"
-        ways = "train-gcn, train-implicit or train-single-image"
-        meant = f"; did you mean {models / 'models'}?" if "models" in names_in(models) else f"; train it with {ways}"
-        raise StageError(f"{trained} has no model {configuration}: {known}{meant}")
+        meant = f"; did you mean {models / 'models'}?" if "models" in names_in(models) else "; train it with train-gcn, train-implicit, …"
+        raise StageError(f"{folder} has no model {configuration}: {known}{meant}")
     return load_reconstructor(configuration, DataDirectory(there[configuration]).whole_folder(configuration), device)
 
 

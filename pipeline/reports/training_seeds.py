@@ -14,7 +14,7 @@ from pipeline.console import print_table
 from pipeline.errors import StoreError
 from pipeline.kernels.metrics.bootstrap import mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
+from pipeline.models.families import EVERY_CONFIGURATION
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import names_in

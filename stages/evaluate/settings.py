@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from pipeline.config.settings import Settings, setting
-from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
+from pipeline.models.families import GRASP_CONFIGURATIONS
 
 
 def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
@@ -15,8 +15,8 @@ def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _known(names: tuple[str, ...]) -> tuple[str, ...]:
-    if not names or not set(names) <= set(EVERY_CONFIGURATION) or len(set(names)) < len(names):
-        raise ValueError(f"{names}: name some of {', '.join(EVERY_CONFIGURATION)}, each once")
+    if not names or not set(names) <= set(GRASP_CONFIGURATIONS) or len(set(names)) < len(names):
+        raise ValueError(f"{names}: name some of {', '.join(GRASP_CONFIGURATIONS)}, each once")
     return names
 
 

@@ -7,9 +7,8 @@ from typing import Any
 
 from pipeline.config.manifest import SPLITS
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
-from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
+from pipeline.models.families import GRASP_CONFIGURATIONS, load_reconstructor, model_name
 from pipeline.models.reconstruction import Reconstructor
-from pipeline.models.trained_networks import load_reconstructor, model_name
 from pipeline.store.directory import DataDirectory
 from pipeline.store.pieces import Pieces
 from pipeline.store.storage import remove
@@ -40,7 +39,7 @@ class Evaluate(DatasetStage):
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
         """Name what the models are shown, and where the touch sites are."""
-        networks = [EVERY_CONFIGURATION[name] for name in settings.configurations]
+        networks = [GRASP_CONFIGURATIONS[name] for name in settings.configurations]
         seen, felt = any(network.image for network in networks), any(network.touch for network in networks)
         return (SURFACES, GRASPS, TOUCH, *([VISION] if seen else []), *([CHARTS] if felt else []))
 

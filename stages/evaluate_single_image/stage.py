@@ -7,8 +7,7 @@ from typing import Any
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
-from pipeline.models.reconstruction import Reconstructor
-from pipeline.models.trained_networks import SINGLE_IMAGE_MODEL, model_name
+from pipeline.models.families import load_reconstructor, model_name
 from pipeline.store.directory import DataDirectory
 from pipeline.training.device import device_of, torch_threads
 from schemas.base import Artifact
@@ -19,7 +18,7 @@ from stages.evaluate_single_image.printed_table import METRICS, show
 from stages.evaluate_single_image.settings import SingleImageEvaluationSettings
 from stages.evaluate_single_image.table_4 import FIGURES, means_by_class
 
-MODEL = model_name(SINGLE_IMAGE_MODEL)
+MODEL = model_name("single-image")
 
 
 class EvaluateSingleImage(DatasetStage):
@@ -54,7 +53,7 @@ class EvaluateSingleImage(DatasetStage):
         settings: SingleImageEvaluationSettings = job.settings
         measurement = Measurement(job)
         with torch_threads(settings.threads):
-            network = measurement.of_network(Reconstructor(job.models[MODEL], device_of(settings.accelerator)))
+            network = measurement.of_network(load_reconstructor("single-image", job.models[MODEL], device_of(settings.accelerator)))
         figures = {"network": network, **{f"training object, {how}": found for how, found in measurement.of_baselines().items()}}
         rows, trained = measurement.rows, DataDirectory(job.data).folder(MODEL)
         means = {name: means_by_class(found, rows.categories) for name, found in figures.items()}

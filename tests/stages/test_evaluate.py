@@ -18,6 +18,7 @@ from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from pipeline.kernels.metrics.bootstrap import Interval
 from pipeline.kernels.metrics.cloud_distances import nearest_squared, sampling_floor
+from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.reports.orderings import Verdict, orderings, show_orderings
@@ -136,7 +137,7 @@ def test_what_is_looked_up_is_a_training_object(tmp_path):
     balls = {"a": "train", "b": "test", "c": "test", "d": "train", "e": "test"}  # of radius 0.1, 0.12, …
     spheres.make_data(tmp_path, len(balls), ("train", "test", "test"))
     spheres.make_model(tmp_path, "unoccluded")
-    model = Reconstructor(DataDirectory(tmp_path).whole_folder("models/gcn/unoccluded"))
+    model = DeformationReconstructor(DataDirectory(tmp_path).whole_folder("models/gcn/unoccluded"))
     settings = EvaluationSettings(points=500)
     truth = Truth(tmp_path, [model], settings)
     assert truth.rows.object_ids == [name for name, split in balls.items() if split == "test"]
@@ -155,7 +156,7 @@ def test_what_is_looked_up_is_a_training_object(tmp_path):
 def test_a_figure_is_that_of_its_reconstruction_by_hand(data, evaluation):
     folder, _ = evaluation
     prediction, values = (read_table(folder, f"{group}/occluded-touch") for group in ("predictions", "values"))
-    model = Reconstructor(DataDirectory(data).folder_path("models/gcn/occluded-touch"))
+    model = DeformationReconstructor(DataDirectory(data).folder_path("models/gcn/occluded-touch"))
     rows = ObjectRows(data, ["points", "occluded", "vertices", "stop_rule", "touch_success", "sensor_pose"], "test")
     row, grasps = 1, [4, 0]
     name = rows.object_ids[row]

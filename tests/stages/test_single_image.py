@@ -27,12 +27,12 @@ from schemas.surfaces import SURFACES
 from stages.evaluate_single_image.printed_table import show
 from stages.evaluate_single_image.table_4 import PUBLISHED, figures_of, means_by_class
 from stages.registry import load_stage, resolve
-from stages.train_single_image.settings import SingleImageSettings
+from stages.train_gcn.settings import SingleImageSettings
 from tests.stages.tiny_dataset import manifest, run_stage
 
 SMALL = [
     *(f"train-single-image.{text}" for text in ("gcn_layers=3", "gcn_features=12", "encoder_width=0.1", "epochs=2", "loss_points=200")),
-    *("train-single-image.items=2", "train-single-image.validation_items=1", "evaluate-single-image.points=500"),
+    *("train-single-image.samples_per_object=2", "train-single-image.validation_items=1", "evaluate-single-image.points=500"),
     *("evaluate-single-image.views=2", "sample-surfaces.points=2000"),
 ]
 QUIET = Console(file=io.StringIO())
@@ -177,7 +177,7 @@ def test_mean_of_classes_counts_each_class_once():
 def test_paper_has_the_supplements_training():
     settings = resolve("train-single-image", "paper", [])
     assert isinstance(settings, SingleImageSettings)
-    assert (settings.learning_rate, settings.batch_size, settings.epochs, settings.items) == (1e-5, 64, 40, 24)
+    assert (settings.learning_rate, settings.batch_size, settings.epochs, settings.samples_per_object) == (1e-5, 64, 40, 24)
     assert (settings.schedule, settings.gradient_limit, settings.patience, settings.encoder_kernel) == ("constant", None, None, 3)
     assert (settings.edge_weight, settings.laplacian_weight, settings.bending_weight, settings.seams) == (0, 0, 0, "open")
     network = settings.network(side=9)

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.engine.stage import DatasetJob
-from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
-from pipeline.models.trained_networks import load_reconstructor
+from pipeline.models.families import GRASP_CONFIGURATIONS, load_reconstructor
 from pipeline.tradeoff.explain import Count, arrays_read
 from stages.evaluate.ground_truth import Truth, arrays_of
 from stages.evaluate.measure import cases_of
@@ -19,7 +18,7 @@ def explain(job: DatasetJob) -> Iterator[Count]:
     """Count models, reconstructions, images and rings of an evaluation."""
     settings: EvaluationSettings = job.settings
     models = {Path(name).name: load_reconstructor(Path(name).name, folder) for name, folder in job.models.items()}
-    yield Count("models evaluated", len(models), len(EVERY_CONFIGURATION) - len(models), "not named in `configurations`")
+    yield Count("models evaluated", len(models), len(GRASP_CONFIGURATIONS) - len(models), "not named in `configurations`")
     yield arrays_read(arrays_of(list(models.values())), Evaluate().inputs(settings))
     truth = Truth(job.data, list(models.values()), settings)
     for model in models.values():
