@@ -101,8 +101,9 @@ train-implicit.%: $(addprefix sample-distances.,$(NUMBERS)) $$(if $$(findstring 
 
 comma    := ,
 space    := $(subst ,, )
-IMPLICIT  = $(filter implicit-%,$(CONFIGURATIONS))
-NETWORKS  = $(addprefix train-gcn.,$(filter-out $(IMPLICIT),$(CONFIGURATIONS))) $(addprefix train-implicit.,$(IMPLICIT))
+FAMILIES  = implicit
+# networks called FAMILY-… are trained by train-FAMILY, all others by train-gcn
+NETWORKS  = $(foreach name,$(CONFIGURATIONS),$(firstword $(foreach family,$(FAMILIES),$(if $(filter $(family)-%,$(name)),train-$(family).$(name))) train-gcn.$(name)))
 train: $(foreach seed,$(SEEDS),$(addsuffix .$(seed),$(NETWORKS)))  ## train these networks, and the U-Net for those that feel
 evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) $(TOUCHES)
 	@$(subst $@,evaluate,$(RUN)) --set evaluate.training_seed=$* --set 'evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]'

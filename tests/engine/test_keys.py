@@ -64,7 +64,6 @@ def test_a_change_rehashes_what_it_decides_and_nothing_else(tmp_path):
             f"stages.{name}.stage"
             for name in (
                 "evaluate",
-                "evaluate_single_image",
                 "fit_charts",
                 "sample_surfaces",
                 "train_gcn",
