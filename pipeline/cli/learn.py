@@ -23,7 +23,7 @@ from pipeline.cli.request import (
 )
 from pipeline.cli.run import run_plan
 from pipeline.console import console, errors, say, show_tables
-from pipeline.engine.peers import peers
+from pipeline.engine.process_group import process_group
 from pipeline.engine.run import make_plans
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StageError
@@ -47,7 +47,7 @@ def sweep(
     dry_run: Annotated[bool, typer.Option(help="List the points, and do nothing.")] = False,
 ) -> None:
     """Train over a grid of hyperparameters (supplement 2.2 and 3.4); run again, it goes on where it was."""
-    if together := peers():
+    if together := process_group():
         fail(f"a sweep runs in one process, {together.launcher} started {together.count}; start `vt-pipeline run` so, point by point")
     loaded = load_stage(stage) if stage in STAGES else None
     given = loaded.grid(resolve(stage, preset, assignments or ())) if isinstance(loaded, DatasetStage) else {}

@@ -11,8 +11,8 @@ from pathlib import Path
 from rich.console import Console
 
 from pipeline.console import Meter
-from pipeline.engine.peers import HELP, HelpDone, peers
 from pipeline.engine.plan import Forecast, Plan, Request, Result
+from pipeline.engine.process_group import HELP, HelpDone, process_group
 from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.errors import StoreError
 from pipeline.store import digest
@@ -111,8 +111,8 @@ class FolderPlan(Plan[DatasetStage]):
     def _fill(self, work: Path, filled: Path, console: Console) -> FolderRecord:
         began = time.perf_counter()
         self._verify_inputs(console)
-        if self.stage.trains and (together := peers()):
-            together.tell(self.name, HELP)
+        if self.stage.trains and (together := process_group()):
+            together.broadcast(self.name, HELP)
         facts = self.stage.make(self._job(work, console))
         record = FolderRecord(
             **self.provenance(),

@@ -10,8 +10,8 @@ from rich.console import Console
 
 from pipeline.config.manifest import Object
 from pipeline.engine.folder_plan import FolderPlan
-from pipeline.engine.peers import HELP, NOTHING, peers
 from pipeline.engine.plan import Forecast, Request, Result, description_errors
+from pipeline.engine.process_group import HELP, NOTHING, process_group
 from pipeline.engine.shard_plan import ShardPlan
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.errors import StoreError, first_line
@@ -106,13 +106,13 @@ def run(plan: ShardPlan | FolderPlan, console: Console) -> Result:
     BugFound
         Processing an object raised what no stage is meant to raise.
     """
-    if isinstance(plan, FolderPlan) and (together := peers()):
+    if isinstance(plan, FolderPlan) and (together := process_group()):
         if together.rank:
-            if together.hear(plan.name) == HELP:
+            if together.wait_for(plan.name) == HELP:
                 plan.help(console)
             return Result()
         result = _make(plan, console)
-        together.tell(plan.name, NOTHING)
+        together.broadcast(plan.name, NOTHING)
         return result
     return _make(plan, console)
 

@@ -124,12 +124,10 @@ def predict(
         it and grey elsewhere.
     resolution
         Edges of the closed mesh along the longest side of its box.
-    training_seed
-        Of which training the network is.
     accelerator
         Where the networks run, "auto" on a GPU where there is one.
-    seed
-        Of the chart fitting.
+    training_seed, seed
+        Of which training the network is; of the chart fitting.
 
     Raises
     ------
@@ -162,10 +160,10 @@ def predict(
 def _load(models: Place, configuration: str, training_seed: int, device: torch.device) -> Reconstructor:
     there = trained_models(models, training_seed)
     if configuration not in there:
-        folder = models / f"seed-{training_seed}" if training_seed else models
         known = f"its models are {', '.join(sorted(there))}" if there else "there are none at all"
-        meant = f"; did you mean {models / 'models'}?" if "models" in names_in(models) else "; train it with train-gcn, train-implicit, …"
-        raise StageError(f"{folder} has no model {configuration}: {known}{meant}")
+        meant = f"did you mean {models / 'models'}?" if "models" in names_in(models) else "train it with train-gcn, train-implicit, …"
+        seed = f"seed-{training_seed}" if training_seed else ""
+        raise StageError(f"{models / seed} has no model {configuration}: {known}; {meant}")
     return load_reconstructor(configuration, DataDirectory(there[configuration]).whole_folder(configuration), device)
 
 
@@ -192,8 +190,7 @@ class _Observer:
                     f"run fit-charts with fit-charts.side={config.side}, or train the model on these"
                 )
             return stored_observation(rows, object_id, grasps, config)
-        images = () if config.image is None else (config.image,)
-        rows = _open(data, [*images, *TOUCHES], object_id, grasps)
+        rows = _open(data, [*([config.image] if config.image else []), *TOUCHES], object_id, grasps)
         image = rows.read(config.image, object_id, grasps[0]) if config.image else None
         readings, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
         self.unet.check_sensor(rows.sensor())

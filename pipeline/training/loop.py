@@ -19,7 +19,7 @@ import torch
 from torch.multiprocessing.spawn import ProcessExitedException, ProcessRaisedException
 
 from pipeline.console import Meter, console_on
-from pipeline.engine.peers import HelpDone, peers
+from pipeline.engine.process_group import HelpDone, process_group
 from pipeline.errors import InvalidInput, StageError
 from pipeline.rng import numpy_rng, torch_generator
 from pipeline.training import checkpoint
@@ -78,7 +78,7 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
         raise StageError(re.sub(r"^pipeline\.errors\.\w+: ", "", str(error).strip().splitlines()[-1])) from error
     except ProcessExitedException as error:
         raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {GO_ON}") from error
-    if (together := peers()) and together.rank:
+    if (together := process_group()) and together.rank:
         raise HelpDone
     learner.network.load_state_dict(checkpoint.load_best(folder))
     return facts
