@@ -99,8 +99,9 @@ train-gcn.%: every-sample-surfaces $$(if $$(findstring occluded,$$*),every-rende
 train-implicit.%: every-sample-distances $$(if $$(findstring occluded,$$*),every-render-vision) $$(if $$(findstring touch,$$*),every-fit-charts)
 	@$(call TRAINING,train-implicit)
 
-IMPLICIT  = $(filter implicit-%,$(CONFIGURATIONS))
-NETWORKS  = $(addprefix train-gcn.,$(filter-out $(IMPLICIT),$(CONFIGURATIONS))) $(addprefix train-implicit.,$(IMPLICIT))
+FAMILIES  = implicit
+# networks called FAMILY-… are trained by train-FAMILY, all others by train-gcn
+NETWORKS  = $(foreach name,$(CONFIGURATIONS),$(firstword $(foreach family,$(FAMILIES),$(if $(filter $(family)-%,$(name)),train-$(family).$(name))) train-gcn.$(name)))
 EVALUATED = evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]
 train: $$(foreach seed,$$(SEEDS),$$(addsuffix .$$(seed),$$(NETWORKS)))  ## train these networks, and the U-Net for those that feel
 evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) every-simulate-touch

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from typing import TextIO
+from dataclasses import dataclass
+from typing import Any, Protocol, TextIO
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
-from rich.table import Table
+from rich.table import Table as RichTable
 
 SECONDS_PER_LINE = 15.0
 NAMED = 5
@@ -64,12 +66,101 @@ def few(names: Sequence[str]) -> str:
 
 def print_table(console: Console, columns: Iterable[object], rows: Iterable[Iterable[object]], title: str = "") -> None:
     """Print a table without rules, below its title, which may be wider; cells may hold rich's markup."""
-    table = Table(*map(str, columns), box=None, padding=(0, 2))
+    table = RichTable(*map(str, columns), box=None, padding=(0, 2))
     for row in rows:
         table.add_row(*map(str, row))
     if title:
         console.print(f"\n[bold]{title}[/]")
     console.print(table)
+
+
+class Estimate(Protocol):
+    """A number and the ends of its interval, which may be infinite."""
+
+    @property
+    def mean(self) -> float:
+        """Give the number."""
+
+    @property
+    def low(self) -> float:
+        """Give the lower end."""
+
+    @property
+    def high(self) -> float:
+        """Give the upper end."""
+
+
+Cell = str | float | Estimate | tuple[float | None, ...] | None
+"""Text, a number, an estimate with its interval, several numbers, or None where there is no value."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table; a dim one holds what ours are compared with."""
+
+    cells: Sequence[Cell]
+    dim: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as data, from which prints, pages and files are made; without columns, a line of text.
+
+    Attributes
+    ----------
+    title
+        Above it; plain text.
+    columns
+        Their names, with units.
+    rows
+        From top to bottom.
+    formats
+        How the numbers of each column are written, as `format` takes it; by default as they are.
+    """
+
+    title: str
+    columns: Sequence[str] = ()
+    rows: Sequence[Row] = ()
+    formats: Sequence[str] = ()
+
+    def text(self, row: Row) -> list[str]:
+        """Write the cells of a row."""
+        formats = self.formats or [""] * len(row.cells)
+        return [cell_text(cell, form) for cell, form in zip(row.cells, formats, strict=True)]
+
+    def as_json(self) -> dict[str, Any]:
+        """Give title, columns and rows as JSON; an interval without an end has null there."""
+        return {"title": self.title, "columns": list(self.columns), "rows": [[_plain(cell) for cell in row.cells] for row in self.rows]}
+
+
+def cell_text(cell: Cell, form: str = "") -> str:
+    """Write a cell, its numbers formatted by `form`: an estimate with its interval below it, several numbers between slashes."""
+    if isinstance(cell, str):
+        return cell
+    if cell is None:
+        return "–"
+    if isinstance(cell, tuple):
+        return " / ".join(cell_text(part, form) for part in cell)
+    if isinstance(cell, int | float):
+        return f"{cell:{form}}"
+    ends = f"\n({cell.low:{form}}–{cell.high:{form}})" if math.isfinite(cell.low) and math.isfinite(cell.high) else ""
+    return f"{cell.mean:{form}}{ends}"
+
+
+def _plain(cell: Cell) -> Any:
+    if cell is None or isinstance(cell, str | int | float | tuple):
+        return cell
+    return [end if math.isfinite(end) else None for end in (cell.mean, cell.low, cell.high)]
+
+
+def show_tables(console: Console, tables: Iterable[Table]) -> None:
+    """Print tables, and lines of text between them."""
+    for table in tables:
+        if not table.columns:
+            console.print(escape(table.title))
+            continue
+        rows = [[f"[dim]{escape(cell)}[/]" if row.dim else escape(cell) for cell in table.text(row)] for row in table.rows]
+        print_table(console, map(escape, table.columns), rows, escape(table.title))
 
 
 class Meter:

@@ -39,8 +39,8 @@ STAGES = {
     "train-implicit": Entry("stages.train_implicit", "TrainImplicit", "ImplicitSettings"),
     "evaluate": Entry("stages.evaluate", "Evaluate", "EvaluationSettings"),
     "read-renderings": Entry("stages.read_renderings", "ReadRenderings", "RenderingSettings"),
-    "train-single-image": Entry("stages.train_single_image", "TrainSingleImage", "SingleImageSettings"),
-    "evaluate-single-image": Entry("stages.evaluate_single_image", "EvaluateSingleImage", "SingleImageEvaluationSettings"),
+    "train-single-image": Entry("stages.train_gcn", "TrainSingleImage", "SingleImageSettings"),
+    "evaluate-single-image": Entry("stages.evaluate", "EvaluateSingleImage", "SingleImageEvaluationSettings"),
 }
 
 GRASP_STAGES = [name for name in STAGES if "single-image" not in name and name != "read-renderings"]

@@ -1,4 +1,4 @@
-"""The recipes of CONTRIBUTING.md work: followed in a copy of the repository, they add a stage, a setting and an array that run."""
+"""The recipes of CONTRIBUTING.md work: followed in a copy of the repository, they add stages, settings, arrays and networks that run."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from tests.stages import ball_dataset as spheres
 
 ROOT = Path(__file__).parents[1]
 COPIED = ("pipeline", "stages", "schemas", "data_manifests", "docs", "Makefile", "pyproject.toml")
-LIMITS = {"Add a stage": 6, "Add a setting": 2, "Add an array": 3, "Add a hand, a sensor or a camera": 1}
+LIMITS = {"Add a stage": 6, "Add a setting": 2, "Add an array": 3, "Add a hand, a sensor or a camera": 1, "Add a family of networks": 8}
 """Files that a recipe may touch."""
 
 RUN = """
@@ -32,6 +33,29 @@ from pipeline.cli import app
 from tools import reference_pages
 Path("docs/settings.md").write_text(reference_pages.regenerated(Path("docs/settings.md").read_text(), reference_pages.settings()))
 app(["run", "measure-contact", *sys.argv[1:]])
+"""
+
+
+LEARN = """
+import sys
+from pathlib import Path
+from pipeline.cli import app
+from pipeline.console import console, show_tables
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.reports.results import results_tables
+from pipeline.store.directory import DataDirectory
+from stages.registry import load_stage, resolve
+from tests.stages import ball_dataset as balls
+
+data, splits = Path(sys.argv[1]), ("train", "valid", "test")
+balls.make_data(data, 6, splits)
+asked = ["train-ball.epochs=150", "evaluate.configurations=[ball-touch]", "evaluate.points=300", "evaluate.grasps=[1,2]"]
+for name in ("train-ball", "evaluate"):
+    (plan,) = make_plans(Request(load_stage(name), resolve(name, "draft", asked), "balls", balls.objects(6, splits), "draft", 0, data))
+    run(plan, console)
+show_tables(console, results_tables(DataDirectory(data), ["evaluation"]))
+app(["predict", str(data / "f.ply"), "--data", str(data), "--configuration", "ball-touch", "--object", "f"])
 """
 
 
@@ -61,17 +85,33 @@ def test_recipe_touches_few_files(recipe):
     assert 1 <= len({name for _, name, _ in code_blocks(recipe)}) <= LIMITS[recipe]
 
 
-def test_stage_setting_and_array_added_by_the_recipes_run(tmp_path):
-    copy, data, meshes = tmp_path / "repository", tmp_path / "data", tmp_path / "meshes"
-    copy.mkdir()
-    for name in COPIED:
+def copied(folder: Path, recipes: Sequence[str], *more: str) -> Path:
+    """Copy the repository, and follow recipes in the copy; the code that they add is as style asks for."""
+    copy = folder / "repository"
+    for name in (*COPIED, *more):
+        (copy / name).parent.mkdir(parents=True, exist_ok=True)
         part = ROOT / name
-        shutil.copytree(part, copy / name, ignore=shutil.ignore_patterns("__pycache__")) if part.is_dir() else shutil.copy(part, copy)
-    for recipe in ("Add a stage", "Add a setting", "Add an array"):
+        shutil.copytree(part, copy / name, ignore=shutil.ignore_patterns("__pycache__")) if part.is_dir() else shutil.copy(
+            part, copy / name
+        )
+    for recipe in recipes:
         follow(recipe, copy)
-    subprocess.run([sys.executable, "-m", "ruff", "check", "--quiet", "stages", "schemas"], cwd=copy, check=True)
-    subprocess.run([sys.executable, "-m", "ruff", "format", "--check", "--quiet", "stages", "schemas"], cwd=copy, check=True)
+    for check in (["check"], ["format", "--check"]):
+        subprocess.run([sys.executable, "-m", "ruff", *check, "--quiet", "pipeline", "stages", "schemas"], cwd=copy, check=True)
+    return copy
 
+
+def run_python(copy: Path, *words: str) -> str:
+    """Run the interpreter in a copy of the repository; what it prints."""
+    environment = {**os.environ, "PYTHONPATH": str(copy)}
+    done = subprocess.run([sys.executable, *words], cwd=copy, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_stage_setting_and_array_added_by_the_recipes_run(tmp_path):
+    copy = copied(tmp_path, ("Add a stage", "Add a setting", "Add an array"))
+    data, meshes = tmp_path / "data", tmp_path / "meshes"
     spheres.make_data(data, 1)  # of one ball, called a
     meshes.mkdir()
     trimesh.creation.box().export(meshes / "a.stl")
@@ -79,16 +119,8 @@ def test_stage_setting_and_array_added_by_the_recipes_run(tmp_path):
     source = {"kind": "directory", "licence": "MIT", "up": "z"}
     (tmp_path / "balls.yaml").write_text(yaml.safe_dump(manifest | {"sources": [source]}))
     options = ["--manifest", tmp_path / "balls.yaml", "--objects", meshes, "--data", data, "--set", "least_press=0.001", "--workers", "1"]
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, *map(str, options)],
-        cwd=copy,
-        env={**os.environ, "PYTHONPATH": str(copy)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "made 1 object " in done.stdout
+    said = run_python(copy, "-c", RUN, *map(str, options))
+    assert "made 1 object " in said
     assert "`least_press`" in (copy / "docs" / "settings.md").read_text()
 
     record = json.loads((data / "contact" / "0000-of-0001.json").read_text())
@@ -98,6 +130,20 @@ def test_stage_setting_and_array_added_by_the_recipes_run(tmp_path):
     area = _read(data / "contact" / record["location"], "contact_area")
     np.testing.assert_allclose(area[0], pressed * (spheres.SENSOR.width / spheres.SENSOR.cols) ** 2, rtol=1e-6)
     assert (_read(data / "contact" / record["location"], "press")[0] > 0).tolist() == rows.read("touch_success", "a").tolist()
+
+
+def test_family_of_networks_added_by_the_recipe_is_trained_evaluated_reported_and_used(tmp_path):
+    copy = copied(tmp_path, ["Add a family of networks"], "tests")
+    said = run_python(copy, "-c", LEARN, str(tmp_path / "data"))
+    assert "ball-touch: 2 grasps < 1" in said
+    mesh = trimesh.load(tmp_path / "data" / "f.ply")
+    radii = np.linalg.norm(mesh.vertices - spheres.CENTRE, axis=1)
+    assert mesh.is_watertight
+    assert abs(np.median(radii) - 0.15) < 0.06  # balls of 10 to 20 cm radius
+    asked = ["make", "--dry-run", "--file", copy / "Makefile", "train", "CONFIGURATIONS=touch ball-touch", f"DATA={tmp_path}"]
+    plan = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for stage in ("fit-charts", "train-gcn", "train-ball"):
+        assert f"run {stage} " in plan
 
 
 def _read(group: Path, name: str) -> np.ndarray:

@@ -20,6 +20,7 @@ ROOTS = ("", "pipeline", "docs", "stages")
 """Folders that paths in documents are below."""
 COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
 MADE = ("docs/overview.png", "stages/measure_contact", "tests/stages/measure_contact", "explanations/measure_contact", "schemas/contact")
+MADE += ("stages/train_ball", "networks/ball_network", "models/ball_reconstruction")
 PLACEHOLDER = re.compile(r"[A-Z]{3,}|…|~|^data/|^(my_|\.work|touch/0000|out\.|poses|seen|contact-sheet|learning-curves|reconstructions)")
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from pipeline.engine.stage import ObjectStage
-from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION, IMPLICIT_CONFIGURATIONS
+from pipeline.models.families import FAMILIES, GRASP_CONFIGURATIONS, family_of
 from stages.registry import STAGES, load_settings_type, load_stage
 
 ROOT = Path(__file__).parents[1]
@@ -54,10 +54,10 @@ def rules_of_stages(settings: Mapping[str, dict[str, Any]]) -> dict[str, list[st
     return {name: [makers[one] for one in found] for name, found in reads.items()}
 
 
-@pytest.mark.parametrize("configuration", EVERY_CONFIGURATION)
+@pytest.mark.parametrize("configuration", GRASP_CONFIGURATIONS)
 def test_prerequisites_are_the_stages_inputs(configuration, tmp_path):
-    chosen = {"train-gcn": "none", "train-implicit": "implicit-unoccluded"}
-    chosen["train-implicit" if configuration in IMPLICIT_CONFIGURATIONS else "train-gcn"] = configuration
+    chosen = {f"train-{name}": next(iter(family.configurations)) for name, family in FAMILIES.items() if name}
+    chosen[f"train-{family_of(configuration)}"] = configuration
     trained = {name: {"configuration": one} for name, one in chosen.items()}
     read = rules_of_stages(trained | {"evaluate": {"configurations": (configuration,)}})
     targets = {name: f"{name}.0" if isinstance(load_stage(name), ObjectStage) else name for name in STAGES}

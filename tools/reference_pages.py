@@ -20,7 +20,7 @@ from pipeline.engine.stage import ObjectStage
 from pipeline.store.atomic import write_at_once
 from schemas.base import COMMON, FIXED, Array
 from schemas.catalogue import ARTIFACTS
-from schemas.evaluation import TABLES
+from schemas.evaluation import GROUPS
 from stages.registry import STAGES, load_stage
 
 MARKER = "<!-- Generated below this line by `make docs`; do not edit. -->\n"
@@ -66,8 +66,8 @@ def _artifacts() -> Iterator[str]:
 
 def _tables() -> Iterator[str]:
     yield "## `evaluation`\n"
-    yield "One Zarr group per table in `tables.zarr`; `values`, `predictions`, `meshes` and `closed` hold one group per configuration.\n"
-    for name, table in TABLES.items():
+    yield "Zarr groups in `tables.zarr`; `predictions` and `meshes` hold one group per network.\n"
+    for name, table in GROUPS.items():
         yield f"### `{name}`\n"
         yield f"{table.summary}\n"
         yield _array_table(table.arrays)

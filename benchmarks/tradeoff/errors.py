@@ -6,11 +6,9 @@ the error of each object alone, whose spread bounds the error on another dataset
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +20,16 @@ from skimage.transform import resize
 from benchmarks.stored_grasps import examine
 from benchmarks.tradeoff.runs import Made
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.kernels.metrics.bootstrap import mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.models.touch_model import load_touch_model
+from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from schemas.charts import FITTED, STOP_RULES
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
-from stages.evaluate.evaluation_files import read_table
+from stages.evaluate.evaluation_files import read_figures, read_root
 from stages.train_unet.learner import load_touches
 
 Figures = dict[str, float]
@@ -214,35 +214,30 @@ def charts(made: Made, reference: Path) -> Errors:
 
 def gcn(made: Made, reference: Path) -> Errors:
     """Collect the network's Chamfer distances on test objects: over all numbers of grasps, and with one grasp."""
-    table = table_3(made.data)
-    figures = {
-        "Chamfer x 9000": TABLE_3_FACTOR * float(np.mean(table["chamfer"][0])),
-        "with one grasp": TABLE_3_FACTOR * float(table["chamfer"][0][0]),
-    }
-    interval = {"95 % from": table["low"][0], "to": table["high"][0]}  # of a single test object there is none
-    figures |= {name: TABLE_3_FACTOR * float(np.mean(ends)) for name, ends in interval.items() if None not in ends}
-    return Errors(figures, list(TABLE_3_FACTOR * _per_object(made.data)))
+    table = _table_3(made.data)
+    means = TABLE_3_FACTOR * table.mean(axis=1)
+    figures = {"Chamfer x 9000": float(means.mean()), "with one grasp": float(means[0])}
+    if table.shape[1] > 1:  # of a single test object there is no interval
+        found = [mean_interval(values, numpy_rng(0, "table_3", number)) for number, values in enumerate(table)]
+        ends = {"95 % from": [interval.low for interval in found], "to": [interval.high for interval in found]}
+        figures |= {name: TABLE_3_FACTOR * float(np.mean(values)) for name, values in ends.items()}
+    return Errors(figures, list(TABLE_3_FACTOR * table.mean(axis=0)))
 
 
 def evaluation(made: Made, reference: Path) -> Errors:
     """Compare the reported Chamfer distances with those of most points."""
-    ours, theirs = (np.array(table_3(data)["chamfer"][0]) for data in (made.data, reference))
-    truth = _per_object(reference)
-    each = 100 * (_per_object(made.data) - truth) / truth.mean()
+    ours, theirs = (_table_3(data).mean(axis=1) for data in (made.data, reference))  # (grasps given,)
+    truth = _table_3(reference).mean(axis=0)
+    each = 100 * (_table_3(made.data).mean(axis=0) - truth) / truth.mean()
     return Errors({"reported Chamfer off, %": 100 * float(np.abs(ours / theirs - 1).mean())}, list(each))
 
 
-def _per_object(data: Path) -> NDArray[np.float64]:
-    """(object,) Chamfer distance, mean over what was given."""
-    values = read_table(DataDirectory(data).folder_path("evaluation"), f"values/{table_3(data)['configuration'][0]}")
-    return np.asarray(values["chamfer"].mean(axis=(1, 2)))
-
-
-def table_3(data: Path) -> dict[str, Any]:
-    """Read the columns of Table 3 from an evaluation."""
-    metrics = json.loads((DataDirectory(data).folder_path("evaluation") / "metrics.json").read_text())
-    table: dict[str, Any] = metrics["tables"]["table_3"]
-    return table
+def _table_3(data: Path) -> NDArray[np.float64]:
+    """(grasps given, object) Chamfer distances of the first network that feels, mean over first grasps."""
+    folder = DataDirectory(data).folder_path("evaluation")
+    felt = next(name for name, given in read_root(folder)["configurations"].items() if given["touch"])
+    figures = read_figures(folder)[felt]
+    return np.stack([figures.per_object("chamfer", number) for number in figures.grasps])
 
 
 ERRORS: dict[str, Callable[[Made, Path], Errors]] = {

@@ -20,11 +20,10 @@ from benchmarks.tradeoff.figures import read_figures, section_rows, write_figure
 from benchmarks.tradeoff.page import write_page
 from benchmarks.tradeoff.runs import command
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
-from pipeline.models.trained_networks import family_of, model_name
+from pipeline.models.families import EVERY_CONFIGURATION, family_of, model_name
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.measurements import load_studies
-from stages.evaluate.evaluation_files import evaluation_name, read_table
+from stages.evaluate import evaluation_files
 
 COMMAND = "python -m benchmarks.tradeoff.training_choices data/four-classes/draft data/choices --seeds {} --write"
 SHARED = ("surfaces", "grasps", "vision", "touch", "distances", "models/unet*", "charts")
@@ -41,7 +40,7 @@ COMMON: dict[str, tuple[str, ...]] = {
 }
 """By name, the settings that differ from draft's."""
 CHARTS = COMMON | {
-    "each object once an epoch, five times the epochs": ("items=1", "epochs=15"),
+    "each object once an epoch, five times the epochs": ("samples_per_object=1", "epochs=15"),
     "3000 loss points": ("loss_points=3000",),
     "seams open": ("seams=open",),
     "no edge term": ("edge_weight=0",),
@@ -89,13 +88,14 @@ def measure(source: Path, out: Path, configuration: str, choice: str, seed: int)
     asked = (f"configurations=[{configuration}]", f"training_seed={seed}", "looked_up=1", "grasps=[1]")
     command("evaluate", Path("four-classes"), "draft", data, [f"evaluate.{one}" for one in asked], 0)
     facts = DataDirectory(data).folder(model_name(configuration, seed)).facts
-    values = read_table(DataDirectory(data).whole_folder(evaluation_name(seed)), f"values/{configuration}")
-    chamfer = TABLE_3_FACTOR * values["chamfer"].mean(axis=1)[:, 0]  # (object,)
+    folder = DataDirectory(data).whole_folder(evaluation_files.evaluation_name(seed))
+    figures = evaluation_files.read_figures(folder)[configuration]
+    chamfer = TABLE_3_FACTOR * figures.per_object("chamfer")
     return {
         "seconds": facts["training_seconds"],
         "mean": chamfer.mean(),
         "median": float(np.median(chamfer)),
-        **{name: float(np.mean(values[name])) for name in QUALITY},
+        **{name: float(np.mean(figures.some(name))) for name in QUALITY},
     }
 
 

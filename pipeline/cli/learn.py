@@ -22,8 +22,8 @@ from pipeline.cli.request import (
     make_request,
 )
 from pipeline.cli.run import run_plan
-from pipeline.console import console, errors, say
-from pipeline.engine.peers import peers
+from pipeline.console import console, errors, say, show_tables
+from pipeline.engine.process_group import process_group
 from pipeline.engine.run import make_plans
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StageError
@@ -47,12 +47,12 @@ def sweep(
     dry_run: Annotated[bool, typer.Option(help="List the points, and do nothing.")] = False,
 ) -> None:
     """Train over a grid of hyperparameters (supplement 2.2 and 3.4); run again, it goes on where it was."""
-    if together := peers():
+    if together := process_group():
         fail(f"a sweep runs in one process, {together.launcher} started {together.count}; start `vt-pipeline run` so, point by point")
     loaded = load_stage(stage) if stage in STAGES else None
     given = loaded.grid(resolve(stage, preset, assignments or ())) if isinstance(loaded, DatasetStage) else {}
     if not isinstance(loaded, DatasetStage) or not loaded.trains:
-        fail(f"{stage} trains nothing: sweep over settings of train-unet, train-gcn, train-implicit or train-single-image")
+        fail(f"{stage} trains nothing: sweep over settings of {', '.join(name for name in STAGES if name.startswith('train-'))}")
     if not (grid or given):
         fail(f"the supplement has no grid for {stage}: name one, --grid learning_rate=1e-3,2e-3")
     plain = make_request(loaded, manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
@@ -79,7 +79,7 @@ def sweep(
 
 def predict(
     out: Annotated[Path, typer.Argument(help="Mesh file to write: .obj, .ply or .glb. Metres, world frame; GLB is y up.")],
-    configuration: Annotated[str, typer.Option(help="Which model of MODELS/gcn or implicit; or single-image.")] = "occluded-touch",
+    configuration: Annotated[str, typer.Option(help="Which model of MODELS: touch, implicit-touch, single-image, …")] = "occluded-touch",
     data: Annotated[str | None, typer.Option(help="Data directory; with --object, instead of files.")] = None,
     models: Annotated[str | None, typer.Option(help="Folder of trained models; by default DATA/models.")] = None,
     object_id: Annotated[str | None, typer.Option("--object", help="An object of the data directory.")] = None,
@@ -133,20 +133,20 @@ def report(
 ) -> None:
     """Print the evaluation's tables and whether the supplement's orderings hold; write pages with a gallery and figures: DATA/report."""
     from pipeline.reports.html_report import write_report
-    from pipeline.reports.results import show_results
+    from pipeline.reports.results import results_tables
     from pipeline.reports.training_seeds import evaluations
-    from stages.evaluate_single_image.printed_table import show as show_single_image
+    from stages.evaluate.tables import evaluation_tables
 
     directory = DataDirectory(data)
     evaluated = evaluations(directory)
     if exists(directory.folder_record(SINGLE)):
         directory.check_origins([SINGLE])
-        show_single_image(directory.whole_folder(SINGLE), console)
+        show_tables(console, evaluation_tables(directory.whole_folder(SINGLE)))
         if not evaluated:
             return
     if evaluated:
         directory.check_origins(evaluated)
-        show_results(directory, evaluated, console)
+        show_tables(console, results_tables(directory, evaluated))
     else:
         say("no network has been evaluated: the report shows the dataset alone; `make report`, with the same variables, trains some")
     say(f"report: {write_report(directory.root, console, most)}")

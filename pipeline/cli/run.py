@@ -26,8 +26,8 @@ from pipeline.cli.request import (
 )
 from pipeline.config.manifest import load_manifest
 from pipeline.console import NAMED, console, counted, errors, few, say
-from pipeline.engine.peers import peers
 from pipeline.engine.plan import Forecast, Plan, Request
+from pipeline.engine.process_group import process_group
 from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as run_stage
 from pipeline.engine.shard import failures as failures_of
@@ -64,7 +64,7 @@ def run(
     explain: Annotated[bool, typer.Option(help="Then say what was modelled and what was left out, and why.")] = False,
 ) -> None:
     """Run one stage: make what is not there yet."""
-    console.quiet = (together := peers()) is not None and together.rank > 0  # one of several processes speaks
+    console.quiet = (together := process_group()) is not None and together.rank > 0  # one of several processes speaks
     if stage not in STAGES:
         fail(f"there is no stage {stage}; there are {', '.join(STAGES)}")
     if explain and dry_run:

@@ -11,8 +11,8 @@ from typing import Any
 from rich.console import Console
 
 from pipeline.console import Meter
-from pipeline.engine.peers import HELP, HelpDone, peers
 from pipeline.engine.plan import Forecast, Plan, Request, Summary
+from pipeline.engine.process_group import HELP, HelpDone, process_group
 from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import StoreError
@@ -91,8 +91,8 @@ def _job(plan: Plan[FolderOutput], work: Path, console: Console) -> DatasetJob:
 def _fill(plan: Plan[FolderOutput], work: Path, filled: Path, console: Console) -> FolderRecord:
     began, (unit,) = time.perf_counter(), plan.units
     _verify_inputs(plan, console)
-    if plan.stage.trains and (together := peers()):
-        together.tell(unit.name, HELP)
+    if plan.stage.trains and (together := process_group()):
+        together.broadcast(unit.name, HELP)
     facts = plan.stage.make(_job(plan, work, console))
     record = FolderRecord(
         **plan.provenance(),

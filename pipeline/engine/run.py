@@ -10,8 +10,8 @@ from rich.console import Console
 
 from pipeline.config.manifest import Object
 from pipeline.engine.folder import forecast_folder, help_folder, make_folder, plan_folder
-from pipeline.engine.peers import HELP, NOTHING, peers
 from pipeline.engine.plan import Forecast, Plan, Request, Summary, description_errors
+from pipeline.engine.process_group import HELP, NOTHING, process_group
 from pipeline.engine.shard import forecast_shard, make_shard, plan_shard
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError, first_line
@@ -107,13 +107,13 @@ def run(plan: Plan[Any], console: Console) -> Summary:
     BugFound
         Processing an object raised what no stage is meant to raise.
     """
-    if isinstance(plan.output, FolderOutput) and (together := peers()):
+    if isinstance(plan.output, FolderOutput) and (together := process_group()):
         if together.rank:
-            if together.hear(plan.units[0].name) == HELP:
+            if together.wait_for(plan.units[0].name) == HELP:
                 help_folder(plan, console)
             return Summary()
         result = _make(plan, console)
-        together.tell(plan.units[0].name, NOTHING)
+        together.broadcast(plan.units[0].name, NOTHING)
         return result
     return _make(plan, console)
 

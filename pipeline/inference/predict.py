@@ -26,10 +26,10 @@ from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.vertex_colors import foreground, seen_colors
 from pipeline.models.closed_reconstruction import closed
+from pipeline.models.families import load_reconstructor, model_name, trained_models
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.models.touch_model import TouchModel, load_touch_model
-from pipeline.models.trained_networks import FAMILIES, SINGLE_IMAGE_MODEL, load_reconstructor, model_name
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place, names_in
@@ -124,12 +124,10 @@ def predict(
         it and grey elsewhere.
     resolution
         Edges of the closed mesh along the longest side of its box.
-    training_seed
-        Of which training the network is.
     accelerator
         Where the networks run, "auto" on a GPU where there is one.
-    seed
-        Of the chart fitting.
+    training_seed, seed
+        Of which training the network is; of the chart fitting.
 
     Raises
     ------
@@ -160,16 +158,12 @@ def predict(
 
 
 def _load(models: Place, configuration: str, training_seed: int, device: torch.device) -> Reconstructor:
-    trained = models / f"seed-{training_seed}" if training_seed else models
-    records = ((family, name) for family in FAMILIES for name in names_in(trained / family) if name.endswith(".json"))
-    there = {name.removesuffix(".json"): trained / family for family, name in records}
-    if not training_seed and f"{SINGLE_IMAGE_MODEL}.json" in names_in(models):  # which is trained once
-        there[SINGLE_IMAGE_MODEL] = models
+    there = trained_models(models, training_seed)
     if configuration not in there:
         known = f"its models are {', '.join(sorted(there))}" if there else "there are none at all"
-        ways = "train-gcn, train-implicit or train-single-image"
-        meant = f"; did you mean {models / 'models'}?" if "models" in names_in(models) else f"; train it with {ways}"
-        raise StageError(f"{trained} has no model {configuration}: {known}{meant}")
+        meant = f"did you mean {models / 'models'}?" if "models" in names_in(models) else "train it with train-gcn, train-implicit, …"
+        seed = f"seed-{training_seed}" if training_seed else ""
+        raise StageError(f"{models / seed} has no model {configuration}: {known}; {meant}")
     return load_reconstructor(configuration, DataDirectory(there[configuration]).whole_folder(configuration), device)
 
 
@@ -196,8 +190,7 @@ class _Observer:
                     f"run fit-charts with fit-charts.side={config.side}, or train the model on these"
                 )
             return stored_observation(rows, object_id, grasps, config)
-        images = () if config.image is None else (config.image,)
-        rows = _open(data, [*images, *TOUCHES], object_id, grasps)
+        rows = _open(data, [*([config.image] if config.image else []), *TOUCHES], object_id, grasps)
         image = rows.read(config.image, object_id, grasps[0]) if config.image else None
         readings, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
         self.unet.check_sensor(rows.sensor())

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.level_set import level_set_mesh
-from pipeline.kernels.networks.implicit_configurations import ImplicitConfig
+from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS
 from pipeline.kernels.networks.implicit_network import Code, ImplicitNetwork
-from pipeline.models.model_files import load_network, read_description
 from pipeline.models.observation import Observation
-from pipeline.models.reconstruction import Description, Reconstruction, Reconstructor
+from pipeline.models.reconstruction import Reconstruction, Reconstructor
 
 QUERIES = 2**12
 """Points whose distances are predicted at a time: their features stay in a processor's cache, a fifth faster than eight times as many."""
@@ -25,21 +23,16 @@ HALVINGS = 2
 
 
 class ImplicitReconstructor(Reconstructor):
-    """A trained implicit network, from its folder; attributes as those of `Reconstructor`."""
+    """A trained implicit network, from its folder."""
 
-    has_charts = False
+    configurations = IMPLICIT_CONFIGURATIONS
+    network_type = ImplicitNetwork
+    network: ImplicitNetwork
 
-    def __init__(self, folder: Path, device: torch.device | str = "cpu") -> None:
-        said = read_description(folder, Description[ImplicitConfig])
-        self._take(said, device)
-        self.implicit = load_network(folder, lambda: ImplicitNetwork(said.network), device)
-
-    @torch.no_grad()
-    def reconstruct(self, observations: Sequence[Observation]) -> list[Reconstruction]:
-        """Reconstruct the surfaces of a batch of objects; see `Reconstructor.reconstruct`."""
+    def _surfaces(self, observations: Sequence[Observation]) -> list[Reconstruction]:
         found = []
         for observation in observations:
-            code = self.implicit.encode(**vars(self._batch([observation], next(self.implicit.parameters()))))
+            code = self.network.encode(**vars(self._batch([observation])))
             vertices, faces = self._mesh(code)
             every = np.arange(len(vertices))
             found.append(Reconstruction(vertices, faces, vision=len(vertices), position=every, side=self.config.side))
@@ -50,14 +43,14 @@ class ImplicitReconstructor(Reconstructor):
 
         def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
             queries = torch.from_numpy(points).to(code.overall)
-            parts = [self.implicit.decode_trusting_touches(code, part[None])[0] for part in torch.split(queries, QUERIES)]
+            parts = [self.network.decode_trusting_touches(code, part[None])[0] for part in torch.split(queries, QUERIES)]
             return np.asarray(torch.cat(parts).double().cpu().numpy())
 
-        config = self.implicit.config
+        config = self.network.config
         centre, reach, spacing = np.array(config.centre), MARGIN * config.radius, config.spacing
         box = centre - reach, centre + reach
         vertices, faces = level_set_mesh(
-            distances, *box, spacing, halvings=HALVINGS, steep=self.implicit.touched_points(code), within=config.touch_reach
+            distances, *box, spacing, halvings=HALVINGS, steep=self.network.touched_points(code), within=config.touch_reach
         )
         if len(faces):
             return vertices, faces

@@ -1,27 +1,24 @@
-"""Trained deformation networks: from what is seen and felt of an object to its surface."""
+"""Trained networks of any family: from what is seen and felt of an object to its surface."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
-from pydantic import BaseModel, ConfigDict, model_validator
-from torch import Tensor
+from pydantic import BaseModel, ConfigDict, create_model, model_validator
+from torch import nn
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.networks.deformation_network import DeformationNetwork
-from pipeline.kernels.networks.implicit_configurations import ImplicitConfig
-from pipeline.kernels.networks.network_configurations import NetworkConfig, NetworkInputs
+from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.models.model_files import load_network, read_description
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
 
 ImageRow = tuple[float, float, float, float]
-C = TypeVar("C", NetworkConfig, ImplicitConfig)
 
 
 @dataclass(frozen=True)
@@ -55,36 +52,19 @@ class Reconstruction:
         return len(self.position) == len(np.unique(self.position))
 
 
-def assemble_surfaces(network: DeformationNetwork, deformed: Tensor, batch: NetworkBatch) -> Iterator[tuple[Tensor, Tensor]]:
-    """Join each item's vision charts, `deformed` (B, V, 3), and the charts of its successful touches.
-
-    Yields
-    ------
-    Each item's vertices (V, 3), world, m, and faces (F, 3).
-    """
-    vision_faces = torch.tensor(network.charts.faces, device=deformed.device)
-    touch_faces = chart_square(network.config.side)[1].to(deformed.device)
-    charts_of, touched_of = torch.split(batch.touch_vertices, batch.counts), torch.split(batch.touched, batch.counts)
-    for vision, charts, touched in zip(deformed, charts_of, touched_of, strict=True):
-        surface = charts[touched]  # (K, S, 3)
-        first = len(vision) + torch.arange(len(surface), device=vision.device) * surface.shape[1]
-        faces = (touch_faces + first[:, None, None]).reshape(-1, 3)
-        yield torch.cat([vision, surface.reshape(-1, 3)]), torch.cat([vision_faces, faces])
-
-
-class Description(BaseModel, Generic[C]):
-    """What a trained network's folder says of it."""
+class Description(BaseModel):
+    """What a trained network's folder says of it; `network` is read as the family's type of configuration."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     configuration: str
-    network: C
+    network: NetworkInputs
     camera: tuple[ImageRow, ImageRow, ImageRow] | None
     resolution: tuple[int, int] | None
     charts: dict[str, Any] | None
 
     @model_validator(mode="after")
-    def _of_its_inputs(self) -> Description[C]:
+    def _of_its_inputs(self) -> Description:
         image, touch = self.network.image is not None, self.network.touch
         camera = image and self.network.image != "rendering"  # each rendering has its own
         if (self.camera is not None, self.resolution is not None, self.charts is not None) != (camera, image, touch):
@@ -92,11 +72,19 @@ class Description(BaseModel, Generic[C]):
         return self
 
 
-class Reconstructor:
-    """A trained deformation network, from its folder.
+class Reconstructor(ABC):
+    """A trained network, from its folder; each subclass is a family of networks, registered in `pipeline/models/families.py`.
 
     Attributes
     ----------
+    configurations
+        The family's networks by name.
+    network_type
+        Makes one: `network_type(configuration, generator)`.
+    has_charts
+        Whether it deforms vision charts; else it makes meshes of its own.
+    network
+        The trained one.
     configuration
         Its name.
     config
@@ -111,16 +99,14 @@ class Reconstructor:
         The settings of `fit-charts` that its touch charts were fitted with; None without touch.
     """
 
-    config: NetworkInputs
-    has_charts = True
-    """Whether it deforms vision charts; else it makes meshes of its own."""
+    configurations: ClassVar[Mapping[str, NetworkInputs]]
+    network_type: ClassVar[type[nn.Module]]
+    has_charts: ClassVar[bool] = False
 
     def __init__(self, folder: Path, device: torch.device | str = "cpu") -> None:
-        said = read_description(folder, Description[NetworkConfig])
-        self._take(said, device)
-        self.network = load_network(folder, lambda: DeformationNetwork(said.network), device)
-
-    def _take(self, said: Description[Any], device: torch.device | str) -> None:
+        config_type = type(next(iter(self.configurations.values())))
+        said = read_description(folder, create_model("Description", __base__=Description, network=config_type))
+        self.network = load_network(folder, lambda: self.network_type(said.network), device)
         self.configuration, self.config, self.chart_settings = said.configuration, said.network, said.charts
         self.image, self.touch = self.config.image, self.config.touch
         self.camera = None if said.camera is None else np.array(said.camera)
@@ -138,22 +124,15 @@ class Reconstructor:
         ValueError
             There is no observation, or its arrays have other shapes or types than the network takes.
         """
-        batch = self._batch(observations, like=next(self.network.parameters()))
-        charts, deformed = self.network.charts, self.network(**vars(batch))
-        return [
-            Reconstruction(
-                vertices=vertices.double().cpu().numpy(),
-                faces=faces.cpu().numpy(),
-                vision=len(charts.vertices),
-                position=charts.position,
-                side=self.network.config.side,
-            )
-            for vertices, faces in assemble_surfaces(self.network, deformed, batch)
-        ]
+        return self._surfaces(observations)
 
-    def _batch(self, observations: Sequence[Observation], like: Tensor) -> NetworkBatch:
+    @abstractmethod
+    def _surfaces(self, observations: Sequence[Observation]) -> list[Reconstruction]:
+        """Compute what `reconstruct` returns."""
+
+    def _batch(self, observations: Sequence[Observation]) -> NetworkBatch:
         """Stack observations, whose images must be as large as those of the training."""
-        batch = stack_observations(observations, self.config, self._camera, like=like)
+        batch = stack_observations(observations, self.config, self._camera, like=next(self.network.parameters()))
         if batch.images is not None and list(batch.images.shape[2:]) != self._resolution:
             raise InvalidInput(
                 f"{self.configuration} was trained on images of {self._resolution} pixels, these have {list(batch.images.shape[2:])}"

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from rich.console import Console
 
 import pipeline
-from pipeline.console import Meter, visible
+from pipeline.console import Meter, Row, Table, visible
 from pipeline.dataset.touch_statistics import sensors_of, tally
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
@@ -24,11 +24,10 @@ from pipeline.reports import touch_tables
 from pipeline.reports.learning_curves import draw_curves
 from pipeline.reports.object_page import ObjectPages
 from pipeline.reports.paper_figures import draw_figures
-from pipeline.reports.printed_html import PrintedRow, PrintedTable, printed
 from pipeline.reports.provenance import commands, contents_table, records, settings_tables, versions_tables
 from pipeline.reports.report_pages import WRITTEN, ObjectCard, Pages, changed_files, read_pages, refuse_report_links
 from pipeline.reports.report_source import ReportSource
-from pipeline.reports.results import show_results, trained
+from pipeline.reports.results import results_tables, trained
 from pipeline.reports.svg_plots import draw_bars, draw_histogram, svg_theme
 from pipeline.store import digest
 from pipeline.store.atomic import written_to
@@ -79,7 +78,7 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
         common = {"objects": len(objects), "evaluated": source.evaluation is not None}
         cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
         chosen = [cards[place] for place in np.linspace(0, len(cards) - 1, min(CARDS, len(cards))).astype(int)]
-        tables = printed(lambda kept: touch_tables.show(tally(data), sensors_of(data), kept))
+        tables = touch_tables.tables(tally(data), sensors_of(data))
         plots = _plots(source, objects, folder)
         _write(source, folder, "index.html", cards=chosen, tables=tables, plots=plots, tiles=_tiles(source), **common)
         categories, splits = (sorted({card[key] for card in cards}) for key in ("category", "split"))
@@ -178,7 +177,7 @@ def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path
 def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
     """The evaluation's tables, whether the supplement's orderings hold, and the learning curves."""
     directory, there = source.directory, trained(source.directory, source.evaluated)
-    tables = printed(lambda kept: show_results(directory, source.evaluated, kept))
+    tables = results_tables(directory, source.evaluated)
     curves = []
     if there:
         path = folder / "figures" / "learning-curves.svg"
@@ -201,10 +200,10 @@ def _about(source: ReportSource) -> dict[str, Any]:
     }
 
 
-def _failures(failures: Mapping[str, tuple[str, str]]) -> PrintedTable:
+def _failures(failures: Mapping[str, tuple[str, str]]) -> Table:
     """Count the failures by stage and reason."""
     rows = []
     for (stage, reason), count in Counter(failures.values()).most_common():
         names = [name for name, why in failures.items() if why == (stage, reason)]
-        rows.append(PrintedRow([stage, reason, str(count), ", ".join(names[:5]) + (" …" if count > 5 else "")]))
-    return PrintedTable("", ["stage", "reason", "objects", "which"], rows)
+        rows.append(Row([stage, reason, str(count), ", ".join(names[:5]) + (" …" if count > 5 else "")]))
+    return Table("", ["stage", "reason", "objects", "which"], rows)

@@ -7,23 +7,25 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 
-from pipeline.console import print_table
+from pipeline.console import Row, Table
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, difference_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
+from pipeline.models.families import FAMILIES
 from pipeline.reports.training_seeds import Values, chamfer_of, read_values
 from pipeline.rng import numpy_rng
-from stages.evaluate.evaluation_files import Arrays, read_root
+from stages.evaluate.evaluation_files import Figures, read_root
 from stages.evaluate.supplement_figures import TABLE_2, TABLE_3
-from stages.evaluate.tables import ring_per_object
 
 FEWEST = 6
 """Objects a verdict needs: of fewer, all agree by chance more than once in twenty, and their bootstrap intervals are far too short."""
+
+PREFIXES = ("", *(f"{family}-" for family in FAMILIES if family))
+"""Of configurations' names, by family: the claims are the same within each."""
 
 Answer = Literal["holds", "does not hold", "undecided"]
 
@@ -99,7 +101,7 @@ def _modalities(values: Values) -> Iterator[Claim]:
         pair for image in ("occluded", "unoccluded") for pair in ((f"{image}-touch", image), (image, "touch"), (f"{image}-touch", "touch"))
     ]
     pairs += [("touch", "none"), ("occluded", "none"), ("unoccluded", "none")]
-    for smaller, larger in (*pairs, *((f"implicit-{nearer}", f"implicit-{further}") for nearer, further in pairs)):
+    for smaller, larger in ((prefix + nearer, prefix + further) for prefix in PREFIXES for nearer, further in pairs):
         if {smaller, larger} <= values.keys():
             figures = _printed(TABLE_3, (smaller, 0), (larger, 0))
             yield Claim(f"{smaller} < {larger}", chamfer_of(values[smaller], 1), chamfer_of(values[larger], 1), figures)
@@ -108,8 +110,8 @@ def _modalities(values: Values) -> Iterator[Claim]:
 def _grasps(values: Values) -> Iterator[Claim]:
     """Claim that more grasps are better: each against one fewer, and the most against one."""
     felt = ("touch", "occluded-touch", "unoccluded-touch")
-    for name in (*felt, *(f"implicit-{name}" for name in felt)):
-        given = values[name][0]["grasps_given"].tolist() if name in values else []
+    for name in (prefix + name for prefix in PREFIXES for name in felt):
+        given = values[name][0].grasps if name in values else []
         for fewer, more in (*pairwise(given), *([(given[0], given[-1])] if len(given) > 2 else [])):
             figures = _printed(TABLE_3, (name, more - 1), (name, fewer - 1))
             nearer, further = (chamfer_of(values[name], count) for count in (more, fewer))
@@ -118,7 +120,7 @@ def _grasps(values: Values) -> Iterator[Claim]:
 
 def _rings(values: Values) -> Iterator[Claim]:
     """Claim that with touch the error is least at the touch site, without it is not; and touch helps there more than further off."""
-    last = len(next(iter(values.values()))[0]["ring"]) - 1
+    last = max((max(trainings[0].rings, default=0) for trainings in values.values()), default=0) - 1
     for image in ("occluded", "unoccluded"):
         felt, seen = f"{image}-touch", image
         for (first, ring), (second, other) in (((felt, 0), (felt, last)), ((seen, last), (seen, 0)), ((felt, 0), (seen, 0))):
@@ -130,9 +132,9 @@ def _rings(values: Values) -> Iterator[Claim]:
                 yield Claim(text, smaller[:, both], larger[:, both], figures)
 
 
-def _ring(trainings: Sequence[Arrays], ring: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _ring(trainings: Sequence[Figures], ring: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Compute (training, object) local Chamfer distances in a ring, m², and count the (object,) touch sites with points in it."""
-    found = [ring_per_object(values, ring) for values in trainings]
+    found = [figures.ring(ring + 1) for figures in trainings]
     return np.stack([distances for distances, _ in found]), found[0][1]
 
 
@@ -144,22 +146,19 @@ def _printed(
     return (found[0], found[1]) if len(found) == 2 else None
 
 
-def show_orderings(verdicts: list[Verdict], console: Console) -> None:
-    """Print one row per verdict; an ordering that the supplement itself does not have is marked."""
-    columns = ("claim", "here", f"difference ({100 * LEVEL:.0f} %)", "objects", "verdict", "supplement")
+def orderings_table(verdicts: Sequence[Verdict]) -> list[Table]:
+    """Make one row per verdict, and count them below; an ordering that the supplement itself does not have is marked."""
+    columns = ["claim", "here", f"difference ({100 * LEVEL:.0f} %)", "objects", "verdict", "supplement"]
     title = f"Do the supplement's orderings hold? Chamfer distances × {TABLE_3_FACTOR:.0f}; intervals over objects (paired) and trainings"
-    style: dict[Answer, str] = {"holds": "green", "does not hold": "red", "undecided": "yellow"}
     rows = []
-    for one in verdicts:
-        between = one.difference
+    for verdict in verdicts:
+        between, theirs = verdict.difference, None
         ends = f" ({between.low:+.3f} to {between.high:+.3f})" if np.isfinite([between.low, between.high]).all() else ""
-        theirs = "–"
-        if one.supplement is not None:
-            smaller, larger = one.supplement
+        if verdict.supplement is not None:
+            smaller, larger = verdict.supplement
             theirs = f"{smaller:.3f} vs {larger:.3f}" + (" (not there either)" if smaller >= larger else "")
-        answer = f"[{style[one.answer]}]{one.answer}[/]"
-        rows.append((one.claim, f"{one.smaller:.3f} vs {one.larger:.3f}", f"{between.mean:+.3f}{ends}", between.count, answer, theirs))
-    print_table(console, columns, rows, title)
-    counts = Counter(one.answer for one in verdicts)
-    told = ", ".join(f"{counts[answer]} {answer}" for answer in style)
-    console.print(f"{told} of {len(verdicts)} (fewer than {FEWEST} objects decide nothing)")
+        here = f"{verdict.smaller:.3f} vs {verdict.larger:.3f}"
+        rows.append(Row([verdict.claim, here, f"{between.mean:+.3f}{ends}", between.count, verdict.answer, theirs]))
+    counts = Counter(verdict.answer for verdict in verdicts)
+    answers = ", ".join(f"{counts[answer]} {answer}" for answer in get_args(Answer))
+    return [Table(title, columns, rows), Table(f"{answers} of {len(verdicts)} (fewer than {FEWEST} objects decide nothing)")]

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from pipeline.reports.printed_html import PrintedRow, PrintedTable
+from pipeline.console import Row, Table
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Provenance
 from schemas.catalogue import ARTIFACTS
@@ -24,30 +24,30 @@ def records(directory: DataDirectory) -> dict[str, Provenance]:
     return dict(sorted(found.items(), key=lambda entry: order.index(entry[1].stage) if entry[1].stage in order else len(order)))
 
 
-def contents_table(found: dict[str, Provenance]) -> PrintedTable:
+def contents_table(found: dict[str, Provenance]) -> Table:
     """List what has been made: by which stage, from which manifest, with which preset and seed."""
-    rows = [PrintedRow([name, one.stage, one.manifest, one.preset, str(one.seed), one.key[:16]]) for name, one in found.items()]
-    return PrintedTable("", ["name", "stage", "manifest", "preset", "seed", "key"], rows)
+    rows = [Row([name, one.stage, one.manifest, one.preset, str(one.seed), one.key[:16]]) for name, one in found.items()]
+    return Table("", ["name", "stage", "manifest", "preset", "seed", "key"], rows)
 
 
-def settings_tables(found: dict[str, Provenance]) -> list[PrintedTable]:
+def settings_tables(found: dict[str, Provenance]) -> list[Table]:
     """List the settings that results depend on, a table per artifact or folder; those that differ from the preset's are marked."""
     tables = []
     for name, one in found.items():
         usual = _preset_values(one)
-        rows = [PrintedRow([key, _plain(value), "" if usual.get(key) == value else "set"]) for key, value in one.settings.items()]
+        rows = [Row([key, _plain(value), "" if usual.get(key) == value else "set"]) for key, value in one.settings.items()]
         if rows:
-            tables.append(PrintedTable(f"{name} ({one.stage})", ["setting", "value", "other than the preset's"], rows))
+            tables.append(Table(f"{name} ({one.stage})", ["setting", "value", "other than the preset's"], rows))
     return tables
 
 
-def versions_tables(found: dict[str, Provenance]) -> list[PrintedTable]:
+def versions_tables(found: dict[str, Provenance]) -> list[Table]:
     """List the versions that computed, a table per set of versions."""
     makers: dict[tuple[tuple[str, str], ...], list[str]] = {}
     for name, one in found.items():
         makers.setdefault(tuple(sorted(one.versions.items())), []).append(name)
     return [
-        PrintedTable(", ".join(names), ["package", "version"], [PrintedRow([package, version]) for package, version in versions])
+        Table(", ".join(names), ["package", "version"], [Row([package, version]) for package, version in versions])
         for versions, names in makers.items()
     ]
 

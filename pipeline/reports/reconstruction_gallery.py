@@ -24,7 +24,7 @@ from pipeline.store.directory import DataDirectory
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
-from stages.evaluate.evaluation_files import Arrays, read_root, read_surfaces, read_table, surface_of
+from stages.evaluate.evaluation_files import Arrays, read_figures, read_root, read_surfaces, read_table, surface_of
 from stages.render_vision.renderer import Renderer
 
 PIXELS = 200
@@ -41,7 +41,7 @@ def draw_gallery(directory: DataDirectory, folder: Path, path: Path, most: int) 
     Chamfer distance of that very reconstruction, m² x 9000.
     """
     names = list(read_root(folder)["configurations"])
-    values = {name: read_table(folder, f"values/{name}") for name in names}
+    figures = read_figures(folder)
     predictions = {name: read_surfaces(folder, name) for name in names}
     objects = [str(name) for name in read_table(folder, "objects")["object_id"]]
     shown = [objects[place] for place in np.linspace(0, len(objects) - 1, min(most, len(objects))).astype(int)]
@@ -58,8 +58,7 @@ def draw_gallery(directory: DataDirectory, folder: Path, path: Path, most: int) 
             for axes, (name, case) in zip(grid[row, 1:], columns, strict=True):
                 given, first = (int(predictions[name][key][case]) for key in ("grasps_given", "first_grasp"))
                 title = name + (f"\n{given} grasp{'s' * (given > 1)}" if given else "\n")
-                place = values[name]["grasps_given"].tolist().index(max(given, 1))
-                error = TABLE_3_FACTOR * values[name]["chamfer"][objects.index(object_id), first, place]
+                error = TABLE_3_FACTOR * figures[name].of("chamfer", max(given, 1))[objects.index(object_id), first]
                 mesh = predicted_mesh(charts, object_id, predictions[name], case)
                 _show(axes, render_mesh(renderer, mesh), "" if row else title, f"{error:.2f}")
         save_figure(figure, path)

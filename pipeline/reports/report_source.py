@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.console import Row, Table
 from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.errors import StoreError
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.reports.printed_html import PrintedRow, PrintedTable
 from pipeline.reports.training_seeds import evaluations
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
 from schemas.catalogue import ARTIFACTS
-from stages.evaluate.evaluation_files import Arrays, read_root, read_surfaces, read_table, surface_of
+from stages.evaluate.evaluation_files import Arrays, read_figures, read_root, read_surfaces, read_table, surface_of
 
 NEEDED, SHOWN = ("surfaces", "grasps", "touch"), ("vision", "charts")
 """Artifacts without which there is no report, and those that it shows where there are some."""
@@ -100,7 +100,8 @@ class Evaluation:
         self.configurations = list(read_root(folder)["configurations"])
         self.object_ids = [str(name) for name in read_table(folder, "objects")["object_id"]]
         self._surfaces = {name: read_surfaces(folder, name) for name in self.configurations}
-        self._values = {name: read_table(folder, f"values/{name}") for name in self.configurations}
+        figures = read_figures(folder)
+        self._figures = {name: figures[name] for name in self.configurations}
 
     def surfaces(self, object_id: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """The predicted surfaces of an object with its first grasps, as CONFIGURATION-GRASPS; none of objects not evaluated."""
@@ -113,17 +114,17 @@ class Evaluation:
                 found[f"{name}-{max(int(table['grasps_given'][case]), 1)}"] = surface_of(table, number, case)
         return found
 
-    def errors(self, object_id: str) -> PrintedTable | None:
+    def errors(self, object_id: str) -> Table | None:
         """The Chamfer distances of an object's reconstructions with its first grasps, in Table 3's unit; None of objects not evaluated."""
         if object_id not in self.object_ids:
             return None
-        row, most = self.object_ids.index(object_id), max(len(one["grasps_given"]) for one in self._values.values())
-        rows = []
-        for name, values in self._values.items():
-            figures = [f"{TABLE_3_FACTOR * one:.3f}" for one in values["chamfer"][row, 0]]
-            rows.append(PrintedRow([name, *figures, *[""] * (most - len(figures))]))
-        given = max((one["grasps_given"].tolist() for one in self._values.values()), key=len)
-        return PrintedTable(f"Chamfer distance × {TABLE_3_FACTOR:.0f} by the number of grasps given", ["network", *map(str, given)], rows)
+        row, given = self.object_ids.index(object_id), max((figures.grasps for figures in self._figures.values()), key=len)
+        rows = [
+            Row([name, *(TABLE_3_FACTOR * figures.of("chamfer", number)[row, 0] if number in figures.grasps else "" for number in given)])
+            for name, figures in self._figures.items()
+        ]
+        title = f"Chamfer distance × {TABLE_3_FACTOR:.0f} by the number of grasps given"
+        return Table(title, ["network", *map(str, given)], rows, ["", *[".3f"] * len(given)])
 
 
 def _first_cases(table: Arrays) -> list[int]:

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
-from rich.console import Console
 
+from pipeline.console import Table
 from pipeline.errors import StoreError
 from pipeline.formats.complaints import complaints
-from pipeline.reports.orderings import orderings, show_orderings
-from pipeline.reports.training_seeds import show_trainings
+from pipeline.reports.orderings import orderings, orderings_table
+from pipeline.reports.training_seeds import trainings_table
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists
-from stages.evaluate.printed_tables import show, show_training
+from stages.evaluate.tables import evaluation_tables, training_table
 
 
 def trained(directory: DataDirectory, evaluated: Sequence[str]) -> dict[str, str]:
@@ -59,12 +59,12 @@ def training_facts(directory: DataDirectory, name: str) -> dict[str, Any]:
     return facts
 
 
-def show_results(directory: DataDirectory, evaluated: Sequence[str], console: Console) -> None:
-    """Print the tables of evaluations, named one per training seed, and how the models were trained."""
+def results_tables(directory: DataDirectory, evaluated: Sequence[str]) -> list[Table]:
+    """Make the tables of evaluations, named one per training seed, and list how the models were trained."""
+    tables: list[Table] = []
     if evaluated:
         folders = [directory.whole_folder(name) for name in evaluated]
-        show(folders[0], console)
-        show_trainings(folders, console)
-        show_orderings(orderings(folders), console)
+        tables = [*evaluation_tables(folders[0]), *trainings_table(folders), *orderings_table(orderings(folders))]
     if there := trained(directory, evaluated):
-        show_training({name: training_facts(directory, place) for name, place in there.items()}, console)
+        tables.append(training_table({name: training_facts(directory, place) for name, place in there.items()}))
+    return tables

@@ -7,9 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.markup import escape
 
-from pipeline.console import print_table
+from pipeline.console import Row, Table, show_tables
 from pipeline.dataset.touch_statistics import SUPPLEMENT_SUCCESS, Tally
 
 SUPPLEMENT_HISTOGRAM = (9.47, 26.08, 53.83, 10.61)
@@ -20,26 +19,31 @@ OPPOSED = 90
 
 
 def show(found: dict[str, Tally], sensors: list[str], console: Console) -> None:
-    """Print the tables; the supplement's touches per grasp beside ours where there are as many sensors."""
+    """Print the tables."""
+    show_tables(console, tables(found, sensors))
+
+
+def tables(found: dict[str, Tally], sensors: list[str]) -> list[Table]:
+    """Make the tables; the supplement's touches per grasp beside ours where there are as many sensors."""
     everything = Tally([t for e in found.values() for t in e.touched], [t for e in found.values() for t in e.tried])
     everything.held = [grasps for entry in found.values() for grasps in entry.held]
     everything.lifted = [grasps for entry in found.values() for grasps in entry.lifted]
     rows = []
     for name, entry in [*found.items(), ("all", everything)]:
         *counts, kept, tried = entry.row()
-        theirs = (SUPPLEMENT_SUCCESS | {"all": 62.7}).get(name, "–")
-        rows.append((escape(name), *counts, f"{kept:.1f}", theirs, f"{tried:.1f}"))
-    print_table(console, ("class", "objects", "grasps", "touches", "% successful", "supplement", "% of all attempts"), rows)
-
-    _show_hold(found, everything, console)
+        theirs = (SUPPLEMENT_SUCCESS | {"all": 62.7}).get(name)
+        rows.append(Row([name, *counts, f"{kept:.1f}", theirs, f"{tried:.1f}"]))
+    columns = ["class", "objects", "grasps", "touches", "% successful", "supplement", "% of all attempts"]
+    made = [Table("", columns, rows), *_hold(found, everything)]
     touched = np.concatenate(everything.touched)
     shares = touches_per_grasp(touched)
-    rows = [("here", *_rounded(shares))]
+    rows = [Row(["here", *_rounded(shares)])]
     if supplement := supplement_touches(len(shares)):
-        rows.append(("supplement", "–", *_rounded(supplement[1:])))
-    print_table(console, ("touches per grasp, %", *range(len(shares))), rows)
-    rows = [("kept", *_rounded(100 * touched.mean(axis=0))), ("all attempts", *_rounded(100 * np.mean(everything.tried, axis=0)))]
-    print_table(console, ("touches per finger, %", *map(escape, sensors)), rows)
+        rows.append(Row(["supplement", None, *_rounded(supplement[1:])]))
+    made.append(Table("", ["touches per grasp, %", *map(str, range(len(shares)))], rows))
+    kept_shares, tried_shares = (_rounded(100 * np.mean(one, axis=0)) for one in (touched, everything.tried))
+    rows = [Row(["kept", *kept_shares]), Row(["all attempts", *tried_shares])]
+    return [*made, Table("", ["touches per finger, %", *sensors], rows)]
 
 
 def touches_per_grasp(touched: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -52,18 +56,18 @@ def supplement_touches(count: int) -> tuple[float, ...]:
     return (0.0, *SUPPLEMENT_HISTOGRAM) if count == 1 + len(SUPPLEMENT_HISTOGRAM) else ()
 
 
-def _show_hold(found: dict[str, Tally], everything: Tally, console: Console) -> None:
-    """Print how well the kept grasps hold; nothing of a dataset that does not say."""
+def _hold(found: dict[str, Tally], everything: Tally) -> list[Table]:
+    """Make the table of how well the kept grasps hold; none of a dataset that does not say."""
     if not everything.held:
-        return
+        return []
     rows = []
     for name, entry in [*found.items(), ("all", everything)]:
         area, angle, margin = np.concatenate(entry.held).T
         lifted = (f"{100 * np.concatenate(entry.lifted).mean():.1f}",) if entry.lifted else ()
         shares = (f"{100 * (angle > OPPOSED).mean():.1f}", f"{100 * (margin > 0).mean():.1f}", *lifted)
-        rows.append((escape(name), f"{area.mean():.0f}", *shares))
-    titles = ("class", "area of contact per grasp, mm²", f"% with contacts over {OPPOSED}° apart", "% with force closure")
-    print_table(console, (*titles, "% held in the lift test") if everything.lifted else titles, rows)
+        rows.append(Row([name, f"{area.mean():.0f}", *shares]))
+    titles = ["class", "area of contact per grasp, mm²", f"% with contacts over {OPPOSED}° apart", "% with force closure"]
+    return [Table("", [*titles, "% held in the lift test"] if everything.lifted else titles, rows)]
 
 
 def _rounded(shares: Iterable[float]) -> list[str]:

@@ -15,12 +15,12 @@ class Learner(ABC):
 
     Attributes
     ----------
-    module
-        The network. The loop replaces it by a wrapper when training begins, hence the loss calls `self.module`.
+    network
+        What is trained. The loop may train it in a wrapper: `loss` and `validate` compute with the network that they are given.
     """
 
-    def __init__(self, module: nn.Module) -> None:
-        self.module = module
+    def __init__(self, network: nn.Module) -> None:
+        self.network = network
 
     @abstractmethod
     def __len__(self) -> int:
@@ -35,11 +35,11 @@ class Learner(ABC):
         """
 
     @abstractmethod
-    def loss(self, batch: Any) -> Tensor:
+    def loss(self, network: nn.Module, batch: Any) -> Tensor:
         """Compute the training loss of what was read: a scalar, the mean over its items."""
 
     @abstractmethod
-    def validate(self) -> dict[str, float]:
+    def validate(self, network: nn.Module) -> dict[str, float]:
         """Compute metrics on the validation split, deterministically; the least "loss" is the best epoch's."""
 
     def describe(self, item: int) -> str:

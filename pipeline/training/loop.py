@@ -19,7 +19,7 @@ import torch
 from torch.multiprocessing.spawn import ProcessExitedException, ProcessRaisedException
 
 from pipeline.console import Meter, console_on
-from pipeline.engine.peers import HelpDone, peers
+from pipeline.engine.process_group import HelpDone, process_group
 from pipeline.errors import InvalidInput, StageError
 from pipeline.rng import numpy_rng, torch_generator
 from pipeline.store.storage import read_bytes
@@ -40,7 +40,7 @@ METRICS = "metrics.json"
 
 
 def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> dict[str, Any]:
-    """Train until the epochs or the patience end; leaves the best epoch's weights in the module.
+    """Train until the epochs or the patience end; leaves the best epoch's weights in the learner's network.
 
     A killed training continues from the checkpoint in the folder, to the same weights, to the bit, as one that was not (on the same
     machine). The checkpoint stays until the caller, who has saved the model, discards it.
@@ -72,7 +72,6 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
         raise StageError(f"{name}: there are no items to train on; take more objects, or look at why theirs failed")
     fabric = make_fabric(settings, folder, name)
     begin: Any = _begin  # Fabric's signature leaves out the arguments that it passes on
-    network = learner.module
     try:
         with no_process_left():
             facts: dict[str, Any] = fabric.launch(begin, learner, settings, folder=folder, seed=seed, name=name)
@@ -80,10 +79,9 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
         raise StageError(re.sub(r"^pipeline\.errors\.\w+: ", "", str(error).strip().splitlines()[-1])) from error
     except ProcessExitedException as error:
         raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {GO_ON}") from error
-    if (together := peers()) and together.rank:
+    if (together := process_group()) and together.rank:
         raise HelpDone
-    learner.module = network
-    network.load_state_dict(checkpoint.load_best(folder))
+    learner.network.load_state_dict(checkpoint.load_best(folder))
     return facts
 
 
@@ -106,16 +104,16 @@ class Part:
 
 
 class _Training:
-    """A training in this process, which may be one of several. `module` is the network that `learner.module` wraps."""
+    """A training in this process, which may be one of several. `network` wraps `module`, the network itself, for device and processes."""
 
     def __init__(self, fabric: Fabric, learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> None:
         self.fabric, self.learner, self.settings, self.folder, self.seed, self.name = fabric, learner, settings, folder, seed, name
         # spawned processes share the memory of a network's weights: each would step in the others'
-        self.module = copy.deepcopy(learner.module) if fabric.world_size > 1 else learner.module
+        self.module = copy.deepcopy(learner.network) if fabric.world_size > 1 else learner.network
         self.norms = share_batch_norm(self.module) if fabric.world_size > 1 else []
         self.adam = torch.optim.Adam(self.module.parameters(), lr=settings.learning_rate)
         wrapped: Any = fabric.setup(self.module, self.adam)
-        learner.module, self.optimizer = wrapped
+        self.network, self.optimizer = wrapped
         self.average = running_average(self.module, settings.weight_average)
         self.state = checkpoint.State(self.module, self.adam, self.average)
         self.best, self.progress = checkpoint.load(folder, self.state)  # now that they have their type and device
@@ -131,10 +129,9 @@ class _Training:
         meter = Meter(console_on(sys.stdout), self.name, settings.epochs * self.steps, "steps", done)
         with meter if fabric.is_global_zero else nullcontext():
             while progress.epoch < min(settings.epochs, progress.best + 1 + (settings.patience or math.inf)):
-                self.learn(meter)
-                self.validate()
+                self.train_epoch(meter)
+                self.validate_epoch()
                 self.save()
-        self.learner.module = self.module
         if fabric.is_global_zero:
             (self.folder / METRICS).write_text(json.dumps(progress.history, indent=2, allow_nan=False))
         kinds = processors_of(fabric)
@@ -158,12 +155,12 @@ class _Training:
             },
         }
 
-    def learn(self, meter: Meter) -> None:
+    def train_epoch(self, meter: Meter) -> None:
         """Take the steps that are left of an epoch."""
         progress, size = self.progress, self.settings.batch_size
         order = numpy_rng(self.seed, self.name, "order", progress.epoch).permutation(len(self.learner))
         parts = (self.part(order[start:][:size].tolist()) for start in range(progress.step * size, len(order), size))
-        self.learner.module.train()
+        self.network.train()
         saved = time.perf_counter()
         for part, content in read_ahead(self.read, parts):
             progress.sums += self.step(part, content)
@@ -191,12 +188,12 @@ class _Training:
             batch_norm.share = float(part.share > 0)
         self.optimizer.zero_grad()
         try:
-            loss = self.learner.loss(content())
+            loss = self.learner.loss(self.network, content())
         except InvalidInput as error:
             raise self.failure(str(error), items) from error
         before = abs(progress.history[0]["train_loss"]) if progress.history else 0.0
         self.check_size(
-            items, "loss", float(loss.detach()), limit=self.settings.explosion * before or math.inf
+            items, "loss", float(loss.detach()), limit=self.settings.max_loss_growth * before or math.inf
         )  # nothing is a multiple of 0
         weighted = part.share * fabric.world_size * loss  # its mean over the processes is the batch's mean
         fabric.backward(weighted)
@@ -230,20 +227,21 @@ class _Training:
         advice = f"lower learning_rate ({self.settings.learning_rate:g}), or look at the items of its batch"
         return StageError(f"{self.name}: {reason}, {step}; {advice}: {', '.join(map(self.learner.describe, items))}")
 
-    def validate(self) -> None:
-        """Validate the network, with the average of its weights if one is taken."""
-        self.learner.module.eval()
+    def validate_epoch(self) -> None:
+        """Compute the metrics of the weights, or of their average; keep them if they are the best so far, and go to the next epoch."""
+        self.network.eval()
         with averaged(self.module, self.average):
-            self.judge()
+            self._keep_best(self._metrics())
 
-    def judge(self) -> None:
-        """Compute the metrics of the weights as they are, keep them if they are the best so far, and go to the next epoch."""
-        progress = self.progress
+    def _metrics(self) -> dict[str, float]:
         try:
             with torch.no_grad():
-                metrics = self.learner.validate()
+                return self.learner.validate(self.network)
         except InvalidInput as error:
-            raise StageError(f"{self.name}: the validation of epoch {progress.epoch + 1} failed: {error}") from error
+            raise StageError(f"{self.name}: the validation of epoch {self.progress.epoch + 1} failed: {error}") from error
+
+    def _keep_best(self, metrics: dict[str, float]) -> None:
+        progress = self.progress
         row = {"train_loss": progress.sums / self.steps, **metrics}
         if not math.isfinite(row["loss"]):
             raise StageError(f"{self.name}: the validation loss of epoch {progress.epoch + 1} is {row['loss']}; lower learning_rate")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 import torch.distributed
 
-from pipeline.engine.peers import peers
+from pipeline.engine.process_group import process_group
 from pipeline.engine.versions import processor
 from pipeline.errors import StageError
 from pipeline.store.directory import LOGS
@@ -49,7 +49,7 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
     from lightning_fabric.plugins.environments.torchelastic import TorchElasticEnvironment
     from lightning_fabric.strategies.ddp import DDPStrategy
 
-    together = peers()
+    together = process_group()
     _check_count(settings, name)
     try:
         start: Literal["popen", "spawn"] = "popen" if together else "spawn"  # popen starts nothing where they were started before
@@ -68,7 +68,7 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
 
 
 def _check_count(settings: TrainingSettings, name: str) -> None:
-    together, nodes, devices = peers(), settings.num_nodes, settings.devices
+    together, nodes, devices = process_group(), settings.num_nodes, settings.devices
     if together is None:
         if nodes > 1:
             raise StageError(f"{name}: num_nodes is {nodes}, and one process was started; use torchrun or srun on each node")

@@ -1,20 +1,21 @@
-"""What trainings of networks that reconstruct objects have in common, whatever the family of the network."""
+"""The training of networks that reconstruct objects, whatever their family."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import torch
+from torch import Tensor
 
 from pipeline.engine.stage import DatasetJob, DatasetStage
-from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS
-from pipeline.kernels.networks.implicit_network import ImplicitNetwork
+from pipeline.models.families import model_name
 from pipeline.models.model_files import save_model
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
-from pipeline.models.trained_networks import model_name
+from pipeline.models.reconstruction import Reconstructor
 from pipeline.rng import torch_generator
 from pipeline.training import checkpoint
 from pipeline.training.augmentation import varied_observation
@@ -24,27 +25,59 @@ from pipeline.training.loop import train
 from pipeline.training.settings import ReconstructionSettings
 from schemas.base import Artifact
 from schemas.charts import CHARTS
+from schemas.renderings import RENDERINGS
 from schemas.vision import VISION
 
+IMAGES = {"occluded": VISION, "unoccluded": VISION, "rendering": RENDERINGS}
+"""The artifact that holds each kind of image."""
 
-class Materials(NamedTuple):
-    """What a learner learns from: items of both splits, settings, and the root seed."""
 
-    learning: Items
-    judging: Items
-    settings: Any
-    seed: int
+@dataclass(frozen=True)
+class Batch:
+    """Items that were read: what the network is given of each, what it should find, and what draws the points of the loss.
+
+    `generators` has one per item; `validates` tells whether they are validation items.
+    """
+
+    observations: Sequence[Observation]
+    targets: Any
+    generators: Sequence[torch.Generator]
+    validates: bool
 
 
 class ReconstructionLearner(Learner):
-    """A network that reconstructs, with its items: what is read of them; a family adds its loss."""
+    """A network that reconstructs, with its items; a family says what its targets are, and its error.
 
-    def __init__(self, network: DeformationNetwork | ImplicitNetwork, materials: Materials) -> None:
+    Attributes
+    ----------
+    target
+        The artifact that is learned from.
+    arrays
+        The arrays of it that are read.
+    seeded_as
+        Names the generator of what validation draws.
+    """
+
+    target: ClassVar[Artifact]
+    arrays: ClassVar[tuple[str, ...]]
+    seeded_as: ClassVar[str]
+
+    network: Any
+
+    def __init__(self, network: Any, train: Items, valid: Items, settings: Any, seed: int) -> None:
         super().__init__(network)
-        self._train, self._valid, self._settings, self._seed = materials
-        self._config, self._camera = network.config, self._train.camera
-        asked: ReconstructionSettings = self._settings
-        self._fewest, self._most = (min(count, self._train.grasps) for count in (asked.min_grasps, asked.max_grasps))
+        self.settings, self._train, self._valid, self._seed = settings, train, valid, seed
+        self._config, self._camera = network.config, train.camera
+        asked: ReconstructionSettings = settings
+        self._fewest, self._most = (min(count, train.grasps) for count in (asked.min_grasps, asked.max_grasps))
+
+    @abstractmethod
+    def targets(self, items: Items, chosen: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> Any:
+        """Read what the network should find of the chosen items."""
+
+    @abstractmethod
+    def errors(self, network: Any, batch: Batch) -> Tensor:
+        """Compute the error of each item of a batch, (B,)."""
 
     def __len__(self) -> int:
         return len(self._train)
@@ -53,40 +86,47 @@ class ReconstructionLearner(Learner):
         """Name an item's object and first grasp."""
         return self._train.name(item)
 
-    def observe(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> list[Observation]:
-        """Read what the network is given of training items, each with as many grasps as are drawn for it, varied as the settings say."""
+    def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
+        """Read items, each with as many grasps as are drawn for it, varied as the settings say."""
         drawn = [(self._train.drawn_view(item, self._fewest, self._most, one), one) for item, one in zip(items, generators, strict=True)]
-        return [varied_observation(seen, self._settings, one) for seen, one in drawn]
+        seen = [varied_observation(observation, self.settings, one) for observation, one in drawn]
+        return Batch(seen, self.targets(self._train, items, generators, validates=False), generators, validates=False)
 
-    def observe_in_turn(self) -> Iterator[tuple[range, list[Observation]]]:
-        """Read what the network is given of validation items, with 1, 2, … grasps in turn: batch by batch, with the items' numbers."""
-        size = self._settings.batch_size
+    def validate(self, network: Any) -> dict[str, float]:
+        """Compute the mean error with 1, 2, … grasps in turn; what is drawn is the same in each epoch."""
+        generator, size = torch_generator(self._seed, self.seeded_as, "validate"), self.settings.batch_size
+        found = []
         for start in range(0, len(self._valid), size):
             chosen = range(len(self._valid))[start : start + size]
-            yield chosen, [self._valid.view_in_turn(item, self._fewest, self._most) for item in chosen]
+            seen = [self._valid.view_in_turn(item, self._fewest, self._most) for item in chosen]
+            generators = [generator] * len(chosen)
+            found.append(self.errors(network, Batch(seen, self.targets(self._valid, chosen, generators, validates=True), generators, True)))
+        return {"loss": float(torch.cat(found).double().mean())}
 
-    def stack(self, observations: Sequence[Observation]) -> NetworkBatch:
-        """Stack observations as the network takes them, on its device."""
-        return stack_observations(observations, self._config, self._camera, like=next(self.module.parameters()))
+    def stack(self, network: Any, batch: Batch) -> NetworkBatch:
+        """Stack a batch's observations as the network takes them, on its device."""
+        return stack_observations(batch.observations, self._config, self._camera, like=next(network.parameters()))
 
 
 class ReconstructionTraining(DatasetStage):
-    """Trains a network of one configuration; a family says what it learns from, and how.
+    """Trains a network of one configuration; each subclass is the training of a family.
 
     Attributes
     ----------
-    target
-        The artifact whose arrays `learned` the loss needs.
+    family
+        Makes and uses the network.
+    learner
+        Has the loss.
     """
 
     trains = True
-    target: ClassVar[Artifact]
-    learned: ClassVar[tuple[str, ...]]
+    family: ClassVar[type[Reconstructor]]
+    learner: ClassVar[type[ReconstructionLearner]]
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
         """Name what is read: the target, and what the configuration sees and feels."""
         named = settings.named
-        return (self.target, *([VISION] if named.image else []), *([CHARTS] if named.touch else []))
+        return (self.learner.target, *([IMAGES[named.image]] if named.image else []), *([CHARTS] if named.touch else []))
 
     def splits(self, settings: Any) -> tuple[str, ...]:
         """Name the splits: one to learn from, one to choose the best epoch by."""
@@ -95,14 +135,6 @@ class ReconstructionTraining(DatasetStage):
     def writes(self, settings: Any) -> str:
         """Name the folder of the configuration's model, below the data directory."""
         return model_name(settings.configuration, settings.training_seed)
-
-    @abstractmethod
-    def network(self, settings: Any, side: int, generator: torch.Generator) -> DeformationNetwork | ImplicitNetwork:
-        """Make the network, for touch charts of side x side vertices; the generator draws its weights."""
-
-    @abstractmethod
-    def learner(self, network: Any, materials: Materials) -> ReconstructionLearner:
-        """Make what trains the network."""
 
     def remarks(self, network: Any, items: Items) -> Iterator[str]:
         """Say what of the items a network is not made for, though it learns from them."""
@@ -113,13 +145,13 @@ class ReconstructionTraining(DatasetStage):
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Train, and keep the best epoch's weights with what it takes to use them."""
         settings = job.settings
-        splits = (("train", settings.items), ("valid", settings.validation_items))
-        learning, judging = (Items(job.data, split, settings.named, each, learned=self.learned) for split, each in splits)
+        splits = (("train", settings.samples_per_object), ("valid", settings.validation_items))
+        learning, validation = (Items(job.data, split, settings.named, each, learned=self.learner.arrays) for split, each in splits)
         name = f"{self.name} {settings.configuration}{settings.label}"
-        network = self.network(settings, learning.side, torch_generator(job.seed, name, "weights"))
+        network: Any = self.family.network_type(settings.network(learning.side), torch_generator(job.seed, name, "weights"))
         for line in self.remarks(network, learning):
             job.console.print(f"{name}: {line}")
-        learner = self.learner(network, Materials(learning, judging, settings, job.seed))
+        learner = self.learner(network, learning, validation, settings, job.seed)
         facts = train(learner, settings, folder=job.folder, seed=job.seed, name=name)
         save_model(job.folder, network, learning.description(settings.configuration, network.config))
         checkpoint.discard(job.folder)

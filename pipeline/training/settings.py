@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import ClassVar, Literal
 
 from pydantic import model_validator
 
 from pipeline.config.settings import Settings, setting
+from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.training.schedule import Schedule
 
 
@@ -32,7 +34,7 @@ class TrainingSettings(Settings):
     batch_size: int = setting(16, "items a step", ge=1)
     epochs: int = setting(100, "at most", ge=1)
     patience: int | None = setting(None, "epochs without a better validation loss after which training stops; null never does", ge=1)
-    explosion: float = setting(
+    max_loss_growth: float = setting(
         1e4,
         "a loss above the first epoch's mean by this factor stops the training: no later epoch mends it",
         gt=1,
@@ -53,8 +55,17 @@ class TrainingSettings(Settings):
 
 
 class ReconstructionSettings(TrainingSettings):
-    """How a network that reconstructs objects is trained, whatever its family: what an item is."""
+    """How a network that reconstructs objects is trained, whatever its family: what an item is.
 
+    Attributes
+    ----------
+    configurations
+        The family's networks by name.
+    """
+
+    configurations: ClassVar[Mapping[str, NetworkInputs]]
+
+    configuration: str = setting(..., "which network", changes="definition")
     training_seed: int = setting(
         0,
         "another one trains the same network with other chance, into a folder of its own below models/seed-1 and so on",
@@ -64,7 +75,9 @@ class ReconstructionSettings(TrainingSettings):
     min_grasps: int = setting(1, "fewest grasps an item is given; how many, between fewest and most, is drawn for every item", ge=1)
     max_grasps: int = setting(5, "most grasps", ge=1)
     dropped_touches: float = setting(0.0, "share of an item's touch charts that is left out, drawn for each item", ge=0, lt=1)
-    items: int = setting(5, "items per object and epoch, each beginning with another grasp, whether a network feels or not", ge=1)
+    samples_per_object: int = setting(
+        5, "items per object and epoch, each beginning with another grasp, whether a network feels or not", ge=1
+    )
     validation_items: int = setting(5, "items per validation object, with 1, 2, … grasps", ge=1)
 
     @model_validator(mode="after")
@@ -72,6 +85,22 @@ class ReconstructionSettings(TrainingSettings):
         if self.min_grasps > self.max_grasps:
             raise ValueError(f"min_grasps is {self.min_grasps}, max_grasps {self.max_grasps}; the fewest cannot be more than the most")
         return self
+
+    @model_validator(mode="after")
+    def _known_configuration(self) -> ReconstructionSettings:
+        if self.configuration not in self.configurations:
+            raise ValueError(f"there is no configuration {self.configuration}; there are {', '.join(self.configurations)}")
+        return self
+
+    @property
+    def named(self) -> NetworkInputs:
+        """Look up the configuration: what its network sees and feels."""
+        return self.configurations[self.configuration]
+
+    def network(self, side: int) -> NetworkInputs:
+        """Describe the network of these settings, for touch charts of side x side vertices."""
+        sizes = self.model_dump(include=set(type(self.named).model_fields), exclude_none=True)
+        return self.named.model_copy(update=sizes | {"side": side})
 
     @property
     def label(self) -> str:

@@ -1,15 +1,16 @@
-"""The evaluation on disk: `tables.zarr` with every table and every value, and the tables again as `metrics.json`."""
+"""Evaluations on disk: `tables.zarr` with every figure, and the printed tables as `metrics.json`."""
 
 from __future__ import annotations
 
-import json
 import shutil
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import zarr
+from numpy.typing import NDArray
 from pydantic import BaseModel, Field, ValidationError
 from pydantic_zarr.v3 import GroupSpec
 from zarr.storage import LocalStore
@@ -18,7 +19,7 @@ from pipeline.errors import StoreError
 from pipeline.formats.complaints import complaints
 from pipeline.store.spec import array_spec, numpy_dtype
 from pipeline.store.storage import zarr_store
-from schemas.evaluation import TABLES, VERSION, Table
+from schemas.evaluation import GROUPS, VERSION
 
 TABLES_ZARR = "tables.zarr"
 METRICS = "metrics.json"
@@ -45,13 +46,76 @@ class _Root(BaseModel):
     left_out: dict[str, str]
 
 
+class Figure(NamedTuple):
+    """A figure of one reconstruction; a row of the group `figures` without its network."""
+
+    object_id: str
+    first: int
+    grasps: int
+    metric: str
+    value: float
+
+
+class Figures:
+    """The figures of one network, in the order of the objects.
+
+    Attributes
+    ----------
+    object_ids
+        The objects evaluated.
+    rows
+        The figures as they are stored.
+    """
+
+    def __init__(self, object_ids: Sequence[str], rows: Iterable[Figure]) -> None:
+        self.object_ids, self.rows = list(object_ids), list(rows)
+        number = {object_id: row for row, object_id in enumerate(self.object_ids)}
+        self._found: dict[tuple[str, int], tuple[list[int], list[float]]] = defaultdict(lambda: ([], []))
+        for figure in self.rows:
+            places, values = self._found[figure.metric, figure.grasps]
+            places.append(number[figure.object_id])
+            values.append(figure.value)
+
+    @property
+    def grasps(self) -> list[int]:
+        """List the numbers of grasps that the network was given."""
+        return sorted(grasps for metric, grasps in self._found if metric == "chamfer")
+
+    @property
+    def rings(self) -> list[int]:
+        """List the rings in which a touch has points, from 1."""
+        return sorted(int(metric.rpartition("_")[2]) for metric, _ in self._found if metric.startswith("local_chamfer_"))
+
+    def of(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
+        """Take a metric of every object and choice of grasps: (object, first)."""
+        return np.reshape(self._found[metric, grasps][1], (len(self.object_ids), -1))
+
+    def per_object(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
+        """Compute the mean over the choices of grasps: (object,)."""
+        return np.asarray(self.of(metric, grasps).mean(axis=1))
+
+    def some(self, metric: str) -> NDArray[np.float64]:
+        """List a metric of the objects that have it."""
+        return np.array(self._found[metric, 1][1])
+
+    def ring(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Compute the local Chamfer distance in a ring, the mean over the touches with points in it, and count these: (object,) each.
+
+        Where the number is 0 there is no value, and the distance is 0.
+        """
+        places, values = self._found[f"local_chamfer_{number}", 1]
+        size = len(self.object_ids)
+        sites = np.bincount(np.array(places, int), minlength=size)
+        return np.bincount(np.array(places, int), weights=values, minlength=size) / np.maximum(sites, 1), sites
+
+
 def evaluation_name(training_seed: int = 0) -> str:
     """Name the folder of an evaluation, below a data directory."""
     return f"evaluation-seed-{training_seed}" if training_seed else "evaluation"
 
 
 def write_evaluation(folder: Path, groups: Mapping[str, Mapping[str, Any]], attributes: Mapping[str, Any]) -> None:
-    """Write `tables.zarr` with all groups (`table_2`, `values/touch`, …), and `metrics.json` with the tables alone.
+    """Write `tables.zarr` with all groups (`objects`, `predictions/touch`, …).
 
     Raises
     ------
@@ -63,23 +127,23 @@ def write_evaluation(folder: Path, groups: Mapping[str, Mapping[str, Any]], attr
     store = LocalStore(folder / TABLES_ZARR)
     zarr.create_group(store, attributes={"schema": "evaluation", "schema_version": VERSION, **attributes, "complete": False}, zarr_format=3)
     for name, arrays in checked.items():
-        table = _declared(name)
-        members = {key: array_spec(table.arrays[key], value.shape) for key, value in arrays.items()}
-        group: Any = GroupSpec(attributes={"summary": table.summary}, members=members).to_zarr(store, path=name)
+        declared = GROUPS[name.partition("/")[0]]
+        members = {key: array_spec(declared.arrays[key], value.shape) for key, value in arrays.items()}
+        group: Any = GroupSpec(attributes={"summary": declared.summary}, members=members).to_zarr(store, path=name)
         for key, value in arrays.items():
             group[key][...] = value
     zarr.open_group(store, mode="r+").attrs["complete"] = True
-    tables = {name: {key: _plain(value) for key, value in arrays.items()} for name, arrays in checked.items() if "/" not in name}
-    (folder / METRICS).write_text(json.dumps({**attributes, "tables": tables}, indent=2, sort_keys=True, allow_nan=False))
 
 
-def _declared(group: str) -> Table:
-    return TABLES[group.partition("/")[0]]
+def long_table(figures: Mapping[str, Figures]) -> dict[str, list[Any]]:
+    """Join the figures of all networks to the group `figures`."""
+    rows = [(name, *figure) for name, found in figures.items() for figure in found.rows]
+    return dict(zip(GROUPS["figures"].arrays, map(list, zip(*rows, strict=True)), strict=True))
 
 
 def _conform(name: str, arrays: Mapping[str, Any]) -> Arrays:
     """Check the arrays of a group against its schema, and cast them to the types that it declares."""
-    declared = _declared(name).arrays
+    declared = GROUPS[name.partition("/")[0]].arrays
     if set(arrays) != set(declared):
         raise StoreError(f"evaluation: {name} has arrays {sorted(arrays)}, its schema says {sorted(declared)}")
     try:
@@ -91,14 +155,9 @@ def _conform(name: str, arrays: Mapping[str, Any]) -> Arrays:
         dims = declared[key].dims
         if value.ndim != len(dims) or any(sizes.setdefault(dim, size) != size for dim, size in zip(dims, value.shape, strict=True)):
             raise StoreError(f"evaluation: {name}/{key} has shape {value.shape}, its dimensions are {dims} with {sizes}")
-        if value.dtype.kind == "f" and (np.isnan(value).any() or not (declared[key].infinite or np.isfinite(value).all())):
+        if value.dtype.kind == "f" and not np.isfinite(value).all():
             raise StoreError(f"evaluation: {name}/{key} holds NaN or infinity")
     return found
-
-
-def _plain(values: np.ndarray) -> Any:
-    """Turn an array into lists; JSON has no infinity: an interval without an end has null there."""
-    return (np.where(np.isinf(values), np.array(None), values) if values.dtype.kind == "f" else values).tolist()
 
 
 def _root(folder: Path) -> zarr.Group:
@@ -138,8 +197,17 @@ def read_table(folder: Path, name: str) -> Arrays:
     return _conform(name, {key: np.asarray(array[...]) for key, array in group.arrays()})
 
 
+def read_figures(folder: Path) -> dict[str, Figures]:
+    """Read the figures of an evaluation folder by network; a `StoreError` where there is no finished one."""
+    table, object_ids = read_table(folder, "figures"), read_table(folder, "objects")["object_id"].tolist()
+    rows: dict[str, list[Figure]] = {}
+    for network, *figure in zip(*(table[name].tolist() for name in GROUPS["figures"].arrays), strict=True):
+        rows.setdefault(network, []).append(Figure(*figure))
+    return {network: Figures(object_ids, found) for network, found in rows.items()}
+
+
 def read_surfaces(folder: Path, configuration: str) -> Arrays:
-    """Read the surfaces of a configuration: its group below `predictions` or, of an implicit network, below `meshes`."""
+    """Read the surfaces of a configuration: its group below `predictions` or, of a network without charts, below `meshes`."""
     group = "meshes" if has_table(folder, f"meshes/{configuration}") else "predictions"
     return read_table(folder, f"{group}/{configuration}")
 
@@ -150,7 +218,6 @@ def surface_of(surfaces: Arrays, number: int, case: int) -> tuple[np.ndarray, np
         return surfaces["vertices"][number, case], surfaces["faces"]
     place = (number, case)
     at = int(np.ravel_multi_index(place, surfaces["vertex_count"].shape))
-    starts = (surfaces[key].ravel()[:at].sum() for key in ("vertex_count", "face_count"))
-    first, face = starts
+    first, face = (surfaces[key].ravel()[:at].sum() for key in ("vertex_count", "face_count"))
     vertices = surfaces["vertices"][first : first + surfaces["vertex_count"][place]]
     return vertices, surfaces["faces"][face : face + surfaces["face_count"][place]]

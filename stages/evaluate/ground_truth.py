@@ -1,41 +1,30 @@
-"""The objects of the test split, and what their reconstructions are measured against."""
+"""The objects of the test split, against which reconstructions are measured."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
-from pipeline.kernels.metrics.cloud_distances import sampled_area
-from pipeline.models.observation import Observation, stored_observation
-from pipeline.models.reconstruction import Reconstructor
+from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
 from pipeline.store.storage import Place
-from stages.evaluate.reconstruction_cases import Case
-from stages.evaluate.settings import EvaluationSettings
+from stages.evaluate.evaluation_files import Arrays
 
 SPLIT = "test"
 
 
-class Truth:
+class TestObjects:
     """Hold the objects of the test split, the same for every model: one that failed in what one of them needs is left out for all.
-
-    Of images and charts only those are read that a model is shown.
 
     Attributes
     ----------
     rows
-        Gives images, and touch charts of the models that feel.
+        Gives the arrays that were asked for.
     count
         Points of S^obj per object: as many as are drawn from a reconstruction.
-    poses, touched
-        (object, grasp, sensor, 4, 4) and (object, grasp, sensor) bool: the touch sites.
-    width
-        Of the sensor, m.
-    seen
-        Whether a model is shown an image.
 
     Raises
     ------
@@ -45,24 +34,13 @@ class Truth:
         As `ObjectRows`.
     """
 
-    def __init__(self, data: Place, models: Sequence[Reconstructor], settings: EvaluationSettings) -> None:
-        self.rows = ObjectRows(data, arrays_of(models), SPLIT)
-        self.count = settings.points
-        if (available := self.rows.size("points", "point")) < self.count:
-            raise StageError(
-                f"evaluate.points is {self.count}, the dataset has {available} points per object; lower it, or sample more surface"
-            )
-        self.poses, self.touched = self.stack("sensor_pose"), self.stack("touch_success")
-        self.width = self.rows.sensor().width
-        self.seen = any(model.image for model in models)
+    def __init__(self, data: Place, arrays: Iterable[str], count: int, stage: str) -> None:
+        self.rows, self.count = ObjectRows(data, list(arrays), SPLIT), count
+        if (available := self.rows.size("points", "point")) < count:
+            raise StageError(f"{stage}.points is {count}, the dataset has {available} points per object; lower it, or sample more surface")
 
     def __len__(self) -> int:
         return len(self.rows)
-
-    @property
-    def grasps(self) -> int:
-        """Number of grasps per object."""
-        return int(self.touched.shape[1])
 
     def stack(self, array: str) -> np.ndarray:
         """Read an array of all objects: (object, …)."""
@@ -80,17 +58,12 @@ class Truth:
         """Compute the area of an object's surface, m², as distances between points show it: two sides of thin parts count once."""
         return sampled_area(self.points(row))
 
-    def area_of_all_sides(self, row: int) -> float:
-        """Compute the area of an object's surface, m²."""
-        return sampled_area(self.points(row), self.normals(row))
-
-    def view(self, model: Reconstructor, row: int, case: Case) -> Observation:
-        """Read what a model is shown of an object."""
-        return stored_observation(self.rows, self.rows.object_ids[row], case.grasps or (case.first,), model.config)
-
-
-def arrays_of(models: Sequence[Reconstructor]) -> list[str]:
-    """List the arrays that these models' evaluation reads; `untouched` for the sensor's description in the attributes."""
-    images = sorted({model.image for model in models if model.image is not None})
-    charts = ["vertices", "residual", "iterations", "stop_rule"] if any(model.touch for model in models) else []
-    return ["points", "normals", "depth", "sensor_pose", "touch_success", "untouched", *images, *charts]
+    def table(self) -> Arrays:
+        """Make the group `objects` of the schema."""
+        areas = [self.area(row) for row in range(len(self))]
+        return {
+            "object_id": np.array(self.rows.object_ids),
+            "category": np.array(self.rows.categories),
+            "area": np.array(areas),
+            "floor": np.array([sampling_floor(area, self.count) for area in areas]),
+        }

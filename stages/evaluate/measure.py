@@ -1,8 +1,11 @@
-"""One model on the objects of a split: reconstruct each case once, and measure it against S^obj."""
+"""One model on the objects of a split: reconstruct each case once, and measure it by a protocol."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,58 +15,135 @@ from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
-from pipeline.kernels.metrics.surface_quality import crossing_faces, dihedral_angles, normal_consistency, seam_gaps, surface_area
-from pipeline.kernels.metrics.touch_site_rings import ring_means, ring_of
+from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 from pipeline.rng import numpy_rng
-from pipeline.store.spec import numpy_dtype
-from schemas.evaluation import TABLES
-from stages.evaluate.closed_surfaces import ClosedSurfaces
-from stages.evaluate.evaluation_files import Arrays
-from stages.evaluate.ground_truth import Truth
-from stages.evaluate.reconstruction_cases import Case, make_cases
-from stages.evaluate.settings import EvaluationSettings
-
-THRESHOLDS = (1.0, 2.0)
-"""F1 is measured at tau and at twice tau (Table 4)."""
+from stages.evaluate.evaluation_files import Arrays, Figure, Figures
+from stages.evaluate.ground_truth import TestObjects
 
 
-def measure(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> dict[str, Arrays]:
-    """Measure the model called `name`: its groups below `values`, `predictions` or `meshes`, and `closed` (see the schema)."""
-    settings: EvaluationSettings = job.settings
-    numbers, cases = cases_of(model, truth.grasps, settings)
-    values = _room(truth, numbers, settings.rings)
-    kept: list[Reconstruction] = []
+@dataclass(frozen=True)
+class Case:
+    """Choose grasps, or a view, the same for every object.
+
+    Attributes
+    ----------
+    first
+        The first grasp; the occluded image is the one with the hand in it. Or the view.
+    grasps
+        The grasps whose touches are given, none for a model without touch.
+    given
+        Number of grasps that the figures are of.
+    firsts
+        The first grasps whose figures the reconstruction gives.
+    """
+
+    first: int
+    grasps: tuple[int, ...]
+    given: int
+    firsts: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A reconstruction of an object (`row`) in a case, with points drawn from it and their faces, and its distances to the object.
+
+    `is_first` tells whether it is the first case of its object.
+    """
+
+    row: int
+    case: Case
+    made: Reconstruction
+    sampled: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    apart: CloudDistances
+    is_first: bool
+
+
+class Protocol(ABC):
+    """What is measured of reconstructions, and what models are shown.
+
+    Attributes
+    ----------
+    stage
+        The stage that measures by it.
+    objects
+        The test objects.
+    """
+
+    stage: ClassVar[str]
+    keeps_surfaces: ClassVar[bool] = False
+    objects: TestObjects
+
+    @abstractmethod
+    def cases(self, model: Reconstructor) -> list[Case]:
+        """List the cases of a model."""
+
+    @abstractmethod
+    def identity(self, name: str, object_id: str, case: Case) -> tuple[str | int, ...]:
+        """Name the draw of points from a reconstruction."""
+
+    @abstractmethod
+    def figures(self, name: str, model: Reconstructor, one: Measured) -> Iterator[tuple[int, str, float]]:
+        """Measure a reconstruction: the first grasp or view that a figure is of, its metric and its value."""
+
+    @abstractmethod
+    def baselines(self) -> dict[str, Figures]:
+        """Measure training objects in place of reconstructions, by how they are chosen."""
+
+    @abstractmethod
+    def extra(self, models: Sequence[Reconstructor]) -> dict[str, Arrays]:
+        """Make further groups of the schema."""
+
+    def observe(self, model: Reconstructor, row: int, case: Case) -> Observation:
+        """Read what a model is shown of an object."""
+        return stored_observation(self.objects.rows, self.objects.rows.object_ids[row], case.grasps or (case.first,), model.config)
+
+
+def measure(name: str, model: Reconstructor, protocol: Protocol, job: DatasetJob) -> tuple[list[Figure], Arrays]:
+    """Measure the model called `name`.
+
+    Returns
+    -------
+    Its figures, and its group below `predictions` or `meshes`; empty where the protocol keeps no surfaces.
+
+    Raises
+    ------
+    StageError
+        A reconstruction is not finite.
+    """
+    objects, cases, size = protocol.objects, protocol.cases(model), job.settings.batch_size
     kept_cases = cases if model.has_charts else [case for case in cases if case.first == 0]  # meshes are larger
-    closing = ClosedSurfaces(name, truth, job, settings.closed_resolution) if settings.closed_resolution else None
-    with Meter(job.console, f"evaluate {name}", len(truth), "objects") as meter:
-        for row, case, made in _reconstructions(model, truth, cases, settings.batch_size):
-            identity = (truth.rows.object_ids[row], name, case.first, len(case.grasps))
-            if not np.isfinite(made.vertices).all():
-                what = " ".join(map(str, identity))
-                raise StageError(f"the reconstruction of {what} holds NaN or infinity; was the model trained to the end?")
-            sampled, face = sample_triangles(made.vertices[made.faces], truth.count, numpy_rng(job.seed, "evaluate", *identity))
-            apart = cloud_distances(sampled, truth.points(row))
-            _note(values, row, case, apart, settings)
-            if case is cases[0]:
-                for key, value in quality_of(made, sampled, made.faces[face], apart, truth, row).items():
-                    values[key][row] = value
-                if closing:
-                    closing.note(row, made, truth.view(model, row, case))
-            if numbers[case.given] == 1:
-                _note_rings(values, row, case, apart, truth)
-            if case in kept_cases:
-                kept.append(made)
-            if case is cases[-1]:
+    rows: list[Figure] = []
+    kept: list[Reconstruction] = []
+    work = [(row, case) for row in range(len(objects)) for case in cases]
+    with Meter(job.console, f"{protocol.stage} {name}", len(work), "reconstructions") as meter:
+        for start in range(0, len(work), size):
+            batch = work[start : start + size]
+            surfaces = model.reconstruct([protocol.observe(model, row, case) for row, case in batch])
+            for (row, case), made in zip(batch, surfaces, strict=True):
+                object_id = objects.rows.object_ids[row]
+                identity = protocol.identity(name, object_id, case)
+                if not np.isfinite(made.vertices).all():
+                    what = " ".join(map(str, identity))
+                    raise StageError(f"the reconstruction of {what} holds NaN or infinity; was the model trained to the end?")
+                rng = numpy_rng(job.seed, protocol.stage, *identity)
+                sampled, face = sample_triangles(made.vertices[made.faces], objects.count, rng)
+                apart = cloud_distances(sampled, objects.points(row))
+                one = Measured(row, case, made, sampled, made.faces[face], apart, is_first=case is cases[0])
+                rows += [Figure(object_id, first, case.given, metric, value) for first, metric, value in protocol.figures(name, model, one)]
+                if protocol.keeps_surfaces and case in kept_cases:
+                    kept.append(made)
                 meter.advance()
-    surfaces = {
-        "object_id": values["object_id"],
+    if not kept:
+        return rows, {}
+    surfaces_of = _charts if model.has_charts else _meshes
+    return rows, {
+        "object_id": np.array(objects.rows.object_ids),
         "first_grasp": np.array([case.first for case in kept_cases]),
         "grasps_given": np.array([len(case.grasps) for case in kept_cases]),
-        **(_charts if model.has_charts else _meshes)(kept, (len(truth), len(kept_cases))),
+        **surfaces_of(kept, (len(objects), len(kept_cases))),
     }
-    groups = {f"values/{name}": values, f"{surfaces_group(model)}/{name}": surfaces}
-    return groups | ({f"closed/{name}": closing.values} if closing else {})
 
 
 def surfaces_group(model: Reconstructor) -> str:
@@ -71,80 +151,17 @@ def surfaces_group(model: Reconstructor) -> str:
     return "predictions" if model.has_charts else "meshes"
 
 
-def _charts(kept: Sequence[Reconstruction], shape: tuple[int, int]) -> Arrays:
+def _charts(kept: Sequence[Reconstruction], shape: tuple[int, int]) -> Mapping[str, np.ndarray]:
     made = kept[-1]
     vertices = np.array([one.vertices[: one.vision] for one in kept], np.float32)
     faces = made.faces[(made.faces < made.vision).all(axis=1)]
     return {"vertices": vertices.reshape(*shape, -1, 3), "faces": faces, "position": made.position}
 
 
-def _meshes(kept: Sequence[Reconstruction], shape: tuple[int, int]) -> Arrays:
+def _meshes(kept: Sequence[Reconstruction], shape: tuple[int, int]) -> Mapping[str, np.ndarray]:
     return {
         "vertices": np.concatenate([one.vertices for one in kept]),
         "faces": np.concatenate([one.faces for one in kept]),
         "vertex_count": np.reshape([len(one.vertices) for one in kept], shape),
         "face_count": np.reshape([len(one.faces) for one in kept], shape),
     }
-
-
-def cases_of(model: Reconstructor, available: int, settings: EvaluationSettings) -> tuple[list[int], list[Case]]:
-    """List the numbers of grasps that a model is evaluated with, of `available` ones per object, and its cases of each object."""
-    numbers = [number for number in settings.grasps if number <= available] if model.touch else [1]
-    return numbers, make_cases(available, numbers, touch=model.touch, occluded=model.image == "occluded")
-
-
-def _reconstructions(
-    model: Reconstructor, truth: Truth, cases: Sequence[Case], batch_size: int
-) -> Iterator[tuple[int, Case, Reconstruction]]:
-    """Reconstruct every case of every object, a batch at a time: its row, the case, and what came out."""
-    work = [(row, case) for row in range(len(truth)) for case in cases]
-    for start in range(0, len(work), batch_size):
-        batch = work[start : start + batch_size]
-        made = model.reconstruct([truth.view(model, row, case) for row, case in batch])
-        yield from ((row, case, one) for (row, case), one in zip(batch, made, strict=True))
-
-
-def quality_of(
-    made: Reconstruction, sampled: NDArray[np.float64], faces: NDArray[np.int64], apart: CloudDistances, truth: Truth, row: int
-) -> dict[str, float]:
-    """Measure how a reconstruction looks, from points drawn from it and the faces they are on; see the schema's `QUALITY`."""
-    vision = made.faces[(made.faces < made.vision).all(axis=1)]
-    a, b, c = np.moveaxis(made.vertices[faces], 1, 0)
-    across = np.cross(b - a, c - a)
-    normals = across / np.linalg.norm(across, axis=1, keepdims=True)  # a face with a point on it has an area
-    return {
-        "area_ratio": surface_area(made.vertices, made.faces) / truth.area_of_all_sides(row),
-        "dihedral": float(np.median(dihedral_angles(made.vertices, vision))),
-        "seam_gap": 0.0 if made.is_whole else float(seam_gaps(made.vertices[: made.vision], made.position).mean()),
-        "spike": float(np.sqrt(np.quantile(apart.predicted, 0.999))),
-        "normal_consistency": normal_consistency(sampled, normals, truth.points(row), truth.normals(row)),
-        "crossing": float(crossing_faces(made.vertices, vision, made.position).mean()),
-    }
-
-
-def _room(truth: Truth, numbers: list[int], rings: int) -> Arrays:
-    """Make the group `values`, its figures still 0."""
-    dims = ("object", "first_grasp", "sensor", "grasps_given", "ring", "threshold")
-    sizes = dict(zip(dims, (*truth.touched.shape, len(numbers), rings, len(THRESHOLDS)), strict=True))
-    declared = TABLES["values"].arrays
-    labels = {"object_id": truth.rows.object_ids, "category": truth.rows.categories, "grasps_given": numbers, "ring": range(1, rings + 1)}
-    figures = {name: np.zeros([sizes[dim] for dim in array.dims], numpy_dtype(array)) for name, array in declared.items()}
-    return figures | {name: np.array(label) for name, label in labels.items()}
-
-
-def _note(values: Arrays, row: int, case: Case, apart: CloudDistances, settings: EvaluationSettings) -> None:
-    at = (row, list(case.firsts), case.given)
-    values["chamfer"][at] = apart.chamfer
-    for threshold, multiple in enumerate(THRESHOLDS):
-        tau = multiple * settings.tau
-        values["precision"][(*at, threshold)], values["recall"][(*at, threshold)] = apart.precision_recall(tau, settings.scale)
-        values["f1"][(*at, threshold)] = apart.f1(tau, settings.scale)
-
-
-def _note_rings(values: Arrays, row: int, case: Case, apart: CloudDistances, truth: Truth) -> None:
-    points, rings = truth.points(row), len(values["ring"])
-    for grasp in case.firsts:
-        for sensor in np.flatnonzero(truth.touched[row, grasp]):
-            at = (row, grasp, sensor)
-            ring = ring_of(points, truth.poses[at], truth.width, rings)
-            values["local_chamfer"][at], values["local_points"][at] = ring_means(apart.truth, ring, rings)

@@ -1,11 +1,11 @@
-"""The settings of `evaluate`."""
+"""The settings of `evaluate` and `evaluate-single-image`."""
 
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
 from pipeline.config.settings import Settings, setting
-from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
+from pipeline.models.families import GRASP_CONFIGURATIONS
 
 
 def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
@@ -15,12 +15,25 @@ def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _known(names: tuple[str, ...]) -> tuple[str, ...]:
-    if not names or not set(names) <= set(EVERY_CONFIGURATION) or len(set(names)) < len(names):
-        raise ValueError(f"{names}: name some of {', '.join(EVERY_CONFIGURATION)}, each once")
+    if not names or not set(names) <= set(GRASP_CONFIGURATIONS) or len(set(names)) < len(names):
+        raise ValueError(f"{names}: name some of {', '.join(GRASP_CONFIGURATIONS)}, each once")
     return names
 
 
-class EvaluationSettings(Settings):
+class MeasuringSettings(Settings):
+    """How networks are measured, by whatever protocol."""
+
+    points: int = setting(10_000, "points drawn from each surface: as many as S^obj has; the sampling floor falls with them", ge=2)
+    tau: float = setting(1e-4, "squared distance of F1 in Table 4's protocol, in its scaled unit", gt=0, le=1e6, changes="definition")
+    looked_up: int = setting(
+        200, "training objects among which the baselines look, spread evenly: each test object is compared with each of them", ge=1
+    )
+    batch_size: int = setting(16, "as in training; more needs more memory, and sums may differ in their last bit with it", ge=1)
+    threads: int = setting(1, "of torch on a CPU, as in training", ge=1)
+    accelerator: str = setting("auto", "a GPU where there is one", changes="speed")
+
+
+class EvaluationSettings(MeasuringSettings):
     """Choose what is measured, and on how many points (supplement 3.5, Tables 2 to 4)."""
 
     configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = setting(
@@ -32,8 +45,6 @@ class EvaluationSettings(Settings):
     grasps: Annotated[tuple[Annotated[int, Field(ge=1)], ...], AfterValidator(_with_one)] = setting(
         (1, 2, 3, 4, 5), "Table 3's numbers of grasps; those the dataset does not have are left out", changes="definition"
     )
-    points: int = setting(10_000, "points drawn from each surface: as many as S^obj has; the sampling floor falls with them", ge=2)
-    tau: float = setting(1e-4, "squared distance of F1 in Table 4's protocol, in scaled metres squared", gt=0, le=1e6, changes="definition")
     scale: float = setting(
         1.14,
         "Table 4's protocol takes objects of diagonal 1 times 0.57; here their diagonal is 0.5 m, so tau means the same",
@@ -42,9 +53,6 @@ class EvaluationSettings(Settings):
         changes="definition",
     )
     rings: int = setting(5, "Table 2's rings, one sensor width after the other", ge=1, changes="definition")
-    looked_up: int = setting(
-        200, "training objects among which the baselines look, spread evenly: each test object is compared with each of them", ge=1
-    )
     closed_resolution: int | None = setting(
         None,
         "edges along the longest side of a closed mesh of each object's reconstruction with one grasp, for its watertightness and "
@@ -52,6 +60,17 @@ class EvaluationSettings(Settings):
         ge=8,
         le=400,
     )
-    batch_size: int = setting(16, "as in training; more needs more memory, and sums may differ in their last bit with it", ge=1)
-    threads: int = setting(1, "of torch on a CPU, as in training", ge=1)
-    accelerator: str = setting("auto", "a GPU where there is one", changes="speed")
+
+
+class SingleImageEvaluationSettings(MeasuringSettings):
+    """Table 4's standard, and how many views of each object are measured (supplement 3.6)."""
+
+    views: int = setting(
+        5,
+        "views per test object, the first ones, and per training object that is looked up; the cited evaluations take all 24",
+        ge=1,
+        changes="definition",
+    )
+    scale: float = setting(
+        0.57, "what objects whose bounding box has diagonal 1 are multiplied by, the standard's", gt=0, le=1e6, changes="definition"
+    )

@@ -1,48 +1,110 @@
-"""Supplement 2.4 and 3.5: every trained model on the test objects, in the tables of the supplement."""
+"""Trained models on the test objects: by the supplement's tables (2.4, 3.5), and single images by Table 4's standard (3.6)."""
 
 from __future__ import annotations
 
-from contextlib import suppress
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
+
+import numpy as np
 
 from pipeline.config.manifest import SPLITS
+from pipeline.console import show_tables
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
-from pipeline.errors import StoreError
-from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
+from pipeline.models.families import GRASP_CONFIGURATIONS, load_reconstructor, model_name
 from pipeline.models.reconstruction import Reconstructor
-from pipeline.models.trained_networks import load_reconstructor, model_name
+from pipeline.store.atomic import write_at_once
 from pipeline.store.directory import DataDirectory
-from pipeline.store.row_files import Result, RowFiles
-from pipeline.store.storage import remove
 from pipeline.training.device import device_of, torch_threads
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
+from schemas.renderings import RENDERINGS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
-from stages.evaluate.evaluation_files import Arrays, evaluation_name, write_evaluation
-from stages.evaluate.ground_truth import Truth
-from stages.evaluate.measure import measure, surfaces_group
-from stages.evaluate.printed_tables import show, show_training
-from stages.evaluate.settings import EvaluationSettings
-from stages.evaluate.tables import make_tables
+from stages.evaluate.evaluation_files import METRICS, Arrays, Figure, Figures, evaluation_name, long_table, write_evaluation
+from stages.evaluate.grasp_protocol import GraspProtocol
+from stages.evaluate.measure import Protocol, measure, surfaces_group
+from stages.evaluate.settings import EvaluationSettings, SingleImageEvaluationSettings
+from stages.evaluate.single_image_protocol import SingleImageProtocol
+from stages.evaluate.tables import evaluation_tables, training_table
 
-PIECE = "measured"
-"""Name of the pieces that a killed run leaves; they lie in a folder of their key."""
+MEASURED = "measured"
+"""Folder of what a killed run leaves of each model, in a folder of their key."""
 
 
-class Evaluate(DatasetStage):
+class NetworkEvaluation(DatasetStage):
+    """Measures trained models by a protocol."""
+
+    protocol: ClassVar[Callable[..., Protocol]]
+
+    def attributes(self, job: DatasetJob, protocol: Any, models: Mapping[str, Reconstructor]) -> dict[str, Any]:
+        """Say what was evaluated, in the root of the evaluation."""
+        rows = protocol.objects.rows
+        given = {name: {"image": model.image, "touch": model.touch} for name, model in models.items()}
+        return {
+            "settings": job.settings.results(),
+            "seed": job.seed,
+            "split": rows.split,
+            "configurations": given,
+            "left_out": rows.left_out,
+        }
+
+    def make(self, job: DatasetJob) -> dict[str, Any]:
+        """Measure model by model, and training objects in their place; then write and print the tables."""
+        device = device_of(job.settings.accelerator)
+        models = {Path(name).name: load_reconstructor(Path(name).name, folder, device) for name, folder in job.models.items()}
+        protocol = self.protocol(job, list(models.values()))
+        figures: dict[str, Figures] = {}
+        groups: dict[str, Mapping[str, Any]] = {"objects": protocol.objects.table(), **protocol.extra(list(models.values()))}
+        with torch_threads(job.settings.threads):
+            for name, model in models.items():
+                rows, surfaces = _measured(name, model, protocol, job)
+                figures[name] = Figures(protocol.objects.rows.object_ids, rows)
+                groups |= {f"{surfaces_group(model)}/{name}": surfaces} if surfaces else {}
+        groups["figures"] = long_table(figures | protocol.baselines())
+        attributes = self.attributes(job, protocol, models)
+        write_evaluation(job.folder, groups, attributes)
+        tables = evaluation_tables(job.folder)
+        content = {**attributes, "tables": [table.as_json() for table in tables]}
+        (job.folder / METRICS).write_text(json.dumps(content, indent=2, sort_keys=True, allow_nan=False))
+        facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
+        show_tables(job.console, [*tables, training_table(facts)])
+        shutil.rmtree(job.folder / MEASURED, ignore_errors=True)
+        return {"objects": len(protocol.objects), "left_out": len(protocol.objects.rows.left_out), "training": facts}
+
+
+def _measured(name: str, model: Reconstructor, protocol: Protocol, job: DatasetJob) -> tuple[list[Figure], Arrays]:
+    """Take a model's figures and surfaces over from a killed run, or measure it and keep them for one."""
+    path = job.folder / MEASURED / f"{name}.npz"
+    if not path.exists():
+        rows, surfaces = measure(name, model, protocol, job)
+        content = BytesIO()
+        arrays: dict[str, Any] = dict(zip(Figure._fields, map(np.array, zip(*rows, strict=True)), strict=True))
+        arrays |= {f"surface/{key}": array for key, array in surfaces.items()}
+        np.savez(content, **arrays)
+        write_at_once(path, content.getvalue())
+    with np.load(path) as kept:
+        rows = [Figure(*row) for row in zip(*(kept[key].tolist() for key in Figure._fields), strict=True)]
+        return rows, {key.removeprefix("surface/"): kept[key] for key in kept if key.startswith("surface/")}
+
+
+class Evaluate(NetworkEvaluation):
     """Make the supplement's tables from trained models."""
 
     name = "evaluate"
     summary = "Every trained model on the test objects: the supplement's tables, beside its figures."
     settings_type = EvaluationSettings
+    protocol = GraspProtocol
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
         """Name what the models are shown, and where the touch sites are."""
-        networks = [EVERY_CONFIGURATION[name] for name in settings.configurations]
+        networks = [GRASP_CONFIGURATIONS[name] for name in settings.configurations]
         seen, felt = any(network.image for network in networks), any(network.touch for network in networks)
         return (SURFACES, GRASPS, TOUCH, *([VISION] if seen else []), *([CHARTS] if felt else []))
 
@@ -62,45 +124,37 @@ class Evaluate(DatasetStage):
         """Estimate six models: at most 74 reconstructions per object, of about 0.1 s and 15 kB each."""
         return Cost(seconds=7.4 * objects, kilobytes=1100 * objects)
 
-    def make(self, job: DatasetJob) -> dict[str, Any]:
-        """Evaluate model by model, then write and print the tables."""
-        settings: EvaluationSettings = job.settings
-        device = device_of(settings.accelerator)
-        folders = {Path(name).name: folder for name, folder in job.models.items()}
-        models = {name: load_reconstructor(name, folder, device) for name, folder in folders.items()}
-        truth = Truth(job.data, list(models.values()), settings)
-        groups: dict[str, Arrays] = {}
-        with torch_threads(settings.threads):
-            for name, model in models.items():
-                groups |= _measured(name, model, truth, job)
-        facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
-        felt = [name for name, model in models.items() if model.touch]
-        shut = {name: groups[f"closed/{name}"] for name in models if f"closed/{name}" in groups}
-        tables = make_tables(job, truth, {name: groups[f"values/{name}"] for name in models}, felt=felt, facts=facts, shut=shut)
-        attributes = {
-            "settings": settings.results(),
-            "seed": job.seed,
-            "split": truth.rows.split,
-            "configurations": {name: {"image": model.image, "touch": model.touch} for name, model in models.items()},
-            "left_out": truth.rows.left_out,
-        }
-        write_evaluation(job.folder, tables | groups, attributes)
-        show(job.folder, job.console)
-        show_training(facts, job.console)
-        remove(RowFiles(job.folder).folder)
-        return {"objects": len(truth), "left_out": len(truth.rows.left_out), "training": facts}
 
+class EvaluateSingleImage(NetworkEvaluation):
+    """Make Table 4 from the trained model."""
 
-def _measured(name: str, model: Reconstructor, truth: Truth, job: DatasetJob) -> dict[str, Arrays]:
-    """Take a model's groups over from a killed run, or measure it and keep them for one."""
-    rows, found = RowFiles(job.folder), {}
-    kinds = ("values", surfaces_group(model), *(["closed"] if job.settings.closed_resolution else []))
-    for group in (f"{kind}/{name}" for kind in kinds):
-        if result := rows.find(group, PIECE):
-            with suppress(StoreError):
-                found[group] = rows.load(result)
-    if len(found) < len(kinds):
-        found = measure(name, model, truth, job)
-        for group, arrays in found.items():
-            rows.save(Result(name=group, key=PIECE), dict(arrays))
-    return found
+    name = "evaluate-single-image"
+    summary = "The single-image network on the test objects: Table 4, beside the published rows."
+    settings_type = SingleImageEvaluationSettings
+    protocol = SingleImageProtocol
+
+    def inputs(self, settings: SingleImageEvaluationSettings) -> tuple[Artifact, ...]:
+        """Name the objects' points and renderings."""
+        return (SURFACES, RENDERINGS)
+
+    def models(self, settings: SingleImageEvaluationSettings) -> tuple[str, ...]:
+        """Name the model."""
+        return (model_name("single-image"),)
+
+    def splits(self, settings: SingleImageEvaluationSettings) -> tuple[str, ...]:
+        """Name the objects that are measured, and those among which the baselines look."""
+        return ("train", "test")
+
+    def writes(self, settings: SingleImageEvaluationSettings) -> str:
+        """Name the one evaluation of a data directory."""
+        return "evaluation-single-image"
+
+    def cost(self, settings: SingleImageEvaluationSettings, objects: int) -> Cost:
+        """Estimate a fifth of the objects, 0.3 s per view."""
+        return Cost(seconds=0.06 * settings.views * objects, kilobytes=0.1 * objects)
+
+    def attributes(self, job: DatasetJob, protocol: Any, models: Mapping[str, Reconstructor]) -> dict[str, Any]:
+        """Add what Table 4's rows are of."""
+        manifest = DataDirectory(job.data).folder(model_name("single-image")).manifest
+        learned_from = len(ObjectRows(job.data, ["rendering"], "train"))
+        return super().attributes(job, protocol, models) | {"manifest": manifest, "views": protocol.views, "training_objects": learned_from}

@@ -1,212 +1,264 @@
-"""The tables of an evaluation, from the values per object."""
+"""The tables of an evaluation, from its figures, beside the supplement's."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console
 
-from pipeline.dataset.touch_charts import is_surface
-from pipeline.dataset.touch_statistics import tally
-from pipeline.engine.stage import DatasetJob
-from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
-from pipeline.kernels.metrics.cloud_distances import sampling_floor
+from pipeline.console import Cell, Row, Table, show_tables
+from pipeline.dataset.touch_statistics import SUPPLEMENT_SUCCESS
+from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.rng import numpy_rng
-from pipeline.store.storage import Place
-from schemas.charts import STOP_RULES
-from schemas.evaluation import QUALITY
-from stages.evaluate.baselines import retrieved
-from stages.evaluate.evaluation_files import Arrays
-from stages.evaluate.ground_truth import Truth
-from stages.evaluate.measure import THRESHOLDS
-from stages.evaluate.settings import EvaluationSettings
+from stages.evaluate.baselines import LOOKED_UP
+from stages.evaluate.evaluation_files import Arrays, Figures, read_figures, read_root, read_table
+from stages.evaluate.grasp_protocol import ALL
+from stages.evaluate.supplement_figures import BEST_EPOCH, TABLE_2, TABLE_3, TABLE_4
 
-Models = Mapping[str, Arrays]
-"""By configuration: the arrays of its group `values`."""
+QUALITY_UNITS = {
+    "area_ratio": ("area, % of the true one", 100),
+    "dihedral": ("dihedral angle, °", 1),
+    "seam_gap": ("seams, mm", 1e3),
+    "spike": ("99.9 % within, mm", 1e3),
+    "normal_consistency": ("normals agree, %", 100),
+    "crossing": ("faces that cross, %", 100),
+}
+"""How a measure is called in print, and the factor to the unit there."""
 
-Facts = Mapping[str, Mapping[str, Any]]
-"""By configuration: the facts of the record of its training."""
-
-TableArrays = dict[str, Any]
-"""Arrays, or lists of numbers or names, as the schema declares them."""
-
-ALL = "all"
-"""The class of every object, the stop rule of every chart."""
+Networks = Mapping[str, Figures]
+Members = Mapping[str, NDArray[np.bool_]]
 
 
-def make_tables(
-    job: DatasetJob, truth: Truth, models: Models, *, felt: Sequence[str], facts: Facts, shut: Models
-) -> dict[str, TableArrays]:
-    """Make every table of the schema; those of touch only for the configurations that take it, `felt`; `shut` has groups `closed`."""
-    settings: EvaluationSettings = job.settings
-    areas = [truth.area(row) for row in range(len(truth))]
-    objects = {
-        "object_id": truth.rows.object_ids,
-        "category": truth.rows.categories,
-        "area": areas,
-        "floor": np.array([sampling_floor(area, truth.count) for area in areas]),
-    }
-    made = {
-        "objects": objects,
-        "table_1": dataset(job.data),
-        "table_2": rings(models, job.seed),
-        "modalities": modalities(models, objects, settings.tau * np.array(THRESHOLDS), job.seed),
-        "training": training(facts),
-        "quality": quality(models),
-    }
-    if known := retrieved(truth, job):
-        made["baselines"] = baselines(known, objects, job.seed)
-    if shut:
-        made["closed_surfaces"] = closed_surfaces(shut)
+def show(folder: Path, console: Console) -> None:
+    """Print the tables of an evaluation folder; a `StoreError` where there is none."""
+    show_tables(console, evaluation_tables(folder))
+
+
+def evaluation_tables(folder: Path) -> list[Table]:
+    """Make the tables of an evaluation folder, of whatever protocol; a `StoreError` where there is none."""
+    return list(_single_image_tables(folder) if "views" in read_root(folder) else _grasp_tables(folder))
+
+
+def _grasp_tables(folder: Path) -> Iterator[Table]:
+    root, figures, objects = read_root(folder), read_figures(folder), read_table(folder, "objects")
+    settings, floor = root["settings"], objects["floor"].mean()
+    networks = {name: figures[name] for name in root["configurations"]}
+    felt = {name: networks[name] for name, given in root["configurations"].items() if given["touch"]}
+    members, rng = _members(objects["category"]), partial(numpy_rng, root["seed"])
+    classes = [f"{name} ({member.sum()})" for name, member in members.items()]
+    yield Table(
+        f"evaluation of {len(objects['floor'])} objects, split {root['split']}, seed {root['seed']}; Chamfer distance: mean "
+        f"squared nearest distance, both directions summed, n = {settings['points']} points a side, sampling floor "
+        f"2A/(πn) = {floor:.3e} m² ({TABLE_3_FACTOR * floor:.3f} in Table 3's unit, × {TABLE_3_FACTOR:.0f}); "
+        f"in brackets: {100 * LEVEL:.0f} % bootstrap intervals over objects"
+    )
+    if root["left_out"]:
+        yield Table(f"left out, for they failed: {', '.join(root['left_out'])}")
+    yield _dataset(read_table(folder, "table_1"))
+    yield _rings(networks, settings["rings"], floor, partial(rng, "table_2"))
     if felt:
-        made["table_3"] = grasps({name: models[name] for name in felt}, job.seed)
-        made["charts"] = charts(*map(truth.stack, ("residual", "iterations", "stop_rule")))
-    return made
+        yield _grasps(felt, floor, partial(rng, "table_3"))
+    yield _modalities(networks, members, classes, objects["floor"], partial(rng, "modalities"))
+    tau = settings["tau"]
+    title = f"F1, %, at squared distance τ = {tau:g} / 2τ = {2 * tau:g} m² of clouds scaled by {settings['scale']:g}, with one grasp"
+    rows = [[name, *_by_class(found, members, ("f1", "f1_2tau"))] for name, found in networks.items()]
+    yield Table(title, ["model", *classes], [Row(row) for row in rows], ["", *[".1f"] * len(classes)])
+    if looked_up := {name: found for name, found in figures.items() if name.startswith(LOOKED_UP)}:
+        yield _baselines(looked_up, members, classes, partial(rng, "baselines"))
+    labels = ["model", *(label for label, _ in QUALITY_UNITS.values())]
+    yield Table("Surfaces with one grasp, mean / median over objects", labels, _quality(networks), ["", *[".3g"] * len(QUALITY_UNITS)])
+    if settings["closed_resolution"]:
+        columns = ["model", "watertight, %", "objects with an inside", "intersection over union, mean / median"]
+        title = "Closed meshes of the surfaces with one grasp"
+        yield Table(title, columns, [_closed(name, found) for name, found in networks.items()], ["", ".0f", "", ".3f"])
+    if felt:
+        yield _charts(read_table(folder, "charts"))
 
 
-def dataset(data: Place) -> TableArrays:
-    """Make Table 1, one row per class and one for all."""
-    found = tally(data)
-    *counts, percent = np.array([entry.row()[:4] for entry in found.values()]).T  # (class,) each
-    successful, touches = percent / 100, counts[-1]
-    return {
-        "category": [*found, ALL],
-        **{name: [*column, column.sum()] for name, column in zip(("objects", "grasps", "touches"), counts, strict=True)},
-        "successful": [*successful, (successful * touches).sum() / touches.sum()],
-    }
+def _members(categories: Sequence[str] | NDArray[Any]) -> dict[str, NDArray[np.bool_]]:
+    """Find which objects are of each class, and of all."""
+    names = np.array(categories)
+    return {str(name): names == name for name in np.unique(names)} | {ALL: np.full(len(names), True)}
 
 
-def per_object(values: Arrays, given: int) -> NDArray[np.float64]:
-    """Compute the (object,) Chamfer distance with `given` grasps, mean over the first ones."""
-    place = int(np.flatnonzero(values["grasps_given"] == given)[0])
-    return np.asarray(values["chamfer"][:, :, place].mean(axis=1))
+def _scaled(found: Interval, factor: float) -> Interval:
+    return Interval(factor * found.mean, factor * found.low, factor * found.high, found.count)
 
 
-def ring_per_object(values: Arrays, ring: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Compute the (object,) local Chamfer distance in a ring (0 the innermost), mean over the sites with points in it; count these.
-
-    Where the number is 0 there is no value, and the distance is 0.
-    """
-    count = values["local_points"][..., ring] > 0  # (object, grasp, sensor)
-    sites = count.sum(axis=(1, 2))
-    total = np.where(count, values["local_chamfer"][..., ring], 0).sum(axis=(1, 2))
-    return total / np.maximum(sites, 1), sites
+def _estimate(values: NDArray[np.float64], rng: np.random.Generator, factor: float = 1.0) -> Interval | None:
+    """Estimate the mean over objects; None where there is none."""
+    return _scaled(mean_interval(values, rng), factor) if len(values) else None
 
 
-def rings(models: Models, seed: int) -> TableArrays:
-    """Make Table 2."""
-    ring = next(iter(models.values()))["ring"]
-    found = {name: [ring_per_object(values, place) for place in range(len(ring))] for name, values in models.items()}
-    sites = np.array([[sites for _, sites in columns] for columns in found.values()])  # (configuration, ring, object)
-    samples = {name: {place: means[sites > 0] for place, (means, sites) in enumerate(columns)} for name, columns in found.items()}
-    return {
-        "configuration": [*models],
-        "ring": ring,
-        **_means("local_chamfer", samples, partial(numpy_rng, seed, "table_2")),
-        "objects": np.count_nonzero(sites, axis=-1),
-        "sites": sites.sum(axis=-1),
-    }
-
-
-def grasps(models: Models, seed: int) -> TableArrays:
-    """Make Table 3, of models that take touch."""
-    given = next(iter(models.values()))["grasps_given"].tolist()
-    samples = {name: {number: per_object(values, number) for number in given} for name, values in models.items()}
-    return {"configuration": [*models], "grasps_given": given, **_means("chamfer", samples, partial(numpy_rng, seed, "table_3"))}
-
-
-def modalities(models: Models, objects: TableArrays, tau: NDArray[np.float64], seed: int) -> TableArrays:
-    """Compare the models with one grasp, by class and overall; `objects` is the group of that name."""
-    members = _members(objects)
-    samples = {name: {kind: per_object(values, 1)[member] for kind, member in members.items()} for name, values in models.items()}
-    f1 = [values["f1"][:, :, 0].mean(axis=1) for values in models.values()]  # (object, threshold) each
-    return {
-        "configuration": [*models],
-        "category": [*members],
-        "objects": [member.sum() for member in members.values()],
-        "floor": [objects["floor"][member].mean() for member in members.values()],
-        "tau": tau,
-        **_means("chamfer", samples, partial(numpy_rng, seed, "modalities")),
-        "f1": [[values[member].mean(axis=0) for member in members.values()] for values in f1],
-        "median": [[np.median(values) for values in row.values()] for row in samples.values()],
-    }
-
-
-def quality(models: Models) -> TableArrays:
-    """Summarise how the reconstructions of the models look."""
-    figures = np.array([[values[name] for name in QUALITY] for values in models.values()])  # (configuration, measure, object)
-    return {"configuration": [*models], "measure": [*QUALITY], "mean": figures.mean(axis=-1), "median": np.median(figures, axis=-1)}
-
-
-def closed_surfaces(models: Models) -> TableArrays:
-    """Summarise the closed meshes of the models' reconstructions, from their groups `closed`."""
-    shared = [values["iou"][values["has_inside"]] for values in models.values()]
-    return {
-        "configuration": [*models],
-        "watertight": [values["watertight"].mean() for values in models.values()],
-        "objects": [len(values) for values in shared],
-        "mean": [_mean(values) for values in shared],
-        "median": [np.median(values) if len(values) else 0.0 for values in shared],
-    }
-
-
-def baselines(found: Mapping[str, NDArray[np.float64]], objects: TableArrays, seed: int) -> TableArrays:
-    """Summarise the (object,) Chamfer distances of what is looked up, by class and overall; `objects` is the group of that name."""
-    members = _members(objects)
-    samples = {name: {kind: distances[member] for kind, member in members.items()} for name, distances in found.items()}
-    return {
-        "baseline": [*found],
-        "category": [*members],
-        **_means("chamfer", samples, partial(numpy_rng, seed, "baselines")),
-        "median": [[np.median(values) for values in row.values()] for row in samples.values()],
-    }
-
-
-def _members(objects: TableArrays) -> dict[str, NDArray[np.bool_]]:
-    """Which objects are of each class, and of all."""
-    category = np.array(objects["category"])
-    return {str(name): category == name for name in np.unique(category)} | {ALL: np.full(len(category), True)}
-
-
-def _means(name: str, samples: Mapping[str, Mapping[Any, NDArray[np.float64]]], rng: Callable[..., np.random.Generator]) -> Arrays:
-    """Compute means over objects and their intervals, by configuration and column; 0 where there is no object."""
-    nothing = Interval(0.0, 0.0, 0.0, 0)
-    found = [
-        [astuple(mean_interval(values, rng(model, column)) if len(values) else nothing) for column, values in row.items()]
-        for model, row in samples.items()
+def _dataset(table: Arrays) -> Table:
+    keys = ("category", "objects", "grasps", "touches", "successful")
+    rows = [
+        Row([name, *counts, 100 * share, str(SUPPLEMENT_SUCCESS.get(name, "–"))])
+        for name, *counts, share in zip(*(table[key].tolist() for key in keys), strict=True)
     ]
-    mean, low, high, _ = np.moveaxis(np.array(found), -1, 0)
-    return {name: mean, "low": low, "high": high}
+    columns = ["class", "objects", "grasps", "touches", "% successful", "supplement"]
+    return Table("Table 1: the dataset, all splits", columns, rows, ["", "", "", "", ".1f", ""])
 
 
-def charts(residual: np.ndarray, iterations: np.ndarray, stop_rule: np.ndarray) -> TableArrays:
-    """Summarise touch-chart residuals by stop rule, from the arrays of the artifact `charts`."""
-    chosen = {name: stop_rule == code for code, name in enumerate(STOP_RULES) if name != "no_touch" and (stop_rule == code).any()}
-    chosen[ALL] = is_surface(stop_rule)
-    return {
-        "stop_rule": [*chosen],
-        "charts": [mask.sum() for mask in chosen.values()],
-        "residual_mean": [_mean(residual[mask]) for mask in chosen.values()],
-        "residual_worst": [residual[mask].max(initial=0) for mask in chosen.values()],
-        "iterations": [_mean(iterations[mask]) for mask in chosen.values()],
-    }
+def _supplement(figures: Sequence[float] | None, columns: Sequence[int], digits: str) -> list[Row]:
+    """Make a row with the supplement's figures for the columns 1, 2, …, where it has some."""
+    if figures is None:
+        return []
+    return [Row(["  supplement", *(f"{figures[at - 1]:{digits}}" if at <= len(figures) else None for at in columns)], dim=True)]
 
 
-def _mean(values: np.ndarray) -> float:
-    return float(values.mean(dtype=np.float64)) if values.size else 0.0
+def _rings(networks: Networks, count: int, floor: float, rng: Callable[..., np.random.Generator]) -> Table:
+    numbers, rows = range(1, count + 1), []
+    sites: list[int] = []
+    for name, found in networks.items():
+        columns = [found.ring(number) for number in numbers]
+        rows.append(Row([name, *(_estimate(means[some > 0], rng(name, at)) for at, (means, some) in enumerate(columns))]))
+        rows += _supplement(TABLE_2.get(name), numbers, ".3e")
+        sites = sites or [int(some.sum()) for _, some in columns]
+    rows.append(Row(["sites", *map(str, sites)], dim=True))
+    title = "Table 2: local Chamfer distance around the touch sites of one grasp, ground truth to prediction, m²; floor A/(πn) = "
+    return Table(f"{title}{floor / 2:.2e}", ["model", *(f"×{number}" for number in numbers)], rows, ["", *[".2e"] * count])
 
 
-def training(facts: Facts) -> TableArrays:
-    """List what each model's training came to; seconds and hardware stay in its record, for no digest holds them."""
-    rows = facts.values()
-    return {
-        "configuration": [*facts],
-        "parameters": [row["parameters"] for row in rows],
-        "epochs": [row["epochs"] for row in rows],
-        "best_epoch": [row["best_epoch"] + 1 for row in rows],
-        "best_loss": [row["best"]["loss"] for row in rows],
-    }
+def _grasps(networks: Networks, floor: float, rng: Callable[..., np.random.Generator]) -> Table:
+    numbers, rows = next(iter(networks.values())).grasps, []
+    for name, found in networks.items():
+        estimates = (_estimate(found.per_object("chamfer", number), rng(name, number), TABLE_3_FACTOR) for number in numbers)
+        rows.append(Row([name, *estimates]))
+        rows += _supplement(TABLE_3.get(name), numbers, ".3f")
+    title = f"Table 3: Chamfer distance × {TABLE_3_FACTOR:.0f} by the number of grasps; floor {TABLE_3_FACTOR * floor:.3f}"
+    return Table(title, ["model", *map(str, numbers)], rows, ["", *[".3f"] * len(numbers)])
+
+
+def _modalities(
+    networks: Networks, members: Members, classes: list[str], floor: NDArray[np.float64], rng: Callable[..., np.random.Generator]
+) -> Table:
+    rows = [row for name, found in networks.items() for row in _chamfer_rows(name, found, members, rng, metres=True)]
+    floors = [float(floor[member].mean()) for member in members.values()]
+    rows.append(Row(["sampling floor", *(TABLE_3_FACTOR * mean for mean in floors), floors[-1]], dim=True))
+    title = f"Modalities: Chamfer distance × {TABLE_3_FACTOR:.0f} with one grasp, by class; the last column in m²"
+    return Table(title, ["model", *classes, "all, m²"], rows, ["", *[".3f"] * len(classes), ".3e"])
+
+
+def _baselines(networks: Networks, members: Members, classes: list[str], rng: Callable[..., np.random.Generator]) -> Table:
+    named = {name.removeprefix(LOOKED_UP): found for name, found in networks.items()}
+    rows = [row for name, found in named.items() for row in _chamfer_rows(name, found, members, rng)]
+    title = f"Baselines: Chamfer distance × {TABLE_3_FACTOR:.0f} of a training object that is looked up"
+    return Table(title, ["chosen", *classes], rows, ["", *[".3f"] * len(classes)])
+
+
+def _chamfer_rows(
+    name: str, found: Figures, members: Members, rng: Callable[..., np.random.Generator], *, metres: bool = False
+) -> Iterator[Row]:
+    """Make the rows of means and medians by class, in Table 3's unit; `metres` adds the mean over all in m²."""
+    values = found.per_object("chamfer")
+    means = [_estimate(values[member], rng(name, kind), TABLE_3_FACTOR) for kind, member in members.items()]
+    medians = [TABLE_3_FACTOR * float(np.median(values[member])) for member in members.values()]
+    yield Row([name, *means, *([float(values.mean())] if metres else [])])
+    yield Row(["  median", *medians, *([None] if metres else [])], dim=True)
+
+
+def _by_class(found: Figures, members: Members, metrics: Sequence[str]) -> list[Cell]:
+    return [tuple(100 * float(found.per_object(metric)[member].mean()) for metric in metrics) for member in members.values()]
+
+
+def _quality(networks: Networks) -> list[Row]:
+    rows = []
+    for name, found in networks.items():
+        values = [(factor, found.some(measure)) for measure, (_, factor) in QUALITY_UNITS.items()]
+        rows.append(Row([name, *((factor * _mean(figures), factor * _median(figures)) for factor, figures in values)]))
+    return rows
+
+
+def _closed(name: str, found: Figures) -> Row:
+    shared = found.some("iou")
+    return Row([name, 100 * _mean(found.some("watertight")), len(shared), (_mean(shared), _median(shared)) if len(shared) else None])
+
+
+def _mean(values: NDArray[np.float64]) -> float:
+    return float(values.mean())
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    return float(np.median(values))
+
+
+def _charts(table: Arrays) -> Table:
+    keys = ("stop_rule", "charts", "residual_mean", "residual_worst", "iterations")
+    rows = [
+        Row([name, count, 1e6 * mean, 1e6 * worst, iterations])
+        for name, count, mean, worst, iterations in zip(*(table[key].tolist() for key in keys), strict=True)
+    ]
+    columns = ["stopped by", "charts", "RMS residual, mean, µm", "worst, µm", "iterations"]
+    return Table("Touch charts of these objects: distance of the cloud to its chart", columns, rows, ["", "", ".0f", ".0f", ".0f"])
+
+
+def _single_image_tables(folder: Path) -> Iterator[Table]:
+    """Make Table 4 with our rows, and our rows by class."""
+    root, found, categories = read_root(folder), read_figures(folder), read_table(folder, "objects")["category"]
+    settings, tau = root["settings"], root["settings"]["tau"]
+    means = {name: means_by_class(_table_4_figures(figures), categories) for name, figures in found.items()}
+    classes = [name for name in next(iter(means.values())) if name != MEAN]
+    rows = [Row([name, *figures], dim=True) for name, figures in TABLE_4.items()]
+    rows += [Row([f"ours: {name}", *by_class[MEAN].tolist()]) for name, by_class in means.items()]
+    title = (
+        f"Table 4: single images; clouds of {settings['points']} points of objects of diagonal {settings['scale']:g}, "
+        f"Chamfer distance × 1000, F1 in % at squared distances {tau:g} and {2 * tau:g}"
+    )
+    yield Table(title, ["", "Chamfer", f"F1 at {tau:g}", f"F1 at {2 * tau:g}"], rows, ["", ".3f", ".2f", ".2f"])
+    yield Table(
+        f"The first {len(TABLE_4)} rows are published ones, of ShapeNetCore with 3D-R2N2's renderings. Ours are of the manifest "
+        f"{root['manifest']}: {len(categories)} test objects of {len(classes)} classes, {root['views']} views each, "
+        f"learned from {root['training_objects']} objects; they can be compared with the published ones only where the data is the same."
+    )
+    rows = []
+    for name, by_class in means.items():
+        cells = [f"{chamfer:.3f} / {f1:.2f} / {twice:.2f}" for chamfer, f1, twice in (by_class[kind] for kind in (*classes, MEAN))]
+        rows.append(Row([name, *cells]))
+    yield Table("The same by class: Chamfer / F1 / F1", ["", *classes, "mean of classes"], rows)
+
+
+MEAN = "mean"
+"""Stands for all classes."""
+
+
+def _table_4_figures(figures: Figures) -> NDArray[np.float64]:
+    """Join (object, view, figure) in the units of Table 4."""
+    return np.stack([figures.of("scaled_chamfer"), 100 * figures.of("f1"), 100 * figures.of("f1_2tau")], axis=-1)
+
+
+def means_by_class(figures: NDArray[np.float64], categories: Sequence[str] | NDArray[Any]) -> dict[str, NDArray[np.float64]]:
+    """Average figures over the views of an object, over the objects of a class, and over classes.
+
+    Parameters
+    ----------
+    figures
+        (object, view, figure).
+    categories
+        Of the objects.
+
+    Returns
+    -------
+    (figure,) means by class, and under `mean` the mean over classes: each counts the same, however many objects it has.
+    """
+    names, per_object = np.array(categories), figures.mean(axis=1)
+    found = {str(name): per_object[names == name].mean(axis=0) for name in np.unique(names)}
+    return {**found, MEAN: np.mean(list(found.values()), axis=0)}
+
+
+def training_table(facts: Mapping[str, Mapping[str, Any]]) -> Table:
+    """List what each model's training took and on what, from the facts of its record, by name."""
+    columns = ["model", "parameters", "epochs", "best", "supplement's best", "validation loss", "seconds", "hardware"]
+    rows = []
+    for name, row in facts.items():
+        ran = row["hardware"]
+        hardware = f"{ran['device']}, {ran['processes']} process(es) of {ran['threads']} threads, {ran['precision']}"
+        epochs = (row["epochs"], row["best_epoch"] + 1, BEST_EPOCH.get(name))
+        rows.append(Row([name, row["parameters"], *epochs, row["best"]["loss"], row["training_seconds"], hardware]))
+    return Table("Training", columns, rows, ["", ",", "", "", "", ".4g", ".0f", ""])

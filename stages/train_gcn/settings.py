@@ -1,20 +1,20 @@
-"""The settings of `train-gcn`."""
+"""The settings of `train-gcn` and `train-single-image`."""
 
 from __future__ import annotations
 
-from typing import Literal
-
-from pydantic import model_validator
+from typing import Literal, cast
 
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.image_encoder import Norm
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, NetworkConfig, Seams, TouchEdges
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, SINGLE_IMAGE, NetworkConfig, Seams, TouchEdges
 from pipeline.training.schedule import Schedule
 from pipeline.training.settings import ReconstructionSettings
 
 
 class GcnSettings(ReconstructionSettings):
     """How vision charts learn to close in on the object (supplement 3.1-3.4)."""
+
+    configurations = CONFIGURATIONS
 
     configuration: str = setting("occluded-touch", f"which of the supplement's networks: {', '.join(CONFIGURATIONS)}", changes="definition")
     gcn_layers: int | None = setting(8, "for trainings of minutes on a CPU; null is the table's 15 to 25", ge=2)
@@ -54,18 +54,25 @@ class GcnSettings(ReconstructionSettings):
     loss_points: int = setting(3000, "points sampled on the prediction and drawn from the object's for the loss", ge=1)
     checkpoint_passes: bool = setting(False, "recompute each pass in the backward one: less memory, more time", changes="speed")
 
-    @model_validator(mode="after")
-    def _possible(self) -> GcnSettings:
-        if self.configuration not in CONFIGURATIONS:
-            raise ValueError(f"there is no configuration {self.configuration}; there are {', '.join(CONFIGURATIONS)}")
-        return self
-
-    @property
-    def named(self) -> NetworkConfig:
-        """Look up the supplement's network of that name: what it sees and feels."""
-        return CONFIGURATIONS[self.configuration]
-
     def network(self, side: int) -> NetworkConfig:
         """Describe the network of these settings, for touch charts of side x side vertices."""
-        own = self.model_dump(include=set(NetworkConfig.model_fields), exclude_none=True)
-        return self.named.model_copy(update=own | {"side": side, "checkpointing": self.checkpoint_passes})
+        return cast(NetworkConfig, super().network(side)).model_copy(update={"checkpointing": self.checkpoint_passes})
+
+
+class SingleImageSettings(GcnSettings):
+    """How vision charts learn to become the object of one rendering (supplement 3.6): as `train-gcn`'s, but for these."""
+
+    configurations = {"table-11": SINGLE_IMAGE}  # noqa: RUF012
+
+    configuration: Literal["table-11"] = setting("table-11", "the network there is", changes="definition")
+    encoder_layers: Literal[12, 15, 18, 25] | None = setting(None, "the table's 25; the others are for images of 256 pixels")
+    encoder_linear: int | None = setting(None, "features that the pooled ones become; null is the table's 250", ge=1)
+    learning_rate: float = setting(3e-3, "for trainings of minutes; the supplement has 1e-5, for three days", gt=0)
+    batch_size: int = setting(4, "more steps in the time; the supplement has 64", ge=1)
+    epochs: int = setting(30, "minutes on a CPU; the supplement has at most 40, of more objects and all views", ge=1)
+    patience: int | None = setting(None, "the supplement names none", ge=1)
+    training_seed: Literal[0] = setting(0, "there is one training", changes="definition")
+    min_grasps: Literal[1] = setting(1, "one image")
+    max_grasps: Literal[1] = setting(1, "one image")
+    samples_per_object: int = setting(5, "views per object and epoch, others in each epoch where they are fewer than all 24", ge=1)
+    validation_items: int = setting(5, "views per validation object, the first ones", ge=1)

@@ -2,17 +2,80 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import torch
+from torch import Tensor
 
 from pipeline.engine.stage import Cost
 from pipeline.kernels.charts.touch_chart import SIDE
-from pipeline.kernels.networks.deformation_network import DeformationNetwork
-from pipeline.training.reconstruction import Materials, ReconstructionTraining
+from pipeline.kernels.metrics.chamfer import Target, squared_distances
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
+from pipeline.kernels.metrics.surface_regularisers import bending, edge_length, laplacian, neighbouring_faces, neighbouring_vertices
+from pipeline.kernels.metrics.surface_sampling import sample_surface
+from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor, assemble_surfaces
+from pipeline.models.families import model_name
+from pipeline.models.observation import NetworkBatch
+from pipeline.training.items import Items
+from pipeline.training.reconstruction import Batch, ReconstructionLearner, ReconstructionTraining
 from schemas.surfaces import SURFACES
-from stages.train_gcn.learner import GcnLearner
-from stages.train_gcn.settings import GcnSettings
+from stages.train_gcn.settings import GcnSettings, SingleImageSettings
+
+
+class GcnLearner(ReconstructionLearner):
+    """Minimise the distance between the predicted surface and the object's (supplement 3.3), and the terms that the settings weight."""
+
+    target, arrays, seeded_as = SURFACES, ("points",), "train-gcn"
+
+    def __init__(self, network: Any, train: Items, valid: Items, settings: GcnSettings, seed: int) -> None:
+        super().__init__(network, train, valid, settings, seed)
+        faces = network.charts.position[network.charts.faces]  # of the closed surface that vertices that coincide make together
+        self._faces, self._edges, self._pairs = torch.tensor(faces), neighbouring_vertices(faces), neighbouring_faces(faces)
+        sphere = torch.tensor(network.config.radius * network.charts.vertices + network.config.centre)  # (V, 3), m
+        self._start = network.merged(sphere[None])
+
+    def targets(self, items: Items, chosen: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> list[Target]:
+        """Read the points of each item's object."""
+        return [items.target(item) for item in chosen]
+
+    def loss(self, network: Any, batch: Batch) -> Tensor:
+        """Compute the mean Chamfer distance of the items, and the roughness of their surfaces."""
+        seen = self.stack(network, batch)
+        deformed = network(**vars(seen))
+        return self._chamfer(deformed, seen, batch).mean() + self._roughness(deformed)
+
+    def errors(self, network: Any, batch: Batch) -> Tensor:
+        """Compute the Chamfer distance of each item."""
+        seen = self.stack(network, batch)
+        return self._chamfer(network(**vars(seen)), seen, batch)
+
+    def _chamfer(self, deformed: Tensor, seen: NetworkBatch, batch: Batch) -> Tensor:
+        """Compute (B,) Chamfer distances, m² x `TABLE_3_FACTOR`, of `loss_points` points each way to all the object's."""
+        found, count = [], self.settings.loss_points
+        surfaces = assemble_surfaces(self.network, deformed, seen)
+        for (vertices, faces), target, generator in zip(surfaces, batch.targets, batch.generators, strict=True):
+            predicted = sample_surface(vertices, faces, count, generator)
+            chosen = torch.randperm(len(target.points), generator=generator)[:count]
+            true = target.points[chosen].to(predicted)
+            surface = target.points.to(predicted) if predicted.is_cuda else target
+            found.append(squared_distances(predicted, surface).mean() + squared_distances(true, predicted).mean())
+        return TABLE_3_FACTOR * torch.stack(found)
+
+    def _roughness(self, deformed: Tensor) -> Tensor:
+        """Compute the weighted regularisers of vision charts (B, V, 3), which the supplement has none of; mean over the items."""
+        settings, total = self.settings, deformed.new_zeros(())
+        if not (settings.edge_weight or settings.laplacian_weight or settings.bending_weight):
+            return total
+        surface = self.network.merged(deformed)
+        if settings.edge_weight:
+            total = total + TABLE_3_FACTOR * settings.edge_weight * edge_length(surface, self._edges).mean()
+        if settings.laplacian_weight:
+            moved = surface - self._start.to(surface)
+            total = total + TABLE_3_FACTOR * settings.laplacian_weight * laplacian(moved, self._edges).mean()
+        if settings.bending_weight:
+            total = total + settings.bending_weight * bending(surface, self._faces, self._pairs).mean()
+        return total
 
 
 class TrainGcn(ReconstructionTraining):
@@ -20,9 +83,9 @@ class TrainGcn(ReconstructionTraining):
 
     name = "train-gcn"
     summary = "Train the graph network that deforms vision charts, in one of the supplement's configurations."
-    settings_type = GcnSettings
-    target = SURFACES
-    learned = ("points",)
+    settings_type: ClassVar[type[GcnSettings]] = GcnSettings
+    family: ClassVar[type[DeformationReconstructor]] = DeformationReconstructor
+    learner = GcnLearner
 
     def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
         """Give the grid of supplement 3.4; without an image there is no encoder to vary."""
@@ -34,12 +97,22 @@ class TrainGcn(ReconstructionTraining):
         """Estimate about a second per item at the tables' sizes on one core, less in proportion to the network's."""
         network = settings.network(SIDE)
         share = network.gcn_layers * network.gcn_features**2 / (20 * 250**2)
-        return Cost(seconds=objects * settings.items * settings.epochs * (0.02 + 0.9 * share), kilobytes=8000 * share + 500)
+        items = objects * settings.samples_per_object * settings.epochs
+        return Cost(seconds=items * (0.02 + 0.9 * share), kilobytes=8000 * share + 500)
 
-    def network(self, settings: GcnSettings, side: int, generator: torch.Generator) -> DeformationNetwork:
-        """Make the network, for touch charts of side x side vertices."""
-        return DeformationNetwork(settings.network(side), generator)
 
-    def learner(self, network: DeformationNetwork, materials: Materials) -> GcnLearner:
-        """Make what trains the network."""
-        return GcnLearner(network, materials)
+class TrainSingleImage(TrainGcn):
+    """Trains the network of Table 11 as `train-gcn` trains the others, on renderings (supplement 3.6)."""
+
+    name = "train-single-image"
+    summary = "Train the graph network that deforms vision charts to the object of a single rendering."
+    settings_type = SingleImageSettings
+    family = SingleImageReconstructor
+
+    def writes(self, settings: GcnSettings) -> str:
+        """Name the folder of the model."""
+        return model_name("single-image")
+
+    def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
+        """Give none: the supplement searched none here."""
+        return {}

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import model_validator
-
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.image_encoder import Norm
-from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS, ImplicitConfig
+from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS
 from pipeline.training.schedule import Schedule
 from pipeline.training.settings import ReconstructionSettings
 
 
 class ImplicitSettings(ReconstructionSettings):
     """How signed distances are learned from what is seen and felt."""
+
+    configurations = IMPLICIT_CONFIGURATIONS
 
     configuration: str = setting("implicit-unoccluded", f"which network: {', '.join(IMPLICIT_CONFIGURATIONS)}", changes="definition")
     features: int = setting(128, "of each layer of the decoder", ge=2)
@@ -42,20 +42,7 @@ class ImplicitSettings(ReconstructionSettings):
     )
     queries: int = setting(500, "points per item at which distances are learned", ge=1)
     validation_queries: int = setting(4000, "points per validation item", ge=1)
-    items: int = setting(1, "per object and epoch; the grasp that each begins with is drawn where they are fewer than the grasps", ge=1)
+    samples_per_object: int = setting(
+        1, "per object and epoch; the grasp that each begins with is drawn where they are fewer than the grasps", ge=1
+    )
     validation_items: int = setting(1, "items per validation object, with 1, 2, … grasps", ge=1)
-
-    @model_validator(mode="after")
-    def _possible(self) -> ImplicitSettings:
-        if self.configuration not in IMPLICIT_CONFIGURATIONS:
-            raise ValueError(f"there is no configuration {self.configuration}; there are {', '.join(IMPLICIT_CONFIGURATIONS)}")
-        return self
-
-    @property
-    def named(self) -> ImplicitConfig:
-        """Look up the network of that name: what it sees and feels."""
-        return IMPLICIT_CONFIGURATIONS[self.configuration]
-
-    def network(self, side: int) -> ImplicitConfig:
-        """Describe the network of these settings, for touch charts of side x side vertices."""
-        return self.named.model_copy(update=self.model_dump(include=set(ImplicitConfig.model_fields)) | {"side": side})

@@ -2,19 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from pipeline.engine.stage import Cost
-from pipeline.kernels.networks.implicit_network import ImplicitNetwork
-from pipeline.models.implicit_reconstruction import MARGIN
+from pipeline.models.implicit_reconstruction import MARGIN, ImplicitReconstructor
 from pipeline.training.items import Items
-from pipeline.training.reconstruction import Materials, ReconstructionTraining
+from pipeline.training.reconstruction import Batch, ReconstructionLearner, ReconstructionTraining
 from schemas.distances import DISTANCES
-from stages.train_implicit.learner import LEARNED, ImplicitLearner
 from stages.train_implicit.settings import ImplicitSettings
+
+
+class ImplicitLearner(ReconstructionLearner):
+    """Minimise the mean error of the predicted distances, which are cut off at the band."""
+
+    target, arrays, seeded_as = DISTANCES, ("query_points", "signed_distance"), "train-implicit"
+
+    def targets(
+        self, items: Items, chosen: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool
+    ) -> tuple[Tensor, Tensor]:
+        """Draw points of each item, (B, N, 3) world, m, and their signed distances (B, N), m."""
+        count = self.settings.validation_queries if validates else self.settings.queries
+        queries, distances = [], []
+        for item, generator in zip(chosen, generators, strict=True):
+            points, apart = (items.rows.read(name, items.object_of(item)) for name in self.arrays)
+            drawn = torch.randint(len(points), (count,), generator=generator).numpy()
+            queries.append(points[drawn])
+            distances.append(apart[drawn])
+        return torch.from_numpy(np.stack(queries)), torch.from_numpy(np.stack(distances))
+
+    def loss(self, network: Any, batch: Batch) -> Tensor:
+        """Compute the mean absolute error of the distances within the band, as a share of the band."""
+        seen, (queries, distances) = self.stack(network, batch), batch.targets
+        found: Tensor = network(queries.to(seen.touch_vertices), **vars(seen))
+        band: float = self.settings.band
+        loss: Tensor = (found - distances.to(found).clamp(-band, band)).abs().mean() / band
+        return loss
+
+    def errors(self, network: Any, batch: Batch) -> Tensor:
+        """Give each item the mean error of the batch, whose items have as many points each."""
+        return self.loss(network, batch).expand(len(batch.observations))
 
 
 class TrainImplicit(ReconstructionTraining):
@@ -23,24 +54,20 @@ class TrainImplicit(ReconstructionTraining):
     name = "train-implicit"
     summary = "Train an implicit network: signed distances at any point, from an image or touches or both."
     settings_type = ImplicitSettings
-    target = DISTANCES
-    learned = LEARNED
+    family = ImplicitReconstructor
+    learner = ImplicitLearner
 
     def cost(self, settings: ImplicitSettings, objects: int) -> Cost:
         """Estimate what an item takes on one core, in proportion to its points and the squared features."""
         each = 0.01 + 0.02 * settings.queries / 500 * (settings.features / 128) ** 2
-        return Cost(seconds=objects * settings.items * settings.epochs * each, kilobytes=3000)
+        return Cost(seconds=objects * settings.samples_per_object * settings.epochs * each, kilobytes=3000)
 
-    def network(self, settings: ImplicitSettings, side: int, generator: torch.Generator) -> ImplicitNetwork:
-        """Make the network, for touch charts of side x side vertices."""
-        return ImplicitNetwork(settings.network(side), generator)
-
-    def remarks(self, network: ImplicitNetwork, items: Items) -> Iterator[str]:
+    def remarks(self, network: Any, items: Items) -> Iterator[str]:
         """Say how many objects are larger than what is meshed, and which most."""
         yield from super().remarks(network, items)
         config, beyond = network.config, []
         for object_id in items.rows.object_ids:
-            points, apart = (items.rows.read(array, object_id) for array in LEARNED)
+            points, apart = (items.rows.read(array, object_id) for array in self.learner.arrays)
             if (reach := np.abs(points[apart <= 0] - config.centre).max(initial=0.0)) > MARGIN * config.radius:
                 beyond.append((float(reach), object_id))
         if beyond:
@@ -50,7 +77,3 @@ class TrainImplicit(ReconstructionTraining):
                 f"such ones are cut off {MARGIN * config.radius:.2f} m from its middle: {farthest} reaches {reach:.2f} m; state a smaller "
                 "unit with --units, or leave it out where the files state none: then they are scaled"
             )
-
-    def learner(self, network: ImplicitNetwork, materials: Materials) -> ImplicitLearner:
-        """Make what trains the network."""
-        return ImplicitLearner(network, materials)

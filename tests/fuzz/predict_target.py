@@ -21,8 +21,8 @@ from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
+from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.model_files import save_model
-from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.touch_model import load_touch_model, save_touch_model
 from pipeline.store.directory import DataDirectory, hashes_of, is_version
 from pipeline.store.publish import FolderOutput
@@ -63,7 +63,7 @@ class Predictions(Target):
             predict(folder / "made.ply", folder, NAME, image=folder / "image", readings=[folder / "reading"], poses=poses)
             return
         readers: dict[str, Callable[[], object]] = {
-            "gcn": lambda: Reconstructor(DataDirectory(folder / "gcn").whole_folder(NAME)),
+            "gcn": lambda: DeformationReconstructor(DataDirectory(folder / "gcn").whole_folder(NAME)),
             "unet": lambda: load_touch_model(DataDirectory(folder).whole_folder("unet"), "cpu"),
             "image": lambda: read_image(folder / "image"),
             "reading": lambda: read_readings([folder / "reading"]),

@@ -16,8 +16,8 @@ from pydantic import BaseModel
 from pipeline.errors import StoreError
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
+from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.model_files import load_network, read_description, save_model
-from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.touch_model import load_touch_model, save_touch_model
 from tests.stages import ball_dataset as spheres
 
@@ -138,4 +138,4 @@ def test_deformation_networks_with_another_description_are_errors(gcn: Path, tmp
         (tmp_path / name).write_bytes((gcn / name).read_bytes())
     change(tmp_path, **changes)
     with pytest.raises(StoreError, match=words):
-        Reconstructor(tmp_path)
+        DeformationReconstructor(tmp_path)

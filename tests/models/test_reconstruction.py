@@ -11,6 +11,7 @@ import torch
 from pipeline.kernels.charts.fit_options import StopRule
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from tests.stages import ball_dataset as spheres
@@ -22,7 +23,7 @@ SIZE = spheres.SIDE**2
 @pytest.fixture(scope="module")
 def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Reconstructor]:
     data = tmp_path_factory.mktemp("models")
-    return {name: Reconstructor(spheres.make_model(data, name)) for name in ("touch", "unoccluded")}
+    return {name: DeformationReconstructor(spheres.make_model(data, name)) for name in ("touch", "unoccluded")}
 
 
 def felt(count: int, touched: bool = True) -> Observation:

@@ -23,8 +23,8 @@ from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import Camera, projection_matrix
+from pipeline.models.families import model_name
 from pipeline.models.model_files import save_model
-from pipeline.models.trained_networks import model_name
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.charts import CHARTS

@@ -10,6 +10,7 @@ import torch
 import zarr
 from rich.console import Console
 
+from pipeline.console import show_tables
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
@@ -19,20 +20,18 @@ from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from pipeline.kernels.metrics.bootstrap import Interval
 from pipeline.kernels.metrics.cloud_distances import nearest_squared, sampling_floor
+from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstructor
-from pipeline.reports.orderings import Verdict, orderings, show_orderings
-from pipeline.reports.training_seeds import evaluations, read_values, show_trainings
+from pipeline.reports.orderings import Verdict, orderings, orderings_table
+from pipeline.reports.training_seeds import evaluations, read_values, trainings_table
 from pipeline.store.directory import DataDirectory, hashes_of
-from pipeline.store.row_files import RowFiles
-from stages.evaluate.baselines import retrieved
-from stages.evaluate.evaluation_files import TABLES_ZARR, has_table, read_root, read_table, write_evaluation
-from stages.evaluate.ground_truth import Truth
-from stages.evaluate.printed_tables import show
-from stages.evaluate.reconstruction_cases import make_cases
+from stages.evaluate.baselines import LOOKED_UP
+from stages.evaluate.evaluation_files import TABLES_ZARR, Figures, read_figures, read_root, read_table, write_evaluation
+from stages.evaluate.grasp_protocol import GraspProtocol, make_cases
 from stages.evaluate.settings import EvaluationSettings
-from stages.evaluate.stage import PIECE, Evaluate
-from stages.evaluate.tables import baselines
+from stages.evaluate.stage import MEASURED, Evaluate
+from stages.evaluate.tables import show
 from tests.stages import ball_dataset as spheres
 
 COUNT = 3
@@ -67,6 +66,10 @@ def evaluation(data):
     return evaluate(data)
 
 
+def figures(folder: Path, network: str) -> Figures:
+    return read_figures(folder)[network]
+
+
 def flat_radius() -> float:
     """How far the flat faces of the undeformed sphere are from its centre, on average over their area, m."""
     sphere = vision_charts(0)
@@ -85,78 +88,75 @@ def test_only_what_differs_is_reconstructed():
     assert len(make_cases(5, numbers, touch=True, occluded=True)) == 25
     for cases in (felt, make_cases(5, numbers, touch=True, occluded=True)):
         filled = sorted((first, case.given) for case in cases for first in case.firsts)
-        assert filled == [(first, given) for first in range(5) for given in range(5)]
+        assert filled == [(first, given) for first in range(5) for given in numbers]
         assert all(case.grasps[0] == case.first and len(set(case.grasps)) == len(case.grasps) for case in cases)
 
 
 def test_a_sphere_that_stays_one_has_the_chamfer_distance_of_two_spheres(evaluation):
-    values = read_table(evaluation[0], "values/none")
+    values = figures(evaluation[0], "none")
     objects = read_table(evaluation[0], "objects")
-    assert values["chamfer"].shape == (COUNT, 5, 1)
+    assert values.of("chamfer").shape == (COUNT, 5)
+    rings = [values.ring(number) for number in values.rings]
     for row, radius in enumerate((0.1, 0.12, 0.14)):
-        assert values["chamfer"][row, 0, 0] == pytest.approx(2 * (flat_radius() - radius) ** 2, rel=0.05)
-        seen = values["local_points"][row] > 0
-        assert values["local_chamfer"][row][seen].mean() == pytest.approx((flat_radius() - radius) ** 2, rel=0.05)
+        assert values.of("chamfer")[row, 0] == pytest.approx(2 * (flat_radius() - radius) ** 2, rel=0.05)
+        means = [means[row] for means, sites in rings if sites[row]]
+        assert np.mean(means) == pytest.approx((flat_radius() - radius) ** 2, rel=0.1)
         assert objects["area"][row] == pytest.approx(4 * np.pi * radius**2, rel=0.15)
         assert objects["floor"][row] == pytest.approx(2 * objects["area"][row] / (np.pi * 500))
-    assert (values["chamfer"] == values["chamfer"][:, :1]).all()
+    assert (values.of("chamfer") == values.of("chamfer")[:, :1]).all()
 
 
 def test_the_looks_of_a_sphere_are_those_of_a_sphere(evaluation):
-    values = read_table(evaluation[0], "values/none")
-    assert values["area_ratio"] == pytest.approx([(flat_radius() / radius) ** 2 for radius in (0.1, 0.12, 0.14)], rel=0.15)
-    assert (values["dihedral"] < 15).all()
-    assert values["seam_gap"] == pytest.approx([0.0] * COUNT)
-    assert values["spike"] == pytest.approx([0.25 - radius for radius in (0.1, 0.12, 0.14)], abs=0.01)
-    assert (values["normal_consistency"] > 0.95).all()
-    assert (values["crossing"] == 0).all()
-    table = read_table(evaluation[0], "quality")
-    assert table["median"][list(table["configuration"]).index("none"), list(table["measure"]).index("spike")] == np.median(values["spike"])
-    moved = read_table(evaluation[0], "values/occluded")
-    assert (moved["seam_gap"] > 0).all()
-    assert (moved["dihedral"] > values["dihedral"]).all()
+    values = figures(evaluation[0], "none")
+    assert values.some("area_ratio") == pytest.approx([(flat_radius() / radius) ** 2 for radius in (0.1, 0.12, 0.14)], rel=0.15)
+    assert (values.some("dihedral") < 15).all()
+    assert values.some("seam_gap") == pytest.approx([0.0] * COUNT)
+    assert values.some("spike") == pytest.approx([0.25 - radius for radius in (0.1, 0.12, 0.14)], abs=0.01)
+    assert (values.some("normal_consistency") > 0.95).all()
+    assert (values.some("crossing") == 0).all()
+    assert f"{1000 * values.some('spike').mean():.3g} / {1000 * np.median(values.some('spike')):.3g}" in evaluation[1]
+    moved = figures(evaluation[0], "occluded")
+    assert (moved.some("seam_gap") > 0).all()
+    assert (moved.some("dihedral") > values.some("dihedral")).all()
 
 
 def test_closed_meshes_are_measured_where_they_are_asked_for(data, evaluation):
-    assert not has_table(evaluation[0], "closed_surfaces")
+    assert not len(figures(evaluation[0], "none").some("watertight"))
     names = ("none", "occluded-touch")
     folder, printed = evaluate(data, "shut", configurations=names, grasps=(1,), closed_resolution=24)
-    table = read_table(folder, "closed_surfaces")
-    assert table["configuration"].tolist() == [*names]
-    assert (table["watertight"] == 1).all()
-    assert (table["objects"] == COUNT).all()
-    still, moved = (read_table(folder, f"closed/{name}")["iou"] for name in names)
+    assert list(read_root(folder)["configurations"]) == [*names]
+    for name in names:
+        assert figures(folder, name).some("watertight").tolist() == [1] * COUNT
+    still, moved = (figures(folder, name).some("iou") for name in names)
     assert still == pytest.approx([(radius / 0.25) ** 3 for radius in (0.1, 0.12, 0.14)], abs=0.02)  # balls in a larger one
-    assert table["mean"] == pytest.approx([still.mean(), moved.mean()])
-    assert table["median"] == pytest.approx([np.median(still), np.median(moved)])
+    for shared in (still, moved):
+        assert f"{shared.mean():.3f} / {np.median(shared):.3f}" in printed
     assert "intersection over union" in printed
-    assert read_table(folder, "values/none")["spike"].tolist() == read_table(evaluation[0], "values/none")["spike"].tolist()
+    assert figures(folder, "none").some("spike").tolist() == figures(evaluation[0], "none").some("spike").tolist()
 
 
 def test_what_is_looked_up_is_a_training_object(tmp_path):
     balls = {"a": "train", "b": "test", "c": "test", "d": "train", "e": "test"}  # of radius 0.1, 0.12, …
     spheres.make_data(tmp_path, len(balls), ("train", "test", "test"))
     spheres.make_model(tmp_path, "unoccluded")
-    model = Reconstructor(DataDirectory(tmp_path).whole_folder("models/gcn/unoccluded"))
+    model = DeformationReconstructor(DataDirectory(tmp_path).whole_folder("models/gcn/unoccluded"))
     settings = EvaluationSettings(points=500)
-    truth = Truth(tmp_path, [model], settings)
-    assert truth.rows.object_ids == [name for name, split in balls.items() if split == "test"]
-    found = retrieved(truth, DatasetJob(tmp_path, tmp_path, settings, 0, {}, Console()))
-    floors = [sampling_floor(truth.area(row), truth.count) for row in range(3)]
+    protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, settings, 0, {}, Console()), [model])
+    objects = protocol.objects
+    assert objects.rows.object_ids == [name for name, split in balls.items() if split == "test"]
+    found = {name.removeprefix(LOOKED_UP): one.per_object("chamfer") for name, one in protocol.baselines().items()}
+    floors = [sampling_floor(objects.area(row), objects.count) for row in range(3)]
     for how, apart in {"by truth": 0.02, "by touch": 0.02, "by silhouette": 0.02}.items():
         assert found[how] == pytest.approx([2 * apart**2 + floor for floor in floors], rel=0.2), how
     assert found["typical"] == pytest.approx(
         [2 * apart**2 + floor for apart, floor in zip((0.02, 0.04, 0.08), floors, strict=True)], rel=0.2
     )
-    table = baselines(found, {"category": truth.rows.categories}, seed=0)
-    assert table["category"] == ["bottle", "knife", "all"]
-    assert np.array(table["median"])[0, -1] == np.median(found["typical"])
 
 
 def test_a_figure_is_that_of_its_reconstruction_by_hand(data, evaluation):
     folder, _ = evaluation
-    prediction, values = (read_table(folder, f"{group}/occluded-touch") for group in ("predictions", "values"))
-    model = Reconstructor(DataDirectory(data).folder_path("models/gcn/occluded-touch"))
+    prediction, values = read_table(folder, "predictions/occluded-touch"), figures(folder, "occluded-touch")
+    model = DeformationReconstructor(DataDirectory(data).folder_path("models/gcn/occluded-touch"))
     rows = ObjectRows(data, ["points", "occluded", "vertices", "stop_rule", "touch_success", "sensor_pose"], "test")
     row, grasps = 1, [4, 0]
     name = rows.object_ids[row]
@@ -166,22 +166,23 @@ def test_a_figure_is_that_of_its_reconstruction_by_hand(data, evaluation):
     case = int(np.flatnonzero((prediction["first_grasp"] == 4) & (prediction["grasps_given"] == 2))[0])
     np.testing.assert_allclose(prediction["vertices"][row, case], made.vertices[: made.vision], atol=1e-6)
     dense = made.vertices[made.faces].mean(axis=1)  # face centres: another sampling of the same surface
-    assert nearest_squared(dense, rows.read("points", name)).mean() < values["chamfer"][row, 4, 1]
+    assert nearest_squared(dense, rows.read("points", name)).mean() < values.of("chamfer", 2)[row, 4]
 
 
 def test_every_table_is_there_and_printed(evaluation):
     folder, printed = evaluation
     assert {path.name for path in folder.iterdir()} == {"tables.zarr", "metrics.json"}
     metrics = json.loads((folder / "metrics.json").read_text())
-    assert set(metrics["tables"]) == {"objects", "table_1", "table_2", "table_3", "modalities", "charts", "training", "quality"}
-    assert metrics["tables"]["modalities"]["category"] == ["bottle", "knife", "all"]
-    assert metrics["tables"]["table_1"]["successful"] == pytest.approx([0.75] * 3)
-    table = read_table(folder, "table_3")
-    assert list(table["configuration"]) == ["touch", "occluded-touch", "unoccluded-touch"]
-    assert (table["low"] <= table["chamfer"]).all()
-    assert (table["chamfer"] <= table["high"]).all()
-    modalities = read_table(folder, "modalities")
-    np.testing.assert_allclose(modalities["chamfer"][modalities["configuration"] == "touch", -1], table["chamfer"][0, 0])
+    tables = {table["title"].partition(":")[0]: table for table in metrics["tables"] if table["columns"]}
+    assert {"Table 1", "Table 2", "Table 3", "Modalities"} <= tables.keys()
+    assert tables["Modalities"]["columns"] == ["model", "bottle (2)", "knife (1)", "all (3)", "all, m²"]
+    assert [row[4] for row in tables["Table 1"]["rows"]] == pytest.approx([75.0] * 3)
+    rows = {row[0]: row[1:] for row in tables["Table 3"]["rows"] if row[0] != "  supplement"}
+    assert list(rows) == ["touch", "occluded-touch", "unoccluded-touch"]
+    assert all(low <= mean <= high for row in rows.values() for mean, low, high in row)
+    (felt,) = (row for row in tables["Modalities"]["rows"] if row[0] == "touch")
+    np.testing.assert_allclose(felt[3], rows["touch"][0])
+    np.testing.assert_allclose(felt[3][0], 9000 * figures(folder, "touch").of("chamfer").mean())
     for words in ("Table 1", "Table 2", "Table 3", "6.687e-05", "1.769", "floor", "F1", "RMS residual", "test CPU", "500 points"):
         assert words in printed
     again = Console(record=True, width=200)
@@ -191,23 +192,24 @@ def test_every_table_is_there_and_printed(evaluation):
 
 
 def test_rings_are_measured_around_touches_only(evaluation):
-    values = read_table(evaluation[0], "values/touch")
-    sensor = np.arange(spheres.SENSORS)[None] != np.arange(5)[:, None] % spheres.SENSORS
-    seen = values["local_points"].sum(axis=-1) > 0
-    assert (seen == sensor).all()
-    assert (values["local_chamfer"][values["local_points"] == 0] == 0).all()
-    table = read_table(evaluation[0], "table_2")
-    assert (table["sites"] <= COUNT * 15).all()
+    values = figures(evaluation[0], "touch")
+    rows = [figure for figure in values.rows if figure.metric.startswith("local_chamfer_")]
+    assert {figure.object_id for figure in rows} == set(values.object_ids)
+    for number in values.rings:
+        sites = [(figure.object_id, figure.first) for figure in rows if figure.metric == f"local_chamfer_{number}"]
+        assert max(map(sites.count, sites)) < spheres.SENSORS  # one of them does not touch
+        assert len(sites) == values.ring(number)[1].sum() <= COUNT * 15
 
 
 def test_twice_is_the_same_to_the_bit_and_another_seed_is_not(data, evaluation):
     again, _ = evaluate(data, "again")
     assert hashes_of(again) == hashes_of(evaluation[0])
-    by_seven = read_table(evaluate(data, "by-seven", batch_size=7, configurations=("occluded",))[0], "values/occluded")
-    np.testing.assert_allclose(by_seven["chamfer"], read_table(again, "values/occluded")["chamfer"], rtol=1e-5)
+    by_seven = figures(evaluate(data, "by-seven", batch_size=7, configurations=("occluded",))[0], "occluded")
+    np.testing.assert_allclose(by_seven.of("chamfer"), figures(again, "occluded").of("chamfer"), rtol=1e-5)
     (plan,) = make_plans(replace(request(data, configurations=("none",)), seed=1, folder="other"))
     run(plan, Console(quiet=True))
-    assert (read_table(plan.directory.folder_path("other"), "values/none")["chamfer"] != read_table(again, "values/none")["chamfer"]).all()
+    other = figures(plan.directory.folder_path("other"), "none")
+    assert (other.of("chamfer") != figures(again, "none").of("chamfer")).all()
 
 
 def test_a_killed_run_goes_on_with_the_next_configuration(data, evaluation, monkeypatch):
@@ -225,13 +227,13 @@ def test_a_killed_run_goes_on_with_the_next_configuration(data, evaluation, monk
         evaluate(data, "killed", configurations=("none", "occluded"))
     (plan,) = make_plans(replace(request(data, configurations=("none", "occluded")), folder="killed"))
     work = plan.directory.work("killed") / plan.key[:16]
-    assert RowFiles(work).find("values/none", PIECE) is not None
-    assert RowFiles(work).find("values/occluded", PIECE) is None
+    assert [path.name for path in (work / MEASURED).iterdir()] == ["none.npz"]
     asked.clear()
     folder, _ = evaluate(data, "killed", configurations=("none", "occluded"))
     assert set(asked) == {"occluded"}
-    assert not RowFiles(folder).folder.exists()
-    np.testing.assert_array_equal(read_table(folder, "values/occluded")["chamfer"], read_table(evaluation[0], "values/occluded")["chamfer"])
+    assert not (folder / MEASURED).exists()
+    for name in ("none", "occluded"):
+        assert figures(folder, name).rows == figures(evaluation[0], name).rows
 
 
 def test_models_without_touch_open_no_charts_and_those_without_sight_no_images():
@@ -245,8 +247,8 @@ def test_models_without_touch_open_no_charts_and_those_without_sight_no_images()
 def test_without_touch_there_is_no_table_of_grasps(data):
     folder, printed = evaluate(data, "unfelt", configurations=("none",))
     assert "Table 3:" not in printed
-    with pytest.raises(StoreError, match="no group table_3"):
-        read_table(folder, "table_3")
+    with pytest.raises(StoreError, match="no group charts"):
+        read_table(folder, "charts")
 
 
 def test_orderings_of_an_evaluation(evaluation):
@@ -259,7 +261,7 @@ def test_orderings_of_an_evaluation(evaluation):
     assert one.difference.mean == pytest.approx(one.smaller - one.larger)
     assert one.difference.count == COUNT
     console = Console(record=True, width=200)
-    show_orderings(verdicts, console)
+    show_tables(console, orderings_table(verdicts))
     printed = console.export_text()
     assert "not there either" in printed
     assert f"of {len(verdicts)}" in printed
@@ -316,9 +318,9 @@ def test_trainings_that_differ_by_chance_are_evaluated_apart_and_shown_as_one(tm
     (balls / "evaluation-single-image.json").write_text("{}")  # another experiment's
     assert evaluations(directory) == ["evaluation", "evaluation-seed-1"]
     folders = [directory.whole_folder(name) for name in evaluations(directory)]
-    means = [9000 * values["chamfer"][:, :, 0].mean() for values in read_values(folders)["none"]]
+    means = [9000 * values.of("chamfer").mean() for values in read_values(folders)["none"]]
     assert means[0] != means[1]
-    show_trainings(folders, console)
+    show_tables(console, trainings_table(folders))
     printed = console.export_text()
     assert "2 trainings of each network" in printed
     assert ", ".join(f"{mean:.2f}" for mean in means) in printed
@@ -358,17 +360,17 @@ def test_numbers_of_grasps_hold_the_one_that_tables_need():
     ("change", "words"),
     [
         ({"more": [1.0]}, "its schema says"),
-        ({"epochs": [1, 2]}, r"training/epochs has shape \(2,\)"),
-        ({"best_loss": [np.nan]}, "training/best_loss holds NaN"),
-        ({"best_loss": [np.inf]}, "training/best_loss holds NaN or infinity"),
+        ({"area": [1.0, 2.0]}, r"objects/area has shape \(2,\)"),
+        ({"floor": [np.nan]}, "objects/floor holds NaN"),
+        ({"floor": [np.inf]}, "objects/floor holds NaN or infinity"),
     ],
 )
 def test_tables_that_depart_from_their_schema_are_not_written(tmp_path, change, words):
-    training = {"configuration": ["touch"], "parameters": [10], "epochs": [3], "best_epoch": [2], "best_loss": [0.5]}
-    write_evaluation(tmp_path, {"training": training}, {})
-    assert read_table(tmp_path, "training")["best_loss"] == 0.5
+    objects = {"object_id": ["a"], "category": ["ball"], "area": [1.0], "floor": [0.5]}
+    write_evaluation(tmp_path, {"objects": objects}, {})
+    assert read_table(tmp_path, "objects")["floor"] == 0.5
     with pytest.raises(StoreError, match=words):
-        write_evaluation(tmp_path, {"training": training | change}, {})
+        write_evaluation(tmp_path, {"objects": objects | change}, {})
 
 
 def test_an_evaluation_that_is_not_as_its_schema_says_is_refused(evaluation, tmp_path):
@@ -382,7 +384,7 @@ def test_an_evaluation_that_is_not_as_its_schema_says_is_refused(evaluation, tmp
         read_table(folder, "objects")
     root["objects"].create_array("floor", shape=(COUNT,), dtype="float64", overwrite=True)
     root.attrs["configurations"] = {"moon": {"touch": True}}
-    with pytest.raises(StoreError, match="evaluates moon, which is no configuration here"):
+    with pytest.raises(StoreError, match="has no figures of moon"):
         read_values([folder])
     root.attrs["settings"] = {"points": 0}
     with pytest.raises(StoreError, match=r"its attributes cannot be used: entry settings\.scale is missing"):

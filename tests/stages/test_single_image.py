@@ -24,15 +24,17 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
-from stages.evaluate_single_image.printed_table import show
-from stages.evaluate_single_image.table_4 import PUBLISHED, figures_of, means_by_class
+from stages.evaluate.evaluation_files import read_figures
+from stages.evaluate.single_image_protocol import figures_of
+from stages.evaluate.supplement_figures import TABLE_4
+from stages.evaluate.tables import means_by_class, show
 from stages.registry import load_stage, resolve
-from stages.train_single_image.settings import SingleImageSettings
+from stages.train_gcn.settings import SingleImageSettings
 from tests.stages.tiny_dataset import manifest, run_stage
 
 SMALL = [
     *(f"train-single-image.{text}" for text in ("gcn_layers=3", "gcn_features=12", "encoder_width=0.1", "epochs=2", "loss_points=200")),
-    *("train-single-image.items=2", "train-single-image.validation_items=1", "evaluate-single-image.points=500"),
+    *("train-single-image.samples_per_object=2", "train-single-image.validation_items=1", "evaluate-single-image.points=500"),
     *("evaluate-single-image.views=2", "sample-surfaces.points=2000"),
 ]
 QUIET = Console(file=io.StringIO())
@@ -128,14 +130,17 @@ def test_evaluation_has_the_published_rows_beside_ours_and_says_of_what(data):
     evaluation = DataDirectory(data).whole_folder("evaluation-single-image")
     show(evaluation, console)
     printed = console.file.getvalue()  # type: ignore[attr-defined]
-    assert [name for name in PUBLISHED if name not in printed] == []
+    assert [name for name in TABLE_4 if name not in printed] == []
     assert "of the manifest single-image: 1 test objects of 1 classes, 2 views each, learned from 1 objects" in " ".join(printed.split())
+    found = read_figures(evaluation)
+    assert found.keys() == {"single-image", *(f"training object, {how}" for how in ("typical", "by silhouette", "by truth"))}
+    values = {metric: found["single-image"].of(metric) for metric in ("scaled_chamfer", "f1", "f1_2tau")}
+    assert {value.shape for value in values.values()} == {(1, 2)}
     said = json.loads((evaluation / "metrics.json").read_text())
-    assert said["rows"].keys() == {"network", *(f"training object, {how}" for how in ("typical", "by silhouette", "by truth"))}
-    (values,) = said["values"]["network"].values()
-    assert np.shape(values) == (2, 3)
-    np.testing.assert_allclose(np.mean(values, axis=0), said["rows"]["network"]["mean"])
-    assert values[0] != values[1]  # another view, another reconstruction
+    (row,) = (row for row in said["tables"][0]["rows"] if row[0] == "ours: single-image")
+    factors = {"scaled_chamfer": 1, "f1": 100, "f1_2tau": 100}
+    np.testing.assert_allclose(row[1:], [factor * values[metric].mean() for metric, factor in factors.items()])
+    assert values["scaled_chamfer"][0, 0] != values["scaled_chamfer"][0, 1]  # another view, another reconstruction
 
 
 def test_a_view_of_an_object_becomes_a_mesh(data, tmp_path):
@@ -169,10 +174,10 @@ def test_figures_of_two_points_on_paper():
     """In metres 0.01 and 0.02 apart; × 0.5 these are 0.005 and 0.01: squares 2.5e-5 and 1e-4."""
     truth = np.array([[0.0, 0, 0], [1, 0, 0]])
     apart = cloud_distances(np.array([[0.01, 0, 0], [1.02, 0, 0]]), truth)
-    chamfer, f1, twice = figures_of(apart, scale=0.5, tau=6e-5)
+    chamfer, f1, twice = figures_of(apart, scale=0.5, tau=6e-5).values()
     assert chamfer == pytest.approx(1000 * 0.25 * 2 * (1e-4 + 4e-4) / 2)
-    assert f1 == pytest.approx(50)  # one of two points each way
-    assert twice == pytest.approx(100)
+    assert f1 == pytest.approx(0.5)  # one of two points each way
+    assert twice == pytest.approx(1)
 
 
 def test_mean_of_classes_counts_each_class_once():
@@ -184,7 +189,7 @@ def test_mean_of_classes_counts_each_class_once():
 def test_paper_has_the_supplements_training():
     settings = resolve("train-single-image", "paper", [])
     assert isinstance(settings, SingleImageSettings)
-    assert (settings.learning_rate, settings.batch_size, settings.epochs, settings.items) == (1e-5, 64, 40, 24)
+    assert (settings.learning_rate, settings.batch_size, settings.epochs, settings.samples_per_object) == (1e-5, 64, 40, 24)
     assert (settings.schedule, settings.gradient_limit, settings.patience, settings.encoder_kernel) == ("constant", None, None, 3)
     assert (settings.edge_weight, settings.laplacian_weight, settings.bending_weight, settings.seams) == (0, 0, 0, "open")
     network = settings.network(side=9)

@@ -17,16 +17,15 @@ from pipeline.kernels.metrics.surface_regularisers import edge_length, neighbour
 from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation, stack_observations
-from pipeline.models.reconstruction import Reconstructor
 from pipeline.rng import torch_generator
 from pipeline.training.items import Items
 from pipeline.training.loop import read_metrics
-from pipeline.training.reconstruction import Materials
+from pipeline.training.reconstruction import Batch
 from stages.registry import resolve
-from stages.train_gcn.learner import Batch, GcnLearner
 from stages.train_gcn.settings import GcnSettings
-from stages.train_gcn.stage import TrainGcn
+from stages.train_gcn.stage import GcnLearner, TrainGcn
 from tests.stages.tiny_dataset import manifest, run_stage
 
 SMALL = ("train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.epochs=2", "train-gcn.loss_points=200", "train-gcn.threads=1")
@@ -43,17 +42,17 @@ def data(tmp_path_factory) -> Path:
 
 def overfit(data: Path, steps: int, points: int) -> tuple[float, float]:
     """Learn one object; the Chamfer distance reached and its sampling floor, m²."""
-    small: dict = {"gcn_layers": 6, "gcn_features": 48, "items": 1, "validation_items": 1}
+    small: dict = {"gcn_layers": 6, "gcn_features": 48, "samples_per_object": 1, "validation_items": 1}
     settings = GcnSettings(configuration="none", loss_points=points, edge_weight=0, **small)
     config = settings.network(side=9)
     items = Items(data, "train", config, 1)
     network = DeformationNetwork(config, torch_generator(0, "weights"))
-    learner = GcnLearner(network, Materials(items, items, settings, 0))
+    learner = GcnLearner(network, items, items, settings, 0)
     optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     for step in range(steps):
         optimizer.zero_grad()
-        learner.loss(learner.read([0], [torch_generator(0, step)])).backward()
+        learner.loss(network, learner.read([0], [torch_generator(0, step)])).backward()
         optimizer.step()
         schedule.step()
     with torch.no_grad():
@@ -88,12 +87,15 @@ def test_the_supplements_loss_edges_and_steps_are_its_own():
 
 def loss_of(data: Path, **changes) -> float:
     """The loss of an untrained network."""
-    settings = GcnSettings(configuration="none", gcn_layers=2, gcn_features=6, loss_points=100, items=1, **{"edge_weight": 0.0, **changes})
+    settings = GcnSettings(
+        configuration="none", gcn_layers=2, gcn_features=6, loss_points=100, samples_per_object=1, **{"edge_weight": 0.0, **changes}
+    )
     config = settings.network(side=9)
     items = Items(data, "train", config, 1)
-    learner = GcnLearner(DeformationNetwork(config, torch_generator(0, "weights")), Materials(items, items, settings, 0))
+    network = DeformationNetwork(config, torch_generator(0, "weights"))
+    learner = GcnLearner(network, items, items, settings, 0)
     with torch.no_grad():
-        return float(learner.loss(learner.read([0], [torch_generator(0, "step")])))
+        return float(learner.loss(network, learner.read([0], [torch_generator(0, "step")])))
 
 
 def test_smoothness_adds_its_weighted_terms_to_the_loss_of_the_sphere_of_charts(data):
@@ -107,16 +109,16 @@ def test_smoothness_adds_its_weighted_terms_to_the_loss_of_the_sphere_of_charts(
 
 def test_edges_are_shorter_where_the_loss_asks_for_it(tmp_path, data):
     def edge(weight: float) -> float:
-        small: dict = {"gcn_layers": 3, "gcn_features": 24, "loss_points": 200, "items": 1}
+        small: dict = {"gcn_layers": 3, "gcn_features": 24, "loss_points": 200, "samples_per_object": 1}
         settings = GcnSettings(configuration="none", seams="tied", edge_weight=weight, **small)
         config = settings.network(side=9)
         items = Items(data, "train", config, 1)
         network = DeformationNetwork(config, torch_generator(0, "weights"))
-        learner = GcnLearner(network, Materials(items, items, settings, 0))
+        learner = GcnLearner(network, items, items, settings, 0)
         optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
         for step in range(30):
             optimizer.zero_grad()
-            learner.loss(learner.read([0], [torch_generator(0, step)])).backward()
+            learner.loss(network, learner.read([0], [torch_generator(0, step)])).backward()
             optimizer.step()
         seen = stack_observations([items.view(0, 1, np.array([0]))], config, camera=None, like=torch.zeros(()))
         vertices = network(**vars(seen)).detach()
@@ -139,7 +141,7 @@ def test_without_input_it_trains_where_neither_images_nor_touches_were_made(data
     folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
     assert folder is not None
     assert {path.name for path in folder.iterdir()} == {"model.json", "model.safetensors", "metrics.json", "tensorboard"}
-    found = Reconstructor(folder).reconstruct([Observation(None)])[0]
+    found = load_reconstructor("none", folder).reconstruct([Observation(None)])[0]
     assert found.vertices.shape == (1824, 3)
     assert found.vision == 1824
     assert np.abs(found.vertices - [0, 0, 0.6]).max() < 0.6
@@ -155,10 +157,10 @@ def die_midway(data: Path) -> None:
     learned = GcnLearner.loss
     steps = iter(range(100))
 
-    def loss(self: GcnLearner, batch: Batch) -> torch.Tensor:
+    def loss(self: GcnLearner, network: torch.nn.Module, batch: Batch) -> torch.Tensor:
         if next(steps) == 3:
             os.kill(os.getpid(), signal.SIGKILL)
-        return learned(self, batch)
+        return learned(self, network, batch)
 
     GcnLearner.loss = loss  # type: ignore[method-assign]
     run_stage(
@@ -205,7 +207,7 @@ def test_fewer_items_than_grasps_begin_with_each_of_them_in_time(data):
 def test_a_view_that_lacks_what_the_network_needs_is_an_error_with_words(data):
     folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
     assert folder is not None
-    reconstructor = Reconstructor(folder)
+    reconstructor = load_reconstructor("none", folder)
     reconstructor.config = CONFIGURATIONS["occluded"]
     with pytest.raises(InvalidInput, match="some are missing or differ"):
         reconstructor.reconstruct([Observation(None)])
@@ -215,10 +217,13 @@ def test_a_network_that_has_diverged_is_refused(data):
     settings = GcnSettings(configuration="none", gcn_layers=2, gcn_features=6, loss_points=50)
     items = Items(data, "train", settings.network(9), 5)
     network = DeformationNetwork(settings.network(9))
-    learner = GcnLearner(network, Materials(items, items, settings, 0))
+    learner = GcnLearner(network, items, items, settings, 0)
     with torch.no_grad():
         network.gcn.last.bias.fill_(torch.inf)
-    for compute in (lambda: learner.loss(learner.read([0, 1], [torch_generator(0, item) for item in "ab"])), learner.validate):
+    for compute in (
+        lambda: learner.loss(network, learner.read([0, 1], [torch_generator(0, item) for item in "ab"])),
+        lambda: learner.validate(network),
+    ):
         with pytest.raises(InvalidInput, match="vertices hold NaN or infinity"):
             compute()
 

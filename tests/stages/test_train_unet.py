@@ -89,19 +89,19 @@ def test_items_are_the_sensors_that_touched(touches: Touches) -> None:
 @pytest.mark.parametrize("loss", ["depth", "chamfer"])
 def test_the_loss_falls_and_its_measures_agree(touches: Touches, loss: Literal["depth", "chamfer"]) -> None:
     trained = learner(touches, loss=loss, width=4)
-    optimizer = torch.optim.Adam(trained.module.parameters(), lr=0.01)
+    optimizer = torch.optim.Adam(trained.network.parameters(), lr=0.01)
 
     def validate() -> dict[str, float]:
-        trained.module.eval()
+        trained.network.eval()
         with torch.no_grad():
-            return trained.validate()
+            return trained.validate(trained.network)
 
     first = validate()
     assert first == validate()
     for _ in range(40):
-        trained.module.train()
+        trained.network.train()
         optimizer.zero_grad()
-        trained.loss(everything(trained)).backward()
+        trained.loss(trained.network, everything(trained)).backward()
         optimizer.step()
     last = validate()
     assert last.keys() == {"loss", "depth_rms_um"}
@@ -115,9 +115,9 @@ def test_validation_does_not_depend_on_the_batch_size(touches: Touches) -> None:
     found = []
     for batch_size in (3, 100):
         trained = learner(touches, batch_size=batch_size)
-        trained.module.eval()
+        trained.network.eval()
         with torch.no_grad():
-            found.append(trained.validate())
+            found.append(trained.validate(trained.network))
     assert found[0] == pytest.approx(found[1], rel=1e-5)
 
 
@@ -125,9 +125,9 @@ def test_a_network_that_has_diverged_is_refused(touches: Touches) -> None:
     """The loop then stops and names the touches."""
     trained = learner(touches, loss="chamfer")
     with torch.no_grad():
-        next(trained.module.parameters()).fill_(torch.nan)
+        next(trained.network.parameters()).fill_(torch.nan)
     with pytest.raises(InvalidInput, match="the network has diverged"):
-        trained.loss(everything(trained))
+        trained.loss(trained.network, everything(trained))
 
 
 def test_images_vary_and_depths_do_not(touches: Touches) -> None:
@@ -216,7 +216,7 @@ def test_the_best_epoch_is_what_is_stored(trained: tuple[Path, dict[str, Any]]) 
     valid = load_touches(data, "valid")
     stored = UnetLearner(model.network, valid, valid, UnetSettings.model_validate(SETTINGS))
     with torch.no_grad():
-        assert stored.validate()["loss"] == pytest.approx(facts["best"]["loss"], rel=1e-6)
+        assert stored.validate(stored.network)["loss"] == pytest.approx(facts["best"]["loss"], rel=1e-6)
 
 
 def test_readings_of_another_sensor_are_refused(trained: tuple[Path, dict[str, Any]]) -> None:

@@ -45,20 +45,20 @@ class Regression(Learner):
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
         return list(items), torch.stack([torch.randn(1, generator=generator, dtype=torch.float32) for generator in generators])
 
-    def loss(self, batch: Batch) -> Tensor:
+    def loss(self, network: nn.Module, batch: Batch) -> Tensor:
         if self.steps == self.kill_at and os.environ.get("LOCAL_RANK", "1") == "1":
             os.kill(os.getpid(), signal.SIGKILL)
         self.steps += 1
         items, drawn = batch
-        x = self.x[items].to(next(self.module.parameters()))
+        x = self.x[items].to(next(network.parameters()))
         noise = self.noise * drawn.to(x)
         if self.poison in items:
             noise = noise * torch.nan
-        return (self.module(x) - 3 * x - 1 - noise).square().mean()
+        return (network(x) - 3 * x - 1 - noise).square().mean()
 
-    def validate(self) -> dict[str, float]:
-        x = self.x.to(next(self.module.parameters()))
-        return {"loss": float((self.module(x) - 3 * x - 1).square().mean())}
+    def validate(self, network: nn.Module) -> dict[str, float]:
+        x = self.x.to(next(network.parameters()))
+        return {"loss": float((network(x) - 3 * x - 1).square().mean())}
 
 
 class Scripted(Regression):
@@ -68,11 +68,11 @@ class Scripted(Regression):
         super().__init__(plain=True)
         self.training, self.validation, self.validated = training, validation, 0
 
-    def loss(self, batch: Batch) -> Tensor:
+    def loss(self, network: nn.Module, batch: Batch) -> Tensor:
         told = self.training[self.validated] if self.training else 1.0
-        return 0 * super().loss(batch) + told
+        return 0 * super().loss(network, batch) + told
 
-    def validate(self) -> dict[str, float]:
+    def validate(self, network: nn.Module) -> dict[str, float]:
         self.validated += 1
         return {"loss": self.validation[self.validated - 1] if self.validation else 1.0}
 
@@ -92,4 +92,4 @@ def run(folder: Path, seed: int = 0, kill_at: int | None = None, precision: str 
     """Train, or die at a step; the final weights."""
     learner = Regression(kill_at=kill_at, seed=seed)
     fit(learner, folder, seed, precision=precision, schedule="cosine", gradient_limit=1.0, weight_average=0.9)
-    return learner.module.state_dict()
+    return learner.network.state_dict()

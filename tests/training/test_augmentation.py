@@ -8,10 +8,10 @@ import torch
 
 from pipeline.models.observation import Observation
 from pipeline.training.augmentation import varied_image, varied_observation
-from pipeline.training.settings import ReconstructionSettings
+from stages.train_gcn.settings import GcnSettings
 
 GREY = np.full((64, 64, 3), 100, np.uint8)
-NOTHING = ReconstructionSettings()
+NOTHING = GcnSettings()
 
 
 def chance(seed: int = 0) -> torch.Generator:
@@ -19,7 +19,7 @@ def chance(seed: int = 0) -> torch.Generator:
 
 
 def varied(seed: int = 0, image: np.ndarray = GREY, **settings: float) -> np.ndarray:
-    return varied_image(image, ReconstructionSettings.model_validate(settings), chance(seed))
+    return varied_image(image, GcnSettings.model_validate(settings), chance(seed))
 
 
 def test_without_variation_nothing_is_drawn_or_copied():
@@ -56,7 +56,7 @@ def test_levels_stay_within_a_byte():
 def test_a_share_of_the_touch_charts_is_left_out():
     vertices = np.arange(1000, dtype=np.float32)[:, None, None].repeat(9, 1).repeat(3, 2)
     seen = Observation(None, vertices, np.arange(1000) % 2 == 0)
-    fewer = varied_observation(seen, ReconstructionSettings(dropped_touches=0.3), chance())
+    fewer = varied_observation(seen, GcnSettings(dropped_touches=0.3), chance())
     kept = fewer.touch_vertices[:, 0, 0].astype(int)
     assert len(kept) == pytest.approx(700, abs=60)
     assert (fewer.touched == (kept % 2 == 0)).all()

@@ -19,9 +19,9 @@ def same(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
 
 
 def validated(learner: Regression) -> float:
-    learner.module.eval()
+    learner.network.eval()
     with torch.no_grad():
-        return learner.validate()["loss"]
+        return learner.validate(learner.network)["loss"]
 
 
 @pytest.mark.parametrize(("kill_at", "precision"), [(0, "32-true"), (3, "32-true"), (7, "64-true"), (20, "32-true")])
@@ -64,9 +64,9 @@ def test_a_cosine_rises_over_a_twentieth_and_falls_to_nothing():
 def test_each_step_is_taken_at_its_rate(tmp_path, monkeypatch):
     monkeypatch.setattr(loop, "rate_at", lambda step, steps, schedule: {(0, 1, "cosine"): 0.25}[step, steps, schedule])
     learner = Regression(plain=True)
-    before = [parameter.detach().clone() for parameter in learner.module.parameters()]
+    before = [parameter.detach().clone() for parameter in learner.network.parameters()]
     fit(learner, tmp_path, epochs=1, batch_size=48, learning_rate=0.01, schedule="cosine")
-    moved = [float((now.detach() - then).abs().max()) for now, then in zip(learner.module.parameters(), before, strict=True)]
+    moved = [float((now.detach() - then).abs().max()) for now, then in zip(learner.network.parameters(), before, strict=True)]
     assert moved == pytest.approx([0.0025] * 4, rel=1e-3), "Adam's first step is as long as the rate, whatever the gradient"
 
 
@@ -75,7 +75,7 @@ def test_a_long_gradient_is_shortened(tmp_path):
     for gradients, changes in ((whole, {}), (limited, {"gradient_limit": 0.5})):
         learner = Regression(plain=True)
         fit(learner, tmp_path / str(changes), epochs=1, batch_size=48, **changes)
-        gradients.update({name: parameter.grad for name, parameter in learner.module.named_parameters()})
+        gradients.update({name: parameter.grad for name, parameter in learner.network.named_parameters()})
     norm = torch.nn.utils.get_total_norm(whole.values())
     assert norm > 1
     assert all(torch.allclose(limited[name], gradient * 0.5 / norm, rtol=1e-4) for name, gradient in whole.items())
@@ -115,7 +115,7 @@ def test_loss_that_is_nan_stops_and_names_its_batch(tmp_path):
 
 def test_loss_beyond_the_explosion_limit_stops(tmp_path):
     with pytest.raises(StageError, match=r"loss is 11 \(limit 10\), in epoch 2, step 1; lower .* its batch: point-"):
-        fit(Scripted(training=[1.0, 11.0]), tmp_path, explosion=10)
+        fit(Scripted(training=[1.0, 11.0]), tmp_path, max_loss_growth=10)
 
 
 def test_missing_device_is_a_stage_error(tmp_path):
@@ -134,18 +134,18 @@ def test_an_average_keeps_a_share_of_itself_at_each_step(tmp_path):
     names, before = ("0.weight", "1.running_mean"), []
 
     class Watched(Regression):
-        def loss(self, batch: Batch) -> torch.Tensor:
-            before.append([self.module.state_dict()[name].clone() for name in names])
-            return super().loss(batch)
+        def loss(self, network: torch.nn.Module, batch: Batch) -> torch.Tensor:
+            before.append([self.network.state_dict()[name].clone() for name in names])
+            return super().loss(network, batch)
 
     averaged, plain = Watched(), Watched()
     fit(averaged, tmp_path / "averaged", epochs=1, weight_average=0.75)
     fit(plain, tmp_path / "plain", epochs=1)
-    last = [plain.module.state_dict()[name] for name in names]
+    last = [plain.network.state_dict()[name] for name in names]
     after = [*before[1:6], last]
     expected = after[0]
     for weights in after[1:]:
         expected = [0.75 * mean + 0.25 * value for mean, value in zip(expected, weights, strict=True)]
     for name, mean, value in zip(names, expected, last, strict=True):
-        assert torch.allclose(averaged.module.state_dict()[name], mean, rtol=1e-4, atol=1e-6)
+        assert torch.allclose(averaged.network.state_dict()[name], mean, rtol=1e-4, atol=1e-6)
         assert not torch.allclose(mean, value, rtol=1e-2)

@@ -22,16 +22,16 @@ class Perfect(Regression):
         super().__init__(plain=True)
         self.later = later
 
-    def loss(self, batch: Batch) -> Tensor:
-        nothing = 0 * super().loss(batch)
+    def loss(self, network: torch.nn.Module, batch: Batch) -> torch.Tensor:
+        nothing = 0 * super().loss(network, batch)
         return nothing + (self.later if self.steps > len(self) / settings().batch_size else 0)
 
 
 class Steep(Regression):
     """A finite loss whose gradient is none: the root of 0."""
 
-    def loss(self, batch: Batch) -> Tensor:
-        return 1 + (0 * super().loss(batch)).sqrt()
+    def loss(self, network: torch.nn.Module, batch: Batch) -> torch.Tensor:
+        return 1 + (0 * super().loss(network, batch)).sqrt()
 
 
 class Refused(Regression):
@@ -41,11 +41,11 @@ class Refused(Regression):
         super().__init__(plain=True)
         self.where = where
 
-    def loss(self, batch: Batch) -> Tensor:
-        return super().loss(batch) + self._distance("loss")
+    def loss(self, network: torch.nn.Module, batch: Batch) -> torch.Tensor:
+        return super().loss(network, batch) + self._distance("loss")
 
-    def validate(self) -> dict[str, float]:
-        return {"loss": super().validate()["loss"] + float(self._distance("validation"))}
+    def validate(self, network: torch.nn.Module) -> dict[str, float]:
+        return {"loss": super().validate(network)["loss"] + float(self._distance("validation"))}
 
     def _distance(self, where: str) -> Tensor:
         return chamfer(torch.zeros(1, 3), torch.full((1, 3), math.nan if self.where == where else 0.0))
@@ -54,7 +54,7 @@ class Refused(Regression):
 class Unmeasured(Regression):
     """Validates to no number."""
 
-    def validate(self) -> dict[str, float]:
+    def validate(self, network: torch.nn.Module) -> dict[str, float]:
         return {"loss": math.nan}
 
 

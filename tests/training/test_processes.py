@@ -37,7 +37,7 @@ def test_three_processes_have_the_losses_of_one_where_parts_are_uneven_or_empty(
         assert facts["hardware"]["processes"] == devices
         assert len(facts["hardware"]["processors"]) == facts["hardware"]["nodes"] == 1
     assert_same_curves(tmp_path / "1", tmp_path / "3")
-    weights = [learner.module.state_dict() for learner in learners]
+    weights = [learner.network.state_dict() for learner in learners]
     assert weights[0].keys() == weights[1].keys()
     for name, value in weights[0].items():
         torch.testing.assert_close(weights[1][name], value, rtol=1e-5, atol=1e-6, check_dtype=False)
@@ -52,7 +52,7 @@ def balls(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 UNET = {"width": 2, "epochs": 2, "batch_size": 7}
 GCN = {"configuration": "occluded-touch", "gcn_layers": 3, "gcn_features": 12, "encoder_width": 0.125, "loss_points": 100}
-GCN |= {"items": 3, "validation_items": 2, "epochs": 2, "batch_size": 5}
+GCN |= {"samples_per_object": 3, "validation_items": 2, "epochs": 2, "batch_size": 5}
 
 
 @pytest.mark.parametrize(("stage", "values"), [(TrainUnet(), UNET), (TrainGcn(), GCN)], ids=["unet", "gcn"])
@@ -74,8 +74,8 @@ def test_a_killed_process_ends_the_training_and_it_goes_on_to_the_same_weights(t
         fit(Regression(kill_at=9), tmp_path / "killed", devices=2)
     assert not multiprocessing.active_children()
     fit(resumed, tmp_path / "killed", devices=2)
-    for name, value in whole.module.state_dict().items():
-        assert torch.equal(resumed.module.state_dict()[name], value)
+    for name, value in whole.network.state_dict().items():
+        assert torch.equal(resumed.network.state_dict()[name], value)
 
 
 def test_more_nodes_than_were_started_are_refused(tmp_path: Path) -> None:

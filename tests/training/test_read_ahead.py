@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from torch import Tensor
 
 from pipeline.errors import StageError, StoreError
 from pipeline.training.loop import read_metrics
@@ -65,13 +64,13 @@ class Waiting(Regression):
         self.begun.release()
         return super().read(items, generators)
 
-    def loss(self, batch: Batch) -> Tensor:
+    def loss(self, network: torch.nn.Module, batch: Batch) -> torch.Tensor:
         last = self.steps % 6 == 5  # of 6 batches of an epoch
         assert self.begun.acquire(timeout=20)
         if not last:
             assert self.begun.acquire(timeout=20)
             self.begun.release()
-        return super().loss(batch)
+        return super().loss(network, batch)
 
 
 def test_a_training_reads_ahead_and_its_losses_are_those_of_one_that_does_not(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from pipeline.models.trained_networks import FAMILIES
+from pipeline.models.families import FAMILIES
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place, exists
 from schemas.catalogue import ARTIFACTS

@@ -14,9 +14,9 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.scene import Scene
+from pipeline.models.families import FAMILIES, load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstructor
-from pipeline.models.trained_networks import FAMILIES, load_reconstructor
 from pipeline.reports.paper_figures import PIXELS, clearest_grasp
 from pipeline.reports.reconstruction_gallery import render_mesh
 from pipeline.reports.report_source import ReportSource

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal, Protocol
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -16,24 +16,8 @@ Seams = Literal["open", "tied"]
 TouchEdges = Literal["centres", "all"]
 
 
-class NetworkInputs(Protocol):
-    """What any network's configuration says of its inputs; see `NetworkConfig`."""
-
-    @property
-    def image(self) -> ImageKind | None:
-        """Name the image it sees, if any."""
-
-    @property
-    def touch(self) -> bool:
-        """Tell whether it is given touch charts."""
-
-    @property
-    def side(self) -> int:
-        """Count the vertices along a side of a touch chart."""
-
-
-class NetworkConfig(BaseModel):
-    """The inputs and sizes of a `DeformationNetwork`.
+class NetworkInputs(BaseModel):
+    """The inputs of any network that reconstructs, and its image encoder; a family adds its own sizes.
 
     Attributes
     ----------
@@ -43,25 +27,10 @@ class NetworkConfig(BaseModel):
         Whether it is given touch charts and which of them touched.
     encoder_layers, encoder_kernel, encoder_norm, encoder_width
         The image encoder: its plan by number of layers, pixels per side of its kernels, its normalisation, its channels over the plan's.
-    encoder_linear
-        Features that a linear layer with ReLU makes of the pooled ones (Table 11); none where it is None.
-    gcn_layers, gcn_features, mixed
-        The graph network: layers in all, features of each but the last, and the share of them averaged over neighbours.
-    passes
-        How often the vertices are moved, with the same weights.
-    splits
-        Vision charts: 24 · 4^splits of them.
     side
         Vertices along a side of a touch chart.
-    seams
-        "tied": vision vertices that coincide move as one, by the mean of what the network says of each; "open": each for itself.
-    touch_edges
-        "all": each vision vertex has the centres of its item's touch charts for neighbours, which do not see it; "centres": the centres of
-        vision charts and of touch charts are each other's neighbours.
     centre, radius
-        Where the sphere of vision charts starts, m, world. Networks see and move vertices in units of the radius from the centre.
-    checkpointing
-        Whether a pass is computed again for the gradient instead of kept: less memory for about a third more time, same results.
+        The ball that objects lie in, m, world. Networks see positions in units of the radius from the centre.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -72,17 +41,41 @@ class NetworkConfig(BaseModel):
     encoder_kernel: Literal[3, 5] = 3
     encoder_norm: Norm = "batch"
     encoder_width: float = Field(default=1.0, gt=0, le=64)
+    side: int = Field(default=9, ge=3, le=MOST_SIDE)
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.6)
+    radius: float = Field(default=0.25, gt=0)
+
+
+class NetworkConfig(NetworkInputs):
+    """The inputs and sizes of a `DeformationNetwork`, whose sphere of vision charts starts as the ball that objects lie in.
+
+    Attributes
+    ----------
+    encoder_linear
+        Features that a linear layer with ReLU makes of the pooled ones (Table 11); none where it is None.
+    gcn_layers, gcn_features, mixed
+        The graph network: layers in all, features of each but the last, and the share of them averaged over neighbours.
+    passes
+        How often the vertices are moved, with the same weights.
+    splits
+        Vision charts: 24 · 4^splits of them.
+    seams
+        "tied": vision vertices that coincide move as one, by the mean of what the network says of each; "open": each for itself.
+    touch_edges
+        "all": each vision vertex has the centres of its item's touch charts for neighbours, which do not see it; "centres": the centres of
+        vision charts and of touch charts are each other's neighbours.
+    checkpointing
+        Whether a pass is computed again for the gradient instead of kept: less memory for about a third more time, same results.
+    """
+
     encoder_linear: int | None = Field(default=None, gt=0, le=2**16)
     gcn_layers: int = Field(default=20, ge=2, le=1000)
     gcn_features: int = Field(default=200, ge=1, le=2**16)
     mixed: float = Field(default=1 / 3, ge=0, le=1)
     passes: int = Field(default=3, ge=1, le=100)
     splits: int = Field(default=1, ge=0, le=MOST_SPLITS)
-    side: int = Field(default=9, ge=3, le=MOST_SIDE)
     seams: Seams = "open"
     touch_edges: TouchEdges = "centres"
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.6)
-    radius: float = Field(default=0.25, gt=0)
     checkpointing: bool = False
 
 

@@ -6,11 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.engine.stage import DatasetJob
-from pipeline.kernels.networks.implicit_configurations import EVERY_CONFIGURATION
-from pipeline.models.trained_networks import load_reconstructor
+from pipeline.models.families import GRASP_CONFIGURATIONS, load_reconstructor
 from pipeline.tradeoff.explain import Count, arrays_read
-from stages.evaluate.ground_truth import Truth, arrays_of
-from stages.evaluate.measure import cases_of
+from stages.evaluate.grasp_protocol import GraspProtocol, arrays_of
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
 
@@ -19,13 +17,14 @@ def explain(job: DatasetJob) -> Iterator[Count]:
     """Count models, reconstructions, images and rings of an evaluation."""
     settings: EvaluationSettings = job.settings
     models = {Path(name).name: load_reconstructor(Path(name).name, folder) for name, folder in job.models.items()}
-    yield Count("models evaluated", len(models), len(EVERY_CONFIGURATION) - len(models), "not named in `configurations`")
+    yield Count("models evaluated", len(models), len(GRASP_CONFIGURATIONS) - len(models), "not named in `configurations`")
     yield arrays_read(arrays_of(list(models.values())), Evaluate().inputs(settings))
-    truth = Truth(job.data, list(models.values()), settings)
+    protocol = GraspProtocol(job, list(models.values()))
+    touched, objects = protocol.touched, len(protocol.objects)
     for model in models.values():
-        numbers, cases = cases_of(model, truth.grasps, settings)
-        figures = truth.grasps * len(numbers)
+        cases = protocol.cases(model)
+        figures = sum(len(case.firsts) for case in cases)
         same = "the same grasps in another order, or inputs that the model is not given"
-        yield Count("reconstructions", len(cases) * len(truth), (figures - len(cases)) * len(truth), same, "each case once")
-        sites = int(truth.touched.sum())
-        yield Count("touch sites with rings", sites, truth.touched.size - sites, "nothing was touched there")
+        yield Count("reconstructions", len(cases) * objects, (figures - len(cases)) * objects, same, "each case once")
+        sites = int(touched.sum())
+        yield Count("touch sites with rings", sites, touched.size - sites, "nothing was touched there")

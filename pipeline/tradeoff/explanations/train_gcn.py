@@ -23,7 +23,7 @@ from stages.train_gcn.settings import GcnSettings
 def explain(job: DatasetJob) -> Iterator[Count]:
     """Count what a training of one configuration looks at."""
     settings: GcnSettings = job.settings
-    items = Items(job.data, "train", settings.named, settings.items)
+    items = Items(job.data, "train", settings.named, settings.samples_per_object)
     config = settings.network(items.side)
     yield Count("configurations trained", 1, len(CONFIGURATIONS) - 1, "each is a training of its own, and none needs another")
     artifacts = (SURFACES, *([VISION] if config.image else []), *([CHARTS] if config.touch else []))

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import lightning_fabric  # noqa: F401 (it keeps the rank that it finds when it is first imported, for all tests after these)
 import pytest
 
-from pipeline.engine.peers import Peers, peers
+from pipeline.engine.process_group import ProcessGroup, process_group
 
 STEP = {"STEP_NUM_TASKS": "4", "STEP_NUM_NODES": "2", "STEP_NODELIST": "node[07-08]", "PROCID": "2", "LOCALID": "0", "NODEID": "1"}
 TORCHRUN = {"RANK": "1", "WORLD_SIZE": "3", "LOCAL_WORLD_SIZE": "3", "LOCAL_RANK": "1", "GROUP_RANK": "0"}
@@ -20,25 +20,25 @@ def clean(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     for name in (*TORCHRUN, "TORCHELASTIC_RUN_ID", "MASTER_ADDR", "MASTER_PORT", *(f"SLURM_{name}" for name in STEP)):
         monkeypatch.setenv(name, "")  # so that it is removed afterwards
         monkeypatch.delenv(name)
-    peers.cache_clear()
+    process_group.cache_clear()
     yield
-    peers.cache_clear()
+    process_group.cache_clear()
 
 
 def test_a_process_alone_has_none() -> None:
-    assert peers() is None
+    assert process_group() is None
 
 
 def test_torchrun_says_which_process_this_is(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {"TORCHELASTIC_RUN_ID": "none", **TORCHRUN}.items():
         monkeypatch.setenv(name, value)
-    assert peers() == Peers("torchrun", rank=1, count=3, on_node=3)
+    assert process_group() == ProcessGroup("torchrun", rank=1, count=3, on_node=3)
 
 
 def test_a_step_of_slurm_with_several_tasks_is_translated(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {**STEP, "JOB_ID": "5", "STEP_ID": "1"}.items():
         monkeypatch.setenv(f"SLURM_{name}", value)
-    assert peers() == Peers("srun", rank=2, count=4, on_node=2)
+    assert process_group() == ProcessGroup("srun", rank=2, count=4, on_node=2)
     assert [os.environ[name] for name in ("MASTER_ADDR", "MASTER_PORT", "LOCAL_RANK", "GROUP_RANK")] == ["node07", "15081", "0", "1"]
 
 
@@ -46,4 +46,4 @@ def test_a_script_of_sbatch_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """It has the tasks of its job in its environment, and is one process."""
     for name, value in {"JOB_ID": "5", "NTASKS": "4", "PROCID": "0", "LOCALID": "0"}.items():
         monkeypatch.setenv(f"SLURM_{name}", value)
-    assert peers() is None
+    assert process_group() is None

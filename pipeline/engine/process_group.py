@@ -22,7 +22,7 @@ class HelpDone(Exception):
 
 
 @dataclass(frozen=True)
-class Peers:
+class ProcessGroup:
     """The processes that were started together, and which of them this is.
 
     Attributes
@@ -40,11 +40,11 @@ class Peers:
     count: int
     on_node: int
 
-    def tell(self, what: str, word: str) -> None:
+    def broadcast(self, what: str, word: str) -> None:
         """Tell the others whether the first process wants `HELP` with an output, or `NOTHING`."""
         _store().set(what, word)
 
-    def hear(self, what: str) -> str:
+    def wait_for(self, what: str) -> str:
         """Wait for the word of the first process.
 
         Raises
@@ -59,7 +59,7 @@ class Peers:
 
 
 @cache
-def peers() -> Peers | None:
+def process_group() -> ProcessGroup | None:
     """Find out what started this process with others; None where it was started alone.
 
     Slurm's names are translated to those of torchrun, which torch and Fabric read.
@@ -70,7 +70,7 @@ def peers() -> Peers | None:
             return None
         environment.update(_names_of_torchrun(environment["SLURM_STEP_NODELIST"]))
     rank, count, on_node = (int(environment[name]) for name in ("RANK", "WORLD_SIZE", "LOCAL_WORLD_SIZE"))
-    return Peers("torchrun" if "TORCHELASTIC_RUN_ID" in environment else "srun", rank, count, on_node)
+    return ProcessGroup("torchrun" if "TORCHELASTIC_RUN_ID" in environment else "srun", rank, count, on_node)
 
 
 def _names_of_torchrun(nodes: str) -> dict[str, str]:

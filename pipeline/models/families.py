@@ -1,0 +1,53 @@
+"""The families of networks that reconstruct: one entry adds a family to models, evaluation, prediction and reports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+
+from pipeline.kernels.networks.network_configurations import NetworkInputs
+from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor
+from pipeline.models.implicit_reconstruction import ImplicitReconstructor
+from pipeline.models.reconstruction import Reconstructor
+from pipeline.store.storage import Place, names_in
+
+FAMILIES: Mapping[str, type[Reconstructor]] = {
+    "gcn": DeformationReconstructor,
+    "implicit": ImplicitReconstructor,
+    "": SingleImageReconstructor,
+}
+"""By the folder of its models below `models`; a family of one network needs none."""
+
+EVERY_CONFIGURATION: Mapping[str, NetworkInputs] = {
+    name: config for family in FAMILIES.values() for name, config in family.configurations.items()
+}
+"""The networks of all families by name."""
+
+GRASP_CONFIGURATIONS = {name: config for name, config in EVERY_CONFIGURATION.items() if config.image != "rendering"}
+"""Those that are given grasps of an object, seen or felt; the others are given a rendering."""
+
+
+def family_of(configuration: str) -> str:
+    """Name the family of a configuration's network; a `KeyError` where there is no such configuration."""
+    families = {name: folder for folder, family in FAMILIES.items() for name in family.configurations}
+    return families[configuration]
+
+
+def model_name(configuration: str, training_seed: int = 0) -> str:
+    """Name the folder of a configuration's model, below a data directory, which holds further trainings below `models/seed-1` and so on."""
+    parts = ("models", f"seed-{training_seed}" if training_seed else "", family_of(configuration), configuration)
+    return "/".join(filter(None, parts))
+
+
+def load_reconstructor(configuration: str, folder: Path, device: torch.device | str = "cpu") -> Reconstructor:
+    """Load the network of a configuration that its training left in a folder; a `StoreError` where there is none."""
+    return FAMILIES[family_of(configuration)](folder, device)
+
+
+def trained_models(models: Place, training_seed: int = 0) -> dict[str, Place]:
+    """Find the networks that were trained: by configuration, the folder below `models` that holds its record."""
+    folders = {name: (models / model_name(name, training_seed).removeprefix("models/")).parent for name in EVERY_CONFIGURATION}
+    records = {folder: set(names_in(folder)) for folder in set(folders.values())}
+    return {name: folder for name, folder in folders.items() if f"{name}.json" in records[folder]}

@@ -1,0 +1,206 @@
+"""The protocol of supplement 2.4 and 3.5: every number of grasps, rings around touches, and how surfaces look."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.touch_charts import is_surface
+from pipeline.dataset.touch_statistics import tally
+from pipeline.engine.stage import DatasetJob
+from pipeline.errors import StoreError
+from pipeline.kernels.geometry.mesh import is_watertight
+from pipeline.kernels.metrics.cloud_distances import CloudDistances, sampled_area
+from pipeline.kernels.metrics.surface_quality import (
+    crossing_faces,
+    dihedral_angles,
+    intersection_over_union,
+    normal_consistency,
+    seam_gaps,
+    surface_area,
+)
+from pipeline.kernels.metrics.touch_site_rings import ring_means, ring_of
+from pipeline.kernels.touch.contact import local_points
+from pipeline.kernels.vision.labels import Label
+from pipeline.models.closed_reconstruction import closed
+from pipeline.models.reconstruction import Reconstructor
+from pipeline.rng import numpy_rng
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import Place
+from schemas.charts import STOP_RULES
+from schemas.surfaces import SURFACES
+from stages.evaluate.baselines import retrieved
+from stages.evaluate.evaluation_files import Arrays, Figures
+from stages.evaluate.ground_truth import TestObjects
+from stages.evaluate.measure import Case, Measured, Protocol
+from stages.evaluate.settings import EvaluationSettings
+
+ALL = "all"
+"""The class of every object, the stop rule of every chart."""
+POINTS_IN_BOX = 20_000
+"""In the box around an object and its closed mesh: their shared part is right to 0.02, where they fill a twentieth of it."""
+
+
+class GraspProtocol(Protocol):
+    """Measure reconstructions from grasps. Of images and charts only those are read that a model is shown."""
+
+    stage = "evaluate"
+    keeps_surfaces = True
+
+    def __init__(self, job: DatasetJob, models: Sequence[Reconstructor]) -> None:
+        self.job, self.seen = job, any(model.image for model in models)
+        self.settings: EvaluationSettings = job.settings
+        self.objects = TestObjects(job.data, arrays_of(models), self.settings.points, self.stage)
+        self.poses, self.touched = self.objects.stack("sensor_pose"), self.objects.stack("touch_success")  # (object, grasp, sensor, …)
+        self.sensor = self.objects.rows.sensor()
+        self._surfaces = DataDirectory(job.data).collection(SURFACES)
+
+    def cases(self, model: Reconstructor) -> list[Case]:
+        """List the cases of a model; see `make_cases`."""
+        return make_cases(self.touched.shape[1], self.settings.grasps, touch=model.touch, occluded=model.image == "occluded")
+
+    def identity(self, name: str, object_id: str, case: Case) -> tuple[str | int, ...]:
+        """Name the draw of points by object, model and grasps."""
+        return object_id, name, case.first, len(case.grasps)
+
+    def figures(self, name: str, model: Reconstructor, one: Measured) -> Iterator[tuple[int, str, float]]:
+        """Measure the distances of a case; of the first one how it looks, too, and with one grasp the rings around its touches."""
+        settings, case = self.settings, one.case
+        distances = {"chamfer": one.apart.chamfer}
+        for suffix, multiple in (("", 1.0), ("_2tau", 2.0)):
+            tau = multiple * settings.tau
+            precision, recall = one.apart.precision_recall(tau, settings.scale)
+            figures = {"precision": precision, "recall": recall, "f1": one.apart.f1(tau, settings.scale)}
+            distances |= {metric + suffix: figure for metric, figure in figures.items()}
+        yield from ((first, metric, value) for first in case.firsts for metric, value in distances.items())
+        if one.is_first:
+            looks = self.looks(one) | (self.closed(name, model, one) if settings.closed_resolution else {})
+            yield from ((case.first, metric, value) for metric, value in looks.items())
+        if case.given == 1:
+            yield from self.rings(one)
+
+    def rings(self, one: Measured) -> Iterator[tuple[int, str, float]]:
+        """Measure the points of the object in rings around each touch of a case with one grasp."""
+        points, rings = self.objects.points(one.row), self.settings.rings
+        for grasp in one.case.firsts:
+            for sensor in np.flatnonzero(self.touched[one.row, grasp]):
+                ring = ring_of(points, self.poses[one.row, grasp, sensor], self.sensor.width, rings)
+                means, counts = ring_means(one.apart.truth, ring, rings)
+                yield from ((grasp, f"local_chamfer_{at + 1}", float(means[at])) for at in np.flatnonzero(counts))
+
+    def looks(self, one: Measured) -> dict[str, float]:
+        """Measure how a reconstruction looks; see the schema's `QUALITY`."""
+        made, points, normals = one.made, self.objects.points(one.row), self.objects.normals(one.row)
+        vision = made.faces[(made.faces < made.vision).all(axis=1)]
+        a, b, c = np.moveaxis(made.vertices[one.faces], 1, 0)
+        across = np.cross(b - a, c - a)
+        drawn = across / np.linalg.norm(across, axis=1, keepdims=True)  # a face with a point on it has an area
+        return {
+            "area_ratio": surface_area(made.vertices, made.faces) / sampled_area(points, normals),
+            "dihedral": float(np.median(dihedral_angles(made.vertices, vision))),
+            "seam_gap": 0.0 if made.is_whole else float(seam_gaps(made.vertices[: made.vision], made.position).mean()),
+            "spike": float(np.sqrt(np.quantile(one.apart.predicted, 0.999))),
+            "normal_consistency": normal_consistency(one.sampled, drawn, points, normals),
+            "crossing": float(crossing_faces(made.vertices, vision, made.position).mean()),
+        }
+
+    def closed(self, name: str, model: Reconstructor, one: Measured) -> dict[str, float]:
+        """Close a reconstruction; measure the inside that it shares with the object, where that has one."""
+        object_id = self.objects.rows.object_ids[one.row]
+        vertices, faces = closed(one.made, self.settings.closed_resolution or 0, self.observe(model, one.row, one.case))
+        found = {"watertight": float(is_watertight(faces))}
+        if not bool(self._surfaces.view(object_id)["watertight"]):
+            return found
+        mesh = read_mesh(self._surfaces.view(object_id))
+        corners = np.concatenate([vertices, mesh.vertices])
+        rng = numpy_rng(self.job.seed, "evaluate", "closed", name, object_id)
+        points = rng.uniform(corners.min(axis=0), corners.max(axis=0), (POINTS_IN_BOX, 3))
+        return found | {"iou": intersection_over_union((vertices, faces), (mesh.vertices, mesh.faces), points)}
+
+    def baselines(self) -> dict[str, Figures]:
+        """Measure training objects in place of reconstructions; none where no training object came through."""
+        try:
+            known = ObjectRows(self.job.data, ["points"], "train")
+        except StoreError:
+            return {}
+        images = ObjectRows(self.job.data, ["segmentation"], None) if self.seen else None
+
+        def silhouettes(object_id: str) -> NDArray[np.bool_]:
+            return (images.read("segmentation", object_id)[0] == Label.OBJECT).reshape(1, -1) if images else np.zeros((1, 0), bool)
+
+        def figures(apart: CloudDistances, row: int) -> Mapping[str, float]:
+            return {"chamfer": apart.chamfer}
+
+        touched = [self._touched_points(row) for row in range(len(self.objects))]
+        return retrieved(
+            self.objects, known, self.settings.looked_up, figures, silhouettes=silhouettes if images else None, touched=touched
+        )
+
+    def _touched_points(self, row: int) -> NDArray[np.float64]:
+        """Collect the points that the sensors touched in an object's first grasp, (N, 3); the sensors' places where none touched."""
+        depth, poses = self.objects.rows.read("depth", self.objects.rows.object_ids[row], 0), self.poses[row, 0]
+        clouds = [local_points(depth[site], poses[site], self.sensor) for site in np.flatnonzero(self.touched[row, 0])]
+        return np.concatenate([cloud[:count] for cloud, count in clouds] or [poses[:, :3, 3]]).astype(np.float64)
+
+    def extra(self, models: Sequence[Reconstructor]) -> dict[str, Arrays]:
+        """Make Table 1 and, where a model feels, the table of touch charts."""
+        found = {"table_1": dataset(self.job.data)}
+        if any(model.touch for model in models):
+            found["charts"] = chart_residuals(*map(self.objects.stack, ("residual", "iterations", "stop_rule")))
+        return found
+
+
+def make_cases(available: int, numbers: Sequence[int], *, touch: bool, occluded: bool) -> list[Case]:
+    """List the cases of a model that takes `touch` or not and the `occluded` image or not, of `available` grasps per object.
+
+    A model without touch is the same for any number of grasps, without the occluded image for any grasp; all grasps are
+    the same grasps whichever comes first. Numbers beyond the available ones are left out.
+    """
+    every = tuple(range(available))
+    if not touch:
+        return [Case(first, (), 1, (first,)) for first in every] if occluded else [Case(0, (), 1, every)]
+    cases = []
+    for number in (number for number in numbers if number <= available):
+        if number == available and not occluded:
+            cases.append(Case(0, every, number, every))
+            continue
+        for first in every:
+            cases.append(Case(first, tuple((first + step) % available for step in range(number)), number, (first,)))
+    return cases
+
+
+def arrays_of(models: Sequence[Reconstructor]) -> list[str]:
+    """List the arrays that these models' evaluation reads; `untouched` for the sensor's description in the attributes."""
+    images = sorted({model.image for model in models if model.image is not None})
+    charts = ["vertices", "residual", "iterations", "stop_rule"] if any(model.touch for model in models) else []
+    return ["points", "normals", "depth", "sensor_pose", "touch_success", "untouched", *images, *charts]
+
+
+def dataset(data: Place) -> Arrays:
+    """Make Table 1, one row per class and one for all."""
+    found = tally(data)
+    *counts, percent = np.array([entry.row()[:4] for entry in found.values()]).T  # (class,) each
+    successful, touches = percent / 100, counts[-1]
+    return {
+        "category": np.array([*found, ALL]),
+        **{name: np.append(column, column.sum()) for name, column in zip(("objects", "grasps", "touches"), counts, strict=True)},
+        "successful": np.append(successful, (successful * touches).sum() / touches.sum()),
+    }
+
+
+def chart_residuals(residual: np.ndarray, iterations: np.ndarray, stop_rule: np.ndarray) -> Arrays:
+    """Summarise touch-chart residuals by stop rule, from the arrays of the artifact `charts`."""
+    chosen = {name: stop_rule == code for code, name in enumerate(STOP_RULES) if name != "no_touch" and (stop_rule == code).any()}
+    chosen[ALL] = is_surface(stop_rule)
+    masks = chosen.values()
+    return {
+        "stop_rule": np.array([*chosen]),
+        "charts": np.array([mask.sum() for mask in masks]),
+        "residual_mean": np.array([residual[mask].mean(dtype=np.float64) if mask.any() else 0.0 for mask in masks]),
+        "residual_worst": np.array([residual[mask].max(initial=0) for mask in masks]),
+        "iterations": np.array([iterations[mask].mean(dtype=np.float64) if mask.any() else 0.0 for mask in masks]),
+    }

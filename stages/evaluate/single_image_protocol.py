@@ -1,0 +1,97 @@
+"""The protocol of supplement 3.6: Table 4's standard on the views of each object."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.stage import DatasetJob
+from pipeline.kernels.geometry.transforms import length
+from pipeline.kernels.metrics.cloud_distances import CloudDistances
+from pipeline.models.reconstruction import Reconstructor
+from pipeline.store.directory import DataDirectory
+from schemas.surfaces import SURFACES
+from stages.evaluate.baselines import retrieved
+from stages.evaluate.evaluation_files import Arrays, Figures
+from stages.evaluate.ground_truth import TestObjects
+from stages.evaluate.measure import Case, Measured, Protocol
+from stages.evaluate.settings import SingleImageEvaluationSettings
+
+ARRAYS = ("points", "rendering", "rendering_camera", "silhouette")
+STEP = 2
+"""Every second pixel of every second row of a silhouette is compared."""
+CHAMFER_FACTOR = 1000.0
+"""Of Table 4's Chamfer distances."""
+
+
+class SingleImageProtocol(Protocol):
+    """Measure reconstructions from renderings in the unit of Table 4."""
+
+    stage = "evaluate-single-image"
+
+    def __init__(self, job: DatasetJob, models: Sequence[Reconstructor]) -> None:
+        self.job, self.settings = job, job.settings
+        settings: SingleImageEvaluationSettings = job.settings
+        self.objects = TestObjects(job.data, ARRAYS, settings.points, self.stage)
+        self.views = min(settings.views, self.objects.rows.size("rendering", "viewpoint"))
+        self._surfaces = DataDirectory(job.data).collection(SURFACES)
+        self._scales = [self._scale_of(object_id) for object_id in self.objects.rows.object_ids]
+
+    def cases(self, model: Reconstructor) -> list[Case]:
+        """List the views."""
+        return [Case(view, (), 1, (view,)) for view in range(self.views)]
+
+    def identity(self, name: str, object_id: str, case: Case) -> tuple[str | int, ...]:
+        """Name the draw of points by object and view."""
+        return object_id, case.first
+
+    def figures(self, name: str, model: Reconstructor, one: Measured) -> Iterator[tuple[int, str, float]]:
+        """Measure the distances of a view."""
+        yield from ((one.case.first, metric, value) for metric, value in self._figures(one.apart, one.row).items())
+
+    def baselines(self) -> dict[str, Figures]:
+        """Measure training objects in place of reconstructions."""
+        known, everything = ObjectRows(self.job.data, ARRAYS, "train"), ObjectRows(self.job.data, ["silhouette"], None)
+
+        def silhouettes(object_id: str) -> NDArray[np.bool_]:
+            return everything.read("silhouette", object_id)[: self.views, ::STEP, ::STEP].reshape(self.views, -1)
+
+        return retrieved(self.objects, known, self.settings.looked_up, self._figures, silhouettes=silhouettes)
+
+    def extra(self, models: Sequence[Reconstructor]) -> dict[str, Arrays]:
+        """Make none."""
+        return {}
+
+    def _figures(self, apart: CloudDistances, row: int) -> Mapping[str, float]:
+        return figures_of(apart, scale=self._scales[row], tau=self.settings.tau)
+
+    def _scale_of(self, object_id: str) -> float:
+        """Compute the factor to the standard's size from the diagonal that objects were scaled to, or the object's own if it was not."""
+        view = self._surfaces.view(object_id)
+        if "metres_per_unit" in view and view["metres_per_unit"] > 0:
+            return float(self.settings.scale / length(np.ptp(read_mesh(view).vertices, axis=0)))
+        return float(self.settings.scale / self.objects.rows.attributes("surfaces")["settings"]["diagonal"])
+
+
+def figures_of(apart: CloudDistances, *, scale: float, tau: float) -> dict[str, float]:
+    """Compute the figures of one reconstruction by Table 4's standard.
+
+    Parameters
+    ----------
+    apart
+        Squared distances between predicted and true points, m².
+    scale
+        What both clouds are multiplied by to be in the standard's unit.
+    tau
+        Squared distance of F1, in that unit.
+
+    Returns
+    -------
+    Chamfer distance × `CHAMFER_FACTOR` in the standard's unit, and F1 at tau and 2 tau, by metric.
+    """
+    chamfer = CHAMFER_FACTOR * scale**2 * apart.chamfer
+    return {"scaled_chamfer": chamfer, "f1": apart.f1(tau, scale), "f1_2tau": apart.f1(2 * tau, scale)}
