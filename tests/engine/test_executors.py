@@ -17,7 +17,7 @@ from pathlib import Path
 import dask
 import pytest
 
-from pipeline.engine import dask_executor
+from pipeline.engine import dask_executor, local_cluster
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.jobs import Work
@@ -143,7 +143,7 @@ def test_a_worker_that_nobody_watches_over_any_more_is_replaced(tmp_path):
     work, jobs = Work(plan.stage, plan.settings, 0, tmp_path, {}), [member.job for member in plan.members]
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "1s"}), Dask() as executor:
         assert len([*executor.run(work, jobs[:1])]) == 1
-        executor._cluster.sync(executor._cluster.workers[0].close)
+        executor._connect().cluster.sync(executor._connect().cluster.workers[0].close)
         assert len([*executor.run(work, jobs[1:])]) == 4
 
 
@@ -204,7 +204,7 @@ def test_workers_that_do_not_start_in_time_are_named_with_a_way_out(monkeypatch)
     def late(*_: object, **__: object) -> None:
         raise TimeoutError
 
-    monkeypatch.setattr(dask_executor, "LocalCluster", late)
+    monkeypatch.setattr(local_cluster, "LocalCluster", late)
     with pytest.raises(StageError, match=r"2 worker processes did not start in time.*--executor serial"):
         Dask(2)._connect()
 
