@@ -10,7 +10,7 @@ import yaml
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.cli.request import make_request
+from pipeline.cli.request import ExecutorName, make_executor, make_request
 from stages.registry import STAGES, load_stage
 
 RUN = ["run", "sample-surfaces"]
@@ -156,3 +156,10 @@ def test_a_dry_run_reads_the_hand_even_where_there_is_nothing_to_grasp_yet(tmp_p
     code, output = invoke("run", "simulate-grasps", "--data", str(tmp_path / "d"), "--dry-run", "--set", f"hand={hand}")
     assert code == 1
     assert "there is no entry fingres, did you mean fingers?" in output
+
+
+@pytest.mark.parametrize(("address", "warns"), [("tcp://HOST:8786", True), ("HOST:8786", True), ("tls://HOST:8786", False)])
+def test_a_scheduler_that_asks_nobody_who_they_are_is_warned_of(capsys, address, warns):
+    make_executor(ExecutorName.dask, 0, address)
+    said = " ".join(capsys.readouterr().err.split())
+    assert (f"warning: whoever reaches {address} can run code as you" in said) == warns

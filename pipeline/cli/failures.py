@@ -35,8 +35,11 @@ def fail(message: object, *, status: int = 1) -> NoReturn:
 @contextmanager
 def failures_as_words() -> Iterator[None]:
     """End a command with words for whatever a person can mend, and for Ctrl-C and SIGTERM; decorates every command."""
-    before = signal.signal(signal.SIGTERM, _terminate)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
+        signal.signal(signal.SIGTERM, _terminate)
+        if before[signal.SIGINT] is not signal.SIG_IGN:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         yield
     except (PipelineError, OSError) as error:
         fail(str(error) or f"{type(error).__name__}; {KEPT}")  # a timeout may say nothing
@@ -51,4 +54,5 @@ def failures_as_words() -> Iterator[None]:
         errors.print(escape(traceback.format_exc().rstrip()))
         fail("this is a bug in vt-pipeline; please report it with the traceback above. What is finished is kept")
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

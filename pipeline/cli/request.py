@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
 import typer
+from rich.markup import escape
 
 from pipeline.cli.failures import fail
 from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import load_presets
+from pipeline.console import errors
 from pipeline.engine.executor import Deferred, Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
@@ -86,6 +88,11 @@ def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Ex
         return Serial()
     if workers and scheduler:
         fail("--scheduler has workers of its own; leave --workers out")
+    if scheduler and not scheduler.startswith(("tls://", "wss://", "inproc://")):
+        errors.print(
+            f"[yellow]warning:[/] whoever reaches {escape(scheduler)} can run code as you, on its workers and here; where others share the "
+            "machines or the network, use tls://HOST:8786 and certificates"
+        )
 
     def dask() -> Executor:
         from pipeline.engine.dask_executor import Dask

@@ -51,7 +51,7 @@ def run(
     shards: Annotated[int | None, typer.Option(min=1, max=9999, help="Into how many; by default the dataset's number, or 1.")] = None,
     executor: Annotated[ExecutorName, typer.Option(help="dask: worker processes; serial: this process alone.")] = ExecutorName.dask,
     workers: Annotated[int, typer.Option(min=0, help="Worker processes on this machine; 0 for one per core.")] = 0,
-    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler, as tcp://HOST:8786, whose workers are used instead.")] = None,
+    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler, as tls://HOST:8786, whose workers are used instead.")] = None,
     object_id: Annotated[str | None, typer.Option("--object", help="Process only this object.")] = None,
     units: UnitsOption = None,
     up: UpOption = None,

@@ -9,8 +9,6 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from pipeline.formats.description_file import description_path, read_description
 
-Word = Annotated[str, Field(pattern=r"^[^\s,]+$")]
-
 
 def _is_text(value: Any) -> Any:
     if isinstance(value, (int, float)) and not isinstance(value, bool):
@@ -20,11 +18,15 @@ def _is_text(value: Any) -> Any:
 
 def _is_one_line(line: str) -> str:
     if not line.isprintable():
-        raise ValueError(f"{line!r} is no single line of text; give an entry per line")
+        raise ValueError(
+            f"{line!r} is no single line of printable text, as a job's script needs; take out control characters and line breaks"
+        )
     return line
 
 
 Line = Annotated[str, AfterValidator(_is_one_line)]
+Word = Annotated[Line, Field(pattern=r"^[^\s,]+$")]
+Number = Annotated[int, Field(ge=1, le=10**6)]
 
 
 class Allocation(BaseModel):
@@ -33,15 +35,15 @@ class Allocation(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     partition: Word
-    cores: int = Field(ge=1)
-    memory: Annotated[str, BeforeValidator(_is_text), Field(pattern=r"^[1-9]\d*[KMGT]$")]
-    time: Annotated[str, BeforeValidator(_is_text), Field(pattern=r"^(\d+-)?\d+(:\d\d){0,2}$")]
+    cores: Number
+    memory: Annotated[str, BeforeValidator(_is_text), Field(pattern=r"^[1-9][0-9]*[KMGT]$")]
+    time: Annotated[str, BeforeValidator(_is_text), Field(pattern=r"^([0-9]+-)?[0-9]+(:[0-9]{2}){0,2}$")]
 
 
 class GpuAllocation(Allocation):
     """An allocation with GPUs: how many, or their type and how many."""
 
-    gpus: Annotated[int, Field(ge=1)] | Annotated[str, Field(pattern=r"^[\w.-]+:[1-9]\d*$")] = 1
+    gpus: Number | Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+:[1-9][0-9]*$")] = 1
 
 
 class ClusterProfile(BaseModel):
@@ -69,11 +71,11 @@ class ClusterProfile(BaseModel):
     summary: str = ""
     cpu: Allocation
     gpu: GpuAllocation | None = None
-    concurrent: int | None = Field(None, ge=1)
+    concurrent: Number | None = None
     setup: tuple[Line, ...] = ()
     command: Line | None = None
     account: Word | None = None
-    options: tuple[Annotated[str, Field(pattern=r"^--[a-z][a-z-]*(=\S+)?$")], ...] = ()
+    options: tuple[Annotated[Line, Field(pattern=r"^--[a-z][a-z-]*(=\S+)?$")], ...] = ()
 
 
 def load_cluster(name: str | Path) -> ClusterProfile:

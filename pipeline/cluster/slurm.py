@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 from collections import Counter
@@ -101,7 +102,7 @@ def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob
         ids: dict[str, str] = {}
         for job in jobs:
             path = folder / f"{job.name}.sh"
-            write_at_once(path, scripts[job.output].encode())
+            write_at_once(path, os.fsencode(scripts[job.output]))  # a path among its arguments may be no text
             ids[job.output] = _sbatch(path, dependency(job, {one.output: one for one in jobs}, ids), list(ids.values()))
             tasks = submission.shards if job.is_array else None
             made = SubmittedJob(stage=job.stage.name, output=job.output, name=job.name, number=ids[job.output], tasks=tasks)

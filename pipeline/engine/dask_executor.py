@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import logging
-import os
 import pickle
-import signal
-import threading
 import time
 import uuid
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 
-import dask
-from distributed import CancelledError, Client, Future, KilledWorker, LocalCluster, wait
+from distributed import CancelledError, Client, Future, KilledWorker, wait
 
 from pipeline.engine import dask_worker, keys
 from pipeline.engine.executor import Executor
+from pipeline.engine.local_cluster import end_workers, start_workers
 from pipeline.engine.session import MORE_MEMORY, Work, record_crash
 from pipeline.engine.unit import Unit
 from pipeline.errors import StageError
@@ -25,15 +22,6 @@ from pipeline.store.row_files import Result
 
 TRIES = 2
 """A process that dies may have been killed from outside; the object is to blame when it dies again."""
-
-LOCAL = {
-    "distributed.scheduler.allowed-failures": 0,  # each death is told, with the time that its object had taken
-    "distributed.scheduler.worker-ttl": None,  # native code may keep a worker silent for long; `object_seconds` limits it
-    "distributed.worker.profile.enabled": False,  # what it notes of a second takes 0.1 MB, and 1000 of them are kept
-    "distributed.comm.timeouts.connect": "60s",
-    # Dask would have malloc give back each 64 kB that are free: arrays of a megabyte then cost a third of an object's time.
-    "distributed.nanny.pre-spawn-environ": {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1},
-}
 
 CONNECT_SECONDS = 10
 """After which there is no scheduler at an address."""
@@ -44,11 +32,6 @@ LOOK_SECONDS = 10
 
 BUNDLE_SECONDS = 2.0
 """What a worker is given at once takes about so long: a hundred times the way to it and back."""
-
-HINT = "run again, with fewer --workers where memory is short, or with --executor serial"
-"""What helps where workers of this machine do not start."""
-NOBODY_ELSE = "127.0.0.1:0"
-"""Where Dask's web servers listen: any free port, which other machines do not reach."""
 
 
 class Dask(Executor):
@@ -65,7 +48,6 @@ class Dask(Executor):
     def __init__(self, processes: int = 1, scheduler: str | None = None) -> None:
         self._count, self._scheduler = processes, scheduler
         self._tries = 1 if scheduler else TRIES  # a scheduler that is not ours has tried more than once itself
-        self._cluster: LocalCluster | None = None
         self._client: Client | None = None
 
     @property
@@ -117,15 +99,7 @@ class Dask(Executor):
         if self._client is None:
             for library in ("distributed", "asyncio"):  # what they would say of workers that die, and of runs that are ended, is said here
                 logging.getLogger(library).setLevel(logging.CRITICAL)
-            if self._scheduler:
-                self._client = _client_of(self._scheduler)
-            else:
-                try:
-                    self._cluster = _local_cluster(self._count)
-                    self._client = Client(self._cluster, set_as_default=False)
-                    self._client.register_plugin(dask_worker.LocalWorker())
-                except TimeoutError as error:
-                    raise StageError(f"{self._count} worker processes did not start in time on a machine this busy; {HINT}") from error
+            self._client = _client_of(self._scheduler) if self._scheduler else start_workers(self._count)
         return self._client
 
     def _workers(self, client: Client) -> int:
@@ -135,8 +109,8 @@ class Dask(Executor):
             while not (workers := client.nthreads()):
                 if time.monotonic() > deadline:
                     raise TimeoutError(f"none has joined for {JOIN_SECONDS} s")
-                if self._cluster is not None:  # what watches over a worker gives up where that dies as soon as it has joined
-                    self._cluster.scale(self._count)
+                if client.cluster is not None:  # what watches over a worker gives up where that dies as soon as it has joined
+                    client.cluster.scale(self._count)
                 with suppress(TimeoutError):
                     client.wait_for_workers(1, timeout=LOOK_SECONDS)
             return len(workers)
@@ -159,18 +133,16 @@ class Dask(Executor):
 
         They are killed once their sessions are closed: what an interpreter tidies up at its end takes half a second.
         """
-        client, cluster, self._client, self._cluster = self._client, self._cluster, None, None
-        if client is not None and cluster is not None and not at_once:
+        client, self._client = self._client, None
+        if client is None:
+            return
+        if client.cluster is None:
+            client.close()
+            return
+        if not at_once:
             closed = [client.submit(dask_worker.end_session, workers=[address], pure=False) for address in client.nthreads()]
             client.gather(closed, errors="skip")
-        for worker in cluster.workers.values() if cluster is not None else ():
-            worker.auto_restart = False
-            with suppress(ProcessLookupError, TypeError):  # it is gone, or was not started yet
-                os.kill(worker.pid, signal.SIGKILL)
-        for end in (client, cluster):
-            if end is not None:
-                with suppress(TimeoutError):  # on a busy machine: the work is done, and the workers are gone
-                    end.close()
+        end_workers(client)
 
 
 def _client_of(scheduler: str) -> Client:
@@ -178,46 +150,15 @@ def _client_of(scheduler: str) -> Client:
     try:
         client = Client(scheduler, set_as_default=False, timeout=CONNECT_SECONDS)
         client.wait_for_workers(1, timeout=JOIN_SECONDS)
+    except TypeError as error:  # all that Dask says of a TLS address without certificates
+        raise StageError(
+            f"{scheduler} asks for certificates, and Dask's configuration names none ({error}); see docs/guide/speed-and-accuracy.md"
+        ) from error
     except (OSError, ValueError) as error:
         raise StageError(f"there is no Dask scheduler with workers at {scheduler}: {error}; start both first") from error
     if any(threads > 1 for threads in client.nthreads().values()):
         raise StageError(f"workers of {scheduler} have several threads; start them with --nthreads 1, and more of them")
     return client
-
-
-def _local_cluster(processes: int) -> LocalCluster:
-    """Start a scheduler in this process, and workers; once more where somebody kills one while it starts."""
-
-    def start() -> LocalCluster:
-        with dask.config.set(LOCAL), _interrupts_ignored():  # workers inherit it: Ctrl-C is for this process, which ends them
-            return LocalCluster(
-                n_workers=processes,
-                threads_per_worker=1,
-                memory_limit=0,
-                dashboard_address=NOBODY_ELSE,
-                worker_dashboard_address=NOBODY_ELSE,
-                silence_logs=logging.CRITICAL,
-            )
-
-    with suppress(RuntimeError):
-        return start()
-    try:
-        return start()
-    except RuntimeError as error:
-        raise StageError(f"worker processes cannot be started ({error}); {HINT}") from error
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Ignore Ctrl-C for a moment, where this thread may say so."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _bundle_size(rate: float, share: float) -> int:

@@ -16,8 +16,9 @@ from pathlib import Path
 
 import dask
 import pytest
+from distributed import Security
 
-from pipeline.engine import dask_executor
+from pipeline.engine import dask_executor, local_cluster
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.run import run as run_plan
@@ -144,14 +145,18 @@ def test_a_worker_that_nobody_watches_over_any_more_is_replaced(tmp_path):
     work, units = Work(plan.stage, plan.settings, tmp_path, {}), plan.units
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "1s"}), Dask() as executor:
         assert len([*executor.run(work, units[:1])]) == 1
-        executor._cluster.sync(executor._cluster.workers[0].close)
+        executor._connect().cluster.sync(executor._connect().cluster.workers[0].close)
         assert len([*executor.run(work, units[1:])]) == 4
 
 
 class _Cluster:
-    """A scheduler and a worker, each a process of its own as on a cluster."""
+    """A scheduler and a worker, each a process of its own as on a cluster, with certificates as the guide makes them."""
 
     def __init__(self, folder: Path) -> None:
+        made = Security.temporary()
+        self.certificate, self.key = folder / "dask.crt", folder / "dask.key"
+        self.certificate.write_text(made.tls_ca_file)
+        self.key.write_text(made.tls_client_key)
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
@@ -159,11 +164,12 @@ class _Cluster:
 
     @property
     def address(self) -> str:
-        return f"tcp://127.0.0.1:{self.port}"
+        return f"tls://127.0.0.1:{self.port}"
 
     def start(self) -> None:
-        scheduler = ["scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard"]
-        worker = ["worker", self.address, "--nthreads", "1", "--no-dashboard", "--local-directory", str(self.folder)]
+        tls = ["--tls-ca-file", str(self.certificate), "--tls-cert", str(self.certificate), "--tls-key", str(self.key), "--no-dashboard"]
+        scheduler = ["scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--protocol", "tls", *tls]
+        worker = ["worker", self.address, "--nthreads", "1", "--local-directory", str(self.folder), *tls]
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         self.running = [subprocess.Popen([sys.executable, "-m", "dask", *command], **quiet) for command in (scheduler, worker)]
 
@@ -173,10 +179,13 @@ class _Cluster:
             process.wait()
 
 
-def test_a_cluster_that_is_killed_and_started_again_gives_the_same(tmp_path):
+def test_a_cluster_that_is_killed_and_started_again_gives_the_same(tmp_path, monkeypatch):
     run(request(tmp_path / "here"))
     plan = plan_of(request(tmp_path / "there"))
-    cluster = _Cluster(tmp_path / "scratch")
+    cluster = _Cluster(tmp_path)
+    for name, file in (("CA_FILE", cluster.certificate), ("CLIENT__CERT", cluster.certificate), ("CLIENT__KEY", cluster.key)):
+        monkeypatch.setenv(f"DASK_DISTRIBUTED__COMM__TLS__{name}", str(file))
+    dask.config.refresh()
     cluster.start()
     try:
         with Dask(scheduler=cluster.address) as executor:
@@ -187,6 +196,8 @@ def test_a_cluster_that_is_killed_and_started_again_gives_the_same(tmp_path):
             done |= {result.name for result in results}
     finally:
         cluster.kill()
+        monkeypatch.undo()
+        dask.config.refresh()
     assert done == {"a", "b", "c", "d", "e"}
     assert run(request(tmp_path / "there")) == 0
     assert digest(tmp_path / "there") == digest(tmp_path / "here")
@@ -205,7 +216,7 @@ def test_workers_that_do_not_start_in_time_are_named_with_a_way_out(monkeypatch)
     def late(*_: object, **__: object) -> None:
         raise TimeoutError
 
-    monkeypatch.setattr(dask_executor, "LocalCluster", late)
+    monkeypatch.setattr(local_cluster, "LocalCluster", late)
     with pytest.raises(StageError, match=r"2 worker processes did not start in time.*--executor serial"):
         Dask(2)._connect()
 
@@ -214,3 +225,10 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
     monkeypatch.setattr(dask_executor, "CONNECT_SECONDS", 1)
     with pytest.raises(StageError, match=r"there is no Dask scheduler with workers at tcp://127\.0\.0\.1:9: .*; start both first"):
         Dask(scheduler="tcp://127.0.0.1:9")._connect()
+
+
+def test_a_scheduler_that_asks_for_certificates_is_named():
+    with pytest.raises(
+        StageError, match=r"tls://127\.0\.0\.1:9 asks for certificates, and Dask's configuration names none .*speed-and-accuracy"
+    ):
+        Dask(scheduler="tls://127.0.0.1:9")._connect()

@@ -14,6 +14,8 @@ import trimesh
 import yaml
 from PIL import Image
 
+from pipeline.cluster.cluster_profile import load_cluster
+from pipeline.cluster.slurm_jobs import Submission, plan_jobs, script_of
 from pipeline.config import sources
 from pipeline.config.manifest import load_manifest
 from pipeline.config.sources import fingerprint
@@ -22,6 +24,7 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
+from stages.registry import load_stage, resolve
 from tests.fuzz.make_target import MakeVariables
 from tests.fuzz.predict_target import Predictions
 from tests.fuzz.store_target import Stores
@@ -48,6 +51,23 @@ class Scenes(Target):
 
     def read(self, folder: Path, files: Files) -> None:
         load_scene(str(folder / "scene.yaml"))
+
+
+class Clusters(Target):
+    """Cluster files, and the scripts that they make."""
+
+    def sound(self) -> list[Files]:
+        shipped = (ASSETS / "clusters" / "slurm.yaml").read_bytes()
+        full = yaml.safe_load(shipped) | {"account": "lab", "command": "vt", "setup": ["module load mesa"], "options": ["--qos=long"]}
+        return [{"cluster.yaml": content} for content in (shipped, json.dumps(full).encode())]
+
+    def read(self, folder: Path, files: Files) -> None:
+        submission = Submission(load_cluster(folder / "cluster.yaml"), (), 2, Path("/data"), Path("/data"))
+        for name in ("simulate-touch", "train-unet"):
+            (job,) = plan_jobs([(load_stage(name), resolve(name, "draft", ["accelerator=cuda"] if name == "train-unet" else []))])
+            lines = script_of(job, submission).split("\n")
+            if not all(map(str.isprintable, lines)):
+                raise AssertionError(f"a script with control characters: {lines}")
 
 
 class Manifests(Target):
@@ -208,6 +228,7 @@ TARGETS: dict[str, tuple[type[Target], Any]] = {
     "sensor files": (Sensors, 0.25),
     "scene files": (Scenes, 0.25),
     "manifests": (Manifests, 0.2),
+    "cluster files": (Clusters, 0.05),
     "hand files": (Hands, 0.1),
     "mesh files": (Meshes, 0.1),
     "COLLADA files": (Collada, 0.05),

@@ -1,0 +1,152 @@
+"""A scheduler and workers on this machine, which other users of it can neither reach nor read."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import signal
+import stat
+import tempfile
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import wait as wait_for
+from contextlib import suppress
+from multiprocessing import resource_tracker
+from pathlib import Path
+from typing import Any
+
+import dask
+from distributed import Client, LocalCluster, Security
+
+from pipeline.engine.dask_worker import LocalWorker
+from pipeline.errors import StageError
+
+LOCAL: dict[str, Any] = {
+    "distributed.scheduler.allowed-failures": 0,  # each death is told, with the time that its object had taken
+    "distributed.scheduler.worker-ttl": None,  # native code may keep a worker silent for long; `object_seconds` limits it
+    "distributed.worker.profile.enabled": False,  # what it notes of a second takes 0.1 MB, and 1000 of them are kept
+    "distributed.comm.timeouts.connect": "60s",
+    # Dask would have malloc give back each 64 kB that are free: arrays of a megabyte then cost a third of an object's time.
+    "distributed.nanny.pre-spawn-environ": {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1},
+    # Web pages ask nobody who they are. The servers start all the same; without pages they have nothing to show.
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+}
+
+LOOPBACK = "127.0.0.1:0"
+"""Where the scheduler's web server listens: any free port, which other machines do not reach."""
+
+HINT = "run again, with fewer --workers where memory is short, or with --executor serial"
+"""What helps where workers of this machine do not start."""
+
+ANY_TIME = 0x200000
+"""OpenSSL's X509_V_FLAG_NO_CHECK_TIME: a certificate of one run does not depend on a clock that may be set meanwhile."""
+
+
+class OneRunSecurity(Security):  # type: ignore[misc]  # which has no types
+    """Certificates of one run: the key is in the memory of its processes alone, and whoever lacks it can connect to none of them."""
+
+    def get_connection_args(self, role: str) -> dict[str, Any]:
+        """What a process connects with."""
+        return _at_any_time(super().get_connection_args(role))
+
+    def get_listen_args(self, role: str) -> dict[str, Any]:
+        """What a process listens with."""
+        return _at_any_time(super().get_listen_args(role))
+
+
+def _at_any_time(arguments: dict[str, Any]) -> dict[str, Any]:
+    arguments["ssl_context"].verify_flags |= ANY_TIME
+    return arguments
+
+
+def start_workers(processes: int) -> Client:
+    """Start a scheduler in this process, and workers, and connect to them; once more where somebody kills one while it starts.
+
+    Raises
+    ------
+    StageError
+        They cannot be started.
+    """
+    try:
+        with suppress(RuntimeError):
+            return _start(processes)
+        return _start(processes)
+    except TimeoutError as error:
+        raise StageError(f"{processes} worker processes did not start in time on a machine this busy; {HINT}") from error
+    except RuntimeError as error:
+        raise StageError(f"worker processes cannot be started ({error}); {HINT}") from error
+
+
+def _start(processes: int) -> Client:
+    """Start them in another thread: this one hears Ctrl-C meanwhile, and kills what was started."""
+    before, interrupted, connecting = set(multiprocessing.active_children()), threading.Event(), threading.Lock()
+
+    def start() -> Client:
+        resource_tracker.ensure_running()  # in the thread that first needs it, it would let SIGINT through again
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # workers inherit it: Ctrl-C is for this process, which ends them
+        cluster = _cluster_of(processes)
+        with connecting:
+            if not interrupted.is_set():
+                client = Client(cluster, set_as_default=False)
+                client.register_plugin(LocalWorker())
+        if interrupted.is_set():
+            cluster.close()
+        return client
+
+    with ThreadPoolExecutor(1) as thread:
+        starting = thread.submit(start)
+        try:
+            return starting.result()
+        except KeyboardInterrupt:  # SIGTERM, too
+            interrupted.set()
+            while wait_for([starting], timeout=0.05).not_done:
+                if connecting.acquire(blocking=False):
+                    for child in set(multiprocessing.active_children()) - before:
+                        child.kill()
+                    connecting.release()
+            raise
+
+
+def _cluster_of(processes: int) -> LocalCluster:
+    folder = str(private_folder())
+    with dask.config.set(LOCAL | {"temporary-directory": folder}):
+        return LocalCluster(
+            n_workers=processes,
+            threads_per_worker=1,
+            memory_limit=0,
+            security=OneRunSecurity.temporary(),
+            dashboard_address=LOOPBACK,
+            scheduler_kwargs={"dashboard": False},
+            local_directory=folder,  # of workers that join later, too, as are these settings
+            config=LOCAL,
+            silence_logs=logging.CRITICAL,
+        )
+
+
+def end_workers(client: Client) -> None:
+    """End the workers and the scheduler that were started here, at once."""
+    cluster = client.cluster
+    for worker in cluster.workers.values():
+        worker.close_gracefully()  # else another is started in its place
+        with suppress(ProcessLookupError, TypeError):  # it is gone, or was not started yet
+            os.kill(worker.pid, signal.SIGKILL)
+    for end in (client, cluster):
+        with suppress(TimeoutError):  # on a busy machine: the work is done, and the workers are gone
+            end.close()
+
+
+def private_folder() -> Path:
+    """Make a folder for temporary files that other users can neither write to nor read; the next run finds it again.
+
+    Dask has Python look for modules there first, and clears what killed workers leave in it.
+    """
+    base = dask.config.get("temporary-directory", None) or tempfile.gettempdir()
+    folder = Path(base) / f"vt-pipeline-{os.getuid()}"
+    with suppress(FileExistsError):
+        folder.mkdir(mode=0o700, parents=True)
+    found = folder.lstat()
+    if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not stat.S_IMODE(found.st_mode) & 0o077:
+        return folder
+    return Path(tempfile.mkdtemp(prefix="vt-pipeline-", dir=base))  # somebody else has taken the name
