@@ -86,9 +86,11 @@ def test_rows_of_a_replaced_group_are_an_error_that_names_object_file_and_remedy
 @replaced
 def test_a_row_and_its_mesh_of_a_replaced_group_are_an_error(data, replace: Callable[[Path], None]):
     view = DataDirectory(data).collection(SURFACES).view("b")
-    assert view["meshes/vertices"].any()
+    vertices = view["meshes/vertices"]
+    assert vertices.any()
     replace(data)
-    for name in ("points", "meshes/vertices", "meshes/faces"):
+    assert view["meshes/vertices"] is vertices, "kept since it was read"
+    for name in ("points", "meshes/uv", "meshes/faces"):
         with pytest.raises(StoreError, match=AGAIN):
             view[name]
 

@@ -100,15 +100,15 @@ def test_a_dataset_that_cannot_be_written_is_named_with_what_to_do(tmp_path):
     assert len(published(tmp_path)) == 5
 
 
-@pytest.mark.parametrize("name", ["read_bytes", "_read_shard_record"])
+@pytest.mark.parametrize("name", ["read_bytes", "read_record"])
 def test_a_reader_that_opens_while_shards_are_replaced_sees_all_objects(tmp_path, monkeypatch, name):
     run(request(tmp_path, shards=2))
     read = getattr(directory_module, name)
 
-    def read_late(path):
+    def read_late(path, **options):
         monkeypatch.setattr(directory_module, name, read)
         list(reshard(DataDirectory(tmp_path), 4))
-        return read(path)
+        return read(path, **options)
 
     monkeypatch.setattr(directory_module, name, read_late)
     assert list(DataDirectory(tmp_path).collection(NOISE)) == list("abcde")
