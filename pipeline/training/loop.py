@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,13 +22,14 @@ from pipeline.console import Meter, console_on
 from pipeline.engine.process_group import HelpDone, process_group
 from pipeline.errors import InvalidInput, StageError
 from pipeline.rng import numpy_rng, torch_generator
+from pipeline.store.digest import of_json
 from pipeline.store.storage import read_bytes
 from pipeline.training import checkpoint
 from pipeline.training.averaging import averaged, running_average
 from pipeline.training.batch_norm import share_batch_norm
 from pipeline.training.device import torch_threads
 from pipeline.training.learner import Learner
-from pipeline.training.processes import GO_ON, end_with_parent, lost_peers_as_words, make_fabric, no_process_left, processors_of
+from pipeline.training.processes import GO_ON, end_with_parent, gathered, lost_peers_as_words, make_fabric, no_process_left, processors_of
 from pipeline.training.read_ahead import read_ahead
 from pipeline.training.schedule import rate_at
 from pipeline.training.settings import TrainingSettings
@@ -117,7 +118,7 @@ class _Training:
         self.average = running_average(self.module, settings.weight_average)
         self.state = checkpoint.State(self.module, self.adam, self.average)
         self.best, self.progress = checkpoint.load(folder, self.state)  # now that they have their type and device
-        if fabric.broadcast(self.progress) != self.progress:
+        if len(set(gathered(fabric, of_json(asdict(self.progress))))) > 1:
             raise StageError(f"{name}: processes read different checkpoints from {folder}: the file system shows an old one; run again")
         self.began = time.perf_counter() - self.progress.seconds
         self.steps = math.ceil(len(learner) / settings.batch_size)  # of an epoch

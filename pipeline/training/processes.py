@@ -5,13 +5,15 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any
 
+import torch
 import torch.distributed
 
 from pipeline.engine.process_group import process_group
@@ -30,6 +32,9 @@ GO_ON = "run the same command again: it goes on from its last checkpoint"
 SILENCE = timedelta(minutes=10)
 """After which a process that is there but does not answer is given up: longer than a checkpoint or the reading of a list of items takes.
 One that was killed is noticed at once."""
+
+WORD = 4096
+"""Bytes of what a process tells the others, at most."""
 
 LET_GO_FIRST = 3.0
 """Seconds for which the other processes hold back their end after one was killed: what started them then tells of that one."""
@@ -52,11 +57,16 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
     together = process_group()
     _check_count(settings, name)
     try:
-        start: Literal["popen", "spawn"] = "popen" if together else "spawn"  # popen starts nothing where they were started before
-        several = settings.devices * settings.num_nodes > 1
+        strategy: Any = "auto"
+        if settings.devices * settings.num_nodes > 1:
+            from pipeline.training.own_processes import OwnProcesses
+
+            strategy = DDPStrategy(timeout=SILENCE) if together else OwnProcesses()
+            if settings.num_nodes == 1:
+                os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")  # no other machine has to reach them
         return Fabric(
             accelerator=device_of(settings.accelerator).type,
-            strategy=DDPStrategy(start_method=start, timeout=SILENCE) if several else "auto",
+            strategy=strategy,
             devices=settings.devices,
             num_nodes=settings.num_nodes,
             precision=settings.precision,
@@ -81,14 +91,23 @@ def _check_count(settings: TrainingSettings, name: str) -> None:
 
 @contextmanager
 def no_process_left() -> Iterator[None]:
-    """End the processes that were started meanwhile when this one is told to stop: it would wait for them."""
-    before = set(multiprocessing.active_children())
-    try:
-        yield
-    except KeyboardInterrupt:  # SIGTERM, too
-        for child in set(multiprocessing.active_children()) - before:
-            child.terminate()
-        raise
+    """End the processes that were started meanwhile when this one is told to stop: it would wait for them.
+
+    Their temporary files are in a folder that other users cannot reach: torch unpickles one of them when a process has failed.
+    """
+    before, given, known = set(multiprocessing.active_children()), os.environ.get("TMPDIR"), tempfile.tempdir
+    with tempfile.TemporaryDirectory(prefix="vt-pipeline-") as folder:
+        os.environ["TMPDIR"], tempfile.tempdir = folder, None
+        try:
+            yield
+        except KeyboardInterrupt:  # SIGTERM, too
+            for child in set(multiprocessing.active_children()) - before:
+                child.terminate()
+            raise
+        finally:
+            del os.environ["TMPDIR"]
+            os.environ |= {} if given is None else {"TMPDIR": given}
+            tempfile.tempdir = known
 
 
 def end_with_parent() -> None:
@@ -123,9 +142,13 @@ def is_lost_connection(error: RuntimeError) -> bool:
     return isinstance(error, torch.distributed.DistError) or ("gloo" in str(error) and any(word in str(error) for word in words))
 
 
+def gathered(fabric: Fabric, word: str) -> list[str]:
+    """Gather a word of each process, as bytes: torch would unpickle it, from whoever has joined on the network."""
+    padded = torch.tensor(list(word.encode().ljust(WORD)), dtype=torch.uint8, device=fabric.device)
+    rows: Any = fabric.all_gather(padded)
+    return [bytes(row).decode(errors="replace").rstrip() for row in rows.reshape(-1, WORD).tolist()]
+
+
 def processors_of(fabric: Fabric) -> list[str]:
     """Name the kinds of processors that take part."""
-    kinds: list[str | None] = [processor_kind(processor())] * fabric.world_size
-    if fabric.world_size > 1:
-        torch.distributed.all_gather_object(kinds, kinds[0])
-    return sorted({kind for kind in kinds if kind})
+    return sorted(set(gathered(fabric, processor_kind(processor()))))

@@ -112,7 +112,13 @@ def test_a_chunk_that_becomes_something_else_while_it_is_open(data, put: Callabl
 
 @irregular
 def test_files_that_no_record_lists(tmp_path, put: Callable[[Path], None]):
-    said = {"settings": {"points": 1, "scale": 1.0}, "seed": 0, "split": "test", "configurations": {"none": {"touch": False}}, "left_out": {}}
+    said = {
+        "settings": {"points": 1, "scale": 1.0},
+        "seed": 0,
+        "split": "test",
+        "configurations": {"none": {"touch": False}},
+        "left_out": {},
+    }
     write_evaluation(tmp_path, {}, said)
     assert read_root(tmp_path)["seed"] == 0
     (tmp_path / "tables.zarr" / "zarr.json").unlink()

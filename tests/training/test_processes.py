@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import stat
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 import torch
+from torch.distributed import distributed_c10d
 
 from pipeline.console import console_on
 from pipeline.engine.stage import DatasetJob, DatasetStage
@@ -81,3 +86,25 @@ def test_a_killed_process_ends_the_training_and_it_goes_on_to_the_same_weights(t
 def test_more_nodes_than_were_started_are_refused(tmp_path: Path) -> None:
     with pytest.raises(StageError, match="num_nodes is 2, and one process was started; use torchrun or srun on each node"):
         fit(Regression(), tmp_path, num_nodes=2)
+
+
+class Guarded(Regression):
+    """In the processes that are started for it: whatever is unpickled from another process, or heard on the network, is an error."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        distributed_c10d._tensor_to_object = None  # type: ignore[assignment]
+
+    def validate(self) -> dict[str, float]:
+        heard = {one.laddr.ip for one in psutil.Process().net_connections("tcp") if one.status == psutil.CONN_LISTEN}
+        if heard - {"127.0.0.1", "::1"}:
+            raise StageError(f"listens on {heard}")
+        if (mode := stat.S_IMODE(os.stat(tempfile.gettempdir()).st_mode)) != 0o700:  # torch unpickles a file from there
+            raise StageError(f"files for all users in {tempfile.gettempdir()}, {mode:o}")
+        return super().validate()
+
+
+def test_processes_unpickle_nothing_of_others_listen_to_no_other_machine_and_keep_their_files_to_themselves(tmp_path: Path) -> None:
+    before = os.environ.get("TMPDIR"), tempfile.gettempdir()
+    fit(Guarded(), tmp_path, devices=2, epochs=1)
+    assert (os.environ.get("TMPDIR"), tempfile.gettempdir()) == before

@@ -1,0 +1,33 @@
+"""Processes of this machine that are started here; a module of its own, which they import by its name and others need not."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import torch.distributed
+from lightning_fabric.strategies.ddp import DDPStrategy
+
+from pipeline.training.processes import SILENCE
+
+
+class OwnProcesses(DDPStrategy):
+    """Processes that meet by a file in the folder that `no_process_left` gives them: torch's port would be open to the network."""
+
+    def __init__(self) -> None:
+        super().__init__(start_method="spawn", timeout=SILENCE)
+
+    def setup_environment(self) -> None:
+        """Join the other processes, before Fabric would by a port."""
+        assert self.accelerator is not None
+        self.accelerator.setup_device(self.root_device)
+        gpu = self.root_device.type == "cuda"
+        torch.distributed.init_process_group(
+            "nccl" if gpu else "gloo",
+            init_method=(Path(tempfile.gettempdir()) / "processes").as_uri(),
+            rank=self.local_rank,
+            world_size=self.num_processes,
+            timeout=SILENCE,
+            device_id=self.root_device if gpu else None,
+        )
+        super().setup_environment()
