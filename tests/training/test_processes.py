@@ -13,6 +13,7 @@ from typing import Any
 import psutil
 import pytest
 import torch
+from torch import nn
 from torch.distributed import distributed_c10d
 
 from pipeline.console import console_on
@@ -95,13 +96,13 @@ class Guarded(Regression):
         self.__dict__.update(state)
         distributed_c10d._tensor_to_object = None  # type: ignore[assignment]
 
-    def validate(self) -> dict[str, float]:
+    def validate(self, network: nn.Module) -> dict[str, float]:
         heard = {one.laddr.ip for one in psutil.Process().net_connections("tcp") if one.status == psutil.CONN_LISTEN}
         if heard - {"127.0.0.1", "::1"}:
             raise StageError(f"listens on {heard}")
         if (mode := stat.S_IMODE(os.stat(tempfile.gettempdir()).st_mode)) != 0o700:  # torch unpickles a file from there
             raise StageError(f"files for all users in {tempfile.gettempdir()}, {mode:o}")
-        return super().validate()
+        return super().validate(network)
 
 
 def test_processes_unpickle_nothing_of_others_listen_to_no_other_machine_and_keep_their_files_to_themselves(tmp_path: Path) -> None:
