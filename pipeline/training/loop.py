@@ -136,6 +136,7 @@ class _Training:
         if fabric.is_global_zero:
             (self.folder / METRICS).write_text(json.dumps(progress.history, indent=2, allow_nan=False))
         kinds = processors_of(fabric)
+        del self.network  # its reducer must not be the last to hold the process group: whose end waits for threads that wait for Python
         if fabric.world_size > 1:  # else its threads are ended by the process's end, and at times abort it
             torch.distributed.destroy_process_group()
         gpu = fabric.device.type == "cuda"
