@@ -243,7 +243,8 @@ def evaluated(data: Path, chamfer: dict[str, list[list[list[float]]]]) -> None:
     }
     objects = {"object_id": ids, "category": ["x"] * len(ids), "area": np.ones(len(ids)), "floor": np.ones(len(ids))}
     (folder := data / "made").mkdir(parents=True)
-    felt = {"configurations": {name: {"touch": True} for name in chamfer}}
+    settings = {"points": 1, "scale": 1.0}
+    felt = {"settings": settings, "seed": 0, "split": "test", "left_out": {}, "configurations": {name: {"touch": True} for name in chamfer}}
     write_evaluation(folder, {"figures": long_table(figures), "objects": objects}, felt)
     publish(data, "evaluation", folder, "evaluate")
 

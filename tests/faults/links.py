@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.forked import IN_WORDS, OK
 from pipeline.cli import app
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
@@ -21,6 +20,7 @@ from pipeline.store.reshard import reshard
 from schemas.catalogue import artifact_of
 from tests.faults.damage import damaged
 from tests.faults.trial import Trial, Verdict
+from tests.forked import IN_WORDS, OK
 
 REPLACED = {
     "sample-surfaces": ("sample-surfaces.points=400", "points"),

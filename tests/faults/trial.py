@@ -132,7 +132,7 @@ def follow(message: str) -> bool:
         if described.is_dir():
             described.rmdir()
         else:
-            described.unlink()  # it may be a pipe
+            described.unlink(missing_ok=True)  # it may be a pipe
         described.write_text(json.dumps({"shards": int(found[2])}))
     else:
         return False

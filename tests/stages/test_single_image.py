@@ -17,6 +17,7 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
+from pipeline.engine.shard import failures
 from pipeline.errors import StageError, StoreError
 from pipeline.export.renderings import write_dataset
 from pipeline.inference.predict import predict
@@ -122,7 +123,7 @@ def test_objects_without_renderings_fail_with_the_way_out(tmp_path):
         Request(load_stage("read-renderings"), resolve("read-renderings", "draft", []), "tiny", procedural.objects(), "draft", 0, tmp_path)
     )
     assert run(plan, QUIET).failed == 3
-    assert "take the manifest single-image" in next(iter(plan.failures().values())).reason
+    assert "take the manifest single-image" in next(iter(failures(plan).values())).reason
 
 
 def test_evaluation_has_the_published_rows_beside_ours_and_says_of_what(data):
@@ -161,13 +162,6 @@ def test_a_view_of_an_object_becomes_a_mesh(data, tmp_path):
         predict(tmp_path / "out.ply", models, "single-image", image=tmp_path / "view.png")
     with pytest.raises(StageError, match=r"has no model touch: its models are single-image; train it with"):
         predict(tmp_path / "out.ply", models, "touch", data=data, object_id=object_id)
-
-
-@pytest.mark.parametrize("content", ["", "{}", '{"rows": {"network": {"mean": [1, 2]}}}'])
-def test_an_evaluation_that_does_not_hold_its_rows_is_refused(tmp_path, content):
-    (tmp_path / "metrics.json").write_text(content)
-    with pytest.raises(StoreError, match=r"metrics\.json cannot be used: .*run evaluate-single-image again"):
-        show(tmp_path, Console())
 
 
 def test_figures_of_two_points_on_paper():
