@@ -143,7 +143,7 @@ def test_family_of_networks_added_by_the_recipe_is_trained_evaluated_reported_an
     asked = ["make", "--dry-run", "--file", copy / "Makefile", "train", "CONFIGURATIONS=touch ball-touch", f"DATA={tmp_path}"]
     plan = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     for stage in ("fit-charts", "train-gcn", "train-ball"):
-        assert f"run {stage} " in plan
+        assert f"run '{stage}' " in plan
 
 
 def _read(group: Path, name: str) -> np.ndarray:

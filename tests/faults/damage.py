@@ -103,7 +103,7 @@ def damaged(trial: Trial, damages: Mapping[str, Damage] = DAMAGES) -> Verdict:
 
 
 def row_damaged(trial: Trial) -> Verdict:
-    """Damage a row that waits to be packed."""
+    """Damage a row that waits to be published."""
     trial.copy(without="simulate-touch")
     stage = trial.sandbox.only("simulate-touch")
 

@@ -14,7 +14,7 @@ from tests.fuzz.target import Files, Target
 from tests.fuzz.targets import TARGETS
 
 ROOT = Path(__file__).parents[2]
-KINDS = ("kill −9 of a run", "limit on the size of files", "damaged row that waits to be packed")
+KINDS = ("kill −9 of a run", "limit on the size of files", "damaged row that waits to be published")
 
 
 def test_a_few_faults_are_survived():
