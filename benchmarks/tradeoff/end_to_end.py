@@ -14,7 +14,9 @@ from benchmarks.tradeoff import runs
 from benchmarks.tradeoff.errors import table_3
 from benchmarks.tradeoff.study_plan import HERE
 from pipeline.console import Meter
+from pipeline.kernels.metrics.bootstrap import mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
+from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.sweep import file_name
 from schemas.catalogue import ARTIFACTS
@@ -51,12 +53,12 @@ def _row(data: Path) -> dict[str, Any]:
     made = {name: DataDirectory(data).collection(ARTIFACTS[name]) for name in ("surfaces", "grasps", "touch")}
     seconds = [np.mean([row.seconds for row in shard.record.rows]) for collection in made.values() for shard in collection.shards]
     touched = np.mean([made["grasps"].view(name)["touch_success"].mean() for name in made["grasps"]])
-    table = table_3(data)
-    chamfer, low, high = (round(TABLE_3_FACTOR * float(np.mean(table[name][0])), 3) for name in ("chamfer", "low", "high"))
+    distances = TABLE_3_FACTOR * table_3(data)[0]
+    interval = mean_interval(distances, numpy_rng(0, "end to end"))
     return {
         "seconds": round(float(sum(seconds)), 2),
         "touches": round(100 * float(touched), 1),
-        "chamfer": chamfer,
-        "low": low,
-        "high": high,
+        "chamfer": round(float(distances.mean()), 3),
+        "low": round(interval.low, 3),
+        "high": round(interval.high, 3),
     }

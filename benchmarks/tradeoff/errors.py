@@ -214,7 +214,7 @@ def charts(made: Made, reference: Path) -> Errors:
 
 def gcn(made: Made, reference: Path) -> Errors:
     """Collect the network's Chamfer distances on test objects: over all numbers of grasps, and with one grasp."""
-    table = _table_3(made.data)
+    table = table_3(made.data)
     means = TABLE_3_FACTOR * table.mean(axis=1)
     figures = {"Chamfer x 9000": float(means.mean()), "with one grasp": float(means[0])}
     if table.shape[1] > 1:  # of a single test object there is no interval
@@ -226,13 +226,13 @@ def gcn(made: Made, reference: Path) -> Errors:
 
 def evaluation(made: Made, reference: Path) -> Errors:
     """Compare the reported Chamfer distances with those of most points."""
-    ours, theirs = (_table_3(data).mean(axis=1) for data in (made.data, reference))  # (grasps given,)
-    truth = _table_3(reference).mean(axis=0)
-    each = 100 * (_table_3(made.data).mean(axis=0) - truth) / truth.mean()
+    ours, theirs = (table_3(data).mean(axis=1) for data in (made.data, reference))  # (grasps given,)
+    truth = table_3(reference).mean(axis=0)
+    each = 100 * (table_3(made.data).mean(axis=0) - truth) / truth.mean()
     return Errors({"reported Chamfer off, %": 100 * float(np.abs(ours / theirs - 1).mean())}, list(each))
 
 
-def _table_3(data: Path) -> NDArray[np.float64]:
+def table_3(data: Path) -> NDArray[np.float64]:
     """(grasps given, object) Chamfer distances of the first network that feels, mean over first grasps."""
     folder = DataDirectory(data).folder_path("evaluation")
     felt = next(name for name, given in read_root(folder)["configurations"].items() if given["touch"])

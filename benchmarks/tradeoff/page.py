@@ -14,11 +14,10 @@ PAGE = ROOT / "docs" / "tradeoff.md"
 PLOTS = ROOT / "docs" / "tradeoff"
 BEGIN = """# Speed against accuracy
 
-Every setting that changes results, varied alone and with others, and the presets: what a setting costs and how large its error is.
-Seconds and kilobytes are per object, on one core; where a stage processes the dataset as one, they are the whole training's. **•** marks
-settings that no other beats in both cost and error (times within {tolerance:.0f} % count as equal). *At most* is the 95 % upper bound of
-the error on another dataset of as many such objects; `vt-pipeline advise` promises that one. Each table is of the commit above it;
-`make tradeoff-missing` lists what has not been measured since.
+Each table shows the cost and the error of the presets and of the settings on the front: those that no other setting beats in both
+(**•**; times within {tolerance:.0f} % count as equal). The pictures show every setting that was measured. Seconds and kilobytes are per object on one core, or for the
+whole training where a stage processes the dataset as one. *At most* is the 95 % upper bound of the error on another dataset of as many
+such objects; `vt-pipeline advise` uses that bound. The line above each table names the commit; `make tradeoff-missing` lists what has changed since.
 """
 NOTES = {
     "sample-surfaces": "On these objects 128 directions find what 256 find. No preset takes fewer: their number is part of what an "
@@ -27,11 +26,9 @@ NOTES = {
     "simulate-touch": "The error of `sphere` is its tolerance; `paper` keeps it because the supplement prescribes it, although `ray` is "
     "faster and more accurate. Settings of the sensor file are [below](#settings-of-a-sensor-file).",
     "fit-charts": "`paper` continues as long as the supplement's rule says, with its step: 25 times the time, and no closer.",
-    "train-unet": "Seeds differ from the base in nothing but chance: smaller differences than theirs are noise.",
-    "train-gcn": "As above: compare with the seeds before believing a difference. A network with touch alone has no image encoder: the "
-    "encoder's settings change nothing here.",
+    "train-gcn": "A network with touch alone has no image encoder: the encoder's settings change nothing here.",
 }
-KINDS = ("preset", "setting", "combination", "seed")
+KINDS = ("preset", "setting", "combination")
 
 
 def write_page(figures: Mapping[str, Any], studies: Iterable[Study]) -> None:
@@ -53,7 +50,8 @@ def study_section(study: Study, picture: Path) -> str:
     """Write a study's section."""
     front, figures = study.front(), list(study.measurements[0].figures)
     head = ["", "setting", "seconds", "kB", figures[0], "at most", *figures[1:]]
-    rows = [_row(one, one in front, figures) for kind in KINDS for one in study.measurements if one.kind == kind]
+    kept = [one for kind in KINDS for one in study.measurements if one.kind == kind and (kind == "preset" or one in front)]
+    rows = [_row(one, one in front, figures) for one in kept]
     notes = [f"Not measured as a whole: `{preset}` ({why})." for preset, why in study.skipped.items()]
     notes += [NOTES[study.name]] if study.name in NOTES else []
     text = " ".join(notes) + "\n\n" if notes else ""
@@ -66,7 +64,7 @@ def _source(made: Provenance) -> str:
 
 
 def _row(one: Measurement, best: bool, figures: Sequence[str]) -> list[str]:
-    label = {"preset": f"**{one.label}**", "seed": one.label}.get(one.kind, f"`{one.label}`")
+    label = f"**{one.label}**" if one.kind == "preset" else f"`{one.label}`"
     error, *others = (f"{one.figures[name]:.4g}" if name in one.figures else "–" for name in figures)
     return ["•" if best else "", label, f"{one.seconds:.3g}", f"{one.kilobytes:.4g}", error, f"{one.bound:.4g}", *others]
 

@@ -71,9 +71,11 @@ def test_the_command_of_a_measurement_can_be_run_again(monkeypatch):
 
 
 def test_page_of_a_study_gives_its_provenance_and_its_front():
-    made = study("train-unet", measurement("draft", 1, 5, kind="preset"), measurement("width=4", 2, 8), skipped={"paper": "takes days"})
+    measured = [measurement("draft", 1, 5, kind="preset"), measurement("width=4", 2, 8), measurement("width=8", 3, 4)]
+    made = study("train-unet", *measured, skipped={"paper": "takes days"})
     text = study_section(made, Path("train-unet.png"))
     assert "4 objects. `make tradeoff`, commit abc1234, a machine, 2026-01-31." in text
     assert "| • | **draft** | 1 | 1 | 5 | 7.5 |" in text
-    assert "|  | `width=4` | 2 | 1 | 8 | 12 |" in text
+    assert "| • | `width=8` | 3 | 1 | 4 | 6 |" in text
+    assert "width=4" not in text, "beaten by draft"
     assert "Not measured as a whole: `paper` (takes days)." in text
