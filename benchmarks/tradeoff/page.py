@@ -14,10 +14,11 @@ PAGE = ROOT / "docs" / "tradeoff.md"
 PLOTS = ROOT / "docs" / "tradeoff"
 BEGIN = """# Speed against accuracy
 
-Each table shows the cost and the error of the presets and of the settings on the front: those that no other setting beats in both
-(**•**; times within {tolerance:.0f} % count as equal). The pictures show every setting that was measured. Seconds and kilobytes are per object on one core, or for the
-whole training where a stage processes the dataset as one. *At most* is the 95 % upper bound of the error on another dataset of as many
-such objects; `vt-pipeline advise` uses that bound. The line above each table names the commit; `make tradeoff-missing` lists what has changed since.
+Each table shows the cost and the error of the presets and of the settings on the front (**•**): no other setting beats those in both
+(times within {tolerance:.0f} % count as equal). The pictures show every setting that was measured. Seconds and kilobytes are per object on
+one core, or for the whole training where a stage processes the dataset as one. *At most* is the 95 % upper bound of the error on another
+dataset of as many such objects; `vt-pipeline advise` uses that bound. The line above each table names its commit;
+`make tradeoff-missing` lists what has changed since.
 """
 NOTES = {
     "sample-surfaces": "On these objects 128 directions find what 256 find. No preset takes fewer: their number is part of what an "
