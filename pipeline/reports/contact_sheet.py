@@ -27,7 +27,8 @@ from pipeline.reports.second_view import GraspView, gel_squares, second_view, to
 from pipeline.store import digest
 from pipeline.store.atomic import written_to
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.digest import hashes_of
+from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Sha256
 from pipeline.store.storage import Place, exists, read_bytes, remove
 from schemas.catalogue import ARTIFACTS

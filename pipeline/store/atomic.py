@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import obstore
@@ -15,6 +14,7 @@ from filelock import FileLock, Timeout
 from obstore.exceptions import AlreadyExistsError, GenericError, PreconditionError
 
 from pipeline.errors import StoreError, first_line
+from pipeline.store.local_copy import local_copy
 from pipeline.store.storage import Place, bucket_of, cache_of, copy, files_below, key_of, pause, read_bytes, remove_files, temporary
 
 ATTEMPTS = 12
@@ -55,9 +55,9 @@ def written_to(folder: Place) -> Iterator[Path]:
         A link lies in the way, or another run is writing into the folder.
     """
     if not isinstance(folder, Path):
-        with TemporaryDirectory(prefix="vt-pipeline-") as name, errors_that_name(Path(name)):
-            yield Path(name)
-            copy(Path(name), folder, files_below(Path(name)))
+        with local_copy(folder, begin=False) as local, errors_that_name(local):
+            yield local
+            copy(local, folder, files_below(local))
         return
     work, fresh = folder / UNFINISHED, folder / UNFINISHED / "files"
     refuse_links(folder, [f"{UNFINISHED}/lock", f"{UNFINISHED}/files"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import shlex
 from collections.abc import Callable, Container, Iterable, Iterator
@@ -18,6 +17,7 @@ from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.atomic import create
 from pipeline.store.collection import Collection
+from pipeline.store.digest import hashes_of
 from pipeline.store.record import FolderRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, cache_of, copy, files_below, in_threads, names_in, place, read_bytes
@@ -28,9 +28,6 @@ from schemas.folders import RECORD, TREES, maker_of
 DESCRIPTION = "dataset.json"
 WORK = ".work"
 """The folder of what is being made."""
-LOGS = "tensorboard"
-"""A folder in a folder that holds times of day, and hence belongs to no digest."""
-
 SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
 """What the record of a shard is called."""
 
@@ -192,7 +189,7 @@ class DataDirectory:
         """
         record, folder = self.folder(name), self.folder_path(name)
         local = folder if isinstance(folder, Path) else cache_of(folder)
-        if local != folder and _hashes(local, record.files) != record.files:
+        if local != folder and hashes_of(local, record.files) != record.files:
             copy(folder, local, files_below(folder).keys() & record.files)
         if problem := next(_differences(record, local, folder), None):
             raise StoreError(f"{folder}: {problem}")
@@ -241,7 +238,7 @@ class DataDirectory:
             again = f"run {shard.record.stage} again"
             used |= shard.record.models.keys()
             for model, made_with in shard.record.models.items():
-                if folder_digest(self.folder(model)) != made_with:
+                if self.folder(model).digest() != made_with:
                     raise StoreError(f"{shard.path} was made with another {model} than the current one; {again}")
             for row in shard.record.rows:
                 if objects is not None and row.object_id not in objects:
@@ -264,14 +261,14 @@ class DataDirectory:
             if self.collection(ARTIFACTS[artifact]).rows_digest(record.splits) != made_from:
                 raise StoreError(f"{self.root / name} was made from other {artifact} than the current ones; {again}")
         for model, made_with in record.models.items():
-            if folder_digest(self.folder(model)) != made_with:
+            if self.folder(model).digest() != made_with:
                 raise StoreError(f"{self.root / name} was made from another {model} than the current one; {again}")
         return [*record.inputs, *record.models]
 
 
 def _differences(record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
     """Compare the files of a folder, read there or as a copy, with what its record says: a line for each that differs."""
-    there = _hashes(read, record.files)
+    there = hashes_of(read, record.files)
     for file, written in record.files.items():
         if there.get(file) != written:
             problem = "is missing" if file not in there else "differs from what was written"
@@ -301,27 +298,3 @@ def is_version(name: str) -> bool:
 def unversioned(name: str) -> str:
     """What was named by `versioned`."""
     return name.rpartition("-")[0]
-
-
-def folder_digest(record: FolderRecord) -> str:
-    """Compute the digest of a folder's files: equal wherever the same was computed."""
-    return digest.of_json(record.files)
-
-
-def hashes_of(folder: Place) -> dict[str, str]:
-    """Compute the SHA-256 of every file below a folder that its digest is made of."""
-    return _hashes(folder, files_of(folder))
-
-
-def _hashes(folder: Place, names: Iterable[str]) -> dict[str, str]:
-    """Compute the SHA-256 of files below a folder; one that is no file has none."""
-    found = {}
-    for name in names:
-        with suppress(FileNotFoundError, IsADirectoryError, NotADirectoryError):
-            found[name] = hashlib.sha256(read_bytes(folder / name)).hexdigest()
-    return found
-
-
-def files_of(folder: Place) -> list[str]:
-    """List the files below a folder that its digest is made of."""
-    return [name for name in sorted(files_below(folder)) if not name.startswith(f"{LOGS}/")]

@@ -9,7 +9,8 @@ from typing import Any
 
 from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
-from pipeline.store.directory import DataDirectory, hashes_of, shard_name, versioned
+from pipeline.store.digest import hashes_of
+from pipeline.store.directory import DataDirectory, shard_name, versioned
 from pipeline.store.garbage import collect, note_replaced
 from pipeline.store.local_copy import local_copy
 from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord, named_location, read_record, serialise_with_checksum

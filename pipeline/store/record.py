@@ -127,6 +127,10 @@ class FolderRecord(Provenance):
     seconds: float
     files: dict[RelativePath, Sha256]
 
+    def digest(self) -> str:
+        """Compute the digest of the files: equal wherever the same was computed."""
+        return digest.of_json(self.files)
+
 
 R = TypeVar("R", bound=Provenance)
 

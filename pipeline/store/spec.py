@@ -84,9 +84,9 @@ def _endian(array: Array) -> dict[str, Any]:
     return {"configuration": {"endian": "little"}} if _ITEM[array.dtype] > 1 else {}
 
 
-def planar_order(array: Array | None) -> tuple[int, ...]:
-    """The order in which axes are stored, empty where it is theirs: colours one plane after the other, which takes a third of the space."""
-    if array is None or array.dims[-1] != "rgb" or len(array.dims) < 3:
+def planar_order(array: Array) -> tuple[int, ...]:
+    """Return the order in which axes are stored, empty where it is their own: one plane per colour takes a third of the space."""
+    if array.dims[-1] != "rgb" or len(array.dims) < 3:
         return ()
     *others, row, col, rgb = range(len(array.dims))
     return (*others, rgb, row, col)

@@ -10,7 +10,8 @@ from pydantic_zarr.v3 import GroupSpec
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
-from pipeline.store.directory import DESCRIPTION, DataDirectory, files_of, is_of, is_version, unversioned
+from pipeline.store.digest import files_of
+from pipeline.store.directory import DESCRIPTION, DataDirectory, is_of, is_version, unversioned
 from pipeline.store.garbage import everything_unnamed
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
