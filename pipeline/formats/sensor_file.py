@@ -66,6 +66,6 @@ def load_worn_sensors(names: Sequence[str]) -> tuple[Sensor, ...]:
     known = {name: load_sensor(name) for name in names}
     sizes = {name: sensor.shape for name, sensor in known.items()}
     if len(set(sizes.values())) > 1:
-        said = ", ".join(f"{name} has {rows} x {cols}" for name, (rows, cols) in sizes.items())
-        raise InvalidInput(f"the sensors of one hand need the same rows and columns of pixels, but {said}; change them in copies")
+        listed = ", ".join(f"{name} has {rows} x {cols}" for name, (rows, cols) in sizes.items())
+        raise InvalidInput(f"the sensors of one hand need the same rows and columns of pixels, but {listed}; change them in copies")
     return tuple(known[name] for name in names)

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError, StoreError
-from pipeline.formats.complaints import complaints
+from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.image_file import read_image
 from pipeline.inference.grasp_input_files import read_poses, read_readings
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
@@ -240,7 +240,7 @@ class _Observer:
         try:
             settings = ChartSettings.model_validate(self.model.chart_settings)
         except ValidationError as error:
-            raise StoreError(f"charts of model {self.model.configuration}: {complaints(error)}; run train-gcn again") from error
+            raise StoreError(f"charts of model {self.model.configuration}: {invalid_entries(error)}; run train-gcn again") from error
         if settings.side != self.model.config.side:
             raise StoreError(
                 f"model {self.model.configuration} takes charts of side {self.model.config.side}, and says that they were fitted with "

@@ -13,7 +13,7 @@ from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from pipeline.errors import InvalidInput, StoreError
-from pipeline.formats.complaints import complaints
+from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.file_content import read_file, regular_stat
 
 WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
@@ -36,7 +36,7 @@ def read_description(folder: Path, kind: type[D]) -> D:
     try:
         return kind.model_validate_json(read_file(folder / DESCRIPTION, MAX_BYTES))
     except ValidationError as error:
-        raise unusable(folder, f"{DESCRIPTION}: {complaints(error)}") from error
+        raise unusable(folder, f"{DESCRIPTION}: {invalid_entries(error)}") from error
     except InvalidInput as error:
         raise unusable(folder, error) from error
 

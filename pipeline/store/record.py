@@ -99,7 +99,7 @@ class RowRecord(_Model):
 
 
 class ShardRecord(Provenance):
-    """What is said of a shard: its rows in order, and the digest of its constants.
+    """The record of a shard: its rows in order, and the digest of its constants.
 
     `metadata` is the SHA-256 of the `zarr.json` of the group itself, under the empty name, and of each array at its root.
     """
@@ -110,15 +110,15 @@ class ShardRecord(Provenance):
     metadata: dict[str, Sha256]
 
     def processor_of(self, row: RowRecord) -> str:
-        """The kind of processor that computed a row, the shard's where the row does not say; empty where nothing was computed."""
+        """Name the kind of processor that computed a row, by default the shard's; empty where nothing was computed."""
         return row.processor or ("" if row.failure else processor_kind(self.processor))
 
 
 class FolderRecord(Provenance):
-    """What is said of a folder that a dataset stage filled.
+    """The record of a folder that a dataset stage filled.
 
-    `inputs` are digests of the artifacts' rows of these `splits`; `facts` what the stage says of it; `files` the SHA-256 of every file
-    that counts.
+    `inputs` are digests of the artifacts' rows of these `splits`, `facts` the figures that the stage reports, `files` the SHA-256 of
+    every file that counts.
     """
 
     splits: tuple[str, ...]
@@ -151,7 +151,16 @@ def serialise_with_checksum(record: Provenance) -> bytes:
 
 
 def read_record(path: Place, kind: type[R], maker: str = "the stage that makes it") -> R:
-    """Read a record; where there is none, the error says to run `maker`.
+    """Read a record.
+
+    Parameters
+    ----------
+    path
+        Of the JSON file.
+    kind
+        The type of record.
+    maker
+        What to run where there is none, for the message.
 
     Raises
     ------

@@ -79,7 +79,7 @@ def place(text: str | Place) -> Place:
         return Path(str(text)).expanduser()
     if protocol not in PROTOCOLS or not rest.strip("/"):
         raise InvalidInput(
-            f"{text}: data lies in a folder, or in object storage: {', '.join(f'{one}://BUCKET/PREFIX' for one in PROTOCOLS)}"
+            f"{text} cannot hold data; give a folder, or {' or '.join(f'{protocol}://BUCKET/PREFIX' for protocol in PROTOCOLS)}"
         )
     return UPath(str(text).rstrip("/"))
 
@@ -121,7 +121,7 @@ def names_in(folder: Place) -> dict[str, bool]:
         with os.scandir(folder) as entries:
             return {entry.name: os.path.isdir(entry) if entry.is_symlink() else entry.is_dir() for entry in entries}  # a link may loop
     found = obstore.list_with_delimiter(bucket_of(folder), f"{key_of(folder)}/")
-    files = {PurePosixPath(one["path"]).name: False for one in found["objects"]}
+    files = {PurePosixPath(file["path"]).name: False for file in found["objects"]}
     return files | {PurePosixPath(prefix).name: True for prefix in found["common_prefixes"]}
 
 
@@ -245,13 +245,13 @@ def zarr_store(path: Place, *, sparse: bool = False) -> Store:
 
 
 def bucket_of(path: Place) -> ObjectStore:
-    """The client of a place's bucket."""
+    """Return the client of a place's bucket."""
     protocol, _, rest = str(path).partition("://")
     return _client(f"{protocol}://{rest.partition('/')[0]}")
 
 
 def key_of(path: Place) -> str:
-    """The name of a place in its bucket."""
+    """Return the name of a place in its bucket."""
     return str(path).partition("://")[2].partition("/")[2]
 
 

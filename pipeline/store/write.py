@@ -39,8 +39,24 @@ def write_group(
 ) -> None:
     """Write a shard's group and check its structure.
 
-    `shapes` gives the shapes of each row's arrays, `chunks` reads the encoded row of a number: each once, and at most `OBJECTS_PER_FILE`
-    are held at a time. Files without chunks are written too: one that is missing later was lost.
+    At most `OBJECTS_PER_FILE` encoded rows are held at a time. Files without chunks are written too: one that is missing later was lost.
+
+    Parameters
+    ----------
+    path
+        Of the group; an existing one is removed.
+    artifact
+        The schema.
+    rows
+        The records of the objects, in order.
+    shapes
+        The shapes of each row's arrays, without the object dimension.
+    chunks
+        Reads the encoded row of a number; called once for each.
+    constants
+        Arrays without an object dimension.
+    attributes
+        Of the group.
 
     Raises
     ------
@@ -106,7 +122,7 @@ def _write_file(folder: Path, array: Array, shape: tuple[int, ...], parts: Seque
     else:
         count = math.prod(file_shape[1:]) // math.prod(chunk[1:])
         absent = [None] * count
-        chunks = [one for part in (*parts, *[None] * (file_shape[0] - len(parts))) for one in part or absent]
+        chunks = [encoded for part in (*parts, *[None] * (file_shape[0] - len(parts))) for encoded in part or absent]
     file = folder.joinpath(*["0"] * (len(shape) - 1))
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("wb") as opened:
@@ -122,7 +138,7 @@ def _write_ragged(folder: Path, chunks: list[bytes], array: Array | None) -> Non
 
 
 def _group_shapes(artifact: Artifact, rows: Sequence[RowRecord], shapes: Sequence[Shapes], constants: Row) -> dict[str, tuple[int, ...]]:
-    """The shape of every array of the shard, by path."""
+    """Compute the shape of every array of the shard, by path."""
     of_group: dict[str, tuple[int, ...]] = {name: (len(rows),) for name in COMMON}
     of_group |= {name: constant.shape for name, constant in constants.items()}
     for row, of_row in zip(rows, shapes, strict=True):

@@ -16,7 +16,7 @@ from pydantic_zarr.v3 import GroupSpec
 from zarr.storage import LocalStore
 
 from pipeline.errors import StoreError
-from pipeline.formats.complaints import complaints
+from pipeline.formats.description_file import invalid_entries
 from pipeline.store.spec import array_spec, numpy_dtype
 from pipeline.store.storage import zarr_store
 from schemas.evaluation import GROUPS, VERSION
@@ -177,7 +177,7 @@ def read_root(folder: Path) -> dict[str, Any]:
     try:
         _Root.model_validate(attributes)
     except ValidationError as error:
-        raise StoreError(f"{folder / TABLES_ZARR}: its attributes cannot be used: {complaints(error)}; run evaluate again") from error
+        raise StoreError(f"{folder / TABLES_ZARR}: its attributes cannot be used: {invalid_entries(error)}; run evaluate again") from error
     return attributes
 
 
