@@ -20,7 +20,7 @@ class Collection:
         self.folder = folder
         self.artifact = artifact
         self.shards = shards
-        self._shard_of = {object_id: shard for shard in shards for object_id in shard.object_ids}
+        self._shard_of = {object_id: shard for shard in shards for object_id in shard.position}
 
     def __contains__(self, object_id: object) -> bool:
         return object_id in self._shard_of

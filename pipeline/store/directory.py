@@ -55,8 +55,6 @@ class DataDirectory:
         self.root = place(root)
         self._collections: dict[str, Collection] = {}
 
-    # ---- shards
-
     def shards(self) -> int | None:
         """Read the number of shards that the objects are split into; None before the first run."""
         return self._steadily(self._shards)
@@ -81,19 +79,18 @@ class DataDirectory:
 
     def _shards(self) -> int | None:
         path = self.root / DESCRIPTION
-        there = {path.stem.rpartition("-")[2] for path in self.shard_records()}
-        numbers = ", ".join(str(int(number)) for number in sorted(there))
-        remedy = f'write {{"shards": N}} into it, N as the records are named: {numbers or "none is left"}'
+        recorded = sorted({int(path.stem.rpartition("-")[2]) for path in self.shard_records()})
+        remedy = f'write {{"shards": N}} into it, N as the records are named: {", ".join(map(str, recorded)) or "none is left"}'
         try:
             shards = DatasetDescription.model_validate_json(read_bytes(path)).shards
         except FileNotFoundError:
-            if len(there) > 1:
+            if len(recorded) > 1:
                 raise StoreError(f"{path} is missing; {remedy}") from None
-            return int(there.pop()) if there else None
+            return recorded[0] if recorded else None
         except (OSError, ValidationError) as error:
             raise StoreError(f"{path} is damaged ({first_line(error)}); {remedy}") from error
-        if there and f"{shards:04d}" not in there:
-            raise StoreError(f"{path} says {shards} shards, and no record is of that number; {remedy}")
+        if recorded and shards not in recorded:
+            raise StoreError(f"{path} names {shards} shards, but no record has that number; {remedy}")
         return shards
 
     def check_shard_count(self, count: int | None) -> int:
@@ -123,9 +120,11 @@ class DataDirectory:
 
     def shard_records(self, *artifacts: str) -> list[Place]:
         """List the paths of all records of shards, of these artifacts or of all, of any number of shards."""
-        there = artifacts or sorted(name for name, is_folder in names_in(self.root).items() if is_folder)
-        folders = [self.root / name for name in there]
-        return [folder / name for folder in folders for name in sorted(names_in(folder)) if fnmatch(name, SHARD_RECORD)]
+        records: list[Place] = []
+        for artifact in artifacts or sorted(name for name, is_folder in names_in(self.root).items() if is_folder):
+            folder = self.root / artifact
+            records += [folder / name for name in sorted(names_in(folder)) if fnmatch(name, SHARD_RECORD)]
+        return records
 
     def collection(self, artifact: Artifact) -> Collection:
         """Open the published shards of an artifact."""
@@ -143,8 +142,6 @@ class DataDirectory:
     def artifacts(self) -> list[Artifact]:
         """List the artifacts that have a published shard."""
         return [artifact for artifact in ARTIFACTS.values() if self.collection(artifact).shards]
-
-    # ---- folders
 
     def folder_record(self, name: str) -> Place:
         """Return the path of a folder's record."""
@@ -195,8 +192,6 @@ class DataDirectory:
             raise StoreError(f"{folder}: {problem}")
         return local
 
-    # ---- what is being made
-
     def work(self, name: str) -> Place:
         """Return the work folder of an artifact or folder."""
         return self.root / WORK / name
@@ -204,8 +199,6 @@ class DataDirectory:
     def shard_lock(self, artifact: str, number: int, shards: int) -> Place:
         """Return the path of the lock that a run holds while it makes a shard."""
         return self.work(artifact) / f"{shard_name(number, shards)}.lock"
-
-    # ---- origins
 
     def check_origins(self, names: Iterable[str], objects: Container[str] | None = None) -> None:
         """Check that artifacts and folders, and all that they were made from, were made from the current inputs.

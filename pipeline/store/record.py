@@ -97,6 +97,10 @@ class RowRecord(_Model):
     processor: str = ""
     failure: Failure | None = None
 
+    def labels(self) -> dict[str, Any]:
+        """Return the entries of the arrays that every artifact has (`COMMON`)."""
+        return {"object_id": self.object_id, "category": self.category, "split": self.split, "ok": self.failure is None}
+
 
 class ShardRecord(Provenance):
     """The record of a shard: its rows in order, and the digest of its constants.

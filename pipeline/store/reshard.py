@@ -25,7 +25,7 @@ def shard_of(object_id: str, shards: int) -> int:
 
 def shard_key(rows: Iterable[tuple[str, str]], number: int, shards: int, manifest: str) -> str:
     """Compute the key of a shard from the keys and splits of its rows."""
-    return digest.of_json({"rows": [list(row) for row in rows], "shard": [number, shards], "manifest": manifest})
+    return digest.of_json({"rows": list(rows), "shard": [number, shards], "manifest": manifest})
 
 
 def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:

@@ -42,11 +42,6 @@ class Shard:
                 "run its stage again"
             )
 
-    @property
-    def object_ids(self) -> list[str]:
-        """The objects of this shard, in order."""
-        return list(self.position)
-
     def row(self, object_id: str) -> RowRecord:
         """Return the record of an object's row."""
         return self.record.rows[self.position[object_id]]
@@ -201,16 +196,16 @@ class RowView(Mapping[str, np.ndarray]):
     def __getitem__(self, name: str) -> np.ndarray:
         if name in self._held:
             return self._held[name]
-        declared = self.shard.artifact.of(name)
-        if declared is None:
+        array = self.shard.artifact.of(name)
+        if array is None:
             raise KeyError(f"{self.shard.artifact.name} has no array {name}")
         if "/" in name:
             value = self.shard.read(self._path(name))
-        elif not declared.per_object:
+        elif not array.per_object:
             value = self.shard.read(name)
         else:
             entry = self.shard.read(name, self.shard.position[self.object_id])
-            value = np.array(str(entry)) if declared.dtype == "string" else np.asarray(entry, numpy_dtype(declared))
+            value = np.array(str(entry)) if array.dtype == "string" else np.asarray(entry, numpy_dtype(array))
         self._held[name] = value
         return value
 
@@ -220,19 +215,19 @@ class RowView(Mapping[str, np.ndarray]):
 
     def ragged(self) -> list[str]:
         """Paths below the root of the object's ragged arrays."""
-        parents = {pattern.split("/")[0] for pattern in self.shard.artifact.ragged}
+        paths: list[str] = []
         with self.shard.errors_as_damage(f"arrays of {self.object_id} cannot be opened"):
-            groups = {name: self.shard.group.get(f"{name}/{self.object_id}") for name in parents}
-            return sorted(
-                f"{name}/{self.object_id}/{leaf}"
-                for name, group in groups.items()
-                if isinstance(group, zarr.Group)
-                for leaf in group.array_keys()
-            )
+            for name in {pattern.split("/")[0] for pattern in self.shard.artifact.ragged}:
+                group = self.shard.group.get(f"{name}/{self.object_id}")
+                if isinstance(group, zarr.Group):
+                    paths += [f"{name}/{self.object_id}/{leaf}" for leaf in group.array_keys()]
+        return sorted(paths)
 
     def __iter__(self) -> Iterator[str]:
-        yield from (name for name, array in self.shard.artifact.arrays.items() if array.per_object and self.shard.has(name))
-        yield from (f"{path.split('/')[0]}/{path.split('/')[-1]}" for path in self.ragged())
+        for name, array in self.shard.artifact.arrays.items():
+            if array.per_object and self.shard.has(name):
+                yield name
+        yield from map(declared, self.ragged())
 
     def __len__(self) -> int:
         return sum(1 for _ in self)

@@ -128,16 +128,17 @@ def names_in(folder: Place) -> dict[str, bool]:
 def files_below(folder: Place) -> dict[str, File]:
     """List all files below a folder, by their path below it; none where there is no such folder."""
     if isinstance(folder, Path):
-        found = {}
-        for path in (Path(parent, name) for parent, _, names in os.walk(folder) for name in names):
-            name = path.relative_to(folder).as_posix()
-            with suppress(FileNotFoundError):  # it was removed since it was listed
-                try:
-                    stat = path.stat()
-                    found[name] = File(stat.st_size, stat.st_mtime)
-                except OSError:  # a link to nothing, or to itself
-                    found[name] = File(0, path.lstat().st_mtime)
-        return found
+        files: dict[str, File] = {}
+        for parent, _, names in os.walk(folder):
+            for path in map(Path(parent).joinpath, names):
+                name = path.relative_to(folder).as_posix()
+                with suppress(FileNotFoundError):  # it was removed since it was listed
+                    try:
+                        stat = path.stat()
+                        files[name] = File(stat.st_size, stat.st_mtime)
+                    except OSError:  # a link to nothing, or to itself
+                        files[name] = File(0, path.lstat().st_mtime)
+        return files
     return {name: File(int(found["size"]), found["last_modified"].timestamp()) for name, found in _listed(folder)}
 
 

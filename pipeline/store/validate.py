@@ -115,8 +115,7 @@ def _shard_problems(shard: Shard) -> Iterator[str]:
 
 
 def _row_problems(shard: Shard, row: RowRecord, common: dict[str, object]) -> Iterator[str]:
-    recorded = {"object_id": row.object_id, "category": row.category, "split": row.split, "ok": row.failure is None}
-    for name, value in recorded.items():
+    for name, value in row.labels().items():
         if common[name] != value:
             yield f"{name}: {row.object_id} has {common[name]!r}, its record says {value!r}; {shard.remedy}"
     view = shard.view(row.object_id)

@@ -79,14 +79,11 @@ def write_group(
         for row, encoded in zip(rows[first:], held, strict=False):
             for name in (name for name in encoded if "/" in name):
                 _write_ragged(path.joinpath(name.split("/")[0], row.object_id, name.split("/")[1]), encoded[name], artifact.of(name))
-    common = {
-        "object_id": [row.object_id for row in rows],
-        "category": [row.category for row in rows],
-        "split": [row.split for row in rows],
-    }
+    labels = [row.labels() for row in rows]
+    common = {name: [label[name] for label in labels] for name in COMMON}
     with zarr.config.set({"array.write_empty_chunks": True}):
         group: Any = zarr.open_group(LocalStore(path), mode="r+")
-        for name, values in {**constants, **strings, **common, "ok": [row.failure is None for row in rows]}.items():
+        for name, values in {**constants, **strings, **common}.items():
             group[name][...] = np.array(values, numpy_dtype(artifact.arrays[name]))
     if found := list(schema_violations(artifact, GroupSpec.from_zarr(zarr.open_group(str(path), mode="r")))):
         raise StoreError(f"{path} was written but does not fit its schema, so it is not published: {'; '.join(found)}")
@@ -94,8 +91,12 @@ def write_group(
 
 def metadata_digests(path: Path, artifact: Artifact) -> dict[str, str]:
     """Compute the SHA-256 of the `zarr.json` of a group, under the empty name, and of every array at its root that it has."""
-    files = {name: path / name / "zarr.json" for name in ("", *artifact.arrays)}
-    return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items() if file.exists()}
+    digests: dict[str, str] = {}
+    for name in ("", *artifact.arrays):
+        file = path / name / "zarr.json"
+        if file.exists():
+            digests[name] = hashlib.sha256(file.read_bytes()).hexdigest()
+    return digests
 
 
 def _write_metadata(path: Path, spec: AnyGroup | AnyArray) -> None:
@@ -139,7 +140,7 @@ def _write_ragged(folder: Path, chunks: list[bytes], array: Array | None) -> Non
 
 def _group_shapes(artifact: Artifact, rows: Sequence[RowRecord], shapes: Sequence[Shapes], constants: Row) -> dict[str, tuple[int, ...]]:
     """Compute the shape of every array of the shard, by path."""
-    of_group: dict[str, tuple[int, ...]] = {name: (len(rows),) for name in COMMON}
+    of_group: dict[str, tuple[int, ...]] = dict.fromkeys(COMMON, (len(rows),))
     of_group |= {name: constant.shape for name, constant in constants.items()}
     for row, of_row in zip(rows, shapes, strict=True):
         for name, shape in of_row.items():
