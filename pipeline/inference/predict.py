@@ -25,10 +25,9 @@ from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.vertex_colors import foreground, seen_colors
-from pipeline.models.closed_reconstruction import closed
 from pipeline.models.families import load_reconstructor, model_name, trained_models
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
-from pipeline.models.reconstruction import Reconstruction, Reconstructor
+from pipeline.models.reconstruction import Reconstruction, Reconstructor, close_reconstruction
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
@@ -274,7 +273,7 @@ def _close(
     made: Reconstruction, given: Observation, camera: NDArray[np.float64] | None, shown: NDArray[np.bool_] | None, resolution: int
 ) -> ClosedMesh:
     """Close a reconstruction, and colour it; where nobody says where its image shows the object, what is no background does."""
-    vertices, faces = closed(made, resolution, given)
+    vertices, faces = close_reconstruction(made, resolution, given)
     image, camera = given.image, camera if given.camera is None else given.camera
     if image is None or camera is None:
         return ClosedMesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8), np.zeros(len(vertices), bool))

@@ -360,7 +360,7 @@ def test_numbers_of_grasps_hold_the_one_that_tables_need():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"more": [1.0]}, "its schema says"),
+        ({"more": [1.0]}, "its schema declares"),
         ({"area": [1.0, 2.0]}, r"objects/area has shape \(2,\)"),
         ({"floor": [np.nan]}, "objects/floor holds NaN"),
         ({"floor": [np.inf]}, "objects/floor holds NaN or infinity"),
