@@ -16,7 +16,7 @@ from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.errors import InvalidInput
-from pipeline.formats.complaints import complaints
+from pipeline.formats.description_file import invalid_entries
 
 
 class Entry(NamedTuple):
@@ -90,7 +90,7 @@ def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
         return settings.model_validate(values)
     except ValidationError as error:
         known = ", ".join(settings.model_fields)
-        raise InvalidInput(f"settings of {stage}: {complaints(error)}. Its settings are {known}") from error
+        raise InvalidInput(f"settings of {stage}: {invalid_entries(error)}. Its settings are {known}") from error
 
 
 def _is_known(setting: str, stages: Iterable[str]) -> bool:

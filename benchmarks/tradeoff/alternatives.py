@@ -79,7 +79,7 @@ def _pixels(objects: list[GraspedObject]) -> Iterator[dict[str, Any]]:
 
 
 def _shapes(objects: list[GraspedObject]) -> Iterator[dict[str, Any]]:
-    """Attempts at grasps where physics takes object and hand for themselves, or for something simpler or finer."""
+    """Attempt grasps where physics takes object and hand for themselves, or for something simpler or finer."""
     prepared = prepare_hand(GraspSettings())
     shapes: dict[str, Callable[[Mesh], Mesh]] = {
         "the mesh (ours)": lambda mesh: mesh,

@@ -93,7 +93,7 @@ def _variance(values: NDArray[np.float64]) -> float:
 
 
 def _pairs(made: Made, reference: Path, *arrays: str) -> Iterator[tuple[list[np.ndarray], list[np.ndarray]]]:
-    """Some arrays of each object that failed in neither, of the variant and of its reference."""
+    """Read arrays of each object that failed in neither, of the variant and of its reference."""
     ours, theirs = (ObjectRows(data, arrays, split=None) for data in (made.data, reference))
     for object_id in ours.object_ids:
         if object_id not in theirs.left_out:

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from benchmarks.tradeoff import runs
 from benchmarks.tradeoff.study_plan import HERE
-from pipeline.store.directory import DataDirectory, folder_digest
+from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
 
 TRIED: dict[str, dict[str, tuple[list[str], list[str]]]] = {
@@ -53,4 +53,4 @@ def _seen(data: Path, stage: str) -> dict[str, Any]:
         seconds = sum(row.seconds for shard in collection.shards for row in shard.record.rows)
         return {"seconds": round(seconds, 2), "digest": collection.digest()}
     record = DataDirectory(data).folder(name)
-    return {"seconds": record.facts["training_seconds"], "digest": folder_digest(record)}
+    return {"seconds": record.facts["training_seconds"], "digest": record.digest()}

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from pipeline.console import console, errors, say
 from pipeline.errors import InvalidInput
-from pipeline.formats.complaints import complaints
+from pipeline.formats.description_file import invalid_entries
 
 
 def calibrate_sensor(
@@ -55,7 +55,7 @@ def calibrate_sensor(
         )
         found = calibrate(sensor, photographs, image, ball_radius=radius, options=options, left_out=left_out)
     except ValidationError as error:
-        raise InvalidInput(f"no sensor is like this: {complaints(error)}; are lengths in mm?") from error
+        raise InvalidInput(f"no sensor is like this: {invalid_entries(error)}; are lengths in mm?") from error
     for name, reason in found.left_out.items():
         errors.print(f"[yellow]left out[/] {name}: {reason}")
     note = f"Fitted by `vt-pipeline calibrate-sensor` to {len(found.fitted)} photographs of a ball of {ball_radius:g} mm radius."

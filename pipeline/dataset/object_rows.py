@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from pipeline.dataset.touch_sensors import touch_sensor, touch_sensors
 from pipeline.errors import InvalidInput, StoreError
-from pipeline.formats.complaints import complaints
+from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
@@ -123,7 +123,7 @@ class ObjectRows:
             raise StoreError(f"{self.data.resolve()}: {error}") from error
         except ValidationError as error:
             shard = self._collections["touch"].first
-            raise StoreError(f"{shard.path}: its sensor cannot be used ({complaints(error)}); {shard.remedy}") from error
+            raise StoreError(f"{shard.path}: its sensor cannot be used ({invalid_entries(error)}); {shard.remedy}") from error
 
     def size(self, array: str, dim: str) -> int:
         """How many entries an array has along one of its dimensions, in every object."""

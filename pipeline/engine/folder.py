@@ -17,7 +17,8 @@ from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import StoreError
 from pipeline.store import digest
-from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.digest import hashes_of
+from pipeline.store.directory import DataDirectory
 from pipeline.store.local_copy import local_copy
 from pipeline.store.publish import FolderOutput
 from pipeline.store.record import FolderRecord, read_record, serialise_with_checksum

@@ -17,7 +17,7 @@ from pipeline.engine.unit import Unit
 from pipeline.engine.versions import library_versions, processor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.store import digest
-from pipeline.store.directory import DataDirectory, folder_digest
+from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput, ShardOutput
 from pipeline.store.record import Failure, ShardRecord
 from pipeline.store.storage import Place, exists
@@ -88,7 +88,7 @@ class Summary:
     made: int = 0
     failed: int = 0
     seconds: float = 0.0
-    packing: float = 0.0
+    publishing: float = 0.0
     waiting: int = 0
 
 
@@ -108,7 +108,7 @@ class Plan(Generic[Output]):
     def __init__(self, request: Request[Any], directory: DataDirectory, output: Output, schema: Sequence[object] = ()) -> None:
         self.request, self.stage, self.settings, self.directory, self.output = request, request.stage, request.settings, directory, output
         self.models = {name: self.directory.whole_folder(name) for name in self.stage.models(self.settings)}
-        self.model_digests = {name: folder_digest(self.directory.folder(name)) for name in self.models}
+        self.model_digests = {name: self.directory.folder(name).digest() for name in self.models}
         self.inputs = [self.directory.collection(artifact) for artifact in self.stage.inputs(self.settings)]
         self.schema = list(schema)
         self.units: list[Unit] = []

@@ -14,7 +14,7 @@ from pipeline.engine.unit import Unit
 from pipeline.engine.versions import processor
 from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory, folder_digest
+from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Failure, processor_kind
 from pipeline.store.row_files import Result, RowFiles
 from pipeline.store.rows import Row, conform
@@ -54,7 +54,7 @@ def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
         try:
             collections = [directory.collection(artifact) for artifact in work.stage.inputs(work.settings)]
             for name, wanted in work.models.items():
-                if folder_digest(directory.folder(name)) != wanted:
+                if directory.folder(name).digest() != wanted:
                     raise StoreError(f"{directory.folder_path(name)} was replaced meanwhile; run again")
             models = {name: directory.whole_folder(name) for name in work.models}
             process = stack.enter_context(work.stage.session(work.settings, models))

@@ -163,7 +163,7 @@ def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
         return replace(summary, waiting=waiting)
     began = time.perf_counter()
     _publish(plan, [results[unit.name] for unit in plan.units])
-    return replace(summary, packing=time.perf_counter() - began)
+    return replace(summary, publishing=time.perf_counter() - began)
 
 
 def _check_same_manifest(plan: Plan[ShardOutput]) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Collection
+from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -11,14 +13,14 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.complaints import complaints, entry_names
 from pipeline.formats.file_content import read_file
+from pipeline.kernels.vision.scene import Scene
 
 Kind = Literal["manifest", "hand", "sensor", "scene", "cluster"]
 Model = TypeVar("Model", bound=BaseModel)
 
 MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40
-"""What a description file may have: more is no description, and would take minutes to read."""
+"""Limits of a description file: a larger one would take minutes to read."""
 
 
 def shipped_files(kind: Kind) -> dict[str, Path]:
@@ -63,9 +65,14 @@ def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
         return model.model_validate(read_yaml(path))
     except ValidationError as error:
         entries = ", ".join(field.alias or name for name, field in model.model_fields.items() if not field.exclude)
-        raise InvalidInput(f"{kind} file {path}: {complaints(error, entry_names(model))}. Its entries are {entries}") from error
+        raise InvalidInput(f"{kind} file {path}: {invalid_entries(error, entry_names(model))}. Its entries are {entries}") from error
     except (ValueError, yaml.YAMLError) as error:
         raise InvalidInput(f"{kind} file {path} cannot be read as YAML: {error}") from error
+
+
+def load_scene(name: str | Path) -> Scene:
+    """Read a scene by the name of a shipped scene or by path; an `InvalidInput` names the file and what is wrong with it."""
+    return read_description("scene", description_path("scene", name), Scene)
 
 
 def read_yaml(path: Path) -> Any:
@@ -84,3 +91,38 @@ def read_yaml(path: Path) -> Any:
         if depth > MAX_DEPTH:
             raise ValueError(f"its entries are nested more than {MAX_DEPTH} deep")
     return yaml.load(text, Loader=yaml.CSafeLoader)
+
+
+def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
+    """Name every entry that cannot be used, with the reason; of `names`, those of the entries there are, the one that was meant."""
+    found: list[Any] = error.errors()
+    places = [item["loc"] for item in found]
+    meant = {item["loc"]: _meant(item["loc"][-1], names) for item in found if item["type"] == "extra_forbidden"}
+    misspelt = {(*place[:-1], name) for place, name in meant.items()}
+    lines = []
+    for item in found:
+        place = item["loc"]
+        inside = any(other[: len(place)] == place and other != place for other in places)
+        if place in misspelt or (item["type"] == "too_short" and inside):  # both follow from what another complaint names
+            continue
+        lines.append(_describe(item["type"], ".".join(map(str, place)), item["msg"], meant.get(place)))
+    return "; ".join(lines)
+
+
+def entry_names(model: type[BaseModel]) -> set[str]:
+    """List the names of all entries of a model and of the models in it."""
+    schema = model.model_json_schema()
+    return {name for one in (schema, *schema.get("$defs", {}).values()) for name in one.get("properties", {})}
+
+
+def _meant(name: object, names: Collection[str]) -> str | None:
+    return next(iter(get_close_matches(str(name), names, n=1, cutoff=0.7)), None)
+
+
+def _describe(kind: str, name: str, message: str, meant: str | None) -> str:
+    if kind == "extra_forbidden":
+        return f"there is no entry {name}" + (f", did you mean {meant}?" if meant else "")
+    if kind == "missing":
+        return f"entry {name} is missing"
+    message = message.removeprefix("Value error, ")
+    return f"{name}: {message}" if name else message

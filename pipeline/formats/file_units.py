@@ -26,7 +26,7 @@ THREEMF = {b"micron": 1e-6, b"millimeter": 1e-3, b"centimeter": 1e-2, b"inch": 0
 
 
 def stated_units(file: Path) -> tuple[float | None, str | None]:
-    """Read what a mesh file says of its unit and its up-axis.
+    """Read the unit and the up-axis that a mesh file states.
 
     Returns
     -------
@@ -35,8 +35,8 @@ def stated_units(file: Path) -> tuple[float | None, str | None]:
     Notes
     -----
     glTF 2.0, section 3.4: metres, y up. COLLADA 1.4: ``<unit meter="...">`` and ``<up_axis>`` of its asset; Y_UP where it states none. 3MF
-    core, section 3.4: ``<model unit="...">``, millimetres where it states none; z up. A file that cannot be read states nothing: what is
-    wrong with it is said when its mesh is loaded.
+    core, section 3.4: ``<model unit="...">``, millimetres where it states none; z up. A file that cannot be read states nothing: loading
+    its mesh reports the error.
     """
     with suppress(Exception):  # zipfile raises whatever its parsing trips over
         match file.suffix.lower() if file.is_file() else "":  # a pipe may never say anything

@@ -94,7 +94,7 @@ def load_hand(name: str | Path) -> Hand:
 
 def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
     links, joints = read_urdf(urdf, file.palm.link)
-    _refuse_faults(file, {link.name: i for i, link in enumerate(links)}, joints, path)
+    _check_entries(file, {link.name: i for i, link in enumerate(links)}, joints, path)
     roles = joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen)
     numbers = {link.name: i for i, link in enumerate(links)}
     for name, count in file.convex_parts.items():
@@ -122,8 +122,8 @@ def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
     )
 
 
-def _refuse_faults(file: _HandFile, numbers: Mapping[str, int], joints: Sequence[Joint], path: Path) -> None:
-    """Look at every entry by itself, so that all faults are told at once."""
+def _check_entries(file: _HandFile, numbers: Mapping[str, int], joints: Sequence[Joint], path: Path) -> None:
+    """Look at every entry by itself, so that all faults are reported at once."""
     names = [*file.convex_parts, *(link for pair in file.allowed_contacts for link in pair)]
     worn = [(entry.name, [*([entry.sensor] if entry.sensor else []), *entry.sensors]) for entry in file.fingers]
     looks: list[Callable[[], object]] = [
@@ -151,7 +151,7 @@ def _without_resting_contacts(hand: Hand, stated: Iterable[tuple[str, str]]) -> 
 
 
 def _fingers(file: _HandFile, roles: JointRoles, numbers: Mapping[str, int], path: Path) -> tuple[tuple[Finger, ...], tuple[Mount, ...]]:
-    """The fingers, those that share a motor as one, and the sensors: finger by finger, those on the palm last."""
+    """Assemble the fingers, those that share a motor as one, and the sensors: finger by finger, those on the palm last."""
     names = [joint.name for joint in roles.independent]
     entry_of = {joint: names.index(joint) for joint in names}
     entry_of |= {roles.joints[one.link - 1].name: one.entry for one in roles.followers}

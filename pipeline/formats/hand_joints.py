@@ -25,7 +25,7 @@ class JointRoles:
 
 
 def joint_roles(joints: Sequence[Joint], used: Sequence[str], frozen: Mapping[str, float]) -> JointRoles:
-    """Tell what each joint of a URDF does.
+    """Find the role of each joint of a URDF.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def joint_roles(joints: Sequence[Joint], used: Sequence[str], frozen: Mapping[st
 
 
 def _leader(joint: Joint, moving: Mapping[str, Joint]) -> Mimic:
-    """What a joint follows in the end: the joint that it mimics may mimic another one."""
+    """Find what a joint follows in the end: the joint that it mimics may mimic another one."""
     mimic, passed = joint.mimic, {joint.name}
     assert mimic is not None
     while (leader := moving.get(mimic.joint)) is not None and leader.mimic is not None:
@@ -93,7 +93,7 @@ def _freeze(joint: Joint, angle: float) -> Joint:
 
 
 def moved_links(joints: Sequence[Joint], names: Collection[str]) -> list[int]:
-    """The links that some joints move, and all that hang from those, base to tip."""
+    """List the links that some joints move, and all that hang from those, base to tip."""
     moved: set[int] = set()
     for joint in joints:  # parents first
         if joint.name in names or joint.parent in moved:

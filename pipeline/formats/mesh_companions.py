@@ -6,6 +6,7 @@ They are what a mesh's key covers, and all that its reader may open.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -17,7 +18,6 @@ from urllib.parse import unquote
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import regular_stat
-from pipeline.formats.gltf_file import read_gltf
 
 SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf")
 """Formats of mesh files that are read; archives are not among them."""
@@ -27,6 +27,12 @@ MAX_BYTES = 256 * 2**20
 
 MAX_NAMES = 1000
 """File names in a mesh file."""
+
+MAX_ENTRIES = 1_000_000
+"""Commas and opening brackets of a glTF's JSON: each may become a hundred bytes."""
+
+MAX_FOREIGN = 2**25
+"""Bytes of a JSON that is not ASCII: as text, a single character beyond it makes all others four times as large."""
 
 
 class Companions(Mapping[str, bytes]):
@@ -132,9 +138,27 @@ def check_file(file: Path) -> None:
         raise InvalidInput(f"{file.name} has {size} bytes, {MAX_BYTES} are the most; decimate the mesh or write it as binary PLY")
 
 
+def _read_gltf(file: Path) -> dict[str, Any]:
+    """Read the JSON of a glTF file, text or binary (glTF 2.0, sections 3.3 and 4.4)."""
+    content = file.read_bytes()
+    if file.suffix.lower() == ".glb":
+        content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
+    if (entries := sum(content.count(mark) for mark in (b",", b"[", b"{"))) > MAX_ENTRIES:
+        raise InvalidInput(f"{file.name} has {entries} entries in its JSON, {MAX_ENTRIES} are the most; join its nodes and meshes")
+    if len(content) > MAX_FOREIGN and not content.isascii():
+        raise InvalidInput(f"{file.name} has {len(content)} bytes of JSON, {MAX_FOREIGN} are the most unless all is ASCII; write it as GLB")
+    try:
+        tree = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: {error}") from error
+    if not isinstance(tree, dict):
+        raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: its JSON is no object")
+    return tree
+
+
 def _gltf_names(file: Path) -> Iterator[str]:
     """List the URIs of a glTF's buffers and images that name files."""
-    tree = read_gltf(file)
+    tree = _read_gltf(file)
     parts: Iterable[Any] = (part for kind in ("buffers", "images") for part in _list(tree.get(kind)))
     uris = (part.get("uri") for part in parts if isinstance(part, dict))
     return (uri for uri in uris if isinstance(uri, str) and "base64," not in uri)

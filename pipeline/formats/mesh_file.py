@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence, Sized
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import SUFFIXES, Companions
 from pipeline.formats.mesh_reader import read_apart
-from pipeline.formats.textures import Textures
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
 PLACEHOLDER = trimesh.visual.material.empty_material().image
@@ -28,6 +30,12 @@ GREY = (178, 178, 178, 255)
 
 MAX_FACES = 2_000_000
 """Faces of a mesh file, and a third of the vertices. More would take gigabytes, whatever `max_faces` allows."""
+
+FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "WEBP", "DDS", "PPM", "PCX", "MPO")
+"""Formats that textures have. Pillow would read others too, some with the help of other programs."""
+
+MAX_PIXELS = 2**26
+"""Pixels of all textures of a mesh file: one of 8192 × 8192, 256 MiB as RGBA."""
 
 trimesh.util.log.disabled = True  # it logs tracebacks of what it recovers from
 
@@ -93,6 +101,39 @@ def _check(what: str, number: int, limit: int, remedy: str) -> None:
         raise InvalidInput(f"it has {number} {what}, {limit} are the most; {remedy}")
 
 
+class _Textures:
+    """The decoded textures of one mesh file, of which several materials may use one."""
+
+    def __init__(self) -> None:
+        self._decoded: dict[str, NDArray[np.uint8]] = {}
+        self._digests: dict[int, str] = {}  # Pillow forgets a file's content when it is decoded
+        self._pixels = 0
+
+    def decode(self, image: Image.Image) -> NDArray[np.uint8]:
+        """Decode an image to (height, width, 4) uint8 sRGB and opacity; the same array for the same content.
+
+        Raises
+        ------
+        InvalidInput
+            The textures so far and this one have too many pixels.
+        ValueError, OSError
+            It is of no format that textures have, or damaged.
+        """
+        digest = self._digests.setdefault(id(image), _digest(image))
+        if digest not in self._decoded:
+            if image.format not in (None, *FORMATS):  # None: made by a conversion
+                raise ValueError(f"a texture is {image.format}; convert it to PNG or JPEG")
+            self._pixels += image.width * image.height
+            _check("pixels of textures", self._pixels, MAX_PIXELS, "make them smaller")
+            self._decoded[digest] = np.array(image.convert("RGBA"))
+        return self._decoded[digest]
+
+
+def _digest(image: Image.Image) -> str:
+    file = getattr(image, "fp", None)
+    return hashlib.sha256(file.getbuffer()).hexdigest() if isinstance(file, BytesIO) else str(id(image))
+
+
 def _read(file: Path, companions: Companions, skip_materials: bool = False) -> list[Mesh]:
     """Read the parts of a file, each at its place."""
     options: Any = {"process": False, "skip_materials": skip_materials, "resolver": companions}
@@ -101,7 +142,7 @@ def _read(file: Path, companions: Companions, skip_materials: bool = False) -> l
     nodes = [(pose, name) for pose, name in (scene.graph[node] for node in scene.graph.nodes_geometry) if name in parts]
     _check("faces", sum(len(parts[name].faces) for _, name in nodes), MAX_FACES, "decimate the mesh")
     _check("vertices", sum(len(parts[name].vertices) for _, name in nodes), 3 * MAX_FACES, "decimate the mesh")
-    textures = Textures()
+    textures = _Textures()
     linear = file.suffix.lower() in (".gltf", ".glb")  # glTF states vertex colours in linear light, other formats in sRGB
     looks = {name: _look(part, textures, linear=linear) for name, part in parts.items()}
     return [_placed(parts[name], pose, looks[name]) for pose, name in nodes]
@@ -151,11 +192,11 @@ def _join_indices(indices: Sequence[NDArray[np.int32]], lists: Sequence[Sized]) 
 
 
 def _renumber(look: Look, numbers: dict[int, int]) -> NDArray[np.int32]:
-    """Number the textures of a look's materials by identity; -1, for none, stays."""
+    """Renumber the textures of a look's materials by identity; -1, for none, stays."""
     return np.array([-1 if index < 0 else numbers[id(look.textures[index])] for index in look.material_texture], np.int32)
 
 
-def _look(part: trimesh.Trimesh, textures: Textures, *, linear: bool) -> Look:
+def _look(part: trimesh.Trimesh, textures: _Textures, *, linear: bool) -> Look:
     visual: Any = part.visual
     colors, texture = np.array([GREY], np.uint8), None
     uv = np.zeros((len(part.vertices), 2), np.float32)
@@ -182,7 +223,7 @@ def _look(part: trimesh.Trimesh, textures: Textures, *, linear: bool) -> Look:
 
 
 def _vertex_color(visual: Any, count: int, *, linear: bool) -> NDArray[np.uint8] | None:
-    """The (V, 4) sRGB colours of vertices, where a part states them, alone or beside a material."""
+    """Return the (V, 4) sRGB colours of vertices, where a part states them, alone or beside a material."""
     stated = visual.vertex_colors if visual.kind == "vertex" else getattr(visual, "vertex_attributes", {}).get("color")
     if stated is None or len(stated) != count:
         return None
@@ -192,7 +233,7 @@ def _vertex_color(visual: Any, count: int, *, linear: bool) -> NDArray[np.uint8]
     return colors
 
 
-def _material(material: Any, textures: Textures) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+def _material(material: Any, textures: _Textures) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Read base colour (4,) and texture (h, w, 4), sRGB, of one of trimesh's materials, whichever of its kinds it is."""
     color = np.full(4, 255, np.uint8)
     if isinstance(material, trimesh.visual.material.PBRMaterial):  # glTF: a linear factor, white by default, times the texture

@@ -41,9 +41,12 @@ def sensor_names(hand: Hand, override: str | None = None) -> tuple[str, ...]:
 
 def sensor_files(names: Sequence[str]) -> list[Path]:
     """List the files that describe sensors, each once."""
-    paths = [description_path("sensor", name) for name in dict.fromkeys(names)]
-    photographs = [photograph_file(path, read_description("sensor", path, Sensor)) for path in paths]
-    return [*paths, *(file for file in photographs if file is not None)]
+    files: list[Path] = []
+    for name in dict.fromkeys(names):
+        path = description_path("sensor", name)
+        photograph = photograph_file(path, read_description("sensor", path, Sensor))
+        files += [path] if photograph is None else [path, photograph]
+    return files
 
 
 def load_worn_sensors(names: Sequence[str]) -> tuple[Sensor, ...]:
@@ -66,6 +69,6 @@ def load_worn_sensors(names: Sequence[str]) -> tuple[Sensor, ...]:
     known = {name: load_sensor(name) for name in names}
     sizes = {name: sensor.shape for name, sensor in known.items()}
     if len(set(sizes.values())) > 1:
-        said = ", ".join(f"{name} has {rows} x {cols}" for name, (rows, cols) in sizes.items())
-        raise InvalidInput(f"the sensors of one hand need the same rows and columns of pixels, but {said}; change them in copies")
+        listed = ", ".join(f"{name} has {rows} x {cols}" for name, (rows, cols) in sizes.items())
+        raise InvalidInput(f"the sensors of one hand need the same rows and columns of pixels, but {listed}; change them in copies")
     return tuple(known[name] for name in names)

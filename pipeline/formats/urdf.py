@@ -86,7 +86,7 @@ def _check_size(content: bytes) -> None:
 
 
 def _below(robot: Element, root: str | None) -> Collection[str]:
-    """The names of a link and all that hang from it, of all links where none is given."""
+    """List the names of a link and all that hang from it, of all links where none is given."""
     names = [_name(link) for link in robot.findall("link")]
     if root is None:
         return names

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES
-from pipeline.models.closed_reconstruction import joined
-from pipeline.models.reconstruction import Reconstruction
+from pipeline.models.reconstruction import Reconstruction, join_vision_charts
 from pipeline.store.atomic import write_at_once
 
 SUFFIXES = (".obj", ".ply", ".glb")
@@ -50,7 +49,7 @@ def write_joined(path: Path, made: Reconstruction) -> None:
 
     Vertices that coincided before the deformation become one, in the middle of where they are now.
     """
-    _write(path, [("vision", _mesh(*joined(made), VISION_COLORS[0])), *_touch_charts(made)])
+    _write(path, [("vision", _mesh(*join_vision_charts(made), VISION_COLORS[0])), *_touch_charts(made)])
 
 
 def write_closed(

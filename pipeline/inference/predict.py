@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError, StoreError
-from pipeline.formats.complaints import complaints
+from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.image_file import read_image
 from pipeline.inference.grasp_input_files import read_poses, read_readings
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
@@ -25,10 +25,9 @@ from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.vertex_colors import foreground, seen_colors
-from pipeline.models.closed_reconstruction import closed
 from pipeline.models.families import load_reconstructor, model_name, trained_models
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
-from pipeline.models.reconstruction import Reconstruction, Reconstructor
+from pipeline.models.reconstruction import Reconstruction, Reconstructor, close_reconstruction
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
@@ -240,7 +239,7 @@ class _Observer:
         try:
             settings = ChartSettings.model_validate(self.model.chart_settings)
         except ValidationError as error:
-            raise StoreError(f"charts of model {self.model.configuration}: {complaints(error)}; run train-gcn again") from error
+            raise StoreError(f"charts of model {self.model.configuration}: {invalid_entries(error)}; run train-gcn again") from error
         if settings.side != self.model.config.side:
             raise StoreError(
                 f"model {self.model.configuration} takes charts of side {self.model.config.side}, and says that they were fitted with "
@@ -274,7 +273,7 @@ def _close(
     made: Reconstruction, given: Observation, camera: NDArray[np.float64] | None, shown: NDArray[np.bool_] | None, resolution: int
 ) -> ClosedMesh:
     """Close a reconstruction, and colour it; where nobody says where its image shows the object, what is no background does."""
-    vertices, faces = closed(made, resolution, given)
+    vertices, faces = close_reconstruction(made, resolution, given)
     image, camera = given.image, camera if given.camera is None else given.camera
     if image is None or camera is None:
         return ClosedMesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8), np.zeros(len(vertices), bool))

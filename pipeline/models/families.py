@@ -42,7 +42,22 @@ def model_name(configuration: str, training_seed: int = 0) -> str:
 
 
 def load_reconstructor(configuration: str, folder: Path, device: torch.device | str = "cpu") -> Reconstructor:
-    """Load the network of a configuration that its training left in a folder; a `StoreError` where there is none."""
+    """Load the trained network of a configuration.
+
+    Parameters
+    ----------
+    configuration
+        Its name.
+    folder
+        Written by its training.
+    device
+        Where it is put.
+
+    Raises
+    ------
+    StoreError
+        The folder holds no such network.
+    """
     return FAMILIES[family_of(configuration)](folder, device)
 
 

@@ -13,7 +13,7 @@ from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from pipeline.errors import InvalidInput, StoreError
-from pipeline.formats.complaints import complaints
+from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.file_content import read_file, regular_stat
 
 WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
@@ -25,7 +25,17 @@ N = TypeVar("N", bound=nn.Module)
 
 
 def save_model(folder: Path, module: nn.Module, description: Mapping[str, Any]) -> None:
-    """Write a network's parameters and buffers, and its description (sizes, sensor, …, as JSON), into a folder."""
+    """Write a trained network into a folder.
+
+    Parameters
+    ----------
+    folder
+        Existing.
+    module
+        The network, whose parameters and buffers are written as safetensors.
+    description
+        Its sizes, sensor, …, which are written as JSON.
+    """
     weights = {name: value.detach().cpu().contiguous() for name, value in module.state_dict().items()}
     (folder / WEIGHTS).write_bytes(save(weights))  # whose errors name the disk, unlike those of `save_file`
     (folder / DESCRIPTION).write_text(json.dumps(description, indent=2, sort_keys=True, allow_nan=False))
@@ -36,7 +46,7 @@ def read_description(folder: Path, kind: type[D]) -> D:
     try:
         return kind.model_validate_json(read_file(folder / DESCRIPTION, MAX_BYTES))
     except ValidationError as error:
-        raise unusable(folder, f"{DESCRIPTION}: {complaints(error)}") from error
+        raise unusable(folder, f"{DESCRIPTION}: {invalid_entries(error)}") from error
     except InvalidInput as error:
         raise unusable(folder, error) from error
 
@@ -51,7 +61,16 @@ def read_weights(folder: Path) -> dict[str, Tensor]:
 
 
 def load_network(folder: Path, make: Callable[[], N], device: torch.device | str) -> N:
-    """Make the network of a folder's weights, for evaluation on a device; memory is taken once it is known that they fit.
+    """Load a network for evaluation; it takes memory only if its weights fit.
+
+    Parameters
+    ----------
+    folder
+        Written by `save_model`.
+    make
+        Makes the network, with any weights.
+    device
+        Where it is put.
 
     Raises
     ------
@@ -61,13 +80,13 @@ def load_network(folder: Path, make: Callable[[], N], device: torch.device | str
     weights = read_weights(folder)
     with torch.device("meta"):  # shapes without memory
         network = make()
-    wanted, found = ({name: tuple(value.shape) for name, value in one.items()} for one in (network.state_dict(), weights))
-    if differing := sorted(name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name)):
+    wanted, stored = ({name: tuple(value.shape) for name, value in state.items()} for state in (network.state_dict(), weights))
+    if differing := sorted(name for name in wanted.keys() | stored.keys() if wanted.get(name) != stored.get(name)):
         name = differing[0]
         raise unusable(
             folder,
             f"{len(differing)} arrays of {WEIGHTS} differ from what {DESCRIPTION} says, {name} first: "
-            f"{found.get(name, 'missing')}, not {wanted.get(name, 'there')}",
+            f"{stored.get(name, 'missing')}, not {wanted.get(name, 'there')}",
         )
     network = network.to_empty(device=device)
     network.load_state_dict(weights)

@@ -1,4 +1,4 @@
-"""What is seen and felt of objects, as the deformation network's input."""
+"""Observations of objects: the images and touch charts that networks are given."""
 
 from __future__ import annotations
 
@@ -45,7 +45,19 @@ def observed_arrays(config: NetworkInputs) -> tuple[str, ...]:
 
 
 def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], config: NetworkInputs) -> Observation:
-    """Read what a network is given of a stored object: the image of the first of these grasps (or viewpoints), and the charts of all."""
+    """Read the observation of a stored object that a network is given.
+
+    Parameters
+    ----------
+    rows
+        Hold the arrays that `observed_arrays` names.
+    object_id
+        The object.
+    grasps
+        Grasps whose charts are given; the image is that of the first. Or a viewpoint.
+    config
+        The network's inputs.
+    """
     image = None if config.image is None else rows.read(config.image, object_id, grasps[0])
     if not config.touch:
         camera = rows.read("rendering_camera", object_id, grasps[0]) if config.image == "rendering" else None
@@ -74,7 +86,16 @@ class NetworkBatch:
 def stack_observations(observations: Sequence[Observation], config: NetworkInputs, camera: Tensor | None, like: Tensor) -> NetworkBatch:
     """Stack observations as tensors of the device and type of `like`.
 
-    `camera` is the projection matrix (3, 4) of their images, None where each has its own.
+    Parameters
+    ----------
+    observations
+        One per item.
+    config
+        The network's inputs.
+    camera
+        The projection matrix (3, 4) of their images; None where each has its own.
+    like
+        A tensor of the network.
 
     Raises
     ------
@@ -84,7 +105,7 @@ def stack_observations(observations: Sequence[Observation], config: NetworkInput
         There is no observation, or charts differ in their number of vertices.
     """
     if not observations:
-        raise ValueError("there is no observation to reconstruct from; one at least")
+        raise ValueError("there is no observation to reconstruct from; give one at least")
     images = None
     if config.image is not None:
         pictures = [seen.image for seen in observations if seen.image is not None]

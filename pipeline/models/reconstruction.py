@@ -10,10 +10,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, create_model, model_validator
 from torch import nn
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.geometry.closed_surface import RESOLUTION, closed_surface
 from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.models.model_files import load_network, read_description
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
@@ -138,3 +141,34 @@ class Reconstructor(ABC):
                 f"{self.configuration} was trained on images of {self._resolution} pixels, these have {list(batch.images.shape[2:])}"
             )
         return batch
+
+
+def join_vision_charts(made: Reconstruction) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Join the vision charts to one closed surface: vertices (P, 3), one per distinct position, m, and faces (F, 3)."""
+    position = made.position
+    count = np.bincount(position)
+    vertices = np.stack([np.bincount(position, weights=axis) for axis in made.vertices[: made.vision].T], axis=1) / count[:, None]
+    return vertices, position[made.faces[(made.faces < made.vision).all(axis=1)]]
+
+
+def close_reconstruction(
+    made: Reconstruction, resolution: int = RESOLUTION, given: Observation | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Make one closed, smooth mesh of a reconstruction, through the vertices of touch charts; see `closed_surface`.
+
+    Parameters
+    ----------
+    made
+        The reconstruction.
+    resolution
+        Cells per side of the grid.
+    given
+        The observation whose touch charts are used, for an implicit network, whose reconstructions hold none.
+
+    Returns
+    -------
+    Vertices (V, 3), m, and faces (F, 3).
+    """
+    _, faces = chart_square(made.side)
+    charts = made.vertices[made.vision :] if given is None else given.touch_vertices[given.touched]
+    return closed_surface(*join_vision_charts(made), charts.reshape(-1, made.side**2, 3), faces.numpy(), resolution=resolution)

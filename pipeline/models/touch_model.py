@@ -33,22 +33,34 @@ class _Description(BaseModel):
 
 
 def save_touch_model(folder: Path, network: UNet, *, sensor: Sensor, untouched: np.ndarray, mask_threshold: float) -> None:
-    """Write a trained U-Net with what its users need: the sensor, its untouched image (H, W, 3) uint8, the mask's threshold."""
+    """Write a trained U-Net with all that its users need.
+
+    Parameters
+    ----------
+    folder
+        Existing.
+    network
+        The trained network.
+    sensor, untouched
+        The sensor of its tactile images, and the one without contact, (H, W, 3) uint8 sRGB.
+    mask_threshold
+        Difference of colours, 0 to 255, above which a pixel touches.
+    """
     Image.fromarray(untouched).save(folder / UNTOUCHED)  # PNG: lossless
     save_model(folder, network, {"width": network.width, "mask_threshold": mask_threshold, "sensor": sensor.model_dump(mode="json")})
 
 
 def load_touch_model(folder: Path, device: torch.device | str) -> TouchModel:
     """Load the U-Net that `train-unet` left in `folder`; a `StoreError` where there is none."""
-    said = read_description(folder, _Description)
-    network = load_network(folder, lambda: UNet(said.width), device)
+    described = read_description(folder, _Description)
+    network = load_network(folder, lambda: UNet(described.width), device)
     try:
         untouched = read_image(folder / UNTOUCHED)
     except InvalidInput as error:
         raise unusable(folder, error) from error
-    if untouched.shape[:2] != said.sensor.shape:
-        raise unusable(folder, f"{UNTOUCHED} has {untouched.shape[:2]} pixels, its sensor {said.sensor.shape}")
-    return TouchModel(network, said.sensor, untouched, said.mask_threshold)
+    if untouched.shape[:2] != described.sensor.shape:
+        raise unusable(folder, f"{UNTOUCHED} has {untouched.shape[:2]} pixels, its sensor {described.sensor.shape}")
+    return TouchModel(network, described.sensor, untouched, described.mask_threshold)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
-from pipeline.formats.scene_file import load_scene
+from pipeline.formats.description_file import load_scene
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
@@ -27,7 +27,8 @@ from pipeline.reports.second_view import GraspView, gel_squares, second_view, to
 from pipeline.store import digest
 from pipeline.store.atomic import written_to
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.digest import hashes_of
+from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Sha256
 from pipeline.store.storage import Place, exists, read_bytes, remove
 from schemas.catalogue import ARTIFACTS

@@ -31,7 +31,7 @@ from pipeline.reports.results import results_tables, trained
 from pipeline.reports.svg_plots import draw_bars, draw_histogram, svg_theme
 from pipeline.store import digest
 from pipeline.store.atomic import written_to
-from pipeline.store.directory import hashes_of
+from pipeline.store.digest import hashes_of
 from pipeline.store.storage import Place, exists, remove
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"

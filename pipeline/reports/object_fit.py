@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from pipeline.console import counted, few
 from pipeline.engine.plan import Plan
+from pipeline.formats.description_file import load_scene
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.physics_urdf import links_without_mass
-from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_links
 from pipeline.kernels.hand.model import Hand

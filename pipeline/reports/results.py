@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from pipeline.console import Table
 from pipeline.errors import StoreError
-from pipeline.formats.complaints import complaints
+from pipeline.formats.description_file import invalid_entries
 from pipeline.reports.orderings import orderings, orderings_table
 from pipeline.reports.training_seeds import trainings_table
 from pipeline.store.directory import DataDirectory
@@ -54,7 +54,7 @@ def training_facts(directory: DataDirectory, name: str) -> dict[str, Any]:
     except ValidationError as error:
         path = directory.folder_record(name)
         raise StoreError(
-            f"{path}: its facts are not those of a training: {complaints(error)}; delete it and train the model again"
+            f"{path}: its facts are not those of a training: {invalid_entries(error)}; delete it and train the model again"
         ) from error
     return facts
 

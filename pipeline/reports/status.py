@@ -14,7 +14,7 @@ from rich.markup import escape
 from pipeline.cluster.slurm import JobState, State, slurm_folder, states_of, submitted_jobs
 from pipeline.console import print_table
 from pipeline.errors import StoreError
-from pipeline.store.directory import DataDirectory, folder_digest
+from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import everything_unnamed
 from pipeline.store.row_files import RowFiles
 from pipeline.store.storage import File, Place, files_below, names_in, on_disk
@@ -137,7 +137,7 @@ def _folder(directory: DataDirectory, name: str) -> FolderAccount:
     there = files_below(directory.folder_path(name))
     if gone := sorted(record.files.keys() - there.keys()):
         raise StoreError(f"{directory.folder_record(name)}: {gone[0]} is missing; run {record.stage} again")
-    return FolderAccount(name, record.stage, _megabytes(there), record.seconds, folder_digest(record), record.facts, stale)
+    return FolderAccount(name, record.stage, _megabytes(there), record.seconds, record.digest(), record.facts, stale)
 
 
 def _megabytes(files: Mapping[str, File]) -> float:

@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import obstore
@@ -15,18 +14,19 @@ from filelock import FileLock, Timeout
 from obstore.exceptions import AlreadyExistsError, GenericError, PreconditionError
 
 from pipeline.errors import StoreError, first_line
+from pipeline.store.local_copy import local_copy
 from pipeline.store.storage import Place, bucket_of, cache_of, copy, files_below, key_of, pause, read_bytes, remove_files, temporary
 
 ATTEMPTS = 12
-"""How often a conditional put is tried although nobody else has written: object storage may refuse it in a race, or a connection break."""
+"""Conditional puts that are tried while nobody else writes: object storage may refuse one in a race, or a connection may break."""
 
 
 UNFINISHED = ".unfinished"
 """The folder, in the one that they are for, of files that are being written, and of the lock of whoever writes them."""
 
 
-def write_at_once(path: Place, content: bytes) -> None:
-    """Write a file so that readers see the old content or the new, never a part, whatever the machine does meanwhile.
+def write_at_once(path: Place, content: bytes, *, durable: bool = True) -> None:
+    """Write a file so that readers see the old content or the new, never a part; if `durable`, a power cut takes neither.
 
     A symbolic link at `path` is replaced; nothing is written where it points to.
     """
@@ -37,10 +37,12 @@ def write_at_once(path: Place, content: bytes) -> None:
     with errors_that_name(path), temporary(path) as beside:
         with beside.open("wb") as file:
             file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
         beside.replace(path)
-    flush(path.parent)
+    if durable:
+        flush(path.parent)
 
 
 @contextmanager
@@ -55,9 +57,9 @@ def written_to(folder: Place) -> Iterator[Path]:
         A link lies in the way, or another run is writing into the folder.
     """
     if not isinstance(folder, Path):
-        with TemporaryDirectory(prefix="vt-pipeline-") as name, errors_that_name(Path(name)):
-            yield Path(name)
-            copy(Path(name), folder, files_below(Path(name)))
+        with local_copy(folder, begin=False) as local, errors_that_name(local):
+            yield local
+            copy(local, folder, files_below(local))
         return
     work, fresh = folder / UNFINISHED, folder / UNFINISHED / "files"
     refuse_links(folder, [f"{UNFINISHED}/lock", f"{UNFINISHED}/files"])
@@ -99,7 +101,7 @@ def errors_that_name(path: Path) -> Iterator[None]:
 
 
 def version_of(path: Place) -> str | None:
-    """What object storage calls the current content of a file; None where there is no such file, and on a disk, where locks are held."""
+    """Read the version that object storage gives the content of a file; None for a missing file, and on a disk, where locks are held."""
     if isinstance(path, Path):
         return None
     try:
@@ -109,9 +111,22 @@ def version_of(path: Place) -> str | None:
 
 
 def replace_version(path: Place, content: bytes, version: str | None) -> bool:
-    """Write a file at once, in object storage only if its current content still is `version`; returns whether `content` is there now.
+    """Replace a file at once, in object storage on the condition that nobody else has written it.
 
-    The answer to a put may be lost, and its repetition is refused because of the first: what is there afterwards is compared.
+    The answer to a put may be lost, and its repetition refused because of the first: the content is compared afterwards.
+
+    Parameters
+    ----------
+    path
+        The file.
+    content
+        Its new content.
+    version
+        Its current version (`version_of`); ignored on a disk.
+
+    Returns
+    -------
+    Whether the file has that content now.
 
     Raises
     ------
@@ -151,7 +166,7 @@ def create(path: Place, content: bytes) -> None:
 
 
 def flush(path: Path) -> None:
-    """Let the disk have what was written of a file, or the names in a folder: a power cut takes neither."""
+    """Wait until the disk has the content of a file, or the names in a folder."""
     opened = os.open(path, os.O_RDONLY)
     try:
         os.fsync(opened)
@@ -160,7 +175,7 @@ def flush(path: Path) -> None:
 
 
 def flush_folder(folder: Path) -> None:
-    """Let the disk have a folder with everything in it."""
+    """Wait until the disk has a folder with everything in it."""
     for path in [*folder.rglob("*"), folder]:
         flush(path)
 

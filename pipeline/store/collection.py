@@ -20,7 +20,7 @@ class Collection:
         self.folder = folder
         self.artifact = artifact
         self.shards = shards
-        self._shard_of = {object_id: shard for shard in shards for object_id in shard.object_ids}
+        self._shard_of = {object_id: shard for shard in shards for object_id in shard.position}
 
     def __contains__(self, object_id: object) -> bool:
         return object_id in self._shard_of
@@ -32,7 +32,7 @@ class Collection:
         return len(self._shard_of)
 
     def shard(self, object_id: str) -> Shard:
-        """The shard that holds an object.
+        """Find the shard that holds an object.
 
         Raises
         ------
@@ -50,15 +50,15 @@ class Collection:
             ) from None
 
     def row(self, object_id: str) -> RowRecord:
-        """What is recorded of an object."""
+        """Return the record of an object's row."""
         return self.shard(object_id).row(object_id)
 
     def failure(self, object_id: str) -> Failure | None:
-        """Why an object has no row, None where it has one."""
+        """Return the reason why an object has no row; None where it has one."""
         return self.row(object_id).failure
 
     def view(self, object_id: str) -> RowView:
-        """An object's row."""
+        """Open an object's row."""
         return self.shard(object_id).view(object_id)
 
     @property
@@ -67,7 +67,7 @@ class Collection:
 
     @property
     def first(self) -> Shard:
-        """A shard to take from what all of them share: attributes and constants.
+        """The first shard: attributes and constants are the same in all.
 
         Raises
         ------
@@ -77,13 +77,15 @@ class Collection:
         if not self.shards:
             raise StoreError(self._not_made)
         if len({shard.record.constants_digest for shard in self.shards}) > 1:
-            raise StoreError(f"{self.folder}: its shards were made with different scenes or sensors; run the stage again for all shards")
+            raise StoreError(
+                f"{self.folder} has shards of different scenes or sensors; run `vt-pipeline run {self.artifact.stage}` for all shards"
+            )
         return self.shards[0]
 
     def processors(self) -> Counter[str]:
         """Count the rows by the kind of processor that computed them."""
-        found = Counter(shard.record.processor_of(row) for shard in self.shards for row in shard.record.rows)
-        return Counter({kind: count for kind, count in found.items() if kind})
+        kinds = Counter(shard.record.processor_of(row) for shard in self.shards for row in shard.record.rows)
+        return Counter({kind: count for kind, count in kinds.items() if kind})
 
     def digest(self) -> str:
         """Compute the digest of all objects: equal for any number of shards, and whatever versions made them."""

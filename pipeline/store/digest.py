@@ -1,22 +1,28 @@
-"""Digests: what was computed, as a hash that timings, versions, shards and workers do not change."""
+"""Digests: hashes of computed content, which timings, versions, shards and workers do not change."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
+from pipeline.store.storage import Place, files_below, read_bytes
+
+LOGS = "tensorboard"
+"""A folder in a folder that holds times of day, and hence belongs to no digest."""
+
 
 def of_json(value: Any) -> str:
-    """The SHA-256 of a JSON value, whatever the order of its keys."""
+    """Compute the SHA-256 of a JSON value, whatever the order of its keys."""
     return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()).hexdigest()
 
 
 def of_arrays(arrays: Mapping[str, np.ndarray], **attributes: Any) -> str:
-    """The SHA-256 of named arrays (names, dtypes, shapes, values) and JSON attributes, whatever their order."""
+    """Compute the SHA-256 of named arrays (names, dtypes, shapes, values) and JSON attributes, whatever their order."""
     digest = hashlib.sha256(of_json(attributes).encode())
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])
@@ -29,5 +35,19 @@ def of_arrays(arrays: Mapping[str, np.ndarray], **attributes: Any) -> str:
 
 
 def of_rows(rows: Iterable[tuple[str, str]], header: Mapping[str, Any]) -> str:
-    """The digest of a whole artifact from its (object id, row digest) pairs and what all its shards share."""
+    """Compute the digest of a whole artifact from its (object id, row digest) pairs and what all its shards share."""
     return of_json({"header": dict(header), "rows": sorted(rows)})
+
+
+def files_of(folder: Place) -> list[str]:
+    """List the files below a folder that its digest covers: all but logs."""
+    return [name for name in sorted(files_below(folder)) if not name.startswith(f"{LOGS}/")]
+
+
+def hashes_of(folder: Place, names: Iterable[str] | None = None) -> dict[str, str]:
+    """Compute the SHA-256 of files below a folder, by default of all that its digest covers; a missing file has none."""
+    hashes = {}
+    for name in files_of(folder) if names is None else names:
+        with suppress(FileNotFoundError, IsADirectoryError, NotADirectoryError):
+            hashes[name] = hashlib.sha256(read_bytes(folder / name)).hexdigest()
+    return hashes

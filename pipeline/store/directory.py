@@ -1,8 +1,7 @@
-"""A data directory: where everything lies, and whether what lies there was made from what lies there now."""
+"""Data directories: the paths of shards, folders and records, and whether each was made from the current inputs."""
 
 from __future__ import annotations
 
-import hashlib
 import re
 import shlex
 from collections.abc import Callable, Container, Iterable, Iterator
@@ -18,6 +17,7 @@ from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.atomic import create
 from pipeline.store.collection import Collection
+from pipeline.store.digest import hashes_of
 from pipeline.store.record import FolderRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, cache_of, copy, files_below, in_threads, names_in, place, read_bytes
@@ -28,11 +28,8 @@ from schemas.folders import RECORD, TREES, maker_of
 DESCRIPTION = "dataset.json"
 WORK = ".work"
 """The folder of what is being made."""
-LOGS = "tensorboard"
-"""A folder in a folder that holds times of day, and hence belongs to no digest."""
-
 SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
-"""What the record of a shard is called."""
+"""The pattern of the names of shards' records."""
 
 _VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
 
@@ -40,7 +37,7 @@ T = TypeVar("T")
 
 
 class DatasetDescription(BaseModel):
-    """What `dataset.json` says: into how many shards the objects are split."""
+    """The content of `dataset.json`: the number of shards that the objects are split into."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -48,20 +45,18 @@ class DatasetDescription(BaseModel):
 
 
 class DataDirectory:
-    """A data directory, read as it is when something is first asked for.
+    """A data directory; each artifact is read when it is first asked for.
 
-    `ARTIFACT/NNNN-of-NNNN.json` are the records of shards, `models/unet.json` that of a folder; beside them lie the groups and folders
-    that they name, and in `.work` what is being made.
+    `ARTIFACT/NNNN-of-NNNN.json` are the records of shards, `NAME.json` that of the folder `NAME`; beside them lie the groups and folders
+    that they name, and in `.work` those that are being made.
     """
 
     def __init__(self, root: str | Place) -> None:
         self.root = place(root)
         self._collections: dict[str, Collection] = {}
 
-    # ---- shards
-
     def shards(self) -> int | None:
-        """Into how many shards the objects are split; None before the first run."""
+        """Read the number of shards that the objects are split into; None before the first run."""
         return self._steadily(self._shards)
 
     def _steadily(self, read: Callable[[], T]) -> T:
@@ -84,23 +79,22 @@ class DataDirectory:
 
     def _shards(self) -> int | None:
         path = self.root / DESCRIPTION
-        there = {path.stem.rpartition("-")[2] for path in self.shard_records()}
-        numbers = ", ".join(str(int(number)) for number in sorted(there))
-        remedy = f'write {{"shards": N}} into it, N as the records are named: {numbers or "none is left"}'
+        recorded = sorted({int(path.stem.rpartition("-")[2]) for path in self.shard_records()})
+        remedy = f'write {{"shards": N}} into it, N as the records are named: {", ".join(map(str, recorded)) or "none is left"}'
         try:
             shards = DatasetDescription.model_validate_json(read_bytes(path)).shards
         except FileNotFoundError:
-            if len(there) > 1:
+            if len(recorded) > 1:
                 raise StoreError(f"{path} is missing; {remedy}") from None
-            return int(there.pop()) if there else None
+            return recorded[0] if recorded else None
         except (OSError, ValidationError) as error:
             raise StoreError(f"{path} is damaged ({first_line(error)}); {remedy}") from error
-        if there and f"{shards:04d}" not in there:
-            raise StoreError(f"{path} says {shards} shards, and no record is of that number; {remedy}")
+        if recorded and shards not in recorded:
+            raise StoreError(f"{path} names {shards} shards, but no record has that number; {remedy}")
         return shards
 
     def check_shard_count(self, count: int | None) -> int:
-        """Settle on a number of shards: the dataset's own, before the first run the one asked for, or 1.
+        """Return the dataset's number of shards; before the first run the requested one, or 1.
 
         Raises
         ------
@@ -121,17 +115,19 @@ class DataDirectory:
         self.check_shard_count(count)
 
     def shard_record(self, artifact: str, number: int, shards: int) -> Place:
-        """The path of a shard's record."""
+        """Return the path of a shard's record."""
         return self.root / artifact / f"{shard_name(number, shards)}.json"
 
     def shard_records(self, *artifacts: str) -> list[Place]:
-        """The paths of all records of shards, of these artifacts or of all, whatever number of shards they are of."""
-        there = artifacts or sorted(name for name, is_folder in names_in(self.root).items() if is_folder)
-        folders = [self.root / name for name in there]
-        return [folder / name for folder in folders for name in sorted(names_in(folder)) if fnmatch(name, SHARD_RECORD)]
+        """List the paths of all records of shards, of these artifacts or of all, of any number of shards."""
+        records: list[Place] = []
+        for artifact in artifacts or sorted(name for name, is_folder in names_in(self.root).items() if is_folder):
+            folder = self.root / artifact
+            records += [folder / name for name in sorted(names_in(folder)) if fnmatch(name, SHARD_RECORD)]
+        return records
 
     def collection(self, artifact: Artifact) -> Collection:
-        """The published shards of an artifact."""
+        """Open the published shards of an artifact."""
         if artifact.name not in self._collections:
             self._collections[artifact.name] = self._steadily(lambda: self._collection(artifact))
         return self._collections[artifact.name]
@@ -144,24 +140,22 @@ class DataDirectory:
         return Collection(folder, artifact, [Shard(folder, artifact, record) for record in read])
 
     def artifacts(self) -> list[Artifact]:
-        """The artifacts that have a published shard."""
+        """List the artifacts that have a published shard."""
         return [artifact for artifact in ARTIFACTS.values() if self.collection(artifact).shards]
 
-    # ---- folders
-
     def folder_record(self, name: str) -> Place:
-        """The path of the record of a folder that a dataset stage fills, such as `models/unet`."""
+        """Return the path of a folder's record."""
         return self.root / f"{name}.json"
 
     def folders(self) -> list[str]:
-        """Names of the folders that were published."""
+        """List the names of the published folders."""
         trees = (f"{where}/{name}" for where in TREES for name in files_below(self.root / where))
         found = [name for name in names_in(self.root) if RECORD.fullmatch(name)]
         found += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
         return sorted(path.removesuffix(".json") for path in found)
 
     def record_folders(self) -> list[Place]:
-        """The folders that hold records, or held one that was deleted."""
+        """List the folders that hold records, or held one that was deleted."""
         found = {"", *ARTIFACTS}
         for where in TREES:
             for name in files_below(self.root / where):
@@ -170,11 +164,11 @@ class DataDirectory:
         return [self.root / name for name in sorted(found)]
 
     def folder(self, name: str) -> FolderRecord:
-        """The record of a folder; a `StoreError` where there is none."""
+        """Read the record of a folder; a `StoreError` where there is none."""
         return read_record(self.folder_record(name), FolderRecord, maker_of(name))
 
     def folder_path(self, name: str) -> Place:
-        """The folder that the record names."""
+        """Return the path of the folder that a record names."""
         return (self.root / name).with_name(self.folder(name).location)
 
     def folder_problems(self, name: str) -> Iterator[str]:
@@ -183,7 +177,7 @@ class DataDirectory:
         return _differences(self.folder(name), folder, folder)
 
     def whole_folder(self, name: str) -> Path:
-        """The folder that the record names, to be read on this machine's disk, where one in object storage is copied to.
+        """Return the folder that a record names, or a copy of it on this machine's disk if it is in object storage.
 
         Raises
         ------
@@ -192,38 +186,34 @@ class DataDirectory:
         """
         record, folder = self.folder(name), self.folder_path(name)
         local = folder if isinstance(folder, Path) else cache_of(folder)
-        if local != folder and _hashes(local, record.files) != record.files:
+        if local != folder and hashes_of(local, record.files) != record.files:
             copy(folder, local, files_below(folder).keys() & record.files)
         if problem := next(_differences(record, local, folder), None):
             raise StoreError(f"{folder}: {problem}")
         return local
 
-    # ---- what is being made
-
     def work(self, name: str) -> Place:
-        """Where an artifact or folder is made until it is whole."""
+        """Return the work folder of an artifact or folder."""
         return self.root / WORK / name
 
     def shard_lock(self, artifact: str, number: int, shards: int) -> Place:
-        """The lock of whoever makes a shard."""
+        """Return the path of the lock that a run holds while it makes a shard."""
         return self.work(artifact) / f"{shard_name(number, shards)}.lock"
 
-    # ---- origins
-
     def check_origins(self, names: Iterable[str], objects: Container[str] | None = None) -> None:
-        """Check that artifacts and folders, and whatever they were made from, were made from what lies here now.
+        """Check that artifacts and folders, and all that they were made from, were made from the current inputs.
 
         Parameters
         ----------
         names
-            Of artifacts (`touch`) and folders (`models/unet`).
+            Of artifacts and folders.
         objects
-            Look at the rows of these objects alone; at all where none are named.
+            Check the rows of these objects alone; by default, of all.
 
         Raises
         ------
         StoreError
-            One was not: it names both, and the stage to run again.
+            One was made from something else; the message names both, and the stage to run again.
         """
         checked: set[str] = set()
         waiting = list(names)
@@ -241,7 +231,7 @@ class DataDirectory:
             again = f"run {shard.record.stage} again"
             used |= shard.record.models.keys()
             for model, made_with in shard.record.models.items():
-                if folder_digest(self.folder(model)) != made_with:
+                if self.folder(model).digest() != made_with:
                     raise StoreError(f"{shard.path} was made with another {model} than the current one; {again}")
             for row in shard.record.rows:
                 if objects is not None and row.object_id not in objects:
@@ -264,14 +254,14 @@ class DataDirectory:
             if self.collection(ARTIFACTS[artifact]).rows_digest(record.splits) != made_from:
                 raise StoreError(f"{self.root / name} was made from other {artifact} than the current ones; {again}")
         for model, made_with in record.models.items():
-            if folder_digest(self.folder(model)) != made_with:
+            if self.folder(model).digest() != made_with:
                 raise StoreError(f"{self.root / name} was made from another {model} than the current one; {again}")
         return [*record.inputs, *record.models]
 
 
 def _differences(record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
     """Compare the files of a folder, read there or as a copy, with what its record says: a line for each that differs."""
-    there = _hashes(read, record.files)
+    there = hashes_of(read, record.files)
     for file, written in record.files.items():
         if there.get(file) != written:
             problem = "is missing" if file not in there else "differs from what was written"
@@ -279,7 +269,7 @@ def _differences(record: FolderRecord, read: Place, folder: Place) -> Iterator[s
 
 
 def shard_name(number: int, shards: int) -> str:
-    """What the record of a shard is called, and its groups begin with."""
+    """Name the record of a shard; the names of its groups begin with it."""
     return f"{number:04d}-of-{shards:04d}"
 
 
@@ -299,29 +289,5 @@ def is_version(name: str) -> bool:
 
 
 def unversioned(name: str) -> str:
-    """What was named by `versioned`."""
+    """Return the name that `versioned` was given."""
     return name.rpartition("-")[0]
-
-
-def folder_digest(record: FolderRecord) -> str:
-    """Compute the digest of a folder's files: equal wherever the same was computed."""
-    return digest.of_json(record.files)
-
-
-def hashes_of(folder: Place) -> dict[str, str]:
-    """Compute the SHA-256 of every file below a folder that its digest is made of."""
-    return _hashes(folder, files_of(folder))
-
-
-def _hashes(folder: Place, names: Iterable[str]) -> dict[str, str]:
-    """Compute the SHA-256 of files below a folder; one that is no file has none."""
-    found = {}
-    for name in names:
-        with suppress(FileNotFoundError, IsADirectoryError, NotADirectoryError):
-            found[name] = hashlib.sha256(read_bytes(folder / name)).hexdigest()
-    return found
-
-
-def files_of(folder: Place) -> list[str]:
-    """List the files below a folder that its digest is made of."""
-    return [name for name in sorted(files_below(folder)) if not name.startswith(f"{LOGS}/")]

@@ -24,9 +24,11 @@ ABSENT = (2**64 - 1, 2**64 - 1)
 
 
 def encode_array(array: Array | None, values: np.ndarray) -> list[bytes]:
-    """Encode one object's array as its chunks in C order; strings, and arrays without a declaration, as one chunk."""
+    """Encode one object's array as its chunks in C order; strings as JSON, and arrays without a declaration as they are, in one chunk."""
     if values.dtype.kind in "OUT":
         return [with_checksum(json.dumps(values.tolist()).encode())]
+    if array is None:
+        return [with_checksum(values.tobytes())]
     part = part_shape(array, values.shape)
     parts = values.reshape(-1, *part) if math.prod(part) else ()
     return [encode_chunk(array, values_of_part) for values_of_part in parts]
@@ -36,6 +38,8 @@ def decode_array(array: Array | None, shape: Sequence[int], dtype: str, chunks: 
     """Decode what `encode_array` returned; a `ValueError` where a chunk differs from its checksum."""
     if np.dtype(dtype).kind in "OUT":
         return np.array(json.loads(without_checksum(next(iter(chunks)))))
+    if array is None:
+        return np.frombuffer(without_checksum(next(iter(chunks))), dtype).reshape(shape)
     part, order = part_shape(array, shape), planar_order(array)
     stored = [part[axis] for axis in order] if order else part
     values = [np.frombuffer(blosc.decompress(without_checksum(chunk)), dtype).reshape(stored) for chunk in chunks]
@@ -43,12 +47,12 @@ def decode_array(array: Array | None, shape: Sequence[int], dtype: str, chunks: 
     return np.stack(parts).reshape(shape) if parts else np.empty(shape, dtype)
 
 
-def part_shape(array: Array | None, shape: Sequence[int]) -> tuple[int, ...]:
-    """The shape of a chunk of one object's array, with the object's axis where the array has one."""
-    return chunking(array, (1, *shape))[1] if array is not None and array.per_object else tuple(shape)
+def part_shape(array: Array, shape: Sequence[int]) -> tuple[int, ...]:
+    """Return the shape of a chunk of one object's array, with the object's axis where the array has one."""
+    return chunking(array, (1, *shape))[1] if array.per_object else tuple(shape)
 
 
-def encode_chunk(array: Array | None, values: np.ndarray) -> bytes:
+def encode_chunk(array: Array, values: np.ndarray) -> bytes:
     """Encode a chunk, whose axes are those of the stored array."""
     order = planar_order(array)
     stored = np.ascontiguousarray(values.transpose(order) if order else values)

@@ -23,26 +23,40 @@ REPLACED = "replaced"
 
 def unnamed(folder: Place) -> Iterator[Place]:
     """Find the groups and folders directly in a folder that none of its records names, and files that were never finished."""
-    found = names_in(folder)
-    yield from (folder / name for name in sorted(found) if name.endswith(TEMPORARY))
-    versions = [name for name, is_folder in sorted(found.items()) if is_folder and is_version(name) and not _is_empty(folder / name)]
-    # read after what is there was listed: what is published meanwhile is named, or was not listed
-    records = [name for name, is_folder in names_in(folder).items() if name.endswith(".json") and name != DESCRIPTION and not is_folder]
-    named = {named_location(folder / name) for name in records}
-    if None in named:  # a damaged record: what it named cannot be told
+    versions: list[str] = []
+    for name, is_folder in sorted(names_in(folder).items()):
+        if name.endswith(TEMPORARY):
+            yield folder / name
+        elif is_folder and is_version(name) and (isinstance(folder, Path) or files_below(folder / name)):  # some servers list empty folders
+            versions.append(name)
+    named: set[str | None] = set()  # read after the versions were listed: what is published meanwhile is named, or was not listed
+    for name, is_folder in names_in(folder).items():
+        if name.endswith(".json") and name != DESCRIPTION and not is_folder:
+            named.add(named_location(folder / name))
+    if None in named:  # a damaged record may have named any of them
         return
-    yield from (folder / name for name in versions if name not in named)
-
-
-def _is_empty(path: Place) -> bool:
-    """Whether nothing is left of a folder in object storage: some servers list it a while longer."""
-    return not isinstance(path, Path) and not files_below(path)
+    for name in versions:
+        if name not in named:
+            yield folder / name
 
 
 def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_SECONDS) -> list[Place]:
-    """Remove what no record of a folder names and was replaced, or written, longer ago, s; returns what was removed.
+    """Remove what no record of a folder names.
 
-    Where a symbolic link leads to the folder, nothing is removed: what lies there may be somebody else's.
+    If a symbolic link leads to the folder, nothing is removed: it may belong to somebody else.
+
+    Parameters
+    ----------
+    directory
+        The data directory.
+    folder
+        The folder in it.
+    older_than
+        Seconds since it was replaced or written.
+
+    Returns
+    -------
+    What was removed.
     """
     if _link_to(directory, folder):
         return []

@@ -9,10 +9,11 @@ from typing import Any
 
 from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
-from pipeline.store.directory import DataDirectory, hashes_of, shard_name, versioned
+from pipeline.store.digest import hashes_of
+from pipeline.store.directory import DataDirectory, shard_name, versioned
 from pipeline.store.garbage import collect, note_replaced
 from pipeline.store.local_copy import local_copy
-from pipeline.store.record import FolderRecord, Provenance, R, ShardRecord, named_location, read_record, serialise_with_checksum
+from pipeline.store.record import FolderRecord, Provenance, ShardRecord, named_location, read_record, serialise_with_checksum
 from pipeline.store.row_files import Chunks, RowFiles
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
@@ -73,7 +74,7 @@ class ShardOutput:
     ) -> Place:
         """Write the group of the record's rows, and publish the record with the group's name in it; returns the group's path.
 
-        `shapes` gives the shapes of each row's arrays, `chunks` reads the encoded row of a number.
+        Parameters are those of `write_group`, but for `record`, in which the location is filled in.
 
         Raises
         ------
@@ -88,7 +89,7 @@ class ShardOutput:
             beside = work / location
             write_group(beside, self.artifact, record.rows, shapes, chunks, constants, attributes)
             written = {"location": location, "metadata": metadata_digests(beside, self.artifact)}
-            _publish(self.directory, beside, path, self.record_path, _completed(record, written), version)
+            _publish(self.directory, beside, path, self.record_path, record, written, version)
         self.refresh()
         return path
 
@@ -140,7 +141,7 @@ class FolderOutput:
         """
         location = versioned(self.record_path.stem, [record.key, record.files])
         path = self.record_path.with_name(location)
-        _publish(self.directory, beside, path, self.record_path, _completed(record, {"location": location}), version_of(self.record_path))
+        _publish(self.directory, beside, path, self.record_path, record, {"location": location}, version_of(self.record_path))
         self.refresh()
         return path
 
@@ -152,12 +153,17 @@ def withdraw(record_path: Place) -> None:
     remove(record_path)
 
 
-def _completed(record: R, fields: Mapping[str, Any]) -> R:
-    """Fill in what is known of an output when it is written, validated: what is published can be read."""
-    return type(record).model_validate({**dict(record), **fields})
-
-
-def _publish(directory: DataDirectory, beside: Path, path: Place, record_path: Place, record: Provenance, version: str | None) -> None:
+def _publish(
+    directory: DataDirectory,
+    beside: Path,
+    path: Place,
+    record_path: Place,
+    record: Provenance,
+    fields: Mapping[str, Any],
+    version: str | None,
+) -> None:
+    """Move a group or folder to its place, then publish its record with these fields filled in, validated: it can be read."""
+    record = type(record).model_validate({**dict(record), **fields})
     move_folder(beside, path)
     replaced = named_location(record_path)
     if replaced not in (None, path.name):

@@ -97,9 +97,13 @@ class RowRecord(_Model):
     processor: str = ""
     failure: Failure | None = None
 
+    def labels(self) -> dict[str, Any]:
+        """Return the entries of the arrays that every artifact has (`COMMON`)."""
+        return {"object_id": self.object_id, "category": self.category, "split": self.split, "ok": self.failure is None}
+
 
 class ShardRecord(Provenance):
-    """What is said of a shard: its rows in order, and the digest of its constants.
+    """The record of a shard: its rows in order, and the digest of its constants.
 
     `metadata` is the SHA-256 of the `zarr.json` of the group itself, under the empty name, and of each array at its root.
     """
@@ -110,15 +114,15 @@ class ShardRecord(Provenance):
     metadata: dict[str, Sha256]
 
     def processor_of(self, row: RowRecord) -> str:
-        """The kind of processor that computed a row, the shard's where the row does not say; empty where nothing was computed."""
+        """Name the kind of processor that computed a row, by default the shard's; empty where nothing was computed."""
         return row.processor or ("" if row.failure else processor_kind(self.processor))
 
 
 class FolderRecord(Provenance):
-    """What is said of a folder that a dataset stage filled.
+    """The record of a folder that a dataset stage filled.
 
-    `inputs` are digests of the artifacts' rows of these `splits`; `facts` what the stage says of it; `files` the SHA-256 of every file
-    that counts.
+    `inputs` are digests of the artifacts' rows of these `splits`, `facts` the figures that the stage reports, `files` the SHA-256 of
+    every file that counts.
     """
 
     splits: tuple[str, ...]
@@ -126,6 +130,10 @@ class FolderRecord(Provenance):
     facts: dict[str, Any]
     seconds: float
     files: dict[RelativePath, Sha256]
+
+    def digest(self) -> str:
+        """Compute the digest of the files: equal wherever the same was computed."""
+        return digest.of_json(self.files)
 
 
 R = TypeVar("R", bound=Provenance)
@@ -147,7 +155,16 @@ def serialise_with_checksum(record: Provenance) -> bytes:
 
 
 def read_record(path: Place, kind: type[R], maker: str = "the stage that makes it") -> R:
-    """Read a record; where there is none, the error says to run `maker`.
+    """Read a record.
+
+    Parameters
+    ----------
+    path
+        Of the JSON file.
+    kind
+        The type of record.
+    maker
+        What to run where there is none, for the message.
 
     Raises
     ------

@@ -19,13 +19,13 @@ from schemas.catalogue import ARTIFACTS
 
 
 def shard_of(object_id: str, shards: int) -> int:
-    """The number of the shard that holds an object: a matter of its name alone, so that others come and go without moving it."""
+    """Compute the number of the shard that holds an object, by its name alone: other objects come and go without moving it."""
     return int(hashlib.sha256(object_id.encode()).hexdigest(), 16) % shards
 
 
 def shard_key(rows: Iterable[tuple[str, str]], number: int, shards: int, manifest: str) -> str:
     """Compute the key of a shard from the keys and splits of its rows."""
-    return digest.of_json({"rows": [list(row) for row in rows], "shard": [number, shards], "manifest": manifest})
+    return digest.of_json({"rows": list(rows), "shard": [number, shards], "manifest": manifest})
 
 
 def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
@@ -56,26 +56,26 @@ def _reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
     root, before = directory.root, directory.shards()
     if before in (None, shards):
         return
-    _refuse_runs(directory, before)
+    _check_no_runs(directory, before)
     _discard_records(directory, shards)  # of a run of this command that was killed
     taken = _contents(directory, before)
     directory = DataDirectory(root)  # what is read from now on is compared with this in the end
     for artifact in directory.artifacts():
         collection = directory.collection(artifact)
-        _refuse_mixture(collection)
+        _check_same_settings(collection)
         for number in range(shards):
             if members := [name for name in collection if shard_of(name, shards) == number]:
                 yield _write(directory, collection, members, number, shards)
-    _describe(directory, shards)
+    _set_shards(directory, shards)
     if _contents(directory, before) != taken:
-        _describe(directory, before)
+        _set_shards(directory, before)
         _discard_records(directory, shards)
         raise StoreError(f"{root}: a stage published rows meanwhile, so the number of shards is what it was; wait for runs to end")
     _discard_records(directory, before)
 
 
-def _refuse_runs(directory: DataDirectory, shards: int) -> None:
-    """Raise an error where a stage is at work: this would end in one, much later."""
+def _check_no_runs(directory: DataDirectory, shards: int) -> None:
+    """Raise an error if a stage is running: resharding would fail at its end."""
     there = names_in(directory.root / WORK).keys() | {artifact.name for artifact in directory.artifacts()}
     for name in sorted(there & ARTIFACTS.keys()):
         for number in range(shards):
@@ -90,32 +90,33 @@ def _contents(directory: DataDirectory, shards: int) -> dict[Place, bytes]:
 
 
 def _content(record: Place) -> bytes:
-    """What a record says; nothing where it was withdrawn since it was listed."""
+    """Read a record; nothing where it was withdrawn since it was listed."""
     try:
         return read_bytes(record)
     except FileNotFoundError:
         return b""
 
 
-def _describe(directory: DataDirectory, shards: int) -> None:
+def _set_shards(directory: DataDirectory, shards: int) -> None:
     write_at_once(directory.root / DESCRIPTION, DatasetDescription(shards=shards).model_dump_json().encode())
 
 
 def _discard_records(directory: DataDirectory, shards: int) -> None:
+    """Remove the records of that number of shards."""
     for path in directory.shard_records():
         if is_of(path, shards):
             withdraw(path)
 
 
-def _refuse_mixture(collection: Collection) -> None:
-    """Shards of different settings cannot be one shard."""
+def _check_same_settings(collection: Collection) -> None:
+    """Raise an error if shards have different settings: they cannot become one shard."""
     shared = {digest.of_json([shard.record.settings, shard.record.seed, shard.record.models]) for shard in collection.shards}
     if len(shared) > 1:
         raise StoreError(f"{collection.folder}: its shards were made with different settings; run the stage for all shards first")
 
 
 def _named_row(shard: Shard, object_id: str) -> RowRecord:
-    """The record of a row, which says what computed it wherever it goes."""
+    """Copy the record of a row, with the processor that computed it."""
     row = shard.row(object_id)
     return row.model_copy(update={"processor": shard.record.processor_of(row)})
 

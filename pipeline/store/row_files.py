@@ -18,7 +18,7 @@ from pipeline.store.atomic import write_at_once
 from pipeline.store.encode import decode_array, encode_array, with_checksum, without_checksum
 from pipeline.store.record import Failure
 from pipeline.store.rows import Row, row_digest
-from pipeline.store.storage import Place, files_below, read_bytes, remove, remove_files, temporary
+from pipeline.store.storage import Place, files_below, read_bytes, remove, remove_files
 from schemas.base import Artifact
 
 SIZE = 8
@@ -66,25 +66,39 @@ class Result(_Model):
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """The shapes of the row's arrays."""
+        """Map the names of the row's arrays to their shapes."""
         return {name: array.shape for name, array in self.arrays.items()}
 
 
 class RowFiles:
     """The row files below a work folder: one per unit and key, each there only when it is whole.
 
-    `artifact` declares the arrays; without it, each array is one chunk.
+    `artifact` declares the arrays; without it, as for evaluations, each array is one chunk, not compressed.
     """
 
     def __init__(self, work: Place, artifact: Artifact | None = None) -> None:
         self.folder, self.artifact = work / "rows", artifact
 
     def path(self, name: str, key: str) -> Place:
-        """The path of a unit's file."""
+        """Return the path of a unit's file."""
         return self.folder / name / f"{key}.row"
 
     def save(self, result: Result, row: Row, category: str = "") -> Result:
-        """Write a unit's row, or why there is none; returns the result with its digest and arrays."""
+        """Write a unit's row, or why there is none; a row that a power cut takes is made again.
+
+        Parameters
+        ----------
+        result
+            Of the unit, without digest and arrays.
+        row
+            Its arrays; none for a failure.
+        category
+            Of the object, which belongs to the digest.
+
+        Returns
+        -------
+        The result with digest and arrays.
+        """
         chunks = encode_row(self.artifact, row)
         arrays = {
             name: EncodedArray(shape=value.shape, dtype=value.dtype.str, sizes=tuple(map(len, chunks[name]))) for name, value in row.items()
@@ -92,16 +106,16 @@ class RowFiles:
         saved = result.model_copy(update={"digest": row_digest(row, result.failure, category), "arrays": arrays})
         footer = with_checksum(saved.model_dump_json().encode())
         parts = [chunk for name in row for chunk in chunks[name]]
-        _write(self.path(result.name, result.key), b"".join([*parts, footer, len(footer).to_bytes(SIZE, "little")]))
+        write_at_once(self.path(result.name, result.key), b"".join([*parts, footer, len(footer).to_bytes(SIZE, "little")]), durable=False)
         return saved
 
     def find(self, name: str, key: str) -> Result | None:
         """Read the result of a unit; None where there is no file that can be read, or one of another unit."""
         try:
-            found = Result.model_validate_json(without_checksum(_footer(self.path(name, key))))
+            result = Result.model_validate_json(without_checksum(_footer(self.path(name, key))))
         except (OSError, ValueError, ValidationError):  # missing, or cut short by a full disk or a crash of the machine
             return None
-        return found if (found.name, found.key) == (name, key) else None
+        return result if (result.name, result.key) == (name, key) else None
 
     def chunks(self, result: Result) -> Chunks:
         """Read the encoded row of a result.
@@ -171,14 +185,3 @@ def _footer(path: Place) -> bytes:
         size = min(int.from_bytes(file.read(), "little"), end)
         file.seek(end - size)
         return file.read(size)
-
-
-def _write(path: Place, content: bytes) -> None:
-    """Write a file at once; on a disk without waiting for it, since a row that a power cut took is made again."""
-    if not isinstance(path, Path):
-        write_at_once(path, content)
-        return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with temporary(path) as beside:
-        beside.write_bytes(content)
-        beside.replace(path)

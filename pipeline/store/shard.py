@@ -42,13 +42,8 @@ class Shard:
                 "run its stage again"
             )
 
-    @property
-    def object_ids(self) -> list[str]:
-        """The objects of this shard, in order."""
-        return list(self.position)
-
     def row(self, object_id: str) -> RowRecord:
-        """What is recorded of an object."""
+        """Return the record of an object's row."""
         return self.record.rows[self.position[object_id]]
 
     @cached_property
@@ -60,7 +55,7 @@ class Shard:
 
     @cached_property
     def attributes(self) -> Mapping[str, Any]:
-        """What the group's attributes say: settings, and the descriptions of hand, sensor or scene."""
+        """The group's attributes: settings, and the descriptions of hand, sensor or scene."""
         found = self.group.attrs.asdict()
         with self.errors_as_damage("its attributes cannot be used"):
             digest.of_json(found)  # refuses what is no JSON: NaN
@@ -100,7 +95,7 @@ class Shard:
 
     @property
     def remedy(self) -> str:
-        """What a person does about a shard that is damaged, or that was replaced, and perhaps collected, since it was opened."""
+        """What to do about a shard that is damaged, or that was replaced since it was opened."""
         record = self.path.with_name(f"{self.path.name.rpartition('-')[0]}.json")
         if not exists(record) or named_location(record) not in (None, self.path.name):
             return "it was replaced since it was opened: open the dataset again, or run the same command again"
@@ -177,7 +172,7 @@ class Shard:
         return all(file.bytes for file in self._files.values()) and all(f"{name}/zarr.json" in self._files for name in ragged)
 
     def view(self, object_id: str) -> RowView:
-        """An object's row, read array by array when asked for."""
+        """Open an object's row, read array by array when asked for."""
         return RowView(self, object_id)
 
 
@@ -199,20 +194,20 @@ class RowView(Mapping[str, np.ndarray]):
         return self.shard.attributes
 
     def __getitem__(self, name: str) -> np.ndarray:
-        if name not in self._held:
-            self._held[name] = self._read(name)
-        return self._held[name]
-
-    def _read(self, name: str) -> np.ndarray:
-        declared = self.shard.artifact.of(name)
-        if declared is None:
+        if name in self._held:
+            return self._held[name]
+        array = self.shard.artifact.of(name)
+        if array is None:
             raise KeyError(f"{self.shard.artifact.name} has no array {name}")
         if "/" in name:
-            return self.shard.read(self._path(name))
-        if not declared.per_object:
-            return self.shard.read(name)
-        value = self.shard.read(name, self.shard.position[self.object_id])
-        return np.array(str(value)) if declared.dtype == "string" else np.asarray(value, numpy_dtype(declared))
+            value = self.shard.read(self._path(name))
+        elif not array.per_object:
+            value = self.shard.read(name)
+        else:
+            entry = self.shard.read(name, self.shard.position[self.object_id])
+            value = np.array(str(entry)) if array.dtype == "string" else np.asarray(entry, numpy_dtype(array))
+        self._held[name] = value
+        return value
 
     def _path(self, name: str) -> str:
         group, leaf = name.split("/")
@@ -220,25 +215,25 @@ class RowView(Mapping[str, np.ndarray]):
 
     def ragged(self) -> list[str]:
         """Paths below the root of the object's ragged arrays."""
-        parents = {pattern.split("/")[0] for pattern in self.shard.artifact.ragged}
+        paths: list[str] = []
         with self.shard.errors_as_damage(f"arrays of {self.object_id} cannot be opened"):
-            groups = {name: self.shard.group.get(f"{name}/{self.object_id}") for name in parents}
-            return sorted(
-                f"{name}/{self.object_id}/{leaf}"
-                for name, group in groups.items()
-                if isinstance(group, zarr.Group)
-                for leaf in group.array_keys()
-            )
+            for name in {pattern.split("/")[0] for pattern in self.shard.artifact.ragged}:
+                group = self.shard.group.get(f"{name}/{self.object_id}")
+                if isinstance(group, zarr.Group):
+                    paths += [f"{name}/{self.object_id}/{leaf}" for leaf in group.array_keys()]
+        return sorted(paths)
 
     def __iter__(self) -> Iterator[str]:
-        yield from (name for name, array in self.shard.artifact.arrays.items() if array.per_object and self.shard.has(name))
-        yield from (f"{path.split('/')[0]}/{path.split('/')[-1]}" for path in self.ragged())
+        for name, array in self.shard.artifact.arrays.items():
+            if array.per_object and self.shard.has(name):
+                yield name
+        yield from map(declared, self.ragged())
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """The shapes of the row's arrays, read from metadata alone; none where the object failed."""
+        """Read the shapes of the row's arrays from metadata alone; none where the object failed."""
         if self.record.failure:
             return {}
         row = (name for name in self if name not in COMMON)

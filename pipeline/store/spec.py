@@ -1,4 +1,4 @@
-"""From a schema to Zarr: the `pydantic_zarr` specification of a shard, with chunks and codecs, and how a group departs from it."""
+"""From a schema to Zarr: the `pydantic_zarr` specification of a shard, with chunks and codecs, and violations of it."""
 
 from __future__ import annotations
 
@@ -30,23 +30,27 @@ _FILL: dict[str, Any] = {"bool": False, "string": ""}
 
 
 def numpy_dtype(array: Array) -> np.dtype[Any]:
-    """The little-endian numpy dtype of a declared array; object for strings."""
+    """Return the little-endian numpy dtype of a declared array; object for strings."""
     return np.dtype(object) if array.dtype == "string" else np.dtype(array.dtype).newbyteorder("<")
 
 
 def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
-    """How an array of this declaration and shape is laid out on disk.
+    """Specify how an array of this declaration and shape is laid out on disk.
 
-    zstd over shuffled bytes with a checksum, an object (or one grasp or viewpoint of it) a chunk, up to `OBJECTS_PER_FILE` objects a
+    zstd over shuffled bytes with a checksum; one chunk per object (or per grasp or viewpoint of it), up to `OBJECTS_PER_FILE` objects per
     file, so that one of them is read without the others and a dataset is few files.
     """
     file_shape, chunk = chunking(array, shape)
-    bytes_codec = {"name": "vlen-utf8"} if array.dtype == "string" else {"name": "bytes", **_endian(array)}
+    size = 1 if array.dtype == "string" else _ITEM[array.dtype]
+    little_endian = {"configuration": {"endian": "little"}}
+    bytes_codec = {"name": "vlen-utf8"} if array.dtype == "string" else {"name": "bytes", **(little_endian if size > 1 else {})}
+    shuffle = "shuffle" if size > 1 else "noshuffle"
+    blosc = {"name": "blosc", "configuration": {"typesize": size, "cname": "zstd", "clevel": LEVEL, "shuffle": shuffle, "blocksize": 0}}
     order = planar_order(array)
     planar = ({"name": "transpose", "configuration": {"order": order}},) if order else ()
-    inner: tuple[Any, ...] = (*planar, bytes_codec, _blosc(array), {"name": "crc32c"})
+    inner: tuple[Any, ...] = (*planar, bytes_codec, blosc, {"name": "crc32c"})
     if array.per_object and array.dtype != "string":
-        index = ({"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"})
+        index = ({"name": "bytes", **little_endian}, {"name": "crc32c"})
         sharding = {"chunk_shape": chunk, "codecs": inner, "index_codecs": index, "index_location": "end"}
         codecs: tuple[Any, ...] = ({"name": "sharding_indexed", "configuration": sharding},)
     else:
@@ -67,7 +71,7 @@ def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
 
 
 def chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """The shapes of a file and of a chunk in it, of a stored array of this shape."""
+    """Compute the shapes of a file and of a chunk in it, of a stored array of this shape."""
     whole = tuple(max(1, size) for size in shape)
     if not array.per_object:
         return whole, whole
@@ -80,27 +84,31 @@ def chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tup
     return file_shape, (1, *whole[1:])
 
 
-def _endian(array: Array) -> dict[str, Any]:
-    return {"configuration": {"endian": "little"}} if _ITEM[array.dtype] > 1 else {}
-
-
-def planar_order(array: Array | None) -> tuple[int, ...]:
-    """The order in which axes are stored, empty where it is theirs: colours one plane after the other, which takes a third of the space."""
-    if array is None or array.dims[-1] != "rgb" or len(array.dims) < 3:
+def planar_order(array: Array) -> tuple[int, ...]:
+    """Return the order in which axes are stored, empty where it is their own: one plane per colour takes a third of the space."""
+    if array.dims[-1] != "rgb" or len(array.dims) < 3:
         return ()
     *others, row, col, rgb = range(len(array.dims))
     return (*others, rgb, row, col)
 
 
-def _blosc(array: Array) -> dict[str, Any]:
-    size = 1 if array.dtype == "string" else _ITEM[array.dtype]
-    shuffle = "shuffle" if size > 1 else "noshuffle"
-    configuration = {"typesize": size, "cname": "zstd", "clevel": LEVEL, "shuffle": shuffle, "blocksize": 0}
-    return {"name": "blosc", "configuration": configuration}
-
-
 def group_spec(artifact: Artifact, shapes: Mapping[str, tuple[int, ...]], attributes: Mapping[str, Any]) -> AnyGroup:
-    """The specification of a whole shard: `shapes` gives every array's shape by its path below the root."""
+    """Specify a whole shard.
+
+    Parameters
+    ----------
+    artifact
+        The schema.
+    shapes
+        Every array's shape, by its path below the root.
+    attributes
+        Of the root group.
+
+    Raises
+    ------
+    ValueError
+        The schema has no array of a path.
+    """
     tree: dict[str, Any] = {}
     for path, shape in shapes.items():
         *parents, leaf = path.split("/")
@@ -119,13 +127,13 @@ def _members(tree: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def declared(path: str) -> str:
-    """The name a schema knows a path by: `meshes/OBJECT_ID/faces` is `meshes/faces`."""
+    """Return the name of a path in its schema: `meshes/OBJECT_ID/faces` is `meshes/faces`."""
     parts = path.split("/")
     return "/".join((parts[0], parts[-1])) if len(parts) == 3 else path
 
 
 def schema_violations(artifact: Artifact, group: AnyGroup) -> Iterator[str]:
-    """How a stored group departs from its schema, a line each that names array and reason."""
+    """List the violations of a schema by a stored group: a line each that names array and reason."""
     found = dict(_arrays(group))
     for name, array in artifact.arrays.items():
         if name not in found and not array.optional:
@@ -144,7 +152,7 @@ def schema_violations(artifact: Artifact, group: AnyGroup) -> Iterator[str]:
 
 
 def array_violations(path: str, known: Array, stored: AnyArray) -> Iterator[str]:
-    """How a stored array departs from what its schema declares, a line each."""
+    """List the violations of a declaration by a stored array, a line each."""
     if stored.data_type != _DTYPES.get(known.dtype, known.dtype):
         yield f"{path}: dtype is {stored.data_type}, the schema says {known.dtype}"
     if tuple(stored.dimension_names or ()) != known.dims or len(stored.shape) != len(known.dims):

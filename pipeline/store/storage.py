@@ -79,7 +79,7 @@ def place(text: str | Place) -> Place:
         return Path(str(text)).expanduser()
     if protocol not in PROTOCOLS or not rest.strip("/"):
         raise InvalidInput(
-            f"{text}: data lies in a folder, or in object storage: {', '.join(f'{one}://BUCKET/PREFIX' for one in PROTOCOLS)}"
+            f"{text} cannot hold data; give a folder, or {' or '.join(f'{protocol}://BUCKET/PREFIX' for protocol in PROTOCOLS)}"
         )
     return UPath(str(text).rstrip("/"))
 
@@ -121,23 +121,24 @@ def names_in(folder: Place) -> dict[str, bool]:
         with os.scandir(folder) as entries:
             return {entry.name: os.path.isdir(entry) if entry.is_symlink() else entry.is_dir() for entry in entries}  # a link may loop
     found = obstore.list_with_delimiter(bucket_of(folder), f"{key_of(folder)}/")
-    files = {PurePosixPath(one["path"]).name: False for one in found["objects"]}
+    files = {PurePosixPath(file["path"]).name: False for file in found["objects"]}
     return files | {PurePosixPath(prefix).name: True for prefix in found["common_prefixes"]}
 
 
 def files_below(folder: Place) -> dict[str, File]:
     """List all files below a folder, by their path below it; none where there is no such folder."""
     if isinstance(folder, Path):
-        found = {}
-        for path in (Path(parent, name) for parent, _, names in os.walk(folder) for name in names):
-            name = path.relative_to(folder).as_posix()
-            with suppress(FileNotFoundError):  # it was removed since it was listed
-                try:
-                    stat = path.stat()
-                    found[name] = File(stat.st_size, stat.st_mtime)
-                except OSError:  # a link to nothing, or to itself
-                    found[name] = File(0, path.lstat().st_mtime)
-        return found
+        files: dict[str, File] = {}
+        for parent, _, names in os.walk(folder):
+            for path in map(Path(parent).joinpath, names):
+                name = path.relative_to(folder).as_posix()
+                with suppress(FileNotFoundError):  # it was removed since it was listed
+                    try:
+                        stat = path.stat()
+                        files[name] = File(stat.st_size, stat.st_mtime)
+                    except OSError:  # a link to nothing, or to itself
+                        files[name] = File(0, path.lstat().st_mtime)
+        return files
     return {name: File(int(found["size"]), found["last_modified"].timestamp()) for name, found in _listed(folder)}
 
 
@@ -245,13 +246,13 @@ def zarr_store(path: Place, *, sparse: bool = False) -> Store:
 
 
 def bucket_of(path: Place) -> ObjectStore:
-    """The client of a place's bucket."""
+    """Return the client of a place's bucket."""
     protocol, _, rest = str(path).partition("://")
     return _client(f"{protocol}://{rest.partition('/')[0]}")
 
 
 def key_of(path: Place) -> str:
-    """The name of a place in its bucket."""
+    """Return the name of a place in its bucket."""
     return str(path).partition("://")[2].partition("/")[2]
 
 

@@ -10,7 +10,8 @@ from pydantic_zarr.v3 import GroupSpec
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
-from pipeline.store.directory import DESCRIPTION, DataDirectory, files_of, is_of, is_version, unversioned
+from pipeline.store.digest import files_of
+from pipeline.store.directory import DESCRIPTION, DataDirectory, is_of, is_version, unversioned
 from pipeline.store.garbage import everything_unnamed
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
@@ -19,8 +20,8 @@ from pipeline.store.storage import Place, exists, read_bytes
 from schemas.base import COMMON, Artifact
 from schemas.catalogue import ARTIFACTS
 
-LOOKS = 5
-"""How often a data directory is checked that changes each time."""
+CHECKS = 5
+"""Checks of a data directory that changes during each."""
 
 
 def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str]]:
@@ -32,7 +33,7 @@ def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str
     -------
     The problems by path of record; an empty list for each that has none.
     """
-    for _ in range(LOOKS):
+    for _ in range(CHECKS):
         before = _records(root)
         found = _problems_below(root, strict)
         if not any(found.values()) or _records(root) == before:
@@ -76,7 +77,7 @@ def _is_missed(directory: DataDirectory, record: Place) -> bool:
 
 
 def _lines(check: Iterator[str]) -> list[str]:
-    """What a check says, and the error that ended it."""
+    """List the lines of a check, and the error that ended it."""
     found: list[str] = []
     try:
         for line in check:
@@ -114,8 +115,7 @@ def _shard_problems(shard: Shard) -> Iterator[str]:
 
 
 def _row_problems(shard: Shard, row: RowRecord, common: dict[str, object]) -> Iterator[str]:
-    recorded = {"object_id": row.object_id, "category": row.category, "split": row.split, "ok": row.failure is None}
-    for name, value in recorded.items():
+    for name, value in row.labels().items():
         if common[name] != value:
             yield f"{name}: {row.object_id} has {common[name]!r}, its record says {value!r}; {shard.remedy}"
     view = shard.view(row.object_id)
@@ -138,7 +138,7 @@ def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:
     collection = directory.collection(ARTIFACTS[name])
     collection.first  # noqa: B018 (an error where shards were made with different scenes or sensors)
     for origin in {origin for shard in collection.shards for row in shard.record.rows for origin in row.inputs}:
-        if missing := [one for one in directory.collection(ARTIFACTS[origin]) if one not in collection]:
+        if missing := [object_id for object_id in directory.collection(ARTIFACTS[origin]) if object_id not in collection]:
             yield f"{len(missing)} objects of {origin} are missing, {missing[0]} first; run {collection.first.record.stage}"
     directory.check_origins([name])
 

@@ -39,8 +39,24 @@ def write_group(
 ) -> None:
     """Write a shard's group and check its structure.
 
-    `shapes` gives the shapes of each row's arrays, `chunks` reads the encoded row of a number: each once, and at most `OBJECTS_PER_FILE`
-    are held at a time. Files without chunks are written too: one that is missing later was lost.
+    At most `OBJECTS_PER_FILE` encoded rows are held at a time. Files without chunks are written too: one that is missing later was lost.
+
+    Parameters
+    ----------
+    path
+        Of the group; an existing one is removed.
+    artifact
+        The schema.
+    rows
+        The records of the objects, in order.
+    shapes
+        The shapes of each row's arrays, without the object dimension.
+    chunks
+        Reads the encoded row of a number; called once for each.
+    constants
+        Arrays without an object dimension.
+    attributes
+        Of the group.
 
     Raises
     ------
@@ -63,14 +79,11 @@ def write_group(
         for row, encoded in zip(rows[first:], held, strict=False):
             for name in (name for name in encoded if "/" in name):
                 _write_ragged(path.joinpath(name.split("/")[0], row.object_id, name.split("/")[1]), encoded[name], artifact.of(name))
-    common = {
-        "object_id": [row.object_id for row in rows],
-        "category": [row.category for row in rows],
-        "split": [row.split for row in rows],
-    }
+    labels = [row.labels() for row in rows]
+    common = {name: [label[name] for label in labels] for name in COMMON}
     with zarr.config.set({"array.write_empty_chunks": True}):
         group: Any = zarr.open_group(LocalStore(path), mode="r+")
-        for name, values in {**constants, **strings, **common, "ok": [row.failure is None for row in rows]}.items():
+        for name, values in {**constants, **strings, **common}.items():
             group[name][...] = np.array(values, numpy_dtype(artifact.arrays[name]))
     if found := list(schema_violations(artifact, GroupSpec.from_zarr(zarr.open_group(str(path), mode="r")))):
         raise StoreError(f"{path} was written but does not fit its schema, so it is not published: {'; '.join(found)}")
@@ -78,8 +91,12 @@ def write_group(
 
 def metadata_digests(path: Path, artifact: Artifact) -> dict[str, str]:
     """Compute the SHA-256 of the `zarr.json` of a group, under the empty name, and of every array at its root that it has."""
-    files = {name: path / name / "zarr.json" for name in ("", *artifact.arrays)}
-    return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items() if file.exists()}
+    digests: dict[str, str] = {}
+    for name in ("", *artifact.arrays):
+        file = path / name / "zarr.json"
+        if file.exists():
+            digests[name] = hashlib.sha256(file.read_bytes()).hexdigest()
+    return digests
 
 
 def _write_metadata(path: Path, spec: AnyGroup | AnyArray) -> None:
@@ -106,7 +123,7 @@ def _write_file(folder: Path, array: Array, shape: tuple[int, ...], parts: Seque
     else:
         count = math.prod(file_shape[1:]) // math.prod(chunk[1:])
         absent = [None] * count
-        chunks = [one for part in (*parts, *[None] * (file_shape[0] - len(parts))) for one in part or absent]
+        chunks = [encoded for part in (*parts, *[None] * (file_shape[0] - len(parts))) for encoded in part or absent]
     file = folder.joinpath(*["0"] * (len(shape) - 1))
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("wb") as opened:
@@ -122,8 +139,8 @@ def _write_ragged(folder: Path, chunks: list[bytes], array: Array | None) -> Non
 
 
 def _group_shapes(artifact: Artifact, rows: Sequence[RowRecord], shapes: Sequence[Shapes], constants: Row) -> dict[str, tuple[int, ...]]:
-    """The shape of every array of the shard, by path."""
-    of_group: dict[str, tuple[int, ...]] = {name: (len(rows),) for name in COMMON}
+    """Compute the shape of every array of the shard, by path."""
+    of_group: dict[str, tuple[int, ...]] = dict.fromkeys(COMMON, (len(rows),))
     of_group |= {name: constant.shape for name, constant in constants.items()}
     for row, of_row in zip(rows, shapes, strict=True):
         for name, shape in of_row.items():

@@ -29,13 +29,13 @@ class MachineSpeed:
         Its seconds per measured second.
     startup
         Seconds of one run apart from its objects.
-    packing
-        Seconds per kilobyte of output that workers do not share: one process packs all rows.
+    publishing
+        Seconds per kilobyte of output that workers do not share: one process publishes all rows.
     """
 
     factor: float = 1.0
     startup: float = 0.0
-    packing: float = 0.0
+    publishing: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ class Workload:
         """Predict the time of a measured setting here."""
         speed, objects = self.speeds.get(study.stage, MachineSpeed()), self.objects[study.stage]
         share = objects / study.objects if study.whole_dataset else math.ceil(objects / self.workers)
-        packing = 0.0 if study.whole_dataset else objects * measurement.kilobytes * speed.packing
-        return Choice(study, measurement, speed.startup + share * measurement.seconds * speed.factor + packing)
+        publishing = 0.0 if study.whole_dataset else objects * measurement.kilobytes * speed.publishing
+        return Choice(study, measurement, speed.startup + share * measurement.seconds * speed.factor + publishing)
 
 
 @dataclass(frozen=True)

@@ -58,8 +58,8 @@ def measure_speed(request: Request[Any], choice: Choice, console: Console) -> Ma
     seconds = sum(row.seconds for row in rows)
     return MachineSpeed(
         factor=seconds / len(rows) / measured.seconds,
-        startup=max(0.0, wall - seconds / min(request.executor.processes, len(rows)) - result.packing),
-        packing=result.packing / len(rows) / measured.kilobytes,
+        startup=max(0.0, wall - seconds / min(request.executor.processes, len(rows)) - result.publishing),
+        publishing=result.publishing / len(rows) / measured.kilobytes,
     )
 
 

@@ -19,7 +19,7 @@ import torch.distributed
 from pipeline.engine.process_group import process_group
 from pipeline.engine.versions import processor
 from pipeline.errors import StageError
-from pipeline.store.directory import LOGS
+from pipeline.store.digest import LOGS
 from pipeline.store.record import processor_kind
 from pipeline.training.device import device_of
 from pipeline.training.settings import TrainingSettings

@@ -16,7 +16,7 @@ from pydantic_zarr.v3 import GroupSpec
 from zarr.storage import LocalStore
 
 from pipeline.errors import StoreError
-from pipeline.formats.complaints import complaints
+from pipeline.formats.description_file import invalid_entries
 from pipeline.store.spec import array_spec, numpy_dtype
 from pipeline.store.storage import zarr_store
 from schemas.evaluation import GROUPS, VERSION
@@ -37,7 +37,7 @@ class _Configuration(BaseModel):
 
 
 class _Root(BaseModel):
-    """What is printed of the attributes."""
+    """The attributes that are printed."""
 
     settings: _Measured
     seed: int
@@ -70,25 +70,25 @@ class Figures:
     def __init__(self, object_ids: Sequence[str], rows: Iterable[Figure]) -> None:
         self.object_ids, self.rows = list(object_ids), list(rows)
         number = {object_id: row for row, object_id in enumerate(self.object_ids)}
-        self._found: dict[tuple[str, int], tuple[list[int], list[float]]] = defaultdict(lambda: ([], []))
+        self._values: dict[tuple[str, int], tuple[list[int], list[float]]] = defaultdict(lambda: ([], []))
         for figure in self.rows:
-            places, values = self._found[figure.metric, figure.grasps]
+            places, values = self._values[figure.metric, figure.grasps]
             places.append(number[figure.object_id])
             values.append(figure.value)
 
     @property
     def grasps(self) -> list[int]:
         """List the numbers of grasps that the network was given."""
-        return sorted(grasps for metric, grasps in self._found if metric == "chamfer")
+        return sorted(grasps for metric, grasps in self._values if metric == "chamfer")
 
     @property
     def rings(self) -> list[int]:
         """List the rings in which a touch has points, from 1."""
-        return sorted(int(metric.rpartition("_")[2]) for metric, _ in self._found if metric.startswith("local_chamfer_"))
+        return sorted(int(metric.rpartition("_")[2]) for metric, _ in self._values if metric.startswith("local_chamfer_"))
 
     def of(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
         """Take a metric of every object and choice of grasps: (object, first)."""
-        return np.reshape(self._found[metric, grasps][1], (len(self.object_ids), -1))
+        return np.reshape(self._values[metric, grasps][1], (len(self.object_ids), -1))
 
     def per_object(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
         """Compute the mean over the choices of grasps: (object,)."""
@@ -96,14 +96,14 @@ class Figures:
 
     def some(self, metric: str) -> NDArray[np.float64]:
         """List a metric of the objects that have it."""
-        return np.array(self._found[metric, 1][1])
+        return np.array(self._values[metric, 1][1])
 
     def ring(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Compute the local Chamfer distance in a ring, the mean over the touches with points in it, and count these: (object,) each.
 
         Where the number is 0 there is no value, and the distance is 0.
         """
-        places, values = self._found[f"local_chamfer_{number}", 1]
+        places, values = self._values[f"local_chamfer_{number}", 1]
         size = len(self.object_ids)
         sites = np.bincount(np.array(places, int), minlength=size)
         return np.bincount(np.array(places, int), weights=values, minlength=size) / np.maximum(sites, 1), sites
@@ -115,7 +115,16 @@ def evaluation_name(training_seed: int = 0) -> str:
 
 
 def write_evaluation(folder: Path, groups: Mapping[str, Mapping[str, Any]], attributes: Mapping[str, Any]) -> None:
-    """Write `tables.zarr` with all groups (`objects`, `predictions/touch`, …).
+    """Write `tables.zarr`.
+
+    Parameters
+    ----------
+    folder
+        Of the evaluation.
+    groups
+        The arrays of each group (`objects`, `predictions/touch`, …), by name.
+    attributes
+        Of the root.
 
     Raises
     ------
@@ -137,7 +146,7 @@ def write_evaluation(folder: Path, groups: Mapping[str, Mapping[str, Any]], attr
 
 def long_table(figures: Mapping[str, Figures]) -> dict[str, list[Any]]:
     """Join the figures of all networks to the group `figures`."""
-    rows = [(name, *figure) for name, found in figures.items() for figure in found.rows]
+    rows = [(name, *figure) for name, of_network in figures.items() for figure in of_network.rows]
     return dict(zip(GROUPS["figures"].arrays, map(list, zip(*rows, strict=True)), strict=True))
 
 
@@ -145,19 +154,19 @@ def _conform(name: str, arrays: Mapping[str, Any]) -> Arrays:
     """Check the arrays of a group against its schema, and cast them to the types that it declares."""
     declared = GROUPS[name.partition("/")[0]].arrays
     if set(arrays) != set(declared):
-        raise StoreError(f"evaluation: {name} has arrays {sorted(arrays)}, its schema says {sorted(declared)}")
+        raise StoreError(f"evaluation: {name} has arrays {sorted(arrays)}, its schema declares {sorted(declared)}")
     try:
-        found = {key: np.asarray(value, numpy_dtype(declared[key])) for key, value in arrays.items()}
+        conformed = {key: np.asarray(value, numpy_dtype(declared[key])) for key, value in arrays.items()}
     except (TypeError, ValueError) as error:
-        raise StoreError(f"evaluation: an array of {name} is not of the type that its schema says ({error})") from error
+        raise StoreError(f"evaluation: an array of {name} is not of the type that its schema declares ({error})") from error
     sizes: dict[str, int] = {}
-    for key, value in found.items():
+    for key, value in conformed.items():
         dims = declared[key].dims
         if value.ndim != len(dims) or any(sizes.setdefault(dim, size) != size for dim, size in zip(dims, value.shape, strict=True)):
             raise StoreError(f"evaluation: {name}/{key} has shape {value.shape}, its dimensions are {dims} with {sizes}")
         if value.dtype.kind == "f" and not np.isfinite(value).all():
             raise StoreError(f"evaluation: {name}/{key} holds NaN or infinity")
-    return found
+    return conformed
 
 
 def _root(folder: Path) -> zarr.Group:
@@ -165,7 +174,7 @@ def _root(folder: Path) -> zarr.Group:
     try:
         root = zarr.open_group(zarr_store(path, sparse=True), mode="r")
     except (OSError, ValueError, KeyError) as error:
-        raise StoreError(f"{path}: no evaluation can be read there ({error}); run evaluate first") from error
+        raise StoreError(f"{path} cannot be read as an evaluation ({error}); run evaluate first") from error
     if root.attrs.get("complete") is not True or root.attrs.get("schema_version") != VERSION:
         raise StoreError(f"{path} is not complete, or not of schema version {VERSION}; run evaluate again")
     return root
@@ -177,7 +186,7 @@ def read_root(folder: Path) -> dict[str, Any]:
     try:
         _Root.model_validate(attributes)
     except ValidationError as error:
-        raise StoreError(f"{folder / TABLES_ZARR}: its attributes cannot be used: {complaints(error)}; run evaluate again") from error
+        raise StoreError(f"{folder / TABLES_ZARR}: its attributes cannot be used: {invalid_entries(error)}; run evaluate again") from error
     return attributes
 
 
@@ -203,7 +212,7 @@ def read_figures(folder: Path) -> dict[str, Figures]:
     rows: dict[str, list[Figure]] = {}
     for network, *figure in zip(*(table[name].tolist() for name in GROUPS["figures"].arrays), strict=True):
         rows.setdefault(network, []).append(Figure(*figure))
-    return {network: Figures(object_ids, found) for network, found in rows.items()}
+    return {network: Figures(object_ids, figures) for network, figures in rows.items()}
 
 
 def read_surfaces(folder: Path, configuration: str) -> Arrays:
@@ -213,7 +222,19 @@ def read_surfaces(folder: Path, configuration: str) -> Arrays:
 
 
 def surface_of(surfaces: Arrays, number: int, case: int) -> tuple[np.ndarray, np.ndarray]:
-    """Take one object's surface in one case from what `read_surfaces` read: vertices (V, 3), m, and faces (F, 3)."""
+    """Take one surface.
+
+    Parameters
+    ----------
+    surfaces
+        Read by `read_surfaces`.
+    number, case
+        Of the object, and of the choice of grasps.
+
+    Returns
+    -------
+    Vertices (V, 3), m, and faces (F, 3).
+    """
     if "position" in surfaces:
         return surfaces["vertices"][number, case], surfaces["faces"]
     place = (number, case)

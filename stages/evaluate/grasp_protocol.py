@@ -26,8 +26,7 @@ from pipeline.kernels.metrics.surface_quality import (
 from pipeline.kernels.metrics.touch_site_rings import ring_means, ring_of
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.vision.labels import Label
-from pipeline.models.closed_reconstruction import closed
-from pipeline.models.reconstruction import Reconstructor
+from pipeline.models.reconstruction import Reconstructor, close_reconstruction
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
@@ -111,7 +110,7 @@ class GraspProtocol(Protocol):
     def closed(self, name: str, model: Reconstructor, one: Measured) -> dict[str, float]:
         """Close a reconstruction; measure the inside that it shares with the object, where that has one."""
         object_id = self.objects.rows.object_ids[one.row]
-        vertices, faces = closed(one.made, self.settings.closed_resolution or 0, self.observe(model, one.row, one.case))
+        vertices, faces = close_reconstruction(one.made, self.settings.closed_resolution or 0, self.observe(model, one.row, one.case))
         found = {"watertight": float(is_watertight(faces))}
         if not bool(self._surfaces.view(object_id)["watertight"]):
             return found

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Mapping
-from io import BytesIO
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,8 +16,8 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.models.families import GRASP_CONFIGURATIONS, load_reconstructor, model_name
 from pipeline.models.reconstruction import Reconstructor
-from pipeline.store.atomic import write_at_once
 from pipeline.store.directory import DataDirectory
+from pipeline.store.row_files import Result, RowFiles
 from pipeline.training.device import device_of, torch_threads
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -35,7 +34,7 @@ from stages.evaluate.single_image_protocol import SingleImageProtocol
 from stages.evaluate.tables import evaluation_tables, training_table
 
 MEASURED = "measured"
-"""Folder of what a killed run leaves of each model, in a folder of their key."""
+"""Folder of the row files of finished models, which a killed run leaves."""
 
 
 class NetworkEvaluation(DatasetStage):
@@ -80,18 +79,16 @@ class NetworkEvaluation(DatasetStage):
 
 
 def _measured(name: str, model: Reconstructor, protocol: Protocol, job: DatasetJob) -> tuple[list[Figure], Arrays]:
-    """Take a model's figures and surfaces over from a killed run, or measure it and keep them for one."""
-    path = job.folder / MEASURED / f"{name}.npz"
-    if not path.exists():
-        rows, surfaces = measure(name, model, protocol, job)
-        content = BytesIO()
-        arrays: dict[str, Any] = dict(zip(Figure._fields, map(np.array, zip(*rows, strict=True)), strict=True))
-        arrays |= {f"surface/{key}": array for key, array in surfaces.items()}
-        np.savez(content, **arrays)
-        write_at_once(path, content.getvalue())
-    with np.load(path) as kept:
-        rows = [Figure(*row) for row in zip(*(kept[key].tolist() for key in Figure._fields), strict=True)]
-        return rows, {key.removeprefix("surface/"): kept[key] for key in kept if key.startswith("surface/")}
+    """Read a model's figures and surfaces from the row file of a killed run, or measure it and write them to one."""
+    files = RowFiles(job.folder / MEASURED)
+    if result := files.find(name, protocol.stage):
+        arrays = files.load(result)
+        rows = [Figure(*row) for row in zip(*(arrays.pop(key).tolist() for key in Figure._fields), strict=True)]
+        return rows, {key.removeprefix("surface/"): array for key, array in arrays.items()}
+    rows, surfaces = measure(name, model, protocol, job)
+    figures = dict(zip(Figure._fields, map(np.array, zip(*rows, strict=True)), strict=True))
+    files.save(Result(name=name, key=protocol.stage), figures | {f"surface/{key}": array for key, array in surfaces.items()})
+    return rows, surfaces
 
 
 class Evaluate(NetworkEvaluation):

@@ -234,7 +234,7 @@ def test_links_are_not_followed_to_remove_garbage(tmp_path):
 def test_a_number_of_shards_that_no_record_has_is_refused(tmp_path):
     run(request(tmp_path))
     (tmp_path / "dataset.json").write_text('{"shards": 3}')
-    with pytest.raises(StoreError, match=r"says 3 shards, and no record is of that number; .* as the records are named: 1$"):
+    with pytest.raises(StoreError, match=r"names 3 shards, but no record has that number; .* as the records are named: 1$"):
         run(request(tmp_path))
 
 

@@ -238,6 +238,6 @@ def test_garbage_is_what_no_record_names_and_is_old(data, monkeypatch):
 
 
 def test_places_that_cannot_be_are_refused():
-    with pytest.raises(InvalidInput, match=r"ftp://x/y: data lies in a folder, or in object storage: s3://BUCKET/PREFIX"):
+    with pytest.raises(InvalidInput, match=r"ftp://x/y cannot hold data; give a folder, or s3://BUCKET/PREFIX"):
         place("ftp://x/y")
     assert place("data/toy") == Path("data/toy")

@@ -24,7 +24,8 @@ from pipeline.engine.stage import Cost, DatasetJob, DatasetStage, Inputs, Object
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput, StageError
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.digest import hashes_of
+from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput
 from pipeline.store.record import Failure, FolderRecord
 from pipeline.store.row_files import Result

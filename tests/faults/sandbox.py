@@ -17,7 +17,7 @@ from pipeline.engine.executor import Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans
 from pipeline.engine.run import run as run_plan
-from pipeline.store.directory import DataDirectory, folder_digest
+from pipeline.store.directory import DataDirectory
 from stages.registry import GRASP_STAGES, load_stage, resolve
 
 SETTINGS = (
@@ -110,7 +110,7 @@ def digests(data: Path) -> dict[str, str]:
     """The digest of every artifact and folder."""
     directory = DataDirectory(data)
     artifacts = {artifact.name: directory.collection(artifact).digest() for artifact in directory.artifacts()}
-    return artifacts | {name: folder_digest(directory.folder(name)) for name in directory.folders()}
+    return artifacts | {name: directory.folder(name).digest() for name in directory.folders()}
 
 
 def remove(data: Path, names: Sequence[str]) -> None:

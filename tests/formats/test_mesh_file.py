@@ -175,7 +175,7 @@ def test_pixels_of_textures_are_bounded_together_before_decoding(tmp_path: Path,
     Image.new("RGB", (6000, 6000)).save(tmp_path / "paint.png")
     Image.new("RGB", (6000, 6001)).save(tmp_path / "other.png")
     monkeypatch.setattr(Image.Image, "convert", lambda image, mode: Image.new(mode, (1, 1)))
-    with pytest.raises(InvalidInput, match=r"quad.obj: its textures have 72006000 pixels in all, 67108864 are the most"):
+    with pytest.raises(InvalidInput, match=r"quad.obj: it has 72006000 pixels of textures, 67108864 are the most"):
         parse_mesh(path, tmp_path)
 
 

@@ -24,7 +24,8 @@ from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.model_files import save_model
 from pipeline.models.touch_model import load_touch_model, save_touch_model
-from pipeline.store.directory import DataDirectory, hashes_of, is_version
+from pipeline.store.digest import hashes_of
+from pipeline.store.directory import DataDirectory, is_version
 from pipeline.store.publish import FolderOutput
 from pipeline.store.record import FolderRecord
 from tests.fuzz.target import Files, Target, files_made_by, seal

@@ -21,7 +21,8 @@ from pipeline.errors import StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.reports import status, touch_tables
 from pipeline.store import digest
-from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.digest import hashes_of
+from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput, ShardOutput
 from pipeline.store.record import Failure, FolderRecord, RowRecord, ShardRecord
 from pipeline.store.row_files import encode_row

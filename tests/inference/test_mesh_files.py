@@ -13,8 +13,7 @@ from pipeline.inference.mesh_files import write_charts, write_joined
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
-from pipeline.models.closed_reconstruction import joined
-from pipeline.models.reconstruction import Reconstruction
+from pipeline.models.reconstruction import Reconstruction, join_vision_charts
 from tests.stages import ball_dataset as spheres
 
 SPHERE = vision_charts(0)
@@ -44,7 +43,10 @@ def test_mesh_files_err_as_documented(tmp_path: Path, suffix: str, scale: float,
     bound = 1.01 * np.sqrt(3) * (5e-9 if suffix == ".obj" else 6e-8 * np.abs(made.vertices).max())
     write_charts(tmp_path / f"apart{suffix}", made)
     write_joined(tmp_path / f"joined{suffix}", made)
-    for name, vertices in (("apart", made.vertices), ("joined", np.concatenate([joined(made)[0], made.vertices[made.vision :]]))):
+    for name, vertices in (
+        ("apart", made.vertices),
+        ("joined", np.concatenate([join_vision_charts(made)[0], made.vertices[made.vision :]])),
+    ):
         found = cloud_distances(read(tmp_path / f"{name}{suffix}"), vertices)  # programs may read parts in another order
         assert len(found.predicted) == len(found.truth)
         assert max(found.predicted.max(), found.truth.max()) <= bound**2
@@ -52,7 +54,7 @@ def test_mesh_files_err_as_documented(tmp_path: Path, suffix: str, scale: float,
 
 def test_coinciding_vertices_are_joined_where_they_are() -> None:
     made = surface(1.0, 10.0, touches=0)
-    vertices, faces = joined(made)
+    vertices, faces = join_vision_charts(made)
     np.testing.assert_allclose(vertices[SPHERE.position], made.vertices, rtol=1e-15, atol=0)
     assert trimesh.Trimesh(vertices, faces, process=False).is_watertight
 

@@ -18,7 +18,7 @@ from pipeline.inference.predict import predict
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
-from pipeline.models.closed_reconstruction import joined
+from pipeline.models.reconstruction import join_vision_charts
 from pipeline.models.touch_model import save_touch_model
 from pipeline.store.directory import DataDirectory
 from tests.engine.tiny_stages import publish
@@ -91,7 +91,7 @@ def test_every_chart_has_its_name(data, tmp_path, suffix):
 
 def test_the_joined_surface_is_closed(data, tmp_path):
     made = predict(tmp_path / "ball.ply", data / "models", "none", data=data, object_id="a", surface="joined").reconstruction
-    surface = trimesh.Trimesh(*joined(made), process=False)
+    surface = trimesh.Trimesh(*join_vision_charts(made), process=False)
     assert surface.is_watertight
     assert surface.is_winding_consistent
     assert surface.euler_number == 2

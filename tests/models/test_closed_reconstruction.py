@@ -6,9 +6,8 @@ import pytest
 import trimesh
 
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.models.closed_reconstruction import closed
 from pipeline.models.observation import Observation
-from pipeline.models.reconstruction import Reconstruction
+from pipeline.models.reconstruction import Reconstruction, close_reconstruction
 
 BALL = trimesh.creation.icosphere(3, 0.1)
 CHART = 0.0174 * chart_square(9)[0].numpy() * [1, -1, 1] + [0, 0, 0.104]  # felt from above, 4 mm over the ball
@@ -26,7 +25,7 @@ def test_the_mesh_goes_through_charts_of_the_reconstruction_or_beside_it(own):
         side=9,
     )
     given = Observation(None, np.stack([CHART + 0.1, CHART]), np.array([False, True]))
-    mesh = trimesh.Trimesh(*(closed(parts, 24) if own else closed(whole, 24, given)), process=False)
+    mesh = trimesh.Trimesh(*(close_reconstruction(parts, 24) if own else close_reconstruction(whole, 24, given)), process=False)
     assert mesh.is_watertight
     assert np.sqrt(igl.point_mesh_squared_distance(CHART, mesh.vertices, mesh.faces)[0]).max() <= 5e-4
-    assert closed(whole, 24)[0][:, 2].max() < 0.1035
+    assert close_reconstruction(whole, 24)[0][:, 2].max() < 0.1035

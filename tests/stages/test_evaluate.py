@@ -25,7 +25,8 @@ from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.reports.orderings import Verdict, orderings, orderings_table
 from pipeline.reports.training_seeds import evaluations, read_values, trainings_table
-from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.digest import hashes_of
+from pipeline.store.directory import DataDirectory
 from stages.evaluate.baselines import LOOKED_UP
 from stages.evaluate.evaluation_files import TABLES_ZARR, Figures, read_figures, read_root, read_table, write_evaluation
 from stages.evaluate.grasp_protocol import GraspProtocol, make_cases
@@ -227,7 +228,7 @@ def test_a_killed_run_goes_on_with_the_next_configuration(data, evaluation, monk
         evaluate(data, "killed", configurations=("none", "occluded"))
     (plan,) = make_plans(replace(request(data, configurations=("none", "occluded")), folder="killed"))
     work = plan.directory.work("killed") / plan.key[:16]
-    assert [path.name for path in (work / MEASURED).iterdir()] == ["none.npz"]
+    assert [path.name for path in (work / MEASURED / "rows").iterdir()] == ["none"]
     asked.clear()
     folder, _ = evaluate(data, "killed", configurations=("none", "occluded"))
     assert set(asked) == {"occluded"}
@@ -359,7 +360,7 @@ def test_numbers_of_grasps_hold_the_one_that_tables_need():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"more": [1.0]}, "its schema says"),
+        ({"more": [1.0]}, "its schema declares"),
         ({"area": [1.0, 2.0]}, r"objects/area has shape \(2,\)"),
         ({"floor": [np.nan]}, "objects/floor holds NaN"),
         ({"floor": [np.inf]}, "objects/floor holds NaN or infinity"),

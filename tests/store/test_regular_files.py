@@ -123,7 +123,7 @@ def test_files_that_no_record_lists(tmp_path, put: Callable[[Path], None]):
     assert read_root(tmp_path)["seed"] == 0
     (tmp_path / "tables.zarr" / "zarr.json").unlink()
     put(tmp_path / "tables.zarr" / "zarr.json")
-    with pytest.raises(StoreError, match="no evaluation can be read there"):
+    with pytest.raises(StoreError, match="cannot be read as an evaluation"):
         read_table(tmp_path, "table_2")
     put(tmp_path / "model.safetensors")
     with pytest.raises(StoreError, match="no trained model that can be used"):

@@ -48,7 +48,7 @@ def test_within_time_finds_the_least_product_of_errors_of_all_combinations(rng: 
 
 
 def test_objects_are_shared_by_workers_and_packed_by_one_process():
-    speed = {"feel": MachineSpeed(factor=2.0, startup=3.0, packing=0.5)}
+    speed = {"feel": MachineSpeed(factor=2.0, startup=3.0, publishing=0.5)}
     choice = Workload({"feel": 5}, 2, speed).choice(FEEL, FEEL.measurements[0])
     assert choice.seconds == 3 + 2.0 * 1 * 3 + 5 * 0.5  # three rounds of two workers; a second and a kilobyte per object
     choice = Workload({"feel": 1}, 16, speed).choice(FEEL, FEEL.measurements[0])

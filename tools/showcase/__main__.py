@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.formats.scene_file import load_scene
+from pipeline.formats.description_file import load_scene
 from pipeline.kernels.vision.camera import Camera, camera_pose, look_at
 from pipeline.kernels.vision.labels import Label
 from pipeline.reports.contact_sheet import BandMaker
@@ -140,7 +140,7 @@ def _save_turntable(out: Path) -> None:
 
 
 def _shown_case(source: ReportSource) -> tuple[str, str] | None:
-    """The evaluated object and the prediction that the strip shows: the last configuration that feels, with the most grasps."""
+    """Find the evaluated object and the prediction that the strip shows: the last configuration that feels, with the most grasps."""
     if source.evaluation is None or "charts" not in source.collections:
         return None
     object_id = source.evaluation.object_ids[0]

@@ -51,7 +51,7 @@ def render(job: dict) -> float:
 
 
 def parents(thing: bpy.types.Object) -> list:
-    """What an object is below."""
+    """Find what an object is below."""
     found = []
     while thing.parent:
         thing = thing.parent

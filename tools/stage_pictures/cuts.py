@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 def cutting_plane(points: NDArray[np.float64]) -> tuple[int, float]:
-    """The upright plane through the middle of points along their longer side: its normal's axis, and where it is, m."""
+    """Find the upright plane through the middle of points along their longer side: its normal's axis, and where it is, m."""
     axis = int(np.ptp(points[:, :2], axis=0).argmin())
     return axis, float((points[:, axis].min() + points[:, axis].max()) / 2)
 

@@ -28,7 +28,7 @@ VIEWPOINTS = 6
 
 
 def draw_surfaces(shown: Shown, path: Path) -> None:
-    """The mesh, its points as the camera sees them, and a cut."""
+    """Draw the mesh, its points as the camera sees them, and a cut."""
     points, normals = (shown.rows["surfaces"][name].astype(np.float64) for name in ("points", "normals"))
     camera = shown.scene.camera
     facing = ((np.array(camera.position) - points) * normals).sum(axis=1) > 0
@@ -54,7 +54,7 @@ def draw_surfaces(shown: Shown, path: Path) -> None:
 
 
 def draw_distances(shown: Shown, path: Path) -> None:
-    """The points of a cut, coloured by their distance."""
+    """Draw the points of a cut, coloured by their distance."""
     row = shown.source.directory.collection(ARTIFACTS["distances"]).view(shown.object_id)
     points, distance = row["query_points"].astype(np.float64), row["signed_distance"]
     across, offset = cutting_plane(shown.rows["surfaces"]["points"])
@@ -71,14 +71,14 @@ def draw_distances(shown: Shown, path: Path) -> None:
 
 
 def draw_grasps(shown: Shown, path: Path) -> None:
-    """The steps of the grasp."""
+    """Draw the steps of the grasp."""
     steps = procedure_steps(shown.source, shown.renderer, shown.scene, shown.object_id, shown.grasp)
     titles = ("1. the palm is placed", "2. posture found, drawn back", "3. closed in physics", "4. what touches")
     draw_row([(title, image) for title, (_, image) in zip(titles, steps, strict=True)], path)
 
 
 def draw_vision(shown: Shown, path: Path) -> None:
-    """The images without and with the hand, and what is what in them."""
+    """Draw the images without and with the hand, and their segmentation."""
     vision, grasp = shown.rows["vision"], shown.grasp
     segments = vision["segmentation"][1 + grasp]
     draw_row(
@@ -100,7 +100,7 @@ def draw_touch(shown: Shown, path: Path) -> None:
 
 
 def draw_renderings(directory: DataDirectory, path: Path) -> None:
-    """Renderings of a test object."""
+    """Draw renderings of a test object."""
     rows = ObjectRows(directory.root, ["rendering"], "test")
     object_id = rows.object_ids[0]
     images = rows.read("rendering", object_id)[:VIEWPOINTS]

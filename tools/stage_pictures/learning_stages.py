@@ -26,7 +26,7 @@ Panels = list[tuple[str, Panel]]
 
 
 def draw_unet(shown: Shown, path: Path) -> None:
-    """A touch, and its depth as predicted."""
+    """Draw a touch, and its depth as predicted."""
     model = load_touch_model(shown.source.directory.whole_folder("models/unet"), "cpu")
     depths, sensors = shown.rows["touch"]["depth"][shown.grasp], shown.source.sensors()
     touched = np.flatnonzero(shown.rows["grasps"]["touch_success"][shown.grasp]).tolist()
@@ -45,7 +45,7 @@ def draw_unet(shown: Shown, path: Path) -> None:
 
 
 def draw_charts(shown: Shown, path: Path) -> None:
-    """True and predicted points of the grasp's touches, with their charts."""
+    """Draw true and predicted points of the grasp's touches, with their charts."""
     rows, sensors = shown.rows, shown.source.sensors()
     model = load_touch_model(shown.source.directory.whole_folder("models/unet"), "cpu")
     panels: Panels = []
@@ -62,7 +62,7 @@ def _local_points(*drawn: Any) -> Callable[[Any], None]:
 
 
 def draw_deformation(shown: Shown, path: Path) -> None:
-    """The vision charts after each pass, then with the touch charts."""
+    """Draw the vision charts after each pass, then with the touch charts."""
     network, observation = shown.networks["gcn"]
     made = []
     config = network.network.config
@@ -79,7 +79,7 @@ def draw_deformation(shown: Shown, path: Path) -> None:
 
 
 def draw_implicit(shown: Shown, path: Path) -> None:
-    """The closed mesh that is predicted, and a cut through it and the object."""
+    """Draw the predicted closed mesh, and a cut through it and the object."""
     network, observation = shown.networks["implicit"]
     made = network.reconstruct([observation])[0]
     predicted = two_coloured(made.vertices, made.faces, len(made.faces))

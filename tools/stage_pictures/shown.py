@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.formats.scene_file import load_scene
+from pipeline.formats.description_file import load_scene
 from pipeline.kernels.vision.scene import Scene
 from pipeline.models.families import FAMILIES, load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
@@ -42,11 +42,11 @@ class Shown:
         return self.source.rows(self.object_id)
 
     def mesh(self) -> Any:
-        """The object's normalised mesh."""
+        """Return the object's normalised mesh."""
         return read_mesh(self.rows["surfaces"])
 
     def part(self) -> tuple[slice, slice]:
-        """The part of the camera's image, `PIXELS` a side, that object and hand are in."""
+        """Cut out the part of the camera's image, `PIXELS` a side, that object and hand are in."""
         large = self.rows["vision"]["segmentation"][[0, 1 + self.grasp]] > 0
         scale = PIXELS / large.shape[1]
         row, col = surroundings(large)
