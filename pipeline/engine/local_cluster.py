@@ -6,14 +6,11 @@ import logging
 import multiprocessing
 import os
 import signal
-import stat
-import tempfile
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import wait as wait_for
 from contextlib import suppress
 from multiprocessing import resource_tracker
-from pathlib import Path
 from typing import Any
 
 import dask
@@ -21,6 +18,7 @@ from distributed import Client, LocalCluster, Security
 
 from pipeline.engine.dask_worker import LocalWorker
 from pipeline.errors import StageError
+from pipeline.store.temporary import private_folder
 
 LOCAL: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": 0,  # each death is told, with the time that its object had taken
@@ -110,7 +108,7 @@ def _start(processes: int) -> Client:
 
 
 def _cluster_of(processes: int) -> LocalCluster:
-    folder = str(private_folder())
+    folder = str(private_folder(dask.config.get("temporary-directory", None)))
     with dask.config.set(LOCAL | {"temporary-directory": folder}):
         return LocalCluster(
             n_workers=processes,
@@ -135,18 +133,3 @@ def end_workers(client: Client) -> None:
     for end in (client, cluster):
         with suppress(TimeoutError):  # on a busy machine: the work is done, and the workers are gone
             end.close()
-
-
-def private_folder() -> Path:
-    """Make a folder for temporary files that other users can neither write to nor read; the next run finds it again.
-
-    Dask has Python look for modules there first, and clears what killed workers leave in it.
-    """
-    base = dask.config.get("temporary-directory", None) or tempfile.gettempdir()
-    folder = Path(base) / f"vt-pipeline-{os.getuid()}"
-    with suppress(FileExistsError):
-        folder.mkdir(mode=0o700, parents=True)
-    found = folder.lstat()
-    if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not stat.S_IMODE(found.st_mode) & 0o077:
-        return folder
-    return Path(tempfile.mkdtemp(prefix="vt-pipeline-", dir=base))  # somebody else has taken the name

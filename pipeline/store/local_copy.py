@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from threading import Event, Thread
 
 from obstore.exceptions import BaseError
 
 from pipeline.store.storage import TEMPORARY, File, Place, cache_of, copy, files_below
+from pipeline.store.temporary import temporary_folder
 
 SECONDS = 30.0
 """Between two looks at what has changed: what a machine that is lost takes with it at most."""
@@ -35,8 +35,8 @@ def local_copy(folder: Place, *, begin: bool = True, send: bool = False) -> Iter
         yield folder
         return
     if not begin:
-        with TemporaryDirectory(prefix="vt-pipeline-") as name:
-            yield Path(name)
+        with temporary_folder() as empty:
+            yield empty
         return
     local = cache_of(folder)
     local.mkdir(parents=True, exist_ok=True)

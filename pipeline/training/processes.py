@@ -21,6 +21,7 @@ from pipeline.engine.versions import processor
 from pipeline.errors import StageError
 from pipeline.store.digest import LOGS
 from pipeline.store.record import processor_kind
+from pipeline.store.temporary import temporary_folder
 from pipeline.training.device import device_of
 from pipeline.training.settings import TrainingSettings
 
@@ -96,8 +97,8 @@ def no_process_left() -> Iterator[None]:
     Their temporary files are in a folder that other users cannot reach: torch unpickles one of them when a process has failed.
     """
     before, given, known = set(multiprocessing.active_children()), os.environ.get("TMPDIR"), tempfile.tempdir
-    with tempfile.TemporaryDirectory(prefix="vt-pipeline-") as folder:
-        os.environ["TMPDIR"], tempfile.tempdir = folder, None
+    with temporary_folder() as folder:
+        os.environ["TMPDIR"], tempfile.tempdir = str(folder), None
         try:
             yield
         except KeyboardInterrupt:  # SIGTERM, too

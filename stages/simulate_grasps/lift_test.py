@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from xml.etree.ElementTree import SubElement, parse
 
 import numpy as np
@@ -19,6 +18,7 @@ from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.gel_surface import gel_top
 from pipeline.kernels.touch.sensor import Sensor
+from pipeline.store.temporary import temporary_folder
 from stages.simulate_grasps.hand_body import HandBody
 from stages.simulate_grasps.object_shapes import COLLISION_MARGIN, ObjectShapes
 from stages.simulate_grasps.physics import GRAVITY
@@ -48,15 +48,15 @@ class LiftTest(AbstractContextManager["LiftTest"]):
     def __init__(self, hand: Hand, sensors: Sequence[Sensor], *, mass: float) -> None:
         self.hand, self.sensors, self.mass = hand, sensors, mass
         self.client = PhysicsClient()
-        self._folder = TemporaryDirectory(prefix="vt-pipeline-lift-")
-        self._urdf = write_physics_urdf(hand, Path(self._folder.name))
+        self._folder = ExitStack()
+        self._urdf = write_physics_urdf(hand, self._folder.enter_context(temporary_folder()))
         _add_gels(self._urdf, hand, sensors)
         self._shapes = ObjectShapes(self.client)
         self._start: tuple[list[float], list[float]]
 
     def __exit__(self, *_: object) -> None:
         self.client.disconnect()
-        self._folder.cleanup()
+        self._folder.close()
 
     def load(self, mesh: Mesh, points: NDArray[np.float64]) -> None:
         """Replace everything by the hand and an object, whose mass is spread evenly over its exterior points (N, 3)."""

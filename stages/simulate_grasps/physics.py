@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from contextlib import AbstractContextManager, ExitStack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.formats.physics_urdf import write_physics_urdf
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
+from pipeline.store.temporary import temporary_folder
 from stages.simulate_grasps.hand_body import HandBody
 from stages.simulate_grasps.object_shapes import COLLISION_MARGIN, ObjectShapes
 from stages.simulate_grasps.quiet_pybullet import PhysicsClient
@@ -33,14 +32,14 @@ class Simulation(AbstractContextManager["Simulation"]):
     def __init__(self, hand: Hand) -> None:
         self.hand = hand
         self.client = PhysicsClient()
-        self._folder = TemporaryDirectory(prefix="vt-pipeline-hand-")
-        self._urdf = write_physics_urdf(hand, Path(self._folder.name))
+        self._folder = ExitStack()
+        self._urdf = write_physics_urdf(hand, self._folder.enter_context(temporary_folder()))
         self._shapes = ObjectShapes(self.client)
         self._body: HandBody
 
     def __exit__(self, *_: object) -> None:
         self.client.disconnect()
-        self._folder.cleanup()
+        self._folder.close()
 
     def load(self, mesh: Mesh) -> None:
         """Replace everything by the hand and an object that collides as it is, concave, and never moves.

@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from benchmarks.provenance import provenance
+from pipeline.store.temporary import private_folder, temporary_folder
 from stages.registry import GRASP_STAGES
 from tests.faults import changes, damage, interruptions, links
 from tests.faults.sandbox import Sandbox, digests
@@ -54,7 +55,7 @@ FAULTS: dict[str, tuple[Fault, int]] = {
 NEEDS_MOUNT = ("disk full", "disk read-only")
 
 CACHES = ("inductor", "dask-scratch-space")
-"""Folders that torch and Dask keep among temporary files, one for all runs; Dask clears its own when it starts."""
+"""Folders that torch and Dask keep among temporary files for all runs; Dask clears its own when it starts."""
 
 INTRODUCTION = """# What became of faults
 
@@ -116,7 +117,10 @@ def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int
     for line in (line for log in logs for line in log.read_text().splitlines() if line.startswith("{")):
         told = json.loads(line)
         verdicts[told["kind"]].append(Verdict(**told["verdict"]))
-    if left := [path.name for path in temporary.iterdir() if not any(name in path.name for name in CACHES)]:
+    with temporary_folder():  # as the next run does, it removes what killed ones left
+        private = private_folder()
+    left = [path.name for folder in (temporary, private) for path in folder.iterdir() if path != private]
+    if left := [name for name in left if not any(cache in name for cache in CACHES)]:
         verdicts["all of these"] = [Verdict("temporary folder", fault_of_ours=f"left behind: {', '.join(left[:5])}")]
     return verdicts
 
