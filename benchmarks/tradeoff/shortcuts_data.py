@@ -19,7 +19,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.kernels.hand import penetration
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
-from pipeline.kernels.hand.palm_pose import tangent_palm_pose
+from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 from pipeline.kernels.touch.ray_depth import local_depth, ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.toy_objects import generate
@@ -106,7 +106,7 @@ def _depths(bench: Bench) -> Results:
 
 
 def _all_spheres(bench: Bench) -> Results:
-    with patch.object(penetration, "doubtful_spheres", lambda field, spheres, points: np.arange(len(spheres.radii))):
+    with patch.object(penetration, "possibly_overlapping_spheres", lambda field, spheres, points: np.arange(len(spheres.radii))):
         return _depths(bench)
 
 

@@ -11,7 +11,7 @@ from typing import Literal
 from torch import Tensor, nn
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.networks.image_tensors import COLOURS, check_intensities
+from pipeline.kernels.tensor_checks import COLOURS, check_intensities
 
 Norm = Literal["batch", "instance", "group"]
 GROUPS = 8
