@@ -30,11 +30,11 @@ REFINEMENT = 4
 NORMAL_WEIGHT = 2.0
 """Distance, in spacings, added to a face whose normal is perpendicular to the point's; opposite normals add twice that."""
 CANDIDATES = 6
-"""Faces, nearest by their middles, among which the nearest one is looked for."""
+"""Faces, nearest by their middles, among which the nearest face is searched."""
 REACH = 4.0
 """Spacings around the points within which the mesh gives way."""
 FALLOFF = 3.0
-"""What is pulled far takes more along: this multiple of the distance …"""
+"""A point pulled far moves a larger neighbourhood: this multiple of the distance …"""
 LARGEST_SHARE = 0.25
 """… but no more than this share of the mesh's extent."""
 STIFFNESS = 0.3
@@ -92,11 +92,11 @@ def attach_points(
     vertices, faces
         The mesh, normals outwards.
     points, normals
-        (N, 3) each: places on the true surface, and about its outward unit normals there; 0 where unknown.
+        (N, 3) each: points on the true surface, and its approximate outward unit normals there; 0 where unknown.
     spacing
         Length of the mesh's edges.
     tolerance
-        From each point to the mesh it is at most as far.
+        Largest distance from each point to the mesh afterwards.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def attach_points(
     -----
     A point belongs to the nearest part of the mesh that faces the same way, so that the two sides of a thin body are not confused. First
     the displacement is the one that bends least (squared graph Laplacian), which takes details along; then, close to the points, the
-    mesh itself bends least and passes near them. What is farther than the tolerance after some rounds becomes a vertex of the mesh.
+    mesh itself bends least and passes near them. Points that remain farther than the tolerance become vertices of the mesh.
     """
     if not (np.isfinite(points).all() and np.isfinite(normals).all()):
         raise InvalidInput("touched points or their normals are NaN or infinite; leave those touches out")

@@ -39,7 +39,7 @@ def level_set_mesh(
     field
         Takes points (N, 3), returns (N,) finite values.
     low, high
-        (3,) corners of the box. What is negative is cut off there, or up to 2^halvings cells beyond: the mesh is closed in any case.
+        (3,) corners of the box. A negative region is cut off there, or up to 2^halvings cells beyond, and the mesh closed.
     spacing
         Side of a grid cell, in the unit of the box; about the length of the mesh's edges.
     slope

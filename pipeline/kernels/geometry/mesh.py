@@ -53,7 +53,19 @@ class Look:
 
     @staticmethod
     def plain(vertices: int, faces: int, color: tuple[int, int, int] = (178, 178, 178)) -> Look:
-        """Make the look of one opaque colour for a mesh with these numbers of vertices and faces."""
+        """Make the look of a mesh in one opaque colour.
+
+        Parameters
+        ----------
+        vertices, faces
+            Their numbers.
+        color
+            sRGB, 0 to 255.
+
+        Returns
+        -------
+        A look without textures.
+        """
         return Look(
             uv=np.zeros((vertices, 2), np.float32),
             face_material=np.zeros(faces, np.int32),

@@ -52,6 +52,11 @@ def normalise_mesh(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: flo
 def normalising_transform(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float | None = None) -> NDArray[np.float64]:
     """Compute the transform that `normalise_mesh`, which has the same parameters, applies to points.
 
+    Parameters
+    ----------
+    mesh, up, diagonal, metres_per_unit
+        As `normalise_mesh` takes them.
+
     Returns
     -------
     (4, 4) float64, homogeneous points of the file to the world, m: a rotation times one scale, and a translation.
@@ -65,7 +70,7 @@ def normalising_transform(mesh: Mesh, *, up: str, diagonal: float, metres_per_un
 
 def _upright(mesh: Mesh, up: str, diagonal: float, metres_per_unit: float | None) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Turn the vertices upright; return them, the centre of their bounding box, and the scale."""
-    finite = np.isfinite(mesh.vertices).all(axis=1)
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(mesh.vertices).all(axis=1))
     if not (len(finite) and finite.all()):
         raise InvalidInput(f"{np.count_nonzero(finite)} of {len(finite)} vertices are finite; clean the mesh first")
     upright = mesh.vertices @ _TO_Z_UP[up].T

@@ -17,7 +17,7 @@ from pipeline.kernels.geometry.signed_distance import is_inside
 from pipeline.kernels.geometry.transforms import unit_vectors
 
 REMAINING_SHARE = 0.2
-"""Share of the distance to the surface that is left where the wrap is laid onto it: sheets that touch stay two sides of one body."""
+"""Share of the distance to the surface that remains after the wrap is moved onto it: sheets that touch stay two sides of one body."""
 SHRINK, GROW = 0.5, 0.505
 """Taubin's factors: short bumps go, the volume stays (A Signal Processing Approach to Fair Surface Design, 1995)."""
 
@@ -34,7 +34,7 @@ def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points
 
     Returns
     -------
-    Vertices and faces of the largest part, normals outwards. What lies inside it, and apart from it, is dropped.
+    Vertices and faces of the largest part, normals outwards. Parts inside it or apart from it are dropped.
 
     Raises
     ------
@@ -75,7 +75,19 @@ def largest_part(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
 
 
 def smooth_mesh(vertices: Points, faces: Faces, rounds: int) -> Points:
-    """Smooth a mesh by Taubin's filter; returns its vertices."""
+    """Smooth a mesh by Taubin's filter.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3) and (F, 3).
+    rounds
+        Pairs of a shrinking and a growing step.
+
+    Returns
+    -------
+    (V, 3) smoothed vertices, in the unit of the given ones.
+    """
     neighbours = neighbour_means(faces, len(vertices))
     for _ in range(rounds):
         for share in (SHRINK, -GROW):
@@ -84,7 +96,7 @@ def smooth_mesh(vertices: Points, faces: Faces, rounds: int) -> Points:
 
 
 def neighbour_means(faces: Faces, count: int) -> sparse.csr_array:
-    """Make the (V, V) matrix that replaces each vertex by the mean of its neighbours; one without a face stays."""
+    """Make the (V, V) matrix that replaces each vertex by the mean of its neighbours; a vertex without a face stays."""
     first, second = mesh_edges(faces)[0].T
     alone = np.setdiff1d(np.arange(count), [first, second])
     rows, columns = np.concatenate([first, second, alone]), np.concatenate([second, first, alone])
@@ -107,7 +119,11 @@ def split_edges(vertices: Points, faces: Faces, chosen: NDArray[np.bool_]) -> tu
     vertices, faces
         The mesh.
     chosen
-        (E,) bool, of the edges as `mesh_edges` numbers them.
+        (E,) bool, which edges to split, as `mesh_edges` numbers them.
+
+    Returns
+    -------
+    Vertices, the middles appended, and faces.
     """
     ends, edge = mesh_edges(faces)
     middle = np.where(chosen, len(vertices) + np.cumsum(chosen) - 1, -1)
@@ -130,7 +146,7 @@ SPLITS = {
     2: [[3, 1, 4], [0, 3, 4], [0, 4, 2]],
     3: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
 }
-"""The faces that one becomes, by the number of its sides that are split: corners are 0, 1, 2, middles of the sides after them 3, 4, 5."""
+"""The faces that replace a face, by its number of split sides: corners are 0, 1, 2, the middles of the sides after them 3, 4, 5."""
 
 
 def mesh_edges(faces: Faces) -> tuple[Faces, Faces]:

@@ -1,4 +1,4 @@
-"""Signed distance to a mesh: a grid for millions of look-ups, and exact values for the few that matter."""
+"""Signed distance to a mesh: a grid for fast look-ups, and exact values."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class DistanceField:
         if not len(points):
             return np.empty(0)
         if not np.isfinite(points).all():
-            raise ValueError("points must be finite, but some are NaN or infinite")
+            raise ValueError(f"{np.count_nonzero(~np.isfinite(points))} coordinates of points are NaN or infinite; pass finite points")
         squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
         distance: NDArray[np.float64] = np.sqrt(squared)
         distance[self._is_inside(closest, unit_vectors(points - closest), distance)] *= -1

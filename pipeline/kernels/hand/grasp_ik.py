@@ -38,7 +38,7 @@ NEAR_CONTACT = 0.0025
 MAX_CANDIDATES = 320
 """Sampled postures per finger whose clearance is measured, those with most contact first."""
 EVEN_SAMPLES = 48
-"""Sampled postures measured whatever they touch: among them are those for a finger that cannot touch."""
+"""Samples measured regardless of contact: they provide postures for a finger that cannot touch."""
 REFINED_POSTURES = 12
 """Postures per finger that are refined side by side, each replaced by its best neighbour."""
 STEPS_PER_POSTURE = 24
@@ -60,7 +60,7 @@ class GraspIk:
     hand, fingers, boxes
         The hand, its fingers' spheres and gel probes, and its links' boxes.
     clearance, finger_gap
-        What a good posture keeps between rigid links and the object, and between fingers, m.
+        Gaps that a good posture keeps between rigid links and the object, and between fingers, m.
     joint_angles
         (K, J) float64, samples spread evenly between the limits, rad.
     frames
@@ -96,7 +96,7 @@ def prepare_grasp_ik(
     samples
         Number of joint vectors.
     clearance, finger_gap
-        What a good posture keeps between rigid links and the object, and between fingers, m.
+        Gaps that a good posture keeps between rigid links and the object, and between fingers, m.
 
     Returns
     -------

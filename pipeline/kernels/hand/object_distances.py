@@ -47,7 +47,7 @@ def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sen
     hand, spheres
         The hand and its spheres, from `collision_spheres`.
     sensors
-        The one at each of the S mounts: its gel's width and thickness.
+        The sensor at each of the S mounts: its gel's width and thickness.
 
     Returns
     -------
@@ -59,9 +59,9 @@ def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sen
         No link of a finger has a collision shape.
     """
     own = tuple(spheres.of_links(finger.links) for finger in hand.fingers)
-    bodiless = [finger.name for finger, part in zip(hand.fingers, own, strict=True) if not len(part.radii)]
-    if bodiless:
-        raise InvalidInput(f"{hand.urdf}: no link of {', '.join(bodiless)} has a collision shape; give at least one link of a finger one")
+    without_shape = [finger.name for finger, part in zip(hand.fingers, own, strict=True) if not len(part.radii)]
+    if without_shape:
+        raise InvalidInput(f"{hand.urdf}: no link of {', '.join(without_shape)} has a collision shape; add one to a link of each finger")
     probes = [transform_points(mount.pose, _probes(sensor)) for mount, sensor in zip(hand.sensors, sensors, strict=True)]
     return FingerGeometry(own, np.stack(probes))
 

@@ -14,7 +14,7 @@ from pipeline.kernels.hand.model import Hand
 DIFFERENCE_STEP = 1e-5
 """rad, step of the finite differences."""
 DAMPING = 1e-3
-"""m, of the damped least squares (Wampler 1986): below it a direction counts as one that the finger cannot move in."""
+"""m, of the damped least squares (Wampler 1986): below it the finger counts as unable to move in a direction."""
 
 
 def tangent_palm_pose(

@@ -187,6 +187,10 @@ def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.floa
         The hand and its boxes, from `collision_boxes`.
     frames
         (N, L, 4, 4) float64 link frames of N postures, m.
+
+    Returns
+    -------
+    Pairs with the share of postures in which they overlap, and their depth.
     """
     overlaps = []
     for pair, gap in _link_gaps(hand, boxes, frames):

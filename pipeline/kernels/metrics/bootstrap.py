@@ -17,7 +17,7 @@ BATCH = 1000
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean, and the ends of its interval; they are infinite where one object alone says nothing of others.
+    """A mean, and the ends of its interval; infinite for a single object.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ def mean_interval(values: NDArray[np.float64], rng: np.random.Generator) -> Inte
     Notes
     -----
     Objects and trainings are drawn with replacement, independently of each other (the pigeonhole bootstrap; Owen, 2007). With few of
-    either, the interval is too short: of 5 objects it holds the truth about 80 times in 100 where it says 95, and of S trainings it
+    either, the interval is too short: of 5 objects its true coverage is about 80 % instead of 95 %, and of S trainings it
     contains (S - 1) / S of the variance between them: none of a single training. Read it with their numbers.
     """
     values = _checked(values)

@@ -16,7 +16,7 @@ from pipeline.errors import InvalidInput
 TABLE_3_FACTOR = 9000.0
 """Table 3's values are consistent with this multiple of the Chamfer distance in m² (anything from 5,000 to 12,000 would be)."""
 MAX_NEIGHBOURS = 16
-"""Nearest points among which one is looked for on the same side of a surface."""
+"""Nearest points among which a point on the same side of a surface is searched."""
 
 
 def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -71,7 +71,7 @@ class CloudDistances:
         tau
             Greatest squared distance that counts as near, m² of the scaled clouds.
         scale
-            What both clouds are multiplied by beforehand.
+            Factor that both clouds are multiplied by beforehand.
 
         Returns
         -------
@@ -167,7 +167,7 @@ def sampled_area(points: NDArray[np.floating], normals: NDArray[np.floating] | N
         nearest = distances[:, 1]
     else:
         same_side = (normals[others] * normals[:, None]).sum(axis=2) > 0  # (N, near)
-        same_side[:, -1] = True  # all the others are on the other side: rare, and the last one is not too near
+        same_side[:, -1] = True  # all the others are on the other side: rare, and the last of them is not too near
         nearest = np.take_along_axis(distances, same_side.argmax(axis=1)[:, None], axis=1)[:, 0]
     return float(np.pi * (len(points) - 1) * np.square(nearest).mean())
 

@@ -78,7 +78,7 @@ def _agreement(points: Points, normals: Points, others: Points, other_normals: P
 
 
 def crossing_faces(vertices: Points, faces: Faces, position: NDArray[np.integer] | None = None) -> NDArray[np.bool_]:
-    """Find the faces that cross another one; neighbours, which share a vertex, are not looked at.
+    """Find the faces that cross another one; neighbours, which share a vertex, are skipped.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def intersection_over_union(first: tuple[Points, Faces], second: tuple[Points, F
     Parameters
     ----------
     first, second
-        Vertices and faces. What has a winding number above one half, or below minus that, is inside: small gaps do little.
+        Vertices and faces. Points with a winding number above 0.5 or below -0.5 are inside: small gaps change little.
     points
         (N, 3) m.
 

@@ -1,4 +1,4 @@
-"""Which pixels of a tactile image differ from the untouched one (supplement 2.2)."""
+"""Contact masks: the pixels of a tactile image that differ from the untouched image (supplement 2.2)."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ INITIAL_OUTPUT_SCALE = 0.1
 """Share of their usual size that the last weights of each residual block begin with."""
 
 FINGER_DEPTH = 0.015
-"""m: the finger is as deep behind a place that its sensor touches, and nothing of the object is there."""
+"""m: depth of the finger behind a touched point, where the object cannot be."""
 
 TANH_SLOPE = 0.05
 """Slope that is added to the tanh of the predicted distances: a tanh alone is flat where most points are, and stops learning there."""
@@ -81,7 +81,7 @@ class Encoding:
     overall
         (B, G) global features.
     touches
-        What was felt of each item; None without touch.
+        Touched points of each item; None without touch.
     """
 
     maps: list[Tensor]
@@ -143,7 +143,19 @@ class ImplicitNetwork(nn.Module):
         touched: Tensor,
         counts: Sequence[int],
     ) -> Tensor:
-        """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m; the other arguments are those of `encode`."""
+        """Predict signed distances.
+
+        Parameters
+        ----------
+        queries
+            (B, N, 3) world, m.
+        images, camera, touch_vertices, touched, counts
+            As `encode` takes them.
+
+        Returns
+        -------
+        (B, N) m, outside positive.
+        """
         code = self.encode(images=images, camera=camera, touch_vertices=touch_vertices, touched=touched, counts=counts)
         return self.decode(code, queries)
 
@@ -156,6 +168,10 @@ class ImplicitNetwork(nn.Module):
         ----------
         images, camera, touch_vertices, touched, counts
             As `DeformationNetwork.forward` takes them.
+
+        Returns
+        -------
+        The encoding, from which `decode` predicts.
 
         Raises
         ------
@@ -200,7 +216,7 @@ class ImplicitNetwork(nn.Module):
         return self.config.band * (torch.tanh(last) + TANH_SLOPE * last), felt
 
     def decode_with_touches(self, code: Encoding, queries: Tensor) -> Tensor:
-        """Predict distances as `decode`, but go by the touches where one is near: for reconstructions.
+        """Predict distances as `decode`, but follow the touches near them: for reconstructions.
 
         A network learns from few points near touches, and misses them by millimetres where charts miss them by tenths. At a distance d from
         the nearest touched point, and the finger above it, the height above its tangent plane has the weight exp(-(d / touch_reach)⁴), the

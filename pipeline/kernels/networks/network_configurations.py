@@ -22,7 +22,7 @@ class NetworkInputs(BaseModel):
     Attributes
     ----------
     image
-        Which image it sees, if any; "rendering" is one of several of the object, each with a camera of its own.
+        The image it sees, if any; "rendering" is one of several images of the object, each with its own camera.
     touch
         Whether it is given touch charts and which of them touched.
     encoder_layers, encoder_kernel, encoder_norm, encoder_width
@@ -60,7 +60,7 @@ class NetworkConfig(NetworkInputs):
     splits
         Vision charts: 24 · 4^splits of them.
     seams
-        "tied": vision vertices that coincide move as one, by the mean of what the network says of each; "open": each for itself.
+        "tied": vision vertices that coincide move as one, by the mean of their predicted displacements; "open": each by its own.
     touch_edges
         "all": each vision vertex has the centres of its item's touch charts for neighbours, which do not see it; "centres": the centres of
         vision charts and of touch charts are each other's neighbours.

@@ -82,8 +82,8 @@ def test_far_points_draw_the_chart_towards_them(kind: str) -> None:
 @pytest.mark.parametrize(
     ("points", "faces", "message"),
     [
-        (np.zeros((0, 3)), [[0, 1, 2]], "0 points, 1 faces"),
-        (np.zeros((2, 3)), np.zeros((0, 3), int), "2 points, 0 faces"),
+        (np.zeros((0, 3)), [[0, 1, 2]], "0 points and 1 faces"),
+        (np.zeros((2, 3)), np.zeros((0, 3), int), "2 points and 0 faces"),
         (np.full((2, 3), np.nan), [[0, 1, 2]], "NaN"),
         (np.full((2, 3), np.inf), [[0, 1, 2]], "infinity"),
     ],

@@ -32,7 +32,7 @@ def test_query_features_hold_the_height_above_the_nearest_touch():
     (item,) = split_touches(charts, torch.tensor([True, False]), [2])
     heights = torch.tensor([-0.1, 0.0, 0.05, 0.2], dtype=torch.float64)
     queries = torch.stack([torch.zeros(4), torch.zeros(4), RADIUS + heights], dim=1)
-    found = item.features(queries)
+    found = item.features_at(queries)
     assert found.shape == (4, TOUCH_FEATURES)
     touched, outside = found[:, :NEAREST_POINT_FEATURES], found[:, NEAREST_POINT_FEATURES:]
     torch.testing.assert_close(touched[:, 6], heights)
@@ -45,14 +45,14 @@ def test_query_features_depend_on_the_items_own_touches_and_are_zero_without():
     charts = torch.stack([chart_on_ball(), 2 * chart_on_ball()])
     first, none, second = split_touches(charts, torch.tensor([True, True]), [1, 0, 1])
     queries = torch.from_numpy(np.random.default_rng(0).normal(size=(6, 3)))
-    assert not none.features(queries).any()
-    assert none.described.shape == (0, 7)
-    assert not first.features(queries)[:, NEAREST_POINT_FEATURES:].any()
-    torch.testing.assert_close(2 * first.features(queries)[:, :3], second.features(2 * queries)[:, :3])
+    assert not none.features_at(queries).any()
+    assert none.point_features.shape == (0, 7)
+    assert not first.features_at(queries)[:, NEAREST_POINT_FEATURES:].any()
+    torch.testing.assert_close(2 * first.features_at(queries)[:, :3], second.features_at(2 * queries)[:, :3])
 
 
 @pytest.mark.parametrize("flag", [True, False])
 def test_point_features_hold_position_normal_and_touch(flag):
     (item,) = split_touches(chart_on_ball()[None], torch.tensor([flag]), [1])
-    torch.testing.assert_close(item.described[:, :3], chart_on_ball())
-    assert (item.described[:, 6] == float(flag)).all()
+    torch.testing.assert_close(item.point_features[:, :3], chart_on_ball())
+    assert (item.point_features[:, 6] == float(flag)).all()
