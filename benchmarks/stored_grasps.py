@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from benchmarks.timing import Table, quantiles
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.triangle_sampling import sample_triangles
+from pipeline.kernels.geometry.mesh import Mesh, sample_triangles
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.face_culling import box_faces

@@ -12,9 +12,9 @@ from torch.utils.data import DataLoader
 
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.networks.image_tensors import network_input
 from pipeline.kernels.networks.touch_losses import masked_depth_loss
 from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.tensor_checks import network_input
 from pipeline.kernels.touch.gel_surface import gel_surface
 
 data, split, epochs = (*sys.argv[1:], *("data/toy/draft", "train", "2")[len(sys.argv) - 1 :])

@@ -17,9 +17,9 @@ from pipeline.engine.unit import Unit
 from pipeline.kernels.geometry import exterior_sampling
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import normalise_mesh
-from pipeline.kernels.hand import penetration
+from pipeline.kernels.hand import object_distances
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
-from pipeline.kernels.hand.palm_pose import tangent_palm_pose
+from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 from pipeline.kernels.touch.ray_depth import local_depth, ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.toy_objects import generate
@@ -102,11 +102,11 @@ def _all_rays(bench: Bench) -> Results:
 
 def _depths(bench: Bench) -> Results:
     field, spheres = bench.prepared_object.field, bench.prepared_hand.spheres
-    return {"depth": np.array([penetration.penetration_depth(field, spheres, frames) for frames in bench.frames])}
+    return {"depth": np.array([object_distances.penetration_depth(field, spheres, frames) for frames in bench.frames])}
 
 
 def _all_spheres(bench: Bench) -> Results:
-    with patch.object(penetration, "doubtful_spheres", lambda field, spheres, points: np.arange(len(spheres.radii))):
+    with patch.object(object_distances, "possibly_overlapping_spheres", lambda field, spheres, points: np.arange(len(spheres.radii))):
         return _depths(bench)
 
 

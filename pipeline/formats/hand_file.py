@@ -18,10 +18,9 @@ from pipeline.formats.description_file import description_path, read_description
 from pipeline.formats.hand_joints import JointRoles, joint_roles, moved_links
 from pipeline.formats.urdf import read_urdf
 from pipeline.kernels.geometry.transforms import length
-from pipeline.kernels.hand.collision_shapes import collision_boxes
-from pipeline.kernels.hand.convex_parts import split_link
+from pipeline.kernels.hand.collision_shapes import collision_boxes, split_into_convex_parts
 from pipeline.kernels.hand.model import Finger, Hand, Joint, Mount
-from pipeline.kernels.hand.resting_contacts import overlapping_neighbours
+from pipeline.kernels.hand.self_collision import overlapping_neighbours
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
@@ -99,7 +98,7 @@ def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
     numbers = {link.name: i for i, link in enumerate(links)}
     for name, count in file.convex_parts.items():
         number = _find("link", name, numbers)
-        links = (*links[:number], split_link(links[number], count), *links[number + 1 :])
+        links = (*links[:number], split_into_convex_parts(links[number], count), *links[number + 1 :])
     fingers, sensors = _fingers(file, roles, numbers, path)
     return Hand(
         name=file.name,

@@ -9,8 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.level_set import level_set_mesh
-from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS
-from pipeline.kernels.networks.implicit_network import Code, ImplicitNetwork
+from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS, Encoding, ImplicitNetwork
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 
@@ -38,19 +37,19 @@ class ImplicitReconstructor(Reconstructor):
             found.append(Reconstruction(vertices, faces, vision=len(vertices), position=every, side=self.config.side))
         return found
 
-    def _mesh(self, code: Code) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def _mesh(self, code: Encoding) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Mesh the zeros of one item's distances; where nothing is inside, the places that are nearest to being so."""
 
         def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
             queries = torch.from_numpy(points).to(code.overall)
-            parts = [self.network.decode_trusting_touches(code, part[None])[0] for part in torch.split(queries, QUERIES)]
+            parts = [self.network.decode_with_touches(code, part[None])[0] for part in torch.split(queries, QUERIES)]
             return np.asarray(torch.cat(parts).double().cpu().numpy())
 
         config = self.network.config
         centre, reach, spacing = np.array(config.centre), MARGIN * config.radius, config.spacing
         box = centre - reach, centre + reach
         vertices, faces = level_set_mesh(
-            distances, *box, spacing, halvings=HALVINGS, steep=self.network.touched_points(code), within=config.touch_reach
+            distances, *box, spacing, halvings=HALVINGS, dense_points=self.network.touched_points(code), dense_radius=config.touch_reach
         )
         if len(faces):
             return vertices, faces

@@ -12,8 +12,8 @@ from torch import Tensor
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import InvalidInput
-from pipeline.kernels.networks.image_tensors import network_input
 from pipeline.kernels.networks.network_configurations import NetworkInputs
+from pipeline.kernels.tensor_checks import network_input
 
 
 @dataclass(frozen=True)

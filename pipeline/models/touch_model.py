@@ -14,8 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.networks.image_tensors import COLOURS, network_input
 from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.tensor_checks import COLOURS, network_input
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 from pipeline.models.model_files import load_network, read_description, save_model, unusable
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.transforms import transform_points
-from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_links
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.model import Hand
 from pipeline.reports.contact_sheet_page import finger_colors
 from pipeline.reports.picture_row import save_figure
@@ -43,7 +43,7 @@ def hand_picture(hand: Hand, widths: Sequence[float], overlaps: Sequence[tuple[i
     """
     rest = np.clip(0.0, hand.lower, hand.upper)
     frames = forward_kinematics(hand, np.eye(4), rest)
-    sensors, closing = sensors_of_links(hand, frames), closing_directions(hand, rest)
+    sensors, closing = sensor_poses_from_links(hand, frames), closing_directions(hand, rest)
     red = {link for pair in overlaps for link in pair}
     colors = np.array(finger_colors(len(sensors))) / 255
     figure = Figure(figsize=(18, 7), layout="constrained")
@@ -78,9 +78,9 @@ def closing_directions(hand: Hand, joint_angles: NDArray[np.float64]) -> NDArray
     -------
     (S, 3) float64, m: every joint moves by a share of its range in the sense that carries the sensor forwards.
     """
-    rest = sensors_of_links(hand, forward_kinematics(hand, np.eye(4), joint_angles))
+    rest = sensor_poses_from_links(hand, forward_kinematics(hand, np.eye(4), joint_angles))
     steps = STEP * (hand.upper - hand.lower)
-    moved = sensors_of_links(hand, forward_kinematics(hand, np.eye(4), joint_angles + np.diag(steps)))  # (J, S, 4, 4)
+    moved = sensor_poses_from_links(hand, forward_kinematics(hand, np.eye(4), joint_angles + np.diag(steps)))  # (J, S, 4, 4)
     shift = moved[..., :3, 3] - rest[:, :3, 3]  # (J, S, 3)
     forwards = np.einsum("jsi,si->js", shift, rest[:, :3, 2])
     return np.asarray(np.einsum("jsi,js->si", shift, np.sign(forwards)))

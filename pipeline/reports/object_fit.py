@@ -13,7 +13,7 @@ from pipeline.formats.description_file import load_scene
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.physics_urdf import links_without_mass
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
-from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_links
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
 from pipeline.rng import numpy_rng
@@ -79,7 +79,7 @@ def sensor_places(hand: Hand) -> NDArray[np.float64]:
     """Compute where the S sensors are in P random postures and at the joints' limits: (P, S, 3), frame of the palm's link, m."""
     angles = numpy_rng(0, "opening", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
     frames = forward_kinematics(hand, np.eye(4), np.concatenate([angles, [hand.lower, hand.upper]]))
-    return sensors_of_links(hand, frames)[..., :3, 3]
+    return sensor_poses_from_links(hand, frames)[..., :3, 3]
 
 
 def opening(hand: Hand) -> float:

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.charts.touch_chart import SIDE
-from pipeline.kernels.metrics.chamfer import Target
+from pipeline.kernels.metrics.chamfer import SearchCloud
 from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.store.storage import Place
@@ -38,7 +38,7 @@ class Items:
     def __init__(self, data: Place, split: str, config: NetworkInputs, each: int, *, learned: tuple[str, ...] = ("points",)) -> None:
         self.rows = ObjectRows(data, arrays_of(config, learned), split)
         self.config, self.each = config, each
-        self._targets: dict[str, Target] = {}
+        self._targets: dict[str, SearchCloud] = {}
 
     def __len__(self) -> int:
         return len(self.rows) * self.each
@@ -58,13 +58,13 @@ class Items:
         """Read the rows and columns of the images; None without them."""
         return None if self.config.image is None else [self.rows.size(self.config.image, dim) for dim in ("row", "col")]
 
-    def target(self, item: int) -> Target:
+    def target(self, item: int) -> SearchCloud:
         """Read the object's points, (N, 3) float32, m, world."""
         object_id = self.object_of(item)
         if object_id not in self._targets:
             if len(self._targets) == TARGETS:
                 del self._targets[next(iter(self._targets))]  # the oldest
-            self._targets[object_id] = Target(torch.tensor(self.rows.read("points", object_id)))
+            self._targets[object_id] = SearchCloud(torch.tensor(self.rows.read("points", object_id)))
         return self._targets[object_id]
 
     def object_of(self, item: int) -> str:

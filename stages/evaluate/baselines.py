@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
-from pipeline.kernels.metrics.retrieval import chamfer_matrix, mean_squared, silhouette_overlap
+from pipeline.kernels.metrics.retrieval import chamfer_matrix, mean_squared_distance, silhouette_overlap
 from stages.evaluate.evaluation_files import Figure, Figures
 from stages.evaluate.ground_truth import TestObjects
 
@@ -70,7 +70,7 @@ def retrieved(
         chosen["by silhouette"] = np.array(alike) // len(masks[0])  # (object, view)
     if touched is not None:
         trees = [cKDTree(cloud) for cloud in few]
-        chosen["by touch"] = np.array([np.argmin([mean_squared(tree, points) for tree in trees]) for points in touched])
+        chosen["by touch"] = np.array([np.argmin([mean_squared_distance(tree, points) for tree in trees]) for points in touched])
     chosen["by truth"] = chamfer_matrix(asked, few).argmin(axis=1)
     views, ids = max(found[0].size for found in chosen.values()), objects.rows.object_ids
     return {LOOKED_UP + how: Figures(ids, _measured(objects, clouds, found, views, figures)) for how, found in chosen.items()}

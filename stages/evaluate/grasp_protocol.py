@@ -23,7 +23,7 @@ from pipeline.kernels.metrics.surface_quality import (
     seam_gaps,
     surface_area,
 )
-from pipeline.kernels.metrics.touch_site_rings import ring_means, ring_of
+from pipeline.kernels.metrics.touch_site_rings import ring_indices, ring_means
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.vision.labels import Label
 from pipeline.models.reconstruction import Reconstructor, close_reconstruction
@@ -87,7 +87,7 @@ class GraspProtocol(Protocol):
         points, rings = self.objects.points(one.row), self.settings.rings
         for grasp in one.case.firsts:
             for sensor in np.flatnonzero(self.touched[one.row, grasp]):
-                ring = ring_of(points, self.poses[one.row, grasp, sensor], self.sensor.width, rings)
+                ring = ring_indices(points, self.poses[one.row, grasp, sensor], self.sensor.width, rings)
                 means, counts = ring_means(one.apart.truth, ring, rings)
                 yield from ((grasp, f"local_chamfer_{at + 1}", float(means[at])) for at in np.flatnonzero(counts))
 

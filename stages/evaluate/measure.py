@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.console import Meter
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError
-from pipeline.kernels.geometry.triangle_sampling import sample_triangles
+from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
 from pipeline.models.observation import Observation, stored_observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor

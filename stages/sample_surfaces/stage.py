@@ -16,7 +16,7 @@ from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh
-from pipeline.kernels.geometry.normalise import normalise_mesh, placement_of
+from pipeline.kernels.geometry.normalise import normalise_mesh, normalising_transform
 from pipeline.rng import numpy_rng
 from pipeline.store.rows import Row
 from pipeline.toy_objects import KINDS, generate
@@ -80,7 +80,7 @@ def normalised_mesh(unit: Unit, settings: SurfaceSettings) -> tuple[Mesh, np.nda
     source = unit.source
     mesh, report = clean_mesh(source_mesh(unit), settings.max_faces)
     how = {"up": source.get("up", "z"), "diagonal": settings.diagonal, "metres_per_unit": source.get("metres_per_unit")}
-    return normalise_mesh(mesh, **how), placement_of(mesh, **how), report
+    return normalise_mesh(mesh, **how), normalising_transform(mesh, **how), report
 
 
 def source_mesh(unit: Unit) -> Mesh:

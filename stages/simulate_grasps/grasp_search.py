@@ -10,13 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.transforms import length
-from pipeline.kernels.hand.finger_distances import finger_clearance
-from pipeline.kernels.hand.grasp_closure import Contact, closure_margin, contact_of, opposition_angle
+from pipeline.kernels.hand.grasp_closure import Contact, closure_margin, contact_from_depth, opposition_angle
 from pipeline.kernels.hand.grasp_ik import fingers_fit, grasp_ik
-from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_links
-from pipeline.kernels.hand.palm_pose import tangent_palm_pose
-from pipeline.kernels.hand.penetration import penetration_depth
-from pipeline.kernels.hand.pregrasp import pregrasp_angles
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
+from pipeline.kernels.hand.object_distances import finger_clearance, penetration_depth
+from pipeline.kernels.hand.pregrasp import pregrasp_angles, tangent_palm_pose
 from pipeline.kernels.hand.self_collision import hand_gap
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.ray_depth import ray_depth
@@ -97,7 +95,7 @@ class GraspSearch:
         steps, speed = self.settings.settle_steps, self.settings.resting_speed
         angles, rests = self.physics.settle(pose, start, target, max_steps=steps, resting_speed=speed)
         frames = forward_kinematics(hand, pose, angles)
-        poses = sensors_of_links(hand, frames)
+        poses = sensor_poses_from_links(hand, frames)
         worn = list(zip(poses, self.prepared_hand.sensors, strict=True))
         depths = [ray_depth(self.prepared_object.faces, *one) for one in worn]
         touched = np.array([touch_success(depth, sensor) for depth, (_, sensor) in zip(depths, worn, strict=True)])
@@ -108,7 +106,7 @@ class GraspSearch:
             and hand_gap(hand, ik.boxes, frames) >= 0
             and penetration <= self.settings.penetration_limit
         )
-        contacts = [contact_of(depth, *one) if touches else None for depth, one, touches in zip(depths, worn, touched, strict=True)]
+        contacts = [contact_from_depth(depth, *one) if touches else None for depth, one, touches in zip(depths, worn, touched, strict=True)]
         return Grasp(pose, angles, poses, touched, penetration, sound, contacts, self._closure(contacts) if sound else 0.0)
 
     def _closure(self, contacts: list[Contact | None]) -> float:

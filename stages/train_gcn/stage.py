@@ -10,7 +10,7 @@ from torch import Tensor
 
 from pipeline.engine.stage import Cost
 from pipeline.kernels.charts.touch_chart import SIDE
-from pipeline.kernels.metrics.chamfer import Target, squared_distances
+from pipeline.kernels.metrics.chamfer import SearchCloud, squared_distances
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.metrics.surface_regularisers import bending, edge_length, laplacian, neighbouring_faces, neighbouring_vertices
 from pipeline.kernels.metrics.surface_sampling import sample_surface
@@ -33,9 +33,9 @@ class GcnLearner(ReconstructionLearner):
         faces = network.charts.position[network.charts.faces]  # of the closed surface that vertices that coincide make together
         self._faces, self._edges, self._pairs = torch.tensor(faces), neighbouring_vertices(faces), neighbouring_faces(faces)
         sphere = torch.tensor(network.config.radius * network.charts.vertices + network.config.centre)  # (V, 3), m
-        self._start = network.merged(sphere[None])
+        self._start = network.merge_coinciding(sphere[None])
 
-    def targets(self, items: Items, chosen: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> list[Target]:
+    def targets(self, items: Items, chosen: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> list[SearchCloud]:
         """Read the points of each item's object."""
         return [items.target(item) for item in chosen]
 
@@ -67,7 +67,7 @@ class GcnLearner(ReconstructionLearner):
         settings, total = self.settings, deformed.new_zeros(())
         if not (settings.edge_weight or settings.laplacian_weight or settings.bending_weight):
             return total
-        surface = self.network.merged(deformed)
+        surface = self.network.merge_coinciding(deformed)
         if settings.edge_weight:
             total = total + TABLE_3_FACTOR * settings.edge_weight * edge_length(surface, self._edges).mean()
         if settings.laplacian_weight:

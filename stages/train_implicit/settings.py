@@ -6,7 +6,7 @@ from typing import Literal
 
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.image_encoder import Norm
-from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS
+from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS
 from pipeline.training.schedule import Schedule
 from pipeline.training.settings import ReconstructionSettings
 

@@ -12,9 +12,9 @@ from torch import Tensor, nn
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
 from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.networks.image_tensors import network_input
 from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
 from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.tensor_checks import network_input
 from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.storage import Place

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.contact_mask import THRESHOLD
-from pipeline.kernels.networks.image_tensors import COLOURS
+from pipeline.kernels.tensor_checks import COLOURS
 from pipeline.training.settings import TrainingSettings
 
 

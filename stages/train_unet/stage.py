@@ -6,7 +6,7 @@ from typing import Any
 
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.errors import StageError
-from pipeline.kernels.networks.unet import SMALLEST, UNet
+from pipeline.kernels.networks.unet import MIN_SIDE, UNet
 from pipeline.models.touch_model import save_touch_model
 from pipeline.rng import seeded_weights
 from pipeline.training import checkpoint
@@ -51,9 +51,9 @@ class TrainUnet(DatasetStage):
         """Train, and write the best epoch's weights with what their users need: width, sensor, threshold, untouched tactile image."""
         settings: UnetSettings = job.settings
         touches, valid = (load_touches(job.data, split) for split in ("train", "valid"))
-        if min(touches.sensor.shape) < SMALLEST:
+        if min(touches.sensor.shape) < MIN_SIDE:
             rows, cols = touches.sensor.shape
-            raise StageError(f"sensor {touches.sensor.name} has {rows} x {cols} pixels, the U-Net takes {SMALLEST} x {SMALLEST} or more")
+            raise StageError(f"sensor {touches.sensor.name} has {rows} x {cols} pixels, the U-Net takes {MIN_SIDE} x {MIN_SIDE} or more")
         with seeded_weights(job.seed, self.name):
             network = UNet(settings.width)
         facts = train(UnetLearner(network, touches, valid, settings), settings, folder=job.folder, seed=job.seed, name=self.name)

@@ -16,7 +16,7 @@ from benchmarks.tradeoff.shortcut import Results, Shortcut
 from benchmarks.tradeoff.shortcuts import EQUAL, difference, measure
 from pipeline.kernels.geometry.exterior_sampling import EscapeTest
 from pipeline.kernels.hand.distance_field import DistanceField
-from pipeline.kernels.metrics.chamfer import Target
+from pipeline.kernels.metrics.chamfer import SearchCloud
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.touch import ray_depth
 from stages.simulate_grasps.grasp_search import GraspSearch
@@ -58,7 +58,7 @@ WORK = {
     "doubtful spheres": Work(DistanceField, "exact", lambda field, points: len(points)),
     "enough attempts": Work(GraspSearch, "attempt"),
     "prism": Work(ray_depth, "scan_convert", lambda faces, *_: faces.shape[2]),
-    "fewer samples per step": Work(Target, "nearest", lambda target, points: len(points)),
+    "fewer samples per step": Work(SearchCloud, "nearest", lambda target, points: len(points)),
     "sparse neighbours": Work(torch.Tensor, "__matmul__", lambda matrix, columns: entries(matrix) * columns.shape[1]),
     "each case once": Work(DeformationNetwork, "forward"),
 }

@@ -17,7 +17,7 @@ def scaled(values, factor, product):
 """
 
 
-def test_functions_that_no_folder_can_cache_are_compiled_all_the_same() -> None:
+def test_cached_compiles_without_a_writable_folder() -> None:
     made: dict = {}
     exec(SOURCE, made)  # numba keeps no machine code of a function without a file
     assert compiled(made["quotient"])(1.0, 0.0) == np.inf

@@ -20,7 +20,7 @@ def gel_heights(sensor: Sensor) -> np.ndarray:
 
 
 def _leaves_bulge(x: float, y: float, sensor: Sensor) -> float:
-    """The greater root z of |(x, y, z) - centre|² = R²; a cylinder has no part of it along its axis."""
+    """Compute the greater root z of |(x, y, z) - centre|² = R²; a cylinder has no part of it along its axis."""
     start = np.array([x * (sensor.surface.along != "y"), y * (sensor.surface.along != "x"), 0.0])
     centre = np.array([0, 0, sensor.w - sensor.surface.radius])
     half_b, c = (start - centre)[2], (start - centre) @ (start - centre) - sensor.surface.radius**2
@@ -28,7 +28,7 @@ def _leaves_bulge(x: float, y: float, sensor: Sensor) -> float:
 
 
 def _on_map(x: float, y: float, sensor: Sensor) -> float:
-    """The mean of the four heights around the point, weighted by the areas opposite to them."""
+    """Compute the mean of the four heights around the point, weighted by the areas opposite to them."""
     heights = sensor.surface.heights
     down, across = (y / sensor.height + 0.5) * (len(heights) - 1), (x / sensor.width + 0.5) * (len(heights[0]) - 1)
     row, col = min(int(down), len(heights) - 2), min(int(across), len(heights[0]) - 2)

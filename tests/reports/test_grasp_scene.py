@@ -11,7 +11,7 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.mesh_files import Y_UP
 from pipeline.kernels.geometry.mesh import Look, Mesh
-from pipeline.kernels.hand.kinematics import forward_kinematics, sensors_of_links
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.reports.grasp_scene import GRID, OBJECT_FACES, GraspScenes
 
 HAND, SENSOR = load_hand("allegro_right"), load_sensor("gel_16mm")
@@ -26,7 +26,7 @@ def ball(subdivisions: int, color: tuple[int, int, int]) -> Mesh:
 def rows():
     pose, angles = np.eye(4), (HAND.lower + HAND.upper) / 2
     pose[:3, 3] = 0.3, 0, 0
-    sensors = sensors_of_links(HAND, forward_kinematics(HAND, pose, angles))
+    sensors = sensor_poses_from_links(HAND, forward_kinematics(HAND, pose, angles))
     depth = np.full((1, len(sensors), *SENSOR.shape), np.inf, np.float32)
     depth[0, 0] = SENSOR.w / 2
     touched = np.arange(len(sensors))[None] == 0

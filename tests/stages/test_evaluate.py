@@ -17,7 +17,7 @@ from pipeline.engine.run import make_plans, run
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.charts.vision_charts import vision_charts
-from pipeline.kernels.geometry.triangle_sampling import sample_triangles
+from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.metrics.bootstrap import Interval
 from pipeline.kernels.metrics.cloud_distances import nearest_squared, sampling_floor
 from pipeline.models.deformation_reconstruction import DeformationReconstructor

@@ -122,7 +122,7 @@ def test_edges_are_shorter_where_the_loss_asks_for_it(tmp_path, data):
             optimizer.step()
         seen = stack_observations([items.view(0, 1, np.array([0]))], config, camera=None, like=torch.zeros(()))
         vertices = network(**vars(seen)).detach()
-        return float(edge_length(network.merged(vertices), neighbouring_vertices(network.charts.position[network.charts.faces])))
+        return float(edge_length(network.merge_coinciding(vertices), neighbouring_vertices(network.charts.position[network.charts.faces])))
 
     without, asked = edge(0.0), edge(50.0)
     print(f"mean squared edge {without:.3g} m², {asked:.3g} m² with its weight")

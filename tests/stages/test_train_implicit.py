@@ -16,7 +16,7 @@ from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.errors import InvalidInput, StageError
 from pipeline.inference.predict import predict
-from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS
+from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.reports.reconstruction_gallery import predicted_mesh

@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pipeline.kernels.charts.fit_options import FitOptions, StopRule
-from pipeline.kernels.metrics.chamfer import Target
+from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface
+from pipeline.kernels.metrics.chamfer import SearchCloud
 from pipeline.kernels.metrics.cloud_distances import sampling_floor
-from pipeline.kernels.metrics.surface_distance import rms_distance_to_surface
+from pipeline.kernels.metrics.surface_regularisers import neighbouring_vertices
 from pipeline.kernels.metrics.surface_sampling import doubled_areas, map_to_surfaces
 
 CHECK_MARGIN = 2.0
 """The exact loss is checked once its estimate is below this many halts: in 10 steps it falls by less than that."""
-NEAR = 10.0
+NEAR_FLOORS = 10.0
 """A chart is near its cloud once its loss is below this many sampling floors of `cloud_points`. Until then those points stand for the
 whole cloud: from afar many points are about equally near, where a tree of all of them is ten times slower."""
 BETAS = 0.9, 0.999
@@ -43,7 +44,7 @@ class ChartState:
         size = min(cloud_points or len(cloud), len(cloud))
         order = torch.randperm(len(cloud), generator=generator) if size < len(cloud) else torch.arange(len(cloud))
         parts = torch.split(cloud[order.to(cloud.device)], size)[: len(cloud) // size]  # a last one of fewer points is left out
-        self.cloud, self.first_part, self.parts = Target(cloud), Target(parts[0]), cycle(parts)
+        self.cloud, self.first_part, self.parts = SearchCloud(cloud), SearchCloud(parts[0]), cycle(parts)
         self.generator = generator
         self.steps = 0
         self.loss = self.residual = float("inf")
@@ -70,7 +71,7 @@ class ChartOptimizer:
         self._charts, self._faces, self._options = charts, faces, options
         self._state = square.new_zeros(3, len(charts), *square.shape)  # vertices, mean gradient, mean squared gradient: (3, B, V, 3)
         self._state[0] = square
-        self._springs = options.edge_weight * _squared_edges(faces, len(square)).to(square) if options.edge_weight else None
+        self._edge_matrix = options.edge_weight * _squared_edges(faces, len(square)).to(square) if options.edge_weight else None
 
     def run(self) -> None:
         """Take steps with each chart until all are done."""
@@ -87,7 +88,7 @@ class ChartOptimizer:
             group = [i for i in range(len(self._charts)) if checked[i] == exact and i not in done]
             if group:
                 losses, gradient[group] = self._losses(group, exact)
-                rules = [self._judge(i, loss, exact) for i, loss in zip(group, losses, strict=True)]
+                rules = [self._check_stop_rule(i, loss, exact) for i, loss in zip(group, losses, strict=True)]
                 done |= {i: rule for i, rule in zip(group, rules, strict=True) if rule is not None}
         for i, rule in done.items():
             chart = self._charts[i]
@@ -108,7 +109,7 @@ class ChartOptimizer:
         return float(np.mean(chart.recent)) - coarser < CHECK_MARGIN * options.halt
 
     def _losses(self, group: list[int], exact: bool) -> tuple[list[float], Tensor]:
-        """The Chamfer distance of each chart of the group, exact or a step's, and its gradient (group, V, 3)."""
+        """Compute the Chamfer distance of each chart of the group, exact or a step's, and its gradient (group, V, 3)."""
         charts = [self._charts[i] for i in group]
         count = self._options.samples if exact else self._options.step_samples
         uniform = torch.stack([torch.rand(count, 3, generator=chart.generator, dtype=torch.float64) for chart in charts])
@@ -118,21 +119,21 @@ class ChartOptimizer:
         samples = map_to_surfaces(vertices, self._faces, uniform)  # (group, n, 3)
         drawn = samples.detach()
         nearest = torch.stack([target.points[target.nearest(row)] for target, row in zip(targets, drawn, strict=True)])
-        back = torch.cat([Target(row).nearest(cloud) + i * count for i, (cloud, row) in enumerate(zip(clouds, drawn, strict=True))])
+        back = torch.cat([SearchCloud(row).nearest(cloud) + i * count for i, (cloud, row) in enumerate(zip(clouds, drawn, strict=True))])
         to_cloud = (samples - nearest).square().sum(dim=-1)  # (group, n)
         to_chart = (samples.reshape(-1, 3).index_select(0, back) - torch.cat(clouds)).square().sum(dim=-1)
-        each = zip(to_cloud, torch.split(to_chart, [len(cloud) for cloud in clouds]), strict=True)
-        losses = torch.stack([a.mean() + b.mean() for a, b in each])  # row by row: no sum's order depends on the group
+        pairs = zip(to_cloud, torch.split(to_chart, [len(cloud) for cloud in clouds]), strict=True)
+        losses = torch.stack([a.mean() + b.mean() for a, b in pairs])  # row by row: no sum's order depends on the group
         (gradient,) = torch.autograd.grad(losses.sum(), vertices)
-        if self._springs is not None:
-            gradient = gradient + torch.stack([2 * self._springs @ chart for chart in vertices.detach()])  # one by one, as above
+        if self._edge_matrix is not None:
+            gradient = gradient + torch.stack([2 * self._edge_matrix @ chart for chart in vertices.detach()])  # one by one, as above
         return losses.tolist(), gradient
 
-    def _judge(self, i: int, loss: float, exact: bool) -> StopRule | None:
-        """Note a chart's loss; where it is exact, tell whether the chart is done, and why."""
+    def _check_stop_rule(self, i: int, loss: float, exact: bool) -> StopRule | None:
+        """Record a chart's loss; where it is exact, return why the chart is done, or None."""
         chart, options = self._charts[i], self._options
         chart.recent = (chart.recent + [loss])[-options.check_every :]
-        chart.near = chart.near or options.cloud_points is None or loss < NEAR * sampling_floor(1.0, options.cloud_points) / 2
+        chart.near = chart.near or options.cloud_points is None or loss < NEAR_FLOORS * sampling_floor(1.0, options.cloud_points) / 2
         if not exact:
             return None
         chart.loss, chart.recent = loss, []
@@ -141,7 +142,7 @@ class ChartOptimizer:
         return StopRule.cap if chart.steps >= options.max_iterations else None
 
     def _residual(self, i: int) -> float:
-        """The RMS distance from the cloud to the chart's surface."""
+        """Compute the RMS distance from the cloud to the chart's surface."""
         points, vertices, faces = (tensor.cpu().numpy() for tensor in (self._charts[i].cloud.points, self._state[0, i], self._faces))
         return rms_distance_to_surface(points, vertices, faces)
 
@@ -159,8 +160,7 @@ class ChartOptimizer:
 
 def _squared_edges(faces: Tensor, vertices: int) -> Tensor:
     """Make the (V, V) matrix M with tr(xᵀ M x) the mean squared edge length of vertices x (V, 3): the graph's Laplacian over its edges."""
-    sides = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).sort(dim=1).values
-    start, end = torch.unique(sides, dim=0).unbind(dim=1)
-    joined = torch.zeros(vertices, vertices, dtype=torch.float64, device=faces.device)
+    start, end = neighbouring_vertices(faces.cpu().numpy()).unbind(dim=1)
+    joined = torch.zeros(vertices, vertices, dtype=torch.float64)
     joined[start, end] = joined[end, start] = 1
     return (torch.diag(joined.sum(dim=1)) - joined) / len(start)

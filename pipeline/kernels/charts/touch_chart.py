@@ -7,7 +7,7 @@ from torch import Tensor
 
 SIDE = 9
 """Vertices along a side: 81 vertices and 128 faces, the supplement's."""
-MOST_SIDE = 101
+MAX_SIDE = 101
 """More vertices would be finer than any tactile image resolves."""
 
 
@@ -29,12 +29,10 @@ def chart_square(side: int = SIDE) -> tuple[Tensor, Tensor]:
     Raises
     ------
     ValueError
-        The side is even, below 3 or above `MOST_SIDE`.
+        The side is even, below 3 or above `MAX_SIDE`.
     """
-    if side % 2 == 0 or not 3 <= side <= MOST_SIDE:
-        raise ValueError(
-            f"a chart of side {side}: its side is odd, so that it has a centre, and 3 to {MOST_SIDE}; {SIDE} in the supplement"
-        )
+    if side % 2 == 0 or not 3 <= side <= MAX_SIDE:
+        raise ValueError(f"a chart of side {side}: its side is odd, so that it has a centre, and 3 to {MAX_SIDE}; {SIDE} in the supplement")
     along = torch.arange(side, dtype=torch.float64) / (side - 1) - 0.5
     y, x = torch.meshgrid(along, along, indexing="ij")
     vertices = torch.stack([x, y, torch.zeros_like(x)], dim=-1).reshape(-1, 3)

@@ -19,7 +19,7 @@ BOUNDARY, RING = 12, 6
 CHART_VERTICES = BOUNDARY + RING + 1
 """Vertices of a chart, in this order: the boundary from the first corner on (corners are 0, 4, 8), the ring, the centre."""
 CENTRE = CHART_VERTICES - 1
-MOST_SPLITS = 4
+MAX_SPLITS = 4
 """6144 charts: more would be finer than any image resolves."""
 
 Triangle = tuple[int, int, int]
@@ -73,8 +73,8 @@ def vision_charts(splits: int = 1) -> VisionCharts:
     ValueError
         `splits` is not in 0..4.
     """
-    if not 0 <= splits <= MOST_SPLITS:
-        raise ValueError(f"splits is {splits}, but a sphere of charts can be split 0 to {MOST_SPLITS} times")
+    if not 0 <= splits <= MAX_SPLITS:
+        raise ValueError(f"splits is {splits}, but a sphere of charts can be split 0 to {MAX_SPLITS} times")
     sphere, triangles = _tetrakis_hexahedron()
     for _ in range(splits):
         triangles = [smaller for triangle in triangles for smaller in _split(triangle, sphere)]
@@ -102,14 +102,14 @@ class _SpherePoints:
         return len(self.points) - 1
 
     def middle(self, a: int, b: int) -> int:
-        """The point halfway between two: the same from either end."""
+        """Return the point halfway between two: the same from either end."""
         ends = frozenset((a, b))
         if ends not in self.middles:
             self.middles[ends] = self.add(self.points[a] + self.points[b])
         return self.middles[ends]
 
     def quarters(self, a: int, b: int) -> list[int]:
-        """The three points that divide the way from a to b into four."""
+        """Return the three points that divide the arc from a to b into four."""
         half = self.middle(a, b)
         low, high = (self.middle(end, half) for end in sorted((a, b)))
         return [low, half, high] if a < b else [high, half, low]
@@ -134,7 +134,7 @@ def _tetrakis_hexahedron() -> tuple[_SpherePoints, list[Triangle]]:
 
 
 def _split(triangle: Triangle, sphere: _SpherePoints) -> list[Triangle]:
-    """The four triangles of one, divided at the middles of its sides."""
+    """Divide a triangle into four at the middles of its sides."""
     a, b, c = triangle
     ab, bc, ca = sphere.middle(a, b), sphere.middle(b, c), sphere.middle(c, a)
     return [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]

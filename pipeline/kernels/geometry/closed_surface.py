@@ -1,29 +1,50 @@
-"""One closed, smooth mesh of a surface that was seen, or guessed, and patches of it that were touched."""
+"""Closed, smooth meshes of reconstructed surfaces, pulled through touched points."""
 
 from __future__ import annotations
 
+import igl
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.mesh import is_watertight
-from pipeline.kernels.geometry.surface_attachment import attach_points
-from pipeline.kernels.geometry.surface_wrapping import Faces, Points, smooth_mesh, vertex_normals, wrap_surface
+from pipeline.kernels.geometry.mesh import Faces, Points, face_cross_products, is_watertight
+from pipeline.kernels.geometry.surface_wrapping import mesh_edges, neighbour_means, smooth_mesh, split_edges, vertex_normals, wrap_surface
+from pipeline.kernels.geometry.transforms import unit_vectors
 
 RESOLUTION = 128
 """Edges of the mesh along the longest side of the surface's box: 4 mm of an object of half a metre."""
 TOLERANCE = 4e-4
-"""m: distance from touched places to the mesh, at most; half of what is promised, for files hold float32."""
-CRUMPLES = 4
-"""Rounds of Taubin's filter on the surface as it is given, which flatten what is as short as its own edges."""
-RIDGES = 100
-"""Rounds on the closed mesh, for what the grid leaves."""
+"""m: largest distance from touched points to the mesh; half of the promised distance, since files hold float32."""
+INPUT_SMOOTHING_ROUNDS = 4
+"""Rounds of Taubin's filter on the input surface, which flatten bumps as short as its edges."""
+WRAP_SMOOTHING_ROUNDS = 100
+"""Rounds on the closed mesh, which flatten the steps of the grid."""
+ATTACHMENT_ROUNDS = 4
+"""Rounds of assigning a part of the mesh to each point and pulling it there."""
+REFINEMENT = 4
+"""Edges around the points become about this many times shorter."""
+NORMAL_WEIGHT = 2.0
+"""Distance, in spacings, added to a face whose normal is perpendicular to the point's; opposite normals add twice that."""
+CANDIDATES = 6
+"""Faces, nearest by their middles, among which the nearest face is searched."""
+REACH = 4.0
+"""Spacings around the points within which the mesh gives way."""
+FALLOFF = 3.0
+"""A point pulled far moves a larger neighbourhood: this multiple of the distance …"""
+LARGEST_SHARE = 0.25
+"""… but no more than this share of the mesh's extent."""
+STIFFNESS = 0.3
+"""Weight of bending beside that of the points."""
 
 
 def closed_surface(
     vertices: Points, faces: Faces, charts: NDArray[np.floating], chart_faces: Faces, *, resolution: int = RESOLUTION
 ) -> tuple[Points, Faces]:
-    """Make one closed, smooth mesh that goes through what was touched.
+    """Make one closed, smooth mesh that passes through the touch charts.
 
     Parameters
     ----------
@@ -39,7 +60,7 @@ def closed_surface(
     Returns
     -------
     Vertices and faces: one part, each edge in two faces, normals outwards. Every vertex of the charts is within 0.5 mm of it, however far
-    the surface was from there: touches are believed, and a bulge leads to them.
+    the surface was from there: a bulge leads to them.
 
     Raises
     ------
@@ -48,14 +69,116 @@ def closed_surface(
     """
     used = vertices[np.unique(faces)]
     if not len(used) or not np.isfinite(used).all() or not (extent := float(np.ptp(used, axis=0).max())) > 0:
-        raise InvalidInput(f"a surface of {len(faces)} faces has vertices that are NaN or infinite, or no extent: nothing closes it")
+        raise InvalidInput(f"a surface of {len(faces)} faces has vertices that are NaN or infinite, or no extent, and cannot be closed")
     spacing = extent / resolution
     if is_watertight(faces):  # else its rims would shrink
-        vertices = smooth_mesh(vertices, faces, CRUMPLES)
+        vertices = smooth_mesh(vertices, faces, INPUT_SMOOTHING_ROUNDS)
     closed, sides = wrap_surface(vertices, faces, spacing)
-    closed = smooth_mesh(closed, sides, RIDGES)
+    closed = smooth_mesh(closed, sides, WRAP_SMOOTHING_ROUNDS)
     normals = np.zeros(charts.shape)
     for number, chart in enumerate(charts):
         normals[number] = -vertex_normals(chart, chart_faces)
     points = charts.reshape(-1, 3).astype(np.float64)
     return attach_points(closed, sides, points, normals.reshape(-1, 3), spacing=spacing, tolerance=TOLERANCE)
+
+
+def attach_points(
+    vertices: Points, faces: Faces, points: Points, normals: Points, *, spacing: float, tolerance: float
+) -> tuple[Points, Faces]:
+    """Pull a closed mesh through points, and what is around them along, smoothly.
+
+    Parameters
+    ----------
+    vertices, faces
+        The mesh, normals outwards.
+    points, normals
+        (N, 3) each: points on the true surface, and its approximate outward unit normals there; 0 where unknown.
+    spacing
+        Length of the mesh's edges.
+    tolerance
+        Largest distance from each point to the mesh afterwards.
+
+    Returns
+    -------
+    Vertices and faces of a closed mesh, finer around the points.
+
+    Raises
+    ------
+    InvalidInput
+        A point or a normal is NaN or infinite.
+
+    Notes
+    -----
+    A point belongs to the nearest part of the mesh that faces the same way, so that the two sides of a thin body are not confused. First
+    the displacement is the one that bends least (squared graph Laplacian), which takes details along; then, close to the points, the
+    mesh itself bends least and passes near them. Points that remain farther than the tolerance become vertices of the mesh.
+    """
+    if not (np.isfinite(points).all() and np.isfinite(normals).all()):
+        raise InvalidInput("touched points or their normals are NaN or infinite; leave those touches out")
+    if not len(points):
+        return vertices, faces
+    for number in range(ATTACHMENT_ROUNDS):
+        for _ in range(2):  # each at most halves the edges
+            place = _nearest_facing_points(vertices, faces, points, normals, spacing)[1]
+            ends, _edge = mesh_edges(faces)
+            long = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > 1.5 * spacing / REFINEMENT
+            near = cKDTree(place).query(vertices[ends].mean(axis=1))[0] < spacing
+            vertices, faces = split_edges(vertices, faces, long & near)
+        vertices = _displace_vertices(
+            vertices, faces, points, *_nearest_facing_points(vertices, faces, points, normals, spacing), spacing, coarse=not number
+        )
+    return _insert_points(vertices, faces, points, tolerance)
+
+
+def _nearest_facing_points(
+    vertices: Points, faces: Faces, points: Points, normals: Points, spacing: float
+) -> tuple[NDArray[np.intp], Points]:
+    """Find the face that each point belongs to, and the nearest place on it."""
+    corners = vertices[faces]
+    facing = unit_vectors(face_cross_products(corners))
+    weight = NORMAL_WEIGHT * spacing / np.sqrt(2)
+    tree = cKDTree(np.concatenate([corners.mean(axis=1), weight * facing], axis=1))
+    count = min(CANDIDATES, len(faces))
+    candidates = tree.query(np.concatenate([points, weight * normals], axis=1), k=count)[1].reshape(-1)  # (N count)
+    repeated = np.repeat(points, count, axis=0)
+    places: Points = trimesh.triangles.closest_point(corners[candidates], repeated)  # type: ignore[no-untyped-call]
+    best = np.linalg.norm(places - repeated, axis=1).reshape(-1, count).argmin(axis=1) + count * np.arange(len(points))
+    return candidates[best], places[best]
+
+
+def _displace_vertices(
+    vertices: Points, faces: Faces, points: Points, face: NDArray[np.intp], places: Points, spacing: float, *, coarse: bool
+) -> Points:
+    """Displace the vertices around the places so that these come to the points, or near; where `coarse`, details come along as they are."""
+    offset = points - places
+    apart, nearest = cKDTree(places).query(vertices)
+    farthest = LARGEST_SHARE * float(np.ptp(vertices, axis=0).max())
+    free = apart < REACH * spacing + np.minimum(FALLOFF * np.linalg.norm(offset, axis=1)[nearest], farthest)
+    corners = vertices[faces[face]]
+    weights = 1 / np.maximum(np.linalg.norm(corners - places[:, None], axis=2), 1e-3 * spacing)  # enough, for what is left is pulled again
+    weights /= weights.sum(axis=1, keepdims=True)
+    rows = np.repeat(np.arange(len(points)), 3)
+    held = sparse.csr_array((weights.ravel(), (rows, faces[face].ravel())), shape=(len(points), len(vertices)))[:, free]
+    laplacian = neighbour_means(faces, len(vertices)) - sparse.eye_array(len(vertices), format="csr")
+    bent = laplacian[:, free]
+    system = held.T @ held + STIFFNESS * bent.T @ bent + 1e-9 * sparse.eye_array(bent.shape[1])  # where nothing holds a part
+    moved = vertices.copy()
+    shape = 0 if coarse else STIFFNESS * bent.T @ (laplacian @ vertices)
+    moved[free] += splu(system.tocsc()).solve(held.T @ offset - shape)
+    return moved
+
+
+def _insert_points(vertices: Points, faces: Faces, points: Points, tolerance: float) -> tuple[Points, Faces]:
+    """Make vertices of the points that are farther from the mesh than the tolerance; each splits its nearest face into three."""
+    while True:
+        squared, face, _ = igl.point_mesh_squared_distance(points, vertices, faces)
+        order = np.argsort(-squared, kind="stable")
+        order = order[squared[order] > tolerance**2]
+        if not len(order):
+            return vertices, faces
+        split, first = np.unique(face[order], return_index=True)  # one point per face and round: a vertex once made stays
+        a, b, c = faces[split].T
+        new = len(vertices) + np.arange(len(split))
+        parts = [np.stack(corners, axis=1) for corners in ((a, b, new), (b, c, new), (c, a, new))]
+        vertices = np.concatenate([vertices, points[order[first]]])
+        faces = np.concatenate([np.delete(faces, split, axis=0), *parts])

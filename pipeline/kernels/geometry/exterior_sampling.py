@@ -16,9 +16,8 @@ from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
+from pipeline.kernels.geometry.mesh import Mesh, face_cross_products, sample_triangles
 from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
-from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 
 DIRECTIONS = 256
 MIN_ESCAPES = 2

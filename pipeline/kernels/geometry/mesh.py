@@ -1,4 +1,4 @@
-"""A triangle mesh and its look, as plain arrays."""
+"""Triangle meshes as plain arrays: geometry, look, areas, and points drawn from their surface."""
 
 from __future__ import annotations
 
@@ -8,10 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh import graph
 
+from pipeline.errors import InvalidInput
+
+Points = NDArray[np.float64]
+Faces = NDArray[np.int64]
+
+
+def directed_edges(faces: NDArray[np.integer]) -> NDArray[np.integer]:
+    """List the edges of (F, 3) faces in the direction of each face: (3 F, 2) vertices."""
+    return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+
 
 def is_watertight(faces: NDArray[np.integer]) -> bool:
     """Whether each edge of (F, 3) faces is shared by exactly two of them."""
-    return bool(graph.is_watertight(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))[0])
+    return bool(graph.is_watertight(directed_edges(faces))[0])
 
 
 @dataclass(frozen=True)
@@ -43,7 +53,19 @@ class Look:
 
     @staticmethod
     def plain(vertices: int, faces: int, color: tuple[int, int, int] = (178, 178, 178)) -> Look:
-        """Make the look of one opaque colour for a mesh with these numbers of vertices and faces."""
+        """Make the look of a mesh in one opaque colour.
+
+        Parameters
+        ----------
+        vertices, faces
+            Their numbers.
+        color
+            sRGB, 0 to 255.
+
+        Returns
+        -------
+        A look without textures.
+        """
         return Look(
             uv=np.zeros((vertices, 2), np.float32),
             face_material=np.zeros(faces, np.int32),
@@ -107,3 +129,49 @@ def flatness(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     longest = np.linalg.norm(edges, axis=2).max(axis=1)
     edges = edges / np.where(longest > 0, longest, 1)[:, None, None]
     return np.asarray(np.linalg.norm(np.cross(edges[:, 1], edges[:, 2]), axis=1))
+
+
+def sample_triangles(triangles: NDArray[np.float64], count: int, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Draw points area-uniformly from triangles.
+
+    Parameters
+    ----------
+    triangles
+        (F, 3, 3) float64 corner positions.
+    count
+        Number of points.
+    rng
+        Source of randomness.
+
+    Returns
+    -------
+    points
+        (count, 3) float64, unit and frame of the triangles; on its triangle to within 8 units in the last place of the largest
+        coordinate.
+    face
+        (count,) the triangle of each point; a triangle without area is never drawn.
+
+    Raises
+    ------
+    InvalidInput
+        A corner is NaN or infinite, or no triangle has an area.
+
+    Notes
+    -----
+    A face is drawn with its share of the area, then a point in it by folding the unit square over its diagonal (Osada et al., Shape
+    Distributions, 2002, with the fold in place of their square root).
+    """
+    if not np.isfinite(triangles).all():
+        bad = (~np.isfinite(triangles)).any(axis=(1, 2)).sum()
+        raise InvalidInput(f"{bad} of {len(triangles)} triangles have NaN or infinite corners; repair the mesh")
+    cumulative = np.cumsum(np.linalg.norm(face_cross_products(triangles), axis=1))
+    if not (len(cumulative) and cumulative[-1] > 0):
+        raise InvalidInput(f"none of the {len(triangles)} triangles has an area to draw points from")
+    # random() is at most 1 - 2^-53, and no normal number times that rounds to itself: the end is never reached
+    face = np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right")
+    u, v = rng.random((2, count))
+    fold = u + v > 1
+    u, v = np.where(fold, 1 - u, u)[:, None], np.where(fold, 1 - v, v)[:, None]
+    corner = triangles[face]
+    points = corner[:, 0] + u * (corner[:, 1] - corner[:, 0]) + v * (corner[:, 2] - corner[:, 0])
+    return points, face

@@ -70,7 +70,7 @@ def clean_mesh(mesh: Mesh, max_faces: int) -> tuple[Mesh, CleaningReport]:
 
 
 def number_positions(vertices: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Number the distinct positions of vertices.
+    """Assign a number to each distinct position of vertices.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def number_positions(vertices: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _keep_faces(mesh: Mesh, keep: NDArray[Any]) -> Mesh:
-    """The mesh with these faces and the vertices they use, in the order of their use: readers of files number them by an unstable sort."""
+    """Keep these faces and the vertices they use, in the order of their use: readers of files number them by an unstable sort."""
     used, faces = unique_ordered(mesh.faces[keep].ravel(), return_inverse=True)
     colors = None if mesh.look.vertex_color is None else mesh.look.vertex_color[used]
     look: Look = replace(mesh.look, uv=mesh.look.uv[used], face_material=mesh.look.face_material[keep], vertex_color=colors)

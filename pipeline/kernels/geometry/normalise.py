@@ -49,8 +49,13 @@ def normalise_mesh(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: flo
     return replace(mesh, vertices=vertices)
 
 
-def placement_of(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float | None = None) -> NDArray[np.float64]:
-    """Compute what `normalise_mesh`, which has the same parameters, does to points.
+def normalising_transform(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float | None = None) -> NDArray[np.float64]:
+    """Compute the transform that `normalise_mesh`, which has the same parameters, applies to points.
+
+    Parameters
+    ----------
+    mesh, up, diagonal, metres_per_unit
+        As `normalise_mesh` takes them.
 
     Returns
     -------
@@ -64,9 +69,10 @@ def placement_of(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float
 
 
 def _upright(mesh: Mesh, up: str, diagonal: float, metres_per_unit: float | None) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """The vertices turned upright, the centre of their bounding box, and what they are scaled by."""
-    if not (len(mesh.vertices) and np.isfinite(mesh.vertices).all()):
-        raise InvalidInput(f"of {len(mesh.vertices)} vertices some are NaN or infinite, or there are none; clean the mesh first")
+    """Turn the vertices upright; return them, the centre of their bounding box, and the scale."""
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(mesh.vertices).all(axis=1))
+    if not (len(finite) and finite.all()):
+        raise InvalidInput(f"{np.count_nonzero(finite)} of {len(finite)} vertices are finite; clean the mesh first")
     upright = mesh.vertices @ _TO_Z_UP[up].T
     low, high = upright.min(axis=0), upright.max(axis=0)
     size = float(length(high - low))

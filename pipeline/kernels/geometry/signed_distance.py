@@ -1,4 +1,4 @@
-"""Signed distances from points in space to a mesh, and the points at which they are worth knowing."""
+"""Distances from points to a mesh, and points drawn around it."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.mesh import Points
 
-Float64Array = NDArray[np.float64]
-
-INSIDE = 0.5
+INSIDE_WINDING = 0.5
 """Size of the winding number above which a point is inside: a closed mesh has 1 there, or -1, one with small holes nearly as much."""
 
 
-def signed_distances(points: Float64Array, vertices: Float64Array, faces: NDArray[np.integer]) -> Float64Array:
+def signed_distances(points: Points, vertices: Points, faces: NDArray[np.integer]) -> Points:
     """Compute signed distances to a mesh: positive outside, negative inside.
 
     Parameters
@@ -41,15 +40,62 @@ def signed_distances(points: Float64Array, vertices: Float64Array, faces: NDArra
     """
     if not len(faces):
         raise InvalidInput("a mesh without faces has neither surface nor inside")
-    soup = np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.int64)
-    asked = np.ascontiguousarray(points)
-    distances = np.sqrt(igl.point_mesh_squared_distance(asked, *soup)[0])
-    return np.asarray(np.where(np.abs(igl.fast_winding_number(*soup, asked)) > INSIDE, -distances, distances))
+    arrays = np.ascontiguousarray(points), np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.int64)
+    distances = np.sqrt(igl.point_mesh_squared_distance(*arrays)[0])
+    return np.asarray(np.where(is_inside(*arrays), -distances, distances))
 
 
-def draw_around(
-    surface: Float64Array, count: int, rng: np.random.Generator, *, near: float, spread: tuple[float, float], reach: float
-) -> Float64Array:
+def is_inside(points: Points, vertices: Points, faces: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Find the points inside a surface, by the size of the generalised winding number.
+
+    Parameters
+    ----------
+    points
+        (N, 3) finite, m.
+    vertices, faces
+        (V, 3) finite, m; (F, 3), F at least 1. Parts that are turned inside out count as inside too.
+
+    Returns
+    -------
+    (N,) bool.
+    """
+    winding = igl.fast_winding_number(np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.int64), np.ascontiguousarray(points))
+    return np.asarray(np.abs(winding) > INSIDE_WINDING)
+
+
+def rms_distance_to_surface(points: Points, vertices: Points, faces: NDArray[np.integer]) -> float:
+    """Compute the root of the mean squared distance from points to a surface.
+
+    Parameters
+    ----------
+    points
+        (n, 3) finite; n at least 1.
+    vertices
+        (V, 3) finite, in the points' unit.
+    faces
+        (F, 3) triangles; F at least 1. They may be slivers, segments or points.
+
+    Returns
+    -------
+    The distance, to the nearest point of a triangle, within 1e-13 of the largest coordinate. Beside slivers libigl's distance is too large,
+    by a millionth of their length at an aspect of 1e6, and by up to a tenth of it beyond 1e8.
+
+    Raises
+    ------
+    InvalidInput
+        There is no point or no face, or something is NaN or infinite.
+    """
+    if not len(points) or not len(faces):
+        raise InvalidInput(f"{len(points)} points and {len(faces)} faces: a distance needs at least one of each")
+    if not (np.isfinite(points).all() and np.isfinite(vertices).all()):
+        raise InvalidInput("points or vertices hold NaN or infinity: nothing has a distance from them")
+    arrays = (np.ascontiguousarray(points), np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.int64))
+    return float(np.sqrt(np.mean(igl.point_mesh_squared_distance(*arrays)[0])))
+
+
+def sample_around_surface(
+    surface: Points, count: int, rng: np.random.Generator, *, near: float, spread: tuple[float, float], reach: float
+) -> Points:
     """Draw points in space: some near a surface, the others all over the cube around it.
 
     Parameters

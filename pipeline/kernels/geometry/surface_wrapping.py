@@ -12,21 +12,18 @@ from scipy import sparse
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.level_set import level_set_mesh
-from pipeline.kernels.geometry.mesh import face_cross_products
+from pipeline.kernels.geometry.mesh import Faces, Points, face_cross_products
+from pipeline.kernels.geometry.signed_distance import is_inside
+from pipeline.kernels.geometry.transforms import unit_vectors
 
-Points = NDArray[np.float64]
-Faces = NDArray[np.int64]
-
-INSIDE = 0.5
-"""Winding number, of either sign, above which a point is inside: a part that was turned inside out is inside as well."""
-KEPT = 0.2
-"""Share of the distance to the surface that is left where the wrap is laid onto it: sheets that touch stay two sides of one body."""
+REMAINING_SHARE = 0.2
+"""Share of the distance to the surface that remains after the wrap is moved onto it: sheets that touch stay two sides of one body."""
 SHRINK, GROW = 0.5, 0.505
 """Taubin's factors: short bumps go, the volume stays (A Signal Processing Approach to Fair Surface Design, 1995)."""
 
 
 def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points, Faces]:
-    """Make one closed mesh of whatever triangles, as if a foil were shrunk around them.
+    """Wrap any set of triangles in one closed mesh.
 
     Parameters
     ----------
@@ -37,7 +34,7 @@ def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points
 
     Returns
     -------
-    Vertices and faces of the largest part, normals outwards. What lies inside it, and apart from it, is dropped.
+    Vertices and faces of the largest part, normals outwards. Parts inside it or apart from it are dropped.
 
     Raises
     ------
@@ -50,15 +47,14 @@ def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points
     thin. Its vertices are then moved to the nearest points of the triangles, but for a fifth of their distance.
     """
     if not np.isfinite(vertices).all():
-        raise InvalidInput(f"{np.count_nonzero(~np.isfinite(vertices))} coordinates are NaN or infinite: nothing closes such a surface")
+        raise InvalidInput(f"{np.count_nonzero(~np.isfinite(vertices))} coordinates are NaN or infinite, so the surface cannot be closed")
     vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
 
     def distance(points: Points) -> Points:
         """Compute the distance from the shell of the triangles, negative in it and inside."""
         apart: Points = np.sqrt(igl.point_mesh_squared_distance(points, vertices, faces)[0]) - spacing
         if (free := apart > 0).any():
-            inside = np.abs(igl.fast_winding_number(vertices, faces, points[free])) > INSIDE
-            apart[free] = np.where(inside, -apart[free], apart[free])
+            apart[free] = np.where(is_inside(points[free], vertices, faces), -apart[free], apart[free])
         return apart
 
     margin = 2 * spacing
@@ -66,7 +62,7 @@ def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points
     shell, sides = largest_part(*level_set_mesh(distance, used.min(axis=0) - margin, used.max(axis=0) + margin, spacing))
     squared, _, nearest = igl.point_mesh_squared_distance(shell, vertices, faces)
     onto = squared < (1.5 * spacing) ** 2  # others close a hole
-    shell[onto] = nearest[onto] + KEPT * (shell - nearest)[onto]
+    shell[onto] = nearest[onto] + REMAINING_SHARE * (shell - nearest)[onto]
     return shell, sides
 
 
@@ -79,7 +75,19 @@ def largest_part(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
 
 
 def smooth_mesh(vertices: Points, faces: Faces, rounds: int) -> Points:
-    """Smooth a mesh by Taubin's filter; returns its vertices."""
+    """Smooth a mesh by Taubin's filter.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3) and (F, 3).
+    rounds
+        Pairs of a shrinking and a growing step.
+
+    Returns
+    -------
+    (V, 3) smoothed vertices, in the unit of the given ones.
+    """
     neighbours = neighbour_means(faces, len(vertices))
     for _ in range(rounds):
         for share in (SHRINK, -GROW):
@@ -88,7 +96,7 @@ def smooth_mesh(vertices: Points, faces: Faces, rounds: int) -> Points:
 
 
 def neighbour_means(faces: Faces, count: int) -> sparse.csr_array:
-    """Make the (V, V) matrix that replaces each vertex by the mean of its neighbours; one without a face stays."""
+    """Make the (V, V) matrix that replaces each vertex by the mean of its neighbours; a vertex without a face stays."""
     first, second = mesh_edges(faces)[0].T
     alone = np.setdiff1d(np.arange(count), [first, second])
     rows, columns = np.concatenate([first, second, alone]), np.concatenate([second, first, alone])
@@ -99,9 +107,8 @@ def neighbour_means(faces: Faces, count: int) -> sparse.csr_array:
 def vertex_normals(vertices: Points, faces: Faces) -> Points:
     """Compute the unit normal at each vertex, from its faces by their areas; 0 where they have none."""
     across = face_cross_products(vertices[faces])
-    total = np.stack([np.bincount(faces.ravel(), np.repeat(axis, 3), minlength=len(vertices)) for axis in across.T], axis=1)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.asarray(np.divide(total, length, out=np.zeros_like(total), where=length > 0))
+    total: Points = np.stack([np.bincount(faces.ravel(), np.repeat(axis, 3), minlength=len(vertices)) for axis in across.T], axis=1)
+    return unit_vectors(total)
 
 
 def split_edges(vertices: Points, faces: Faces, chosen: NDArray[np.bool_]) -> tuple[Points, Faces]:
@@ -112,7 +119,11 @@ def split_edges(vertices: Points, faces: Faces, chosen: NDArray[np.bool_]) -> tu
     vertices, faces
         The mesh.
     chosen
-        (E,) bool, of the edges as `mesh_edges` numbers them.
+        (E,) bool, which edges to split, as `mesh_edges` numbers them.
+
+    Returns
+    -------
+    Vertices, the middles appended, and faces.
     """
     ends, edge = mesh_edges(faces)
     middle = np.where(chosen, len(vertices) + np.cumsum(chosen) - 1, -1)
@@ -135,7 +146,7 @@ SPLITS = {
     2: [[3, 1, 4], [0, 3, 4], [0, 4, 2]],
     3: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
 }
-"""The faces that one becomes, by the number of its sides that are split: corners are 0, 1, 2, middles of the sides after them 3, 4, 5."""
+"""The faces that replace a face, by its number of split sides: corners are 0, 1, 2, the middles of the sides after them 3, 4, 5."""
 
 
 def mesh_edges(faces: Faces) -> tuple[Faces, Faces]:

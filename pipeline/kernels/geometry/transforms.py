@@ -49,13 +49,13 @@ def transform_points(pose: NDArray[np.float64], points: NDArray[np.float64]) -> 
     Parameters
     ----------
     pose
-        (..., 4, 4) float64, from the points' frame to the wanted one.
+        (..., 4, 4) float64, from the points' frame to the target frame.
     points
         (..., P, 3), m; leading dimensions broadcast against the pose's.
 
     Returns
     -------
-    (..., P, 3) float64, m, in the wanted frame.
+    (..., P, 3) float64, m, in the target frame.
     """
     turned = np.einsum("...ij,...pj->...pi", pose[..., :3, :3], points)  # einsum calls no BLAS unless it is asked to optimise
     return np.asarray(turned + pose[..., None, :3, 3])

@@ -1,8 +1,9 @@
-"""A hand's rigid links as spheres, for distances to an object, and as boxes, for distances to each other."""
+"""Collision shapes of a hand: spheres for distances to an object, boxes for distances between links, convex parts of meshes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,9 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.compiled import compiled
+from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import compose, invert_pose, transform_points
-from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.model import Hand, Link, Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +45,7 @@ class CollisionSpheres:
     def world_centres(self, frames: NDArray[Any]) -> NDArray[Any]:
         """Compute the centres (3, N, B), m, for link frames (N, L, 4, 4); precision and frame of reference are the link frames'."""
         points = np.empty((3, len(frames), len(self.link)), frames.dtype)
-        _carry(np.ascontiguousarray(frames), self.centres.astype(frames.dtype), self.link, points)
+        _transform_centres(np.ascontiguousarray(frames), self.centres.astype(frames.dtype), self.link, points)
         return points
 
 
@@ -117,7 +119,7 @@ def collision_boxes(hand: Hand) -> CollisionBoxes:
 
 
 @compiled
-def _carry(frames: NDArray[Any], centres: NDArray[Any], link: NDArray[np.intp], points: NDArray[Any]) -> None:
+def _transform_centres(frames: NDArray[Any], centres: NDArray[Any], link: NDArray[np.intp], points: NDArray[Any]) -> None:
     """Fill `points` (3, N, B) with centres (B, 3) carried by the frames (N, L, 4, 4) of their links (B,)."""
     for axis in range(3):
         for n in range(len(frames)):
@@ -151,3 +153,51 @@ def _prune(points: NDArray[np.float64], depth: NDArray[np.float64], tolerance: f
         gap = np.linalg.norm(points[others] - points[i], axis=1) + depth[i] - depth[others]
         kept[i] = not (gap <= tolerance).any()
     return np.flatnonzero(kept)
+
+
+def split_into_convex_parts(link: Link, count: int) -> Link:
+    """Cut the meshes among a link's collision shapes into slabs across their longest side.
+
+    Parameters
+    ----------
+    link
+        Its boxes, spheres and cylinders stay as they are.
+    count
+        Slabs per mesh.
+
+    Returns
+    -------
+    The link with one convex shape per slab that holds something.
+    """
+    shapes: list[Shape] = []
+    for shape in link.collisions:
+        shapes += _slabs(shape, count) if shape.kind == "mesh" else [shape]
+    return replace(link, collisions=tuple(shapes))
+
+
+def _slabs(shape: Shape, count: int) -> list[Shape]:
+    low, high = shape.mesh.vertices.min(axis=0), shape.mesh.vertices.max(axis=0)
+    axis = int(np.argmax(high - low))
+    ends = np.linspace(low[axis], high[axis], count + 1)
+    across = np.eye(3)[axis]
+    triangles = np.asarray(shape.mesh.vertices)[shape.mesh.faces]
+    slabs = []
+    for start, end in pairwise(ends):
+        vertices, faces = _between(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), across, start, end)
+        try:
+            hull = ConvexHull(vertices) if len(faces) else None
+        except QhullError:  # a slab that is flat, such as where a plane face lies in the cut
+            hull = None
+        if hull is not None:
+            slabs.append(replace(shape, mesh=Mesh.bare(vertices[hull.vertices], np.searchsorted(hull.vertices, hull.simplices))))
+    return slabs or [shape]
+
+
+def _between(
+    vertices: NDArray[np.float64], faces: NDArray[np.intp], across: NDArray[np.float64], start: float, end: float
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    cut: Any = trimesh.intersections.slice_faces_plane
+    for normal, offset in ((across, start), (-across, end)):
+        if len(faces):
+            vertices, faces, _ = cut(vertices, faces, normal, across * offset)
+    return vertices, faces

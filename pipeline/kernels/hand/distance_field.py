@@ -1,4 +1,4 @@
-"""Signed distance to a mesh: a grid for millions of look-ups, and exact values for the few that matter."""
+"""Signed distance to a mesh: a grid for fast look-ups, and exact values."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ BLOCK = 4
 """Cells along the side of a block; one exact distance tells whether a block is near the surface."""
 MAX_CELLS = 6_000_000
 """Cells of the largest grid (16 bytes each); a larger object gets larger cells."""
-PROBE = 1.5
+SIDE_PROBE_CELLS = 1.5
 """Cells from the surface at which a point's side is looked up: just beyond the cells that the surface itself may cross."""
-SLIVER = 3e-6
+SLIVER_FLATNESS = 3e-6
 """A flatter face counts as its longest edge, 3e-6 of its length beside it at most. libigl's distance to it would err by more."""
-ON_SURFACE = 1e-6
+ON_SURFACE_CELLS = 1e-6
 """Cells from the surface below which rounding may decide on which side of it a point lies."""
 MAX_STEPS = 4
 """Steps away from the nearest surface until a side is known: one beside a face, two or three in the corner of a solid."""
@@ -97,7 +97,7 @@ class DistanceField:
         if not len(points):
             return np.empty(0)
         if not np.isfinite(points).all():
-            raise ValueError("points must be finite, but some are NaN or infinite")
+            raise ValueError(f"{np.count_nonzero(~np.isfinite(points))} coordinates of points are NaN or infinite; pass finite points")
         squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
         distance: NDArray[np.float64] = np.sqrt(squared)
         distance[self._is_inside(closest, unit_vectors(points - closest), distance)] *= -1
@@ -111,7 +111,7 @@ class DistanceField:
         inside = np.zeros(len(closest), bool)  # what stays undecided lies in a narrow gap or a thin part: outside
         undecided = np.arange(len(closest))
         for _ in range(MAX_STEPS):
-            points = closest + direction * np.maximum(distance, PROBE * self.cell)[:, None]
+            points = closest + direction * np.maximum(distance, SIDE_PROBE_CELLS * self.cell)[:, None]
             index = np.clip(np.rint((points - self.origin) / self.cell).astype(np.int64), 0, np.array(self.inside.shape) - 1)
             side = self.inside[tuple(index.T)]
             inside[undecided] = side == 1
@@ -125,7 +125,7 @@ class DistanceField:
 
 @compiled
 def _clamp(value: np.float32, top: np.float32) -> np.float32:
-    """The value within 0 … `top`; 0 for NaN."""
+    """Clamp a value to 0 … `top`; NaN gives 0."""
     return min(value, top) if value > 0 else np.float32(0)
 
 
@@ -173,7 +173,7 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
     tree = igl.AABB()
     tree.init(vertices, faces)
     low, high = vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))
-    cell, band, blocks = _layout(high - low, cell, band)
+    cell, band, blocks = _grid_layout(high - low, cell, band)
     low = low - band
     block_centres = low + (np.argwhere(np.ones(blocks)) + 0.5) * cell * BLOCK
     block_distance = np.sqrt(tree.squared_distance(vertices, faces, block_centres)[0]).reshape(blocks)
@@ -191,7 +191,7 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
     records = np.zeros((*distance.shape, 4), np.float32)
     field = DistanceField(vertices, faces, tree, low + cell / 2, cell, records, inside)
 
-    on_surface = distance[near][:, None] <= ON_SURFACE * cell  # has no direction away from it: either side will do
+    on_surface = distance[near][:, None] <= ON_SURFACE_CELLS * cell  # has no direction away from it: either side will do
     away = unit_vectors(np.where(on_surface, face_cross_products(vertices[faces[face]]), centres - closest))
     sign = np.where(inside == 1, -1.0, 1.0)
     sign[near] = np.where(field._is_inside(closest, away, distance[near]), -1.0, 1.0)
@@ -201,8 +201,8 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
 
 
 def _without_slivers(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The faces, the flattest of them replaced by the edge opposite their middle corner."""
-    sliver = np.flatnonzero(flatness(vertices[faces]) < SLIVER)
+    """Replace the flattest faces by the edge opposite their middle corner."""
+    sliver = np.flatnonzero(flatness(vertices[faces]) < SLIVER_FLATNESS)
     corners = vertices[faces[sliver]]
     opposite = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1), axis=2)  # each corner's opposite edge
     middle = opposite.argmax(axis=1)
@@ -211,7 +211,7 @@ def _without_slivers(vertices: NDArray[np.float64], faces: NDArray[np.int64]) ->
     return edges
 
 
-def _layout(extent: NDArray[np.float64], cell: float, band: float) -> tuple[float, float, NDArray[np.int64]]:
+def _grid_layout(extent: NDArray[np.float64], cell: float, band: float) -> tuple[float, float, NDArray[np.int64]]:
     """Side of a cell and band, m, and blocks along each axis, for an object of that extent (3,), m."""
     while True:
         rim = max(band, 2 * cell)

@@ -1,4 +1,4 @@
-"""Whether a grasp's contacts hold an object: where they are, which way they press, and if they can balance each other."""
+"""Contacts of a grasp, and force closure: whether they can hold an object."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pipeline.kernels.touch.sensor import Sensor, masked_points
 CONE_EDGES = 8
 """Edges of the pyramid that stands for a friction cone."""
 
-DIGITS = 3
+MARGIN_DECIMALS = 3
 """Decimals to which a margin is given: more would be the linear program's rounding."""
 
 
@@ -41,7 +41,7 @@ class Contact:
     nearest: float = 0.0
 
 
-def contact_of(depth: np.ndarray, pose: NDArray[np.float64], sensor: Sensor) -> Contact | None:
+def contact_from_depth(depth: np.ndarray, pose: NDArray[np.float64], sensor: Sensor) -> Contact | None:
     """Find the contact of a sensor with an object.
 
     Parameters
@@ -118,7 +118,7 @@ def closure_margin(contacts: list[Contact], *, friction: float, size: float) -> 
     """
     if len(contacts) < 2 or friction <= 0:
         return 0.0
-    wrenches = np.concatenate([_edges(contact, contacts[0].point, friction, size) for contact in contacts])  # (m, 6)
+    wrenches = np.concatenate([_contact_wrenches(contact, contacts[0].point, friction, size) for contact in contacts])  # (m, 6)
     spread = np.linalg.svd(wrenches, compute_uv=False)
     if spread[-1] < 1e-6 * spread[0]:
         return 0.0
@@ -127,11 +127,11 @@ def closure_margin(contacts: list[Contact], *, friction: float, size: float) -> 
     total = np.ones((1, count + 1))
     goal = np.zeros(count + 1)
     goal[-1] = -1
-    found = linprog(goal, A_eq=np.concatenate([balance, total]), b_eq=np.array([0.0] * 6 + [1.0]), bounds=(0, None), method="highs")
-    return round(float(np.clip(found.x[-1], 0, 1)), DIGITS) if found.success else 0.0
+    solution = linprog(goal, A_eq=np.concatenate([balance, total]), b_eq=np.array([0.0] * 6 + [1.0]), bounds=(0, None), method="highs")
+    return round(float(np.clip(solution.x[-1], 0, 1)), MARGIN_DECIMALS) if solution.success else 0.0
 
 
-def _edges(contact: Contact, origin: NDArray[np.float64], friction: float, size: float) -> NDArray[np.float64]:
+def _contact_wrenches(contact: Contact, origin: NDArray[np.float64], friction: float, size: float) -> NDArray[np.float64]:
     """(edges, 6) forces and moments / size of a contact, with normal force 1: the cone's edges, and the moments about the normal."""
     across = np.cross(np.eye(3)[np.argmin(np.abs(contact.normal))], contact.normal)
     across /= length(across)

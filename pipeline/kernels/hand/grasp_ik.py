@@ -22,11 +22,10 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, CollisionSpheres, collision_boxes
 from pipeline.kernels.hand.distance_field import DistanceField
-from pipeline.kernels.hand.finger_distances import FingerGeometry, finger_clearance, finger_geometry, gel_contact, gel_probes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.resting_contacts import frequent_overlaps
-from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm
+from pipeline.kernels.hand.object_distances import FingerGeometry, finger_clearance, finger_geometry, gel_contact, gel_probes
+from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm, frequent_overlaps
 from pipeline.kernels.touch.sensor import Sensor
 
 Float64Array = NDArray[np.float64]
@@ -36,32 +35,32 @@ LIMIT_MARGIN, LIMIT_SHARE = 0.01, 0.02
 """rad kept from the joint limits, so that a motor's residue does not cross them; no more than this share of what is between them."""
 NEAR_CONTACT = 0.0025
 """m outside or inside the object up to which a sampled posture is a candidate: what refinement can make good."""
-CANDIDATES = 320
+MAX_CANDIDATES = 320
 """Sampled postures per finger whose clearance is measured, those with most contact first."""
-SPREAD = 48
-"""Sampled postures measured whatever they touch: among them are those for a finger that cannot touch."""
-LINES = 12
+EVEN_SAMPLES = 48
+"""Samples measured regardless of contact: they provide postures for a finger that cannot touch."""
+REFINED_POSTURES = 12
 """Postures per finger that are refined side by side, each replaced by its best neighbour."""
-NEIGHBOURS = 24
+STEPS_PER_POSTURE = 24
 """New postures around each of them, per round."""
 STEP, STEP_SHARE = 0.16, 0.1
 """rad, standard deviation of the first round's steps, about the distance between samples; each round's is `SHRINK` of the one before. Of
 a prismatic joint this share of its range."""
 SHRINK = 0.4
-AT_REST = 4
+UNTOUCHING_POSTURES = 4
 """Postures without contact per finger, among which the joint choice may take one."""
 
 
 @dataclass(frozen=True, eq=False)
 class GraspIk:
-    """What the inverse kinematics needs of a hand, prepared once per hand.
+    """Data of the inverse kinematics, prepared once per hand.
 
     Attributes
     ----------
     hand, fingers, boxes
         The hand, its fingers' spheres and gel probes, and its links' boxes.
     clearance, finger_gap
-        What a good posture keeps between rigid links and the object, and between fingers, m.
+        Gaps that a good posture keeps between rigid links and the object, and between fingers, m.
     joint_angles
         (K, J) float64, samples spread evenly between the limits, rad.
     frames
@@ -93,11 +92,11 @@ def prepare_grasp_ik(
     hand, spheres
         The hand and the collision spheres of its links.
     sensors
-        The one at each of the hand's mounts.
+        The sensor at each of the hand's mounts.
     samples
         Number of joint vectors.
     clearance, finger_gap
-        What a good posture keeps between rigid links and the object, and between fingers, m.
+        Gaps that a good posture keeps between rigid links and the object, and between fingers, m.
 
     Returns
     -------
@@ -127,12 +126,12 @@ def _check_free(hand: Hand, boxes: CollisionBoxes, frames: Float64Array, free: N
     """Name the links in the way of a finger that is clear of them in no posture."""
     for number, finger in enumerate(hand.fingers):
         if not free[:, number].any():
-            said = [
-                f"{hand.links[one.first].name} and {hand.links[one.second].name} (boxes overlap {1e3 * one.depth:.1f} mm)"
-                for one in frequent_overlaps(hand, boxes, frames)
-                if {one.first, one.second} & set(finger.links)
+            overlapping = [
+                f"{hand.links[overlap.first].name} and {hand.links[overlap.second].name} (boxes overlap {1e3 * overlap.depth:.1f} mm)"
+                for overlap in frequent_overlaps(hand, boxes, frames)
+                if {overlap.first, overlap.second} & set(finger.links)
             ]
-            pairs = ", ".join(said) or "the palm and its own links"
+            pairs = ", ".join(overlapping) or "the palm and its own links"
             raise InvalidInput(
                 f"{finger.name}: 0 of {len(free)} postures are free of {pairs}: list the pair under `allowed_contacts` of {hand.path}, "
                 "or split the meshes of a link with `convex_parts`"
@@ -160,7 +159,7 @@ def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> b
     -------
     True where every finger has, among some samples, one that keeps clear of object and palm.
     """
-    rows = _spread(ik)
+    rows = _even_samples(ik)
     clear = finger_clearance(field, ik.fingers, compose(hand_pose, ik.frames[rows])) >= ik.clearance
     return bool((clear & ik.free[rows]).any(axis=0).all())
 
@@ -190,20 +189,20 @@ def grasp_ik(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, roun
     slides = np.array([ik.hand.joints[link - 1].kind == "prismatic" for link in ik.hand.joint_links])
     size = np.where(slides, STEP_SHARE * (ik.hand.upper - ik.hand.lower), STEP)
     for k in range(rounds):
-        steps = size * SHRINK**k * rng.standard_normal((len(lines), NEIGHBOURS + 1, lines.shape[1]))
+        steps = size * SHRINK**k * rng.standard_normal((len(lines), STEPS_PER_POSTURE + 1, lines.shape[1]))
         lines = _refine(ik, field, hand_pose, lines=lines, steps=steps)
     options = np.concatenate([lines, rest])
     frames = forward_kinematics(ik.hand, hand_pose, options)
-    value, clearance = _measure(ik, field, frames)
-    worth = np.where(clearance >= ik.clearance, value, -np.inf)
+    value, clearance = _evaluate_postures(ik, field, frames)
+    values = np.where(clearance >= ik.clearance, value, -np.inf)
     at_origin = forward_kinematics(ik.hand, np.eye(4), options)
-    worth[~fingers_clear_of_palm(ik.hand, ik.boxes, at_origin, ik.finger_gap)] = -np.inf
-    rows = choose_postures(ik.hand, ik.boxes, frames=frames, worth=worth, gap=ik.finger_gap)
-    return None if rows is None else _mix(ik.hand, options, rows[None])[0]
+    values[~fingers_clear_of_palm(ik.hand, ik.boxes, at_origin, ik.finger_gap)] = -np.inf
+    rows = choose_postures(ik.hand, ik.boxes, frames=frames, values=values, gap=ik.finger_gap)
+    return None if rows is None else _combine_fingers(ik.hand, options, rows[None])[0]
 
 
-def _measure(ik: GraspIk, field: DistanceField, frames: Float64Array) -> tuple[Float64Array, NDArray[np.float32]]:
-    """The value (N, F) of postures, more than 1 per touch, and the clearance (N, F) of their rigid links, m; frames (N, L, 4, 4)."""
+def _evaluate_postures(ik: GraspIk, field: DistanceField, frames: Float64Array) -> tuple[Float64Array, NDArray[np.float32]]:
+    """Compute the value (N, F) of postures, more than 1 per touch, and the clearance (N, F) of rigid links, m, from frames (N, L, 4, 4)."""
     contact, coverage = gel_contact(field, gel_probes(ik.hand, ik.fingers, frames))
     miss = np.maximum(contact, 0) / MILLIMETRE
     clearance = finger_clearance(field, ik.fingers, frames)
@@ -218,35 +217,35 @@ def _by_finger(hand: Hand, gains: NDArray[Any]) -> NDArray[Any]:
 
 
 def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """The best samples to refine (LINES, J) and those for fingers that cannot touch (AT_REST, J); fingers mix freely."""
+    """Choose the samples to refine (REFINED_POSTURES, J) and those for fingers that cannot touch (UNTOUCHING_POSTURES, J)."""
     rows = _candidates(ik, field, hand_pose)
     frames = ik.frames[rows[:, ik.hand.link_fingers], np.arange(len(ik.hand.links))]  # a link that no finger moves is where it always is
-    value, clearance = _measure(ik, field, compose(hand_pose, frames))
+    value, clearance = _evaluate_postures(ik, field, compose(hand_pose, frames))
     value = np.where(np.take_along_axis(ik.free, rows, axis=0), value, -np.inf)
-    calm = np.where(clearance >= ik.clearance, value, -np.inf)
-    best = np.argsort(-value, axis=0, kind="stable")[:LINES]
-    calmest = np.argsort(-calm, axis=0, kind="stable")[:AT_REST]
-    angles = _mix(ik.hand, ik.joint_angles, rows)
-    return _mix(ik.hand, angles, best), _mix(ik.hand, angles, calmest)
+    clear_value = np.where(clearance >= ik.clearance, value, -np.inf)
+    best = np.argsort(-value, axis=0, kind="stable")[:REFINED_POSTURES]
+    clearest = np.argsort(-clear_value, axis=0, kind="stable")[:UNTOUCHING_POSTURES]
+    angles = _combine_fingers(ik.hand, ik.joint_angles, rows)
+    return _combine_fingers(ik.hand, angles, best), _combine_fingers(ik.hand, angles, clearest)
 
 
 def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> NDArray[np.intp]:
-    """(CANDIDATES + SPREAD, F) rows of the samples whose clearance is measured: each finger's with most contact, and some of all."""
+    """Select the samples whose clearance is measured, (MAX_CANDIDATES + EVEN_SAMPLES, F) rows: those with most contact, and some of all."""
     turn, shift = hand_pose[:3, :3].astype(np.float32), hand_pose[:3, 3].astype(np.float32)
     contact, coverage = gel_contact(field, np.einsum("ij,jksp->iksp", turn, ik.probes) + shift[:, None, None, None])  # (K, S)
     excess = np.maximum(np.abs(contact + NEAR_CONTACT) - NEAR_CONTACT, 0) / MILLIMETRE
     first = np.where(ik.free, _by_finger(ik.hand, coverage - excess), -np.inf)
-    order = np.argsort(-first, axis=0, kind="stable")[:CANDIDATES]
-    spread = _spread(ik)
+    order = np.argsort(-first, axis=0, kind="stable")[:MAX_CANDIDATES]
+    spread = _even_samples(ik)
     return np.concatenate([order, np.broadcast_to(spread[:, None], (len(spread), order.shape[1]))])
 
 
-def _spread(ik: GraspIk) -> NDArray[np.intp]:
-    """(SPREAD,) rows spread evenly over all samples."""
-    return np.linspace(0, len(ik.joint_angles) - 1, SPREAD).astype(np.intp)
+def _even_samples(ik: GraspIk) -> NDArray[np.intp]:
+    """(EVEN_SAMPLES,) rows spread evenly over all samples."""
+    return np.linspace(0, len(ik.joint_angles) - 1, EVEN_SAMPLES).astype(np.intp)
 
 
-def _mix(hand: Hand, angles: Float64Array, rows: NDArray[np.intp]) -> Float64Array:
+def _combine_fingers(hand: Hand, angles: Float64Array, rows: NDArray[np.intp]) -> Float64Array:
     """(N, J) joint angles in which finger s takes row `rows[:, s]` of `angles`."""
     finger_of_joint = np.empty(len(hand.joint_names), np.intp)
     for number, finger in enumerate(hand.fingers):
@@ -255,11 +254,11 @@ def _mix(hand: Hand, angles: Float64Array, rows: NDArray[np.intp]) -> Float64Arr
 
 
 def _refine(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, lines: Float64Array, steps: Float64Array) -> Float64Array:
-    """Replace every line (LINES, J) by the best posture among itself and neighbours at `steps` (LINES, NEIGHBOURS + 1, J), by finger."""
+    """Replace each posture (P, J), finger by finger, by the best of itself and its neighbours at `steps` (P, STEPS_PER_POSTURE + 1, J)."""
     children = lines[:, None] + steps
     children[:, 0] = lines
     margin = _limit_margin(ik.hand)
     children = np.clip(children, ik.hand.lower + margin, ik.hand.upper - margin).reshape(-1, lines.shape[1])
-    value, _ = _measure(ik, field, forward_kinematics(ik.hand, hand_pose, children))
-    best = value.reshape(len(lines), NEIGHBOURS + 1, -1).argmax(axis=1)  # (LINES, F)
-    return _mix(ik.hand, children, best + (NEIGHBOURS + 1) * np.arange(len(lines))[:, None])
+    value, _ = _evaluate_postures(ik, field, forward_kinematics(ik.hand, hand_pose, children))
+    best = value.reshape(len(lines), STEPS_PER_POSTURE + 1, -1).argmax(axis=1)  # (REFINED_POSTURES, F)
+    return _combine_fingers(ik.hand, children, best + (STEPS_PER_POSTURE + 1) * np.arange(len(lines))[:, None])

@@ -41,7 +41,7 @@ def forward_kinematics(hand: Hand, hand_pose: NDArray[np.float64], joint_angles:
     frames = np.empty((*batch, len(hand.links), 4, 4))
     frames[..., 0, :, :] = hand_pose
     values = {link: joint_angles[..., j] for j, link in enumerate(hand.joint_links)}
-    values |= {one.link: one.multiplier * joint_angles[..., one.entry] + one.offset for one in hand.followers}
+    values |= {follower.link: follower.multiplier * joint_angles[..., follower.entry] + follower.offset for follower in hand.followers}
     for joint in hand.joints:  # parents first
         frame = compose(frames[..., joint.parent, :, :], joint.origin)
         if joint.child in values:
@@ -67,10 +67,10 @@ def sensor_poses(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArr
     ValueError
         As `forward_kinematics`.
     """
-    return sensors_of_links(hand, forward_kinematics(hand, hand_pose, joint_angles))
+    return sensor_poses_from_links(hand, forward_kinematics(hand, hand_pose, joint_angles))
 
 
-def sensors_of_links(hand: Hand, link_frames: NDArray[np.float64]) -> NDArray[np.float64]:
+def sensor_poses_from_links(hand: Hand, link_frames: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute the sensor frames of a hand from its link frames.
 
     Parameters

@@ -47,7 +47,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Mimic:
-    """How a joint follows another one: its value is `multiplier` times that joint's, plus `offset` (rad, of a prismatic joint m)."""
+    """Coupling of a joint to another joint: its value is `multiplier` times that joint's, plus `offset` (rad, of a prismatic joint m)."""
 
     joint: str
     multiplier: float
@@ -59,7 +59,7 @@ class Joint:
     """A joint from link number `parent` to link number `child`.
 
     `origin` (4, 4) is the child's frame in the parent's at rest, `axis` a unit vector in the child's frame; limits in rad, of a
-    prismatic joint in m; `mimic` says what it follows.
+    prismatic joint in m; `mimic` names the joint that it follows.
     """
 
     name: str
@@ -97,7 +97,7 @@ class Mount:
         (4, 4) sensor frame in the link's frame: origin at the centre of the sensor plane, +z outward, +x along image columns, +y along
         image rows.
     sensor
-        The sensor that is mounted: name of a shipped one, or absolute path of a sensor file.
+        The sensor that is mounted: name of a shipped sensor, or absolute path of a sensor file.
     """
 
     name: str
@@ -108,7 +108,7 @@ class Mount:
 
 @dataclass(frozen=True, eq=False)
 class Finger:
-    """What moves independently of the rest of the hand: a finger, or several that one motor drives.
+    """Links that move independently of the rest of the hand: a finger, or several that share a motor.
 
     Attributes
     ----------
@@ -145,12 +145,12 @@ class Hand:
     joint_names, lower, upper
         Of the J entries of the joint vector, finger by finger; limits in rad (m for a prismatic joint).
     followers
-        Of the joints that mimic another one, and are no entries.
+        Links whose joints mimic another joint and have no entry in the joint vector.
     frozen
         Angles, rad (m), of moving joints that no finger uses, by name; they are fixed joints in `joints`.
     allowed_contacts
-        Pairs of links, the lower number first, whose overlap is no collision: those that the hand file allows, and neighbours that overlap
-        at rest.
+        Pairs of links, the lower number first, that may overlap: those that the hand file allows, and neighbours that
+        overlap at rest.
     torque, friction
         Of every joint's motor, N m (N for a prismatic joint), and of the links' surfaces.
     fingers, sensors
@@ -194,5 +194,5 @@ class Hand:
 
     @property
     def visual_meshes(self) -> list[tuple[int, Mesh]]:
-        """What the hand looks like: (number of a link, mesh in that link's frame); gels included."""
+        """Meshes of the hand's appearance: (number of a link, mesh in that link's frame); gels included."""
         return [(number, shape.mesh) for number, link in enumerate(self.links) for shape in link.visuals]

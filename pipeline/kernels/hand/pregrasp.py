@@ -1,4 +1,4 @@
-"""The pre-grasp posture: every sensor drawn back along its normal."""
+"""Pre-grasps: a palm tangent to the object (supplement 1.3), and fingers opened along their sensors' normals."""
 
 from __future__ import annotations
 
@@ -7,14 +7,60 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.geometry.transforms import compose, solve_3x3
+from pipeline.kernels.geometry.transforms import compose, invert_pose, length, sin_cos, solve_3x3
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
 
-DIFFERENCE = 1e-5
+DIFFERENCE_STEP = 1e-5
 """rad, step of the finite differences."""
 DAMPING = 1e-3
-"""m, of the damped least squares (Wampler 1986): below it a direction counts as one that the finger cannot move in."""
+"""m, of the damped least squares (Wampler 1986): below it the finger counts as unable to move in a direction."""
+
+
+def tangent_palm_pose(
+    hand: Hand, point: NDArray[np.float64], normal: NDArray[np.float64], *, distance: float, angle: float
+) -> NDArray[np.float64]:
+    """Compute the pose of a hand whose palm faces a surface point.
+
+    Parameters
+    ----------
+    hand
+        Gives the palm's centre and outward normal.
+    point, normal
+        (3,) of the surface, world, m; the normal points outward.
+    distance
+        From the point to the palm's centre along the normal, m.
+    angle
+        Of the hand about the normal, rad; 0 is an arbitrary direction that depends on the normal alone.
+
+    Returns
+    -------
+    (4, 4) float64, frame of the root link in the world.
+
+    Raises
+    ------
+    ValueError
+        Point or normal is NaN or infinite, or the normal is zero.
+    """
+    longest = np.abs(normal).max()
+    if not (np.isfinite(point).all() and 0 < longest < np.inf):
+        raise ValueError(f"no hand can face the point {point} with normal {normal}: they must be finite, the normal not zero")
+    normal = normal / longest
+    palm = _frame(-hand.palm_facing, 0.0, hand.palm_centre)
+    return compose(_frame(normal, angle, point + distance * normal / length(normal)), invert_pose(palm))
+
+
+def _frame(z: NDArray[np.float64], angle: float, origin: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Make a right-handed frame with the given third axis, turned about it by `angle`."""
+    z = z / length(z)
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x /= length(x)
+    y = np.cross(z, x)
+    sin, cos = sin_cos(angle)
+    frame = np.eye(4)
+    frame[:3, :3] = np.column_stack([cos * x + sin * y, cos * y - sin * x, z])
+    frame[:3, 3] = origin
+    return frame
 
 
 def pregrasp_angles(hand: Hand, joint_angles: NDArray[np.float64], distances: Sequence[float]) -> NDArray[np.float64]:
@@ -40,8 +86,8 @@ def pregrasp_angles(hand: Hand, joint_angles: NDArray[np.float64], distances: Se
     """
     home = np.eye(4)
     rest = sensor_poses(hand, home, joint_angles)  # (S, 4, 4)
-    moved = sensor_poses(hand, home, joint_angles + DIFFERENCE * np.eye(len(joint_angles)))  # (J, S, 4, 4)
-    jacobian = np.moveaxis(moved[..., :3, 3] - rest[:, :3, 3], 0, -1) / DIFFERENCE  # (S, 3, J)
+    moved = sensor_poses(hand, home, joint_angles + DIFFERENCE_STEP * np.eye(len(joint_angles)))  # (J, S, 4, 4)
+    jacobian = np.moveaxis(moved[..., :3, 3] - rest[:, :3, 3], 0, -1) / DIFFERENCE_STEP  # (S, 3, J)
     opened = np.repeat(joint_angles[None], len(distances), axis=0)
     for finger in hand.fingers:
         joints = list(finger.joints)

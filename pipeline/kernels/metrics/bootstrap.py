@@ -1,4 +1,4 @@
-"""How sure a mean is: bootstrap intervals over objects and trainings, paired where two configurations met the same objects."""
+"""Bootstrap intervals of means over objects and trainings, paired where two configurations have the same objects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BATCH = 1000
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean, and the ends of its interval; they are infinite where one object alone says nothing of others.
+    """A mean, and the ends of its interval; infinite for a single object.
 
     Attributes
     ----------
@@ -55,8 +55,8 @@ def mean_interval(values: NDArray[np.float64], rng: np.random.Generator) -> Inte
     Notes
     -----
     Objects and trainings are drawn with replacement, independently of each other (the pigeonhole bootstrap; Owen, 2007). With few of
-    either, the interval is too short: of 5 objects it holds the truth about 80 times in 100 where it says 95, and of S trainings it
-    contains (S - 1) / S of the variance between them, of one none. Read it with their numbers.
+    either, the interval is too short: of 5 objects its true coverage is about 80 % instead of 95 %, and of S trainings it
+    contains (S - 1) / S of the variance between them: none of a single training. Read it with their numbers.
     """
     values = _checked(values)
     return _interval(float(values.mean()), values.shape[1], (values,), rng)
@@ -95,10 +95,10 @@ def difference_interval(first: NDArray[np.float64], second: NDArray[np.float64],
 
 def _checked(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Check values, and return them as (S, N)."""
-    found = np.asarray(values, np.float64)
-    if found.ndim not in (1, 2) or not found.size or not np.isfinite(found).all():
-        raise ValueError(f"values of shape {found.shape}: a mean needs finite values, one per object (and training), and one at least")
-    return np.atleast_2d(found)
+    checked = np.asarray(values, np.float64)
+    if checked.ndim not in (1, 2) or not checked.size or not np.isfinite(checked).all():
+        raise ValueError(f"values of shape {checked.shape}: a mean needs finite values, one per object (and training), and one at least")
+    return np.atleast_2d(checked)
 
 
 def _interval(mean: float, count: int, parts: tuple[NDArray[np.float64], ...], rng: np.random.Generator) -> Interval:

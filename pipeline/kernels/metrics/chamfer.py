@@ -12,13 +12,13 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.metrics.float_types import check_full_precision
+from pipeline.kernels.tensor_checks import check_full_precision
 
 PAIRS_PER_BLOCK = 1 << 25
 """Distances a GPU holds at a time: 128 MiB of float32, as much again while they are summed."""
 
 
-class Target:
+class SearchCloud:
     """A cloud with its search tree, for a cloud that does not change while others are compared with it.
 
     Parameters
@@ -51,7 +51,7 @@ class Target:
             return torch.cat([_squared_differences(part, self.points).argmin(dim=1) for part in torch.split(query, rows)])
 
 
-def squared_distances(query: Tensor, points: Tensor | Target) -> Tensor:
+def squared_distances(query: Tensor, points: Tensor | SearchCloud) -> Tensor:
     """Compute the squared distance from each query point to the nearest of `points`.
 
     Parameters
@@ -68,9 +68,9 @@ def squared_distances(query: Tensor, points: Tensor | Target) -> Tensor:
     Raises
     ------
     InvalidInput, ValueError
-        As `Target`; also where the devices differ.
+        As `SearchCloud`; also where the devices differ.
     """
-    target = points if isinstance(points, Target) else Target(points)
+    target = points if isinstance(points, SearchCloud) else SearchCloud(points)
     nearest = target.points.index_select(0, target.nearest(query))
     return (query - nearest).square().sum(dim=1)
 

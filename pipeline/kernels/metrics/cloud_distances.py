@@ -1,4 +1,4 @@
-"""How far a reconstruction is from the true surface: Chamfer distance and F1 on points drawn from both, in float64.
+"""Chamfer distance, precision, recall and F1 of point clouds, in float64.
 
 Clouds are finite, (N, 3), N >= 1, in m; squared distances err by less than 1e-14 of themselves.
 """
@@ -15,8 +15,8 @@ from pipeline.errors import InvalidInput
 
 TABLE_3_FACTOR = 9000.0
 """Table 3's values are consistent with this multiple of the Chamfer distance in m² (anything from 5,000 to 12,000 would be)."""
-NEAR = 16
-"""Nearest points among which one is looked for on the same side of a surface."""
+MAX_NEIGHBOURS = 16
+"""Nearest points among which a point on the same side of a surface is searched."""
 
 
 def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -71,7 +71,7 @@ class CloudDistances:
         tau
             Greatest squared distance that counts as near, m² of the scaled clouds.
         scale
-            What both clouds are multiplied by beforehand.
+            Factor that both clouds are multiplied by beforehand.
 
         Returns
         -------
@@ -161,13 +161,13 @@ def sampled_area(points: NDArray[np.floating], normals: NDArray[np.floating] | N
     """
     points = _cloud("points", points)
     if len(points) < 2:
-        raise ValueError("one point says nothing of an area: two at least")
-    distances, others = cKDTree(points).query(points, k=2 if normals is None else [*range(2, 2 + min(NEAR, len(points) - 1))])
+        raise ValueError(f"{len(points)} points are too few to estimate an area; give at least 2")
+    distances, others = cKDTree(points).query(points, k=2 if normals is None else [*range(2, 2 + min(MAX_NEIGHBOURS, len(points) - 1))])
     if normals is None:
         nearest = distances[:, 1]
     else:
         same_side = (normals[others] * normals[:, None]).sum(axis=2) > 0  # (N, near)
-        same_side[:, -1] = True  # all the others are on the other side: rare, and the last one is not too near
+        same_side[:, -1] = True  # all the others are on the other side: rare, and the last of them is not too near
         nearest = np.take_along_axis(distances, same_side.argmax(axis=1)[:, None], axis=1)[:, 0]
     return float(np.pi * (len(points) - 1) * np.square(nearest).mean())
 
@@ -177,7 +177,7 @@ def _cloud(name: str, points: NDArray[np.floating]) -> NDArray[np.float64]:
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise ValueError(f"{name} has shape {cloud.shape}; a cloud is (number, 3)")
     if not len(cloud):
-        raise InvalidInput(f"{name} is an empty cloud: nothing has a nearest point in it; check what it was drawn from")
+        raise InvalidInput(f"{name} is an empty cloud and holds no nearest point; check the surface it was drawn from")
     finite = np.isfinite(cloud).all(axis=1)
     if not finite.all():
         raise InvalidInput(f"{name} holds {np.count_nonzero(~finite)} points with NaN or infinity")

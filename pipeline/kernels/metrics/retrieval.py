@@ -1,4 +1,4 @@
-"""Looking an object up among others, by its shape or by its silhouette: what a reconstruction has to beat."""
+"""Similarity of shapes and of silhouettes, for the retrieval baselines."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 
-def mean_squared(tree: cKDTree, points: NDArray[np.floating]) -> float:
+def mean_squared_distance(tree: cKDTree, points: NDArray[np.floating]) -> float:
     """Compute the mean squared distance from points (N, 3) to the nearest of a tree's, in the square of their unit."""
     return float(np.square(tree.query(points)[0]).mean())
 
@@ -29,7 +29,7 @@ def chamfer_matrix(clouds: Sequence[NDArray[np.floating]], others: Sequence[NDAr
     trees = [cKDTree(other) for other in others]
     return np.array(
         [
-            [mean_squared(tree, cloud) + mean_squared(own, other) for other, tree in zip(others, trees, strict=True)]
+            [mean_squared_distance(tree, cloud) + mean_squared_distance(own, other) for other, tree in zip(others, trees, strict=True)]
             for cloud, own in zip(clouds, map(cKDTree, clouds), strict=True)
         ]
     )

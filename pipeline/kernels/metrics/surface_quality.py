@@ -1,27 +1,25 @@
-"""What no distance between point clouds sees of a reconstructed surface: whether it is crumpled, too large, open, or crosses itself.
+"""Quality of a reconstructed surface beyond distances: area, creases, gaps, normals, self-intersections, overlap of volumes.
 
 Vertices are (V, 3) float64, finite, m; faces (F, 3) integers, F at least 1.
 """
 
 from __future__ import annotations
 
-import igl
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.signed_distance import INSIDE
+from pipeline.kernels.geometry.mesh import Points, face_cross_products
+from pipeline.kernels.geometry.signed_distance import is_inside
 
-Points = NDArray[np.float64]
 Faces = NDArray[np.integer]
 
 
 def surface_area(vertices: Points, faces: Faces) -> float:
     """Compute the area of a surface, m²; parts that overlap count each."""
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    return float(np.linalg.norm(face_cross_products(vertices[faces]), axis=1).sum() / 2)
 
 
 def dihedral_angles(vertices: Points, faces: Faces) -> NDArray[np.float64]:
@@ -54,7 +52,7 @@ def seam_gaps(vertices: Points, position: NDArray[np.integer]) -> NDArray[np.flo
     order = np.argsort(position, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(position[order])) + 1)
     shared = [vertices[group] for group in groups if len(group) > 1]
-    return np.array([np.linalg.norm(one[:, None] - one, axis=2).max() for one in shared])
+    return np.array([np.linalg.norm(group[:, None] - group, axis=2).max() for group in shared])
 
 
 def normal_consistency(points: Points, normals: Points, other_points: Points, other_normals: Points) -> float:
@@ -80,7 +78,7 @@ def _agreement(points: Points, normals: Points, others: Points, other_normals: P
 
 
 def crossing_faces(vertices: Points, faces: Faces, position: NDArray[np.integer] | None = None) -> NDArray[np.bool_]:
-    """Find the faces that cross another one; neighbours, which share a vertex, are not looked at.
+    """Find the faces that cross another one; neighbours, which share a vertex, are skipped.
 
     Parameters
     ----------
@@ -103,9 +101,9 @@ def crossing_faces(vertices: Points, faces: Faces, position: NDArray[np.integer]
     neighbours = (names[first][:, :, None] == names[second][:, None]).any(axis=(1, 2))
     first, second = near[~apart & ~neighbours].T
     cross = _pierces(corners[first], corners[second]) | _pierces(corners[second], corners[first])
-    found = np.zeros(len(faces), bool)
-    found[first[cross]] = found[second[cross]] = True
-    return found
+    crossing = np.zeros(len(faces), bool)
+    crossing[first[cross]] = crossing[second[cross]] = True
+    return crossing
 
 
 def _pierces(triangles: Points, others: Points) -> NDArray[np.bool_]:
@@ -127,7 +125,7 @@ def intersection_over_union(first: tuple[Points, Faces], second: tuple[Points, F
     Parameters
     ----------
     first, second
-        Vertices and faces. What has a winding number above one half, or below minus that, is inside: small gaps do little.
+        Vertices and faces. Points with a winding number above 0.5 or below -0.5 are inside: small gaps change little.
     points
         (N, 3) m.
 
@@ -140,7 +138,7 @@ def intersection_over_union(first: tuple[Points, Faces], second: tuple[Points, F
     InvalidInput
         No point is in either.
     """
-    inside = [np.abs(igl.fast_winding_number(vertices, faces.astype(np.int64), points)) > INSIDE for vertices, faces in (first, second)]
+    inside = [is_inside(points, *surface) for surface in (first, second)]
     if not (either := (inside[0] | inside[1]).sum()):
         raise InvalidInput(f"none of {len(points)} points is inside either surface: take more of them, or surfaces that are closed")
     return float((inside[0] & inside[1]).sum() / either)

@@ -1,4 +1,4 @@
-"""What a smooth surface has little of, differentiable in the vertices: terms that a training adds to a Chamfer distance.
+"""Losses that regularise a surface beside the Chamfer distance, differentiable in its vertices.
 
 Vertices are (B, V, 3) floating, surfaces that share their faces. Terms are 0 at best, and their gradients are finite everywhere.
 """
@@ -11,15 +11,16 @@ import trimesh
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pipeline.kernels.metrics.float_types import check_full_precision
+from pipeline.kernels.geometry.mesh import directed_edges
+from pipeline.kernels.tensor_checks import check_full_precision
 
-FLAT = 1e-12
+FLAT_AREA = 1e-12
 """Twice the area of a face, in the unit squared, below which its normal counts less and less."""
 
 
 def neighbouring_vertices(faces: NDArray[np.integer]) -> Tensor:
     """List the edges of faces (F, 3): (E, 2) int64, each once."""
-    return torch.from_numpy(np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)).long()
+    return torch.from_numpy(np.unique(np.sort(directed_edges(faces), axis=1), axis=0)).long()
 
 
 def neighbouring_faces(faces: NDArray[np.integer]) -> Tensor:
@@ -77,7 +78,7 @@ def bending(vertices: Tensor, faces: Tensor, pairs: Tensor) -> Tensor:
     check_full_precision("vertices", vertices)
     a, b, c = vertices[:, faces].unbind(dim=2)
     across = torch.linalg.cross(b - a, c - a)  # (B, F, 3)
-    normals = across / (across.square().sum(dim=-1, keepdim=True) + FLAT**2).sqrt()
+    normals = across / (across.square().sum(dim=-1, keepdim=True) + FLAT_AREA**2).sqrt()
     first, second = normals[:, pairs].unbind(dim=2)
     bent: Tensor = 1 - (first * second).sum(dim=-1)
     return bent.mean(dim=-1)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.metrics.float_types import check_full_precision
+from pipeline.kernels.tensor_checks import check_full_precision
 
 
 def sample_surface(vertices: Tensor, faces: Tensor, count: int, generator: torch.Generator) -> Tensor:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 
 
-def ring_of(points: NDArray[np.floating], pose: NDArray[np.float64], width: float, rings: int = 5) -> NDArray[np.int64]:
+def ring_indices(points: NDArray[np.floating], pose: NDArray[np.float64], width: float, rings: int = 5) -> NDArray[np.int64]:
     """Find the ring around a sensor in which each surface point lies.
 
     Ring k of 1, 2, … holds the points with |x|, |y| ≤ k · width / 2 in the sensor's frame that are not in ring k - 1, and with
@@ -57,7 +57,7 @@ def ring_means(squared: NDArray[np.float64], ring: NDArray[np.int64], rings: int
     squared
         (N,) of each surface point, m².
     ring
-        (N,) from `ring_of`.
+        (N,) from `ring_indices`.
     rings
         Number of rings.
 

@@ -15,8 +15,9 @@ from torch import Tensor
 
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.charts.vision_charts import VisionCharts
-from pipeline.kernels.metrics.float_types import check_full_precision
+from pipeline.kernels.geometry.mesh import directed_edges
 from pipeline.kernels.networks.network_configurations import TouchEdges
+from pipeline.kernels.tensor_checks import check_full_precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +41,8 @@ class ChartGraph:
         Vertices of each item: V + counts[b] · side².
     vision_size
         V, the vision vertices of each item.
-    speakers
-        (T,) the centres of touch charts that all vision vertices of their item hear beside the neighbours in `adjacency`; None for none.
+    touch_centres
+        (T,) the centres of touch charts that are also neighbours of all vision vertices of their item; None for none.
     """
 
     adjacency: Tensor
@@ -49,23 +50,23 @@ class ChartGraph:
     counts: list[int]
     sizes: list[int]
     vision_size: int
-    speakers: Tensor | None = None
+    touch_centres: Tensor | None = None
 
     def average(self, features: Tensor) -> Tensor:
         """Average features (N, F) over the neighbours of each vertex, in the adjacency's precision: (N, F), of the features' type."""
         with torch.autocast(features.device.type, enabled=False):  # sparse products know no half precision on a CPU
             full = features.to(self.adjacency.dtype)
             summed: Tensor = _SymmetricProduct.apply(self.adjacency, full)  # type: ignore[no-untyped-call]
-            if self.speakers is not None:
-                summed = summed + self.heard(full[self.speakers])
+            if self.touch_centres is not None:
+                summed = summed + self.sum_touch_centres(full[self.touch_centres])
             return (summed / self.degree).to(features.dtype)
 
-    def heard(self, spoken: Tensor) -> Tensor:
-        """Sum up what the touch charts of each item say, (T, F), for its vision vertices; 0 for the other vertices: (N, F)."""
-        heard = []
-        for part, size in zip(torch.split(spoken, self.counts), self.sizes, strict=True):
-            heard += [part.sum(dim=0).expand(self.vision_size, -1), part.new_zeros(size - self.vision_size, part.shape[1])]
-        return torch.cat(heard)
+    def sum_touch_centres(self, features: Tensor) -> Tensor:
+        """Sum the features (T, F) of each item's touch charts for its vision vertices; 0 for the other vertices: (N, F)."""
+        sums = []
+        for part, size in zip(torch.split(features, self.counts), self.sizes, strict=True):
+            sums += [part.sum(dim=0).expand(self.vision_size, -1), part.new_zeros(size - self.vision_size, part.shape[1])]
+        return torch.cat(sums)
 
     def join(self, vision: Tensor, touch: Tensor) -> Tensor:
         """Arrange features of vision vertices (B, V, F) and of touch charts (T, side², F) as those of all vertices: (N, F)."""
@@ -132,15 +133,17 @@ def chart_graph(charts: VisionCharts, side: int, counts: Sequence[int], like: Te
         adjacency = torch.sparse_csr_tensor(*parts, matrix.shape, dtype=like.dtype, device=like.device, check_invariants=False)
     degree = torch.from_numpy(np.diff(matrix.indptr)).to(like)[:, None]
     graph = ChartGraph(adjacency, degree, list(counts), [item.shape[0] for item in items], len(charts.vertices))
-    return graph if mutual else _heard_by_all(graph, charts, side)
+    return graph if mutual else _connect_touch_to_all_vision(graph, charts, side)
 
 
-def _heard_by_all(graph: ChartGraph, charts: VisionCharts, side: int) -> ChartGraph:
+def _connect_touch_to_all_vision(graph: ChartGraph, charts: VisionCharts, side: int) -> ChartGraph:
     """Give each vision vertex the centres of its item's touch charts for neighbours."""
     first = np.cumsum([0, *graph.sizes[:-1]])
     centres = [start + _touch_centres(charts, side, count) for start, count in zip(first, graph.counts, strict=True)]
-    speakers = torch.from_numpy(np.concatenate(centres)).to(graph.degree.device)
-    return replace(graph, speakers=speakers, degree=graph.degree + graph.heard(graph.degree.new_ones(len(speakers), 1)))
+    touch_centres = torch.from_numpy(np.concatenate(centres)).to(graph.degree.device)
+    return replace(
+        graph, touch_centres=touch_centres, degree=graph.degree + graph.sum_touch_centres(graph.degree.new_ones(len(touch_centres), 1))
+    )
 
 
 def _touch_centres(charts: VisionCharts, side: int, count: int) -> NDArray[np.int64]:
@@ -154,8 +157,7 @@ def _item_adjacency(charts: VisionCharts, side: int, count: int, *, mutual: bool
     first_vertices = len(charts.vertices) + len(square) * np.arange(count)  # (count,) of each touch chart
     touch_faces = (square_faces.numpy() + first_vertices[:, None, None]).reshape(-1, 3)
     faces = np.concatenate([charts.faces, touch_faces])
-    sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    pairs = np.concatenate([sides, charts.seams])
+    pairs = np.concatenate([directed_edges(faces), charts.seams])
     if mutual:
         centres = np.stack(np.meshgrid(_touch_centres(charts, side, count), charts.centres), axis=-1).reshape(-1, 2)
         pairs = np.concatenate([pairs, centres])

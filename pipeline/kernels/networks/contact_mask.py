@@ -1,4 +1,4 @@
-"""Which pixels of a tactile image differ from the untouched one (supplement 2.2)."""
+"""Contact masks: the pixels of a tactile image that differ from the untouched image (supplement 2.2)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from fractions import Fraction
 import torch
 from torch import Tensor
 
-from pipeline.kernels.networks.image_tensors import COLOURS, WHITE
+from pipeline.kernels.tensor_checks import COLOURS, WHITE
 
 THRESHOLD = 0.001
 """The supplement's: squared distance over colour, of images in [0, 1]."""

@@ -11,18 +11,17 @@ from torch.utils.checkpoint import checkpoint
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.vision_charts import vision_charts
-from pipeline.kernels.metrics.float_types import check_full_precision
 from pipeline.kernels.networks.chart_graph import ChartGraph, chart_graph
 from pipeline.kernels.networks.graph_convolution import GraphConvolutionNetwork
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder
-from pipeline.kernels.networks.image_tensors import COLOURS
 from pipeline.kernels.networks.initial_weights import draw_weights
 from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.kernels.networks.perceptual_pooling import pool_features, project_to_pixels
+from pipeline.kernels.tensor_checks import COLOURS, check_full_precision
 
 VISION, TOUCHED, NOT_TOUCHED = 0.0, 1.0, -1.0
 """Mask feature of a vertex: of a vision chart, of the chart of a successful touch, of another touch chart."""
-FIRST_STEP = 0.1
+INITIAL_OUTPUT_SCALE = 0.1
 """Scale of the last layer's initial weights: the first displacements are small against the sphere's radius."""
 
 
@@ -107,8 +106,8 @@ class DeformationNetwork(nn.Module):
         if self.config.checkpointing and torch.is_grad_enabled():
             step = partial(checkpoint, step, use_reentrant=False, preserve_rng_state=False)
         for _ in range(self.config.passes):
-            vision = vision + self._tied(step(vision))
-        return self._world(vision)
+            vision = vision + self._tie_seams(step(vision))
+        return self._to_world(vision)
 
     def _displacements(
         self, vision: Tensor, *, touch: Tensor, mask: Tensor, maps: list[Tensor], cameras: Tensor | None, graph: ChartGraph
@@ -122,17 +121,17 @@ class DeformationNetwork(nn.Module):
             parts.append(torch.cat(seen))
         return graph.vision_vertices(self.gcn(torch.cat(parts, dim=1), graph))
 
-    def merged(self, vertices: Tensor) -> Tensor:
+    def merge_coinciding(self, vertices: Tensor) -> Tensor:
         """Compute the mean of what vertices that coincide have each, (B, V, F): (B, P, F) for the sphere's P distinct positions."""
         position = self._position(vertices.device)
         copies = torch.bincount(position)[:, None]  # (P, 1)
         return vertices.new_zeros(len(vertices), len(copies), vertices.shape[2]).index_add(1, position, vertices) / copies
 
-    def _tied(self, displacements: Tensor) -> Tensor:
+    def _tie_seams(self, displacements: Tensor) -> Tensor:
         """Move vertices that coincide as one, if seams are tied: by the mean of their displacements (B, V, 3)."""
         if self.config.seams == "open":
             return displacements
-        return self.merged(displacements)[:, self._position(displacements.device)]
+        return self.merge_coinciding(displacements)[:, self._position(displacements.device)]
 
     def _position(self, device: torch.device) -> Tensor:
         """(V,) which distinct position of the sphere each vertex has; no buffer, for networks are loaded without what is not saved."""
@@ -141,10 +140,10 @@ class DeformationNetwork(nn.Module):
     def _image_features(self, positions: Tensor, maps: list[Tensor], camera: Tensor) -> Tensor:
         """(n, F) image features of one item's vertices."""
         assert self.encoder is not None
-        pooled = pool_features(maps, self.encoder.grids, project_to_pixels(camera, self._world(positions)[None]))[0]
+        pooled = pool_features(maps, self.encoder.grids, project_to_pixels(camera, self._to_world(positions)[None]))[0]
         return pooled if self.linear is None else self.linear(pooled).relu()
 
-    def _world(self, positions: Tensor) -> Tensor:
+    def _to_world(self, positions: Tensor) -> Tensor:
         """World, m, from radii from the centre."""
         return positions * self.config.radius + positions.new_tensor(self.config.centre)
 
@@ -169,7 +168,7 @@ class DeformationNetwork(nn.Module):
 
 
 def initialise(network: DeformationNetwork, generator: torch.Generator | None) -> None:
-    """Draw a network's initial weights as `draw_weights`, in place; the last layer's are scaled by `FIRST_STEP`."""
+    """Draw a network's initial weights as `draw_weights`, in place; the last layer's are scaled by `INITIAL_OUTPUT_SCALE`."""
     draw_weights(network, generator)
     with torch.no_grad():
-        network.gcn.last.weight.mul_(FIRST_STEP)
+        network.gcn.last.weight.mul_(INITIAL_OUTPUT_SCALE)

@@ -40,7 +40,7 @@ class ZeroNeighbourLayer(nn.Module):
 
         Returns
         -------
-        (N, out_features). What is not finite spreads to the neighbours.
+        (N, out_features). Values that are not finite spread to the neighbours.
 
         Raises
         ------

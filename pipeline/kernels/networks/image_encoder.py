@@ -1,4 +1,4 @@
-"""The image encoder: a stack of convolutions, the maps of some of which perceptual pooling reads (Tables 7-11)."""
+"""Image encoders: stacks of convolutions whose feature maps perceptual pooling reads (Tables 7-11)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Literal
 from torch import Tensor, nn
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.networks.image_tensors import COLOURS, check_intensities
+from pipeline.kernels.tensor_checks import COLOURS, check_intensities
 
 Norm = Literal["batch", "instance", "group"]
 GROUPS = 8
@@ -52,7 +52,17 @@ class MapGrid:
     jump: int = 1
 
     def after(self, kernel: int, stride: int, padding: int) -> MapGrid:
-        """Compute the grid of the map that a convolution makes of this one."""
+        """Compute the grid of the map that a convolution makes of this map.
+
+        Parameters
+        ----------
+        kernel, stride, padding
+            Of the convolution, pixels of this map.
+
+        Returns
+        -------
+        The grid, in image pixels.
+        """
         return MapGrid(self.start + self.jump * ((kernel - 1) / 2 - padding), self.jump * stride)
 
 
@@ -88,8 +98,8 @@ class ImageEncoder(nn.Module):
     kernel
         Pixels per side of each convolution, 3 (the tables) or 5 (the authors' release).
     norm
-        What follows each convolution: batch normalisation (Tables 7-10), instance normalisation (Table 11), or group normalisation, of
-        groups of channels of one image.
+        Normalisation after each convolution: "batch" (Tables 7-10), "instance" (Table 11), or "group", of groups of channels of one
+        image.
     width
         Each layer's channels over the plan's, rounded, one at least; below 1 for drafts.
 

@@ -1,39 +1,76 @@
-"""An implicit network: the signed distance from any point in space to an object's surface, from what is seen and felt of it."""
+"""Implicit networks: signed distances to an object's surface from an image and touches."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid
-from pipeline.kernels.networks.image_tensors import COLOURS
-from pipeline.kernels.networks.implicit_configurations import ImplicitConfig
 from pipeline.kernels.networks.initial_weights import draw_weights
+from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.kernels.networks.perceptual_pooling import pool_features, project_to_pixels
-from pipeline.kernels.networks.touch_features import DESCRIBED, FELT, Touches, heights_above_touches, split_touches
+from pipeline.kernels.networks.touch_features import POINT_FEATURES, TOUCH_FEATURES, TouchPoints, heights_above_touches, split_touches
+from pipeline.kernels.tensor_checks import COLOURS
 
-WINDOWS = 4
+POOLED_SIDE = 4
 """The deepest map is averaged in 4 x 4 windows, of which a linear layer makes the global features of an image."""
-FIRST_STEP = 0.1
+INITIAL_OUTPUT_SCALE = 0.1
 """Share of their usual size that the last weights of each residual block begin with."""
 
-FINGER = 0.015
-"""m: the finger is as deep behind a place that its sensor touches, and nothing of the object is there."""
+FINGER_DEPTH = 0.015
+"""m: depth of the finger behind a touched point, where the object cannot be."""
 
-LEAK = 0.05
+TANH_SLOPE = 0.05
 """Slope that is added to the tanh of the predicted distances: a tanh alone is flat where most points are, and stops learning there."""
 
 
+class ImplicitConfig(NetworkInputs):
+    """The inputs and sizes of an `ImplicitNetwork`.
+
+    Attributes
+    ----------
+    features, blocks
+        The decoder: features of each layer, and residual blocks of two layers.
+    band
+        Distances beyond this many m, on either side, count the same.
+    spacing
+        Of the grid that a reconstruction's mesh is made on, m.
+    touch_reach
+        Around what was felt, a reconstruction goes by it: m at which its weight has fallen to 1/e. 0 goes by the network alone.
+    """
+
+    encoder_layers: Literal[12, 15, 18, 25] = 12
+    encoder_kernel: Literal[3, 5] = 5
+    encoder_width: float = Field(default=0.25, gt=0, le=64)
+    features: int = Field(default=128, ge=2, le=2**12)
+    blocks: int = Field(default=3, ge=0, le=100)
+    band: float = Field(default=0.03, gt=0)
+    spacing: float = Field(default=0.004, ge=1e-3)
+    touch_reach: float = Field(default=0.01, ge=0, le=1)
+
+
+IMPLICIT_CONFIGURATIONS: Mapping[str, ImplicitConfig] = {
+    "implicit-touch": ImplicitConfig(touch=True),
+    "implicit-occluded": ImplicitConfig(image="occluded"),
+    "implicit-occluded-touch": ImplicitConfig(image="occluded", touch=True),
+    "implicit-unoccluded": ImplicitConfig(image="unoccluded"),
+    "implicit-unoccluded-touch": ImplicitConfig(image="unoccluded", touch=True),
+}
+"""The implicit networks by name: they are given what the supplement's of that name are given."""
+
+
 @dataclass(frozen=True)
-class Code:
-    """What was seen and felt of B items.
+class Encoding:
+    """Encoded images and touches of B items.
 
     Attributes
     ----------
@@ -44,13 +81,13 @@ class Code:
     overall
         (B, G) global features.
     touches
-        What was felt of each item; None without touch.
+        Touched points of each item; None without touch.
     """
 
     maps: list[Tensor]
     cameras: Tensor | None
     overall: Tensor
-    touches: list[Touches] | None
+    touches: list[TouchPoints] | None
 
 
 class ImplicitNetwork(nn.Module):
@@ -76,11 +113,11 @@ class ImplicitNetwork(nn.Module):
             if config.image is not None:
                 plan = ENCODER_PLANS[config.encoder_layers]
                 self.encoder = ImageEncoder(plan, config.encoder_kernel, config.encoder_norm, config.encoder_width)
-                self.seen = nn.Linear(self.encoder.deepest * WINDOWS**2, overall)
+                self.seen = nn.Linear(self.encoder.deepest * POOLED_SIDE**2, overall)
                 inputs += COLOURS + self.encoder.channels + overall
             if config.touch:
-                self.felt = nn.Sequential(nn.Linear(DESCRIBED, overall), nn.ReLU(), nn.Linear(overall, overall))
-                inputs += FELT + overall
+                self.felt = nn.Sequential(nn.Linear(POINT_FEATURES, overall), nn.ReLU(), nn.Linear(overall, overall))
+                inputs += TOUCH_FEATURES + overall
             self.first, self.last = nn.Linear(inputs, width), nn.Linear(width, 1)
             self.blocks = nn.ModuleList(
                 nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, width)) for _ in range(config.blocks)
@@ -94,7 +131,7 @@ class ImplicitNetwork(nn.Module):
                 self.last.weight,
                 *(parameter for name, parameter in self.blocks.named_parameters() if name.endswith("3.weight")),
             ):
-                weight.mul_(FIRST_STEP)
+                weight.mul_(INITIAL_OUTPUT_SCALE)
 
     def forward(
         self,
@@ -106,19 +143,35 @@ class ImplicitNetwork(nn.Module):
         touched: Tensor,
         counts: Sequence[int],
     ) -> Tensor:
-        """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m; the other arguments are those of `encode`."""
+        """Predict signed distances.
+
+        Parameters
+        ----------
+        queries
+            (B, N, 3) world, m.
+        images, camera, touch_vertices, touched, counts
+            As `encode` takes them.
+
+        Returns
+        -------
+        (B, N) m, outside positive.
+        """
         code = self.encode(images=images, camera=camera, touch_vertices=touch_vertices, touched=touched, counts=counts)
         return self.decode(code, queries)
 
     def encode(
         self, *, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]
-    ) -> Code:
+    ) -> Encoding:
         """Encode a batch of B items, once for all queries.
 
         Parameters
         ----------
         images, camera, touch_vertices, touched, counts
             As `DeformationNetwork.forward` takes them.
+
+        Returns
+        -------
+        The encoding, from which `decode` predicts.
 
         Raises
         ------
@@ -134,36 +187,36 @@ class ImplicitNetwork(nn.Module):
             deep = self.encoder(images)
             maps = [images, *deep]
             cameras = camera.to(images).expand(len(images), 3, 4)
-            overall.append(self.seen(functional.adaptive_avg_pool2d(deep[-1], WINDOWS).flatten(1)))
+            overall.append(self.seen(functional.adaptive_avg_pool2d(deep[-1], POOLED_SIDE).flatten(1)))
         if self.config.touch:
             if not bool(torch.isfinite(touch_vertices).all()):
                 raise InvalidInput("touch_vertices has values that are not finite: leave out the items they come from")
             touches = split_touches(self._unit(touch_vertices), touched, counts)
             nothing = self.last.weight.new_zeros(1, self.config.features // 2)
-            overall.append(torch.stack([torch.cat([nothing, self.felt(one.described)]).amax(dim=0) for one in touches]))
-        return Code(maps, cameras, torch.cat(overall, dim=1), touches)
+            overall.append(torch.stack([torch.cat([nothing, self.felt(points.point_features)]).amax(dim=0) for points in touches]))
+        return Encoding(maps, cameras, torch.cat(overall, dim=1), touches)
 
-    def decode(self, code: Code, queries: Tensor) -> Tensor:
+    def decode(self, code: Encoding, queries: Tensor) -> Tensor:
         """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m, about the band where they are larger."""
         return self._decode(code, queries)[0]
 
-    def _decode(self, code: Code, queries: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Predict as `decode`; also returns what was felt nearest to the queries, (B, N, FELT), of a network with touch."""
+    def _decode(self, code: Encoding, queries: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Predict as `decode`; also returns what was felt nearest to the queries, (B, N, TOUCH_FEATURES), of a network with touch."""
         unit, felt = self._unit(queries), None
         parts = [unit, code.overall[:, None].expand(-1, queries.shape[1], -1)]
         if self.encoder is not None and code.cameras is not None:
             parts.append(pool_features(code.maps, (MapGrid(), *self.encoder.grids), project_to_pixels(code.cameras, queries)))
         if code.touches is not None:
-            felt = torch.stack([one.features(query) for one, query in zip(code.touches, unit, strict=True)])
+            felt = torch.stack([points.features_at(query) for points, query in zip(code.touches, unit, strict=True)])
             parts.append(felt)
         features: Tensor = self.first(torch.cat(parts, dim=2))
         for block in self.blocks:
             features = features + block(features)
         last: Tensor = self.last(features.relu())[..., 0]
-        return self.config.band * (torch.tanh(last) + LEAK * last), felt
+        return self.config.band * (torch.tanh(last) + TANH_SLOPE * last), felt
 
-    def decode_trusting_touches(self, code: Code, queries: Tensor) -> Tensor:
-        """Predict distances as `decode`, but go by the touches where one is near: for reconstructions.
+    def decode_with_touches(self, code: Encoding, queries: Tensor) -> Tensor:
+        """Predict distances as `decode`, but follow the touches near them: for reconstructions.
 
         A network learns from few points near touches, and misses them by millimetres where charts miss them by tenths. At a distance d from
         the nearest touched point, and the finger above it, the height above its tangent plane has the weight exp(-(d / touch_reach)⁴), the
@@ -172,12 +225,12 @@ class ImplicitNetwork(nn.Module):
         (predicted, felt), radius = self._decode(code, queries), self.config.radius
         if felt is None or self.config.touch_reach == 0:
             return predicted
-        heights, weights = heights_above_touches(felt, self.config.touch_reach / radius, FINGER / radius)
+        heights, weights = heights_above_touches(felt, self.config.touch_reach / radius, FINGER_DEPTH / radius)
         return torch.lerp(predicted, radius * heights, weights)
 
-    def touched_points(self, code: Code) -> NDArray[np.float64]:
+    def touched_points(self, code: Encoding) -> NDArray[np.float64]:
         """List the points, (M, 3) world, m, that were touched of the items: distances change fast around them."""
-        touched = [one.points[one.touched] for one in code.touches or ()]
+        touched = [item.points[item.touched] for item in code.touches or ()]
         places = torch.cat([self.last.weight.new_zeros(0, 3), *touched]).double().cpu().numpy()
         return np.asarray(self.config.radius * places + np.array(self.config.centre))
 

@@ -1,4 +1,4 @@
-"""What networks begin with."""
+"""Initial weights of networks."""
 
 from __future__ import annotations
 

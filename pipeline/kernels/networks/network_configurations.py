@@ -7,8 +7,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from pipeline.kernels.charts.touch_chart import MOST_SIDE
-from pipeline.kernels.charts.vision_charts import MOST_SPLITS
+from pipeline.kernels.charts.touch_chart import MAX_SIDE
+from pipeline.kernels.charts.vision_charts import MAX_SPLITS
 from pipeline.kernels.networks.image_encoder import Norm
 
 ImageKind = Literal["occluded", "unoccluded", "rendering"]
@@ -22,7 +22,7 @@ class NetworkInputs(BaseModel):
     Attributes
     ----------
     image
-        Which image it sees, if any; "rendering" is one of several of the object, each with a camera of its own.
+        The image it sees, if any; "rendering" is one of several images of the object, each with its own camera.
     touch
         Whether it is given touch charts and which of them touched.
     encoder_layers, encoder_kernel, encoder_norm, encoder_width
@@ -41,7 +41,7 @@ class NetworkInputs(BaseModel):
     encoder_kernel: Literal[3, 5] = 3
     encoder_norm: Norm = "batch"
     encoder_width: float = Field(default=1.0, gt=0, le=64)
-    side: int = Field(default=9, ge=3, le=MOST_SIDE)
+    side: int = Field(default=9, ge=3, le=MAX_SIDE)
     centre: tuple[float, float, float] = (0.0, 0.0, 0.6)
     radius: float = Field(default=0.25, gt=0)
 
@@ -60,7 +60,7 @@ class NetworkConfig(NetworkInputs):
     splits
         Vision charts: 24 · 4^splits of them.
     seams
-        "tied": vision vertices that coincide move as one, by the mean of what the network says of each; "open": each for itself.
+        "tied": vision vertices that coincide move as one, by the mean of their predicted displacements; "open": each by its own.
     touch_edges
         "all": each vision vertex has the centres of its item's touch charts for neighbours, which do not see it; "centres": the centres of
         vision charts and of touch charts are each other's neighbours.
@@ -73,7 +73,7 @@ class NetworkConfig(NetworkInputs):
     gcn_features: int = Field(default=200, ge=1, le=2**16)
     mixed: float = Field(default=1 / 3, ge=0, le=1)
     passes: int = Field(default=3, ge=1, le=100)
-    splits: int = Field(default=1, ge=0, le=MOST_SPLITS)
+    splits: int = Field(default=1, ge=0, le=MAX_SPLITS)
     seams: Seams = "open"
     touch_edges: TouchEdges = "centres"
     checkpointing: bool = False

@@ -9,8 +9,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.metrics.float_types import check_full_precision
 from pipeline.kernels.networks.image_encoder import MapGrid
+from pipeline.kernels.tensor_checks import check_full_precision
 
 NEAREST_DEPTH = 0.01
 """m; points nearer to the camera are seen as if they were this far away. The scene starts at 0.5 m."""

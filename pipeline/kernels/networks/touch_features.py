@@ -1,4 +1,4 @@
-"""What was felt, and what was felt to be empty, as an implicit network is given it at points in space."""
+"""Features of touch charts for implicit networks: the nearest touched point, and the nearest point known to be outside."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from pipeline.kernels.metrics.chamfer import Target
+from pipeline.kernels.metrics.chamfer import SearchCloud
 
-NEAREST = 9
+NEAREST_POINT_FEATURES = 9
 """Features of the nearest point: offset and normal, the height above its tangent plane, and how close it is, at two scales."""
-FELT = 2 * NEAREST
+TOUCH_FEATURES = 2 * NEAREST_POINT_FEATURES
 """Features per query: of the nearest point that was touched, and of the nearest one that is known to be outside."""
-DESCRIBED = 7
+POINT_FEATURES = 7
 """Numbers per point: position, normal, and whether it was touched."""
 SCALES = (0.04, 0.2)
 """Radii of an object, 1 and 5 cm: closeness is exp(-distance / scale)."""
 
 
 @dataclass(frozen=True)
-class Touches:
+class TouchPoints:
     """The vertices of an item's touch charts: P points with normals.
 
     Attributes
@@ -40,24 +40,24 @@ class Touches:
     touched: Tensor
 
     @property
-    def described(self) -> Tensor:
-        """Describe each point: (P, `DESCRIBED`)."""
+    def point_features(self) -> Tensor:
+        """Describe each point: (P, `POINT_FEATURES`)."""
         return torch.cat([self.points, self.normals, self.touched.to(self.points)[:, None]], dim=1)
 
-    def features(self, queries: Tensor) -> Tensor:
-        """Describe what is nearest to queries (N, 3), in radii from the centre: (N, `FELT`); zeros where there is no such point."""
+    def features_at(self, queries: Tensor) -> Tensor:
+        """Compute features (N, `TOUCH_FEATURES`) of queries (N, 3), radii from the centre; zeros where there is no such point."""
         return torch.cat([_nearest(queries, *side) for side in self._sides], dim=1)
 
     @cached_property
-    def _sides(self) -> tuple[tuple[Target | None, Tensor], ...]:
+    def _sides(self) -> tuple[tuple[SearchCloud | None, Tensor], ...]:
         """The touched points, and those that are known to be outside: searchable, with their normals; None where there is none."""
         masks = (self.touched, ~self.touched)
-        return tuple((Target(self.points[mask]) if bool(mask.any()) else None, self.normals[mask]) for mask in masks)
+        return tuple((SearchCloud(self.points[mask]) if bool(mask.any()) else None, self.normals[mask]) for mask in masks)
 
 
-def _nearest(queries: Tensor, target: Target | None, normals: Tensor) -> Tensor:
+def _nearest(queries: Tensor, target: SearchCloud | None, normals: Tensor) -> Tensor:
     if target is None:
-        return queries.new_zeros(len(queries), NEAREST)
+        return queries.new_zeros(len(queries), NEAREST_POINT_FEATURES)
     nearest = target.nearest(queries)
     offset, normal = queries - target.points[nearest], normals[nearest]
     height = (offset * normal).sum(dim=1, keepdim=True)
@@ -66,10 +66,20 @@ def _nearest(queries: Tensor, target: Target | None, normals: Tensor) -> Tensor:
 
 
 def heights_above_touches(felt: Tensor, reach: float, finger: float) -> tuple[Tensor, Tensor]:
-    """Take from features (..., `FELT`) of queries how high each is above the tangent plane at the touched point nearest to it.
+    """Compute the heights of queries above the tangent planes of the touched points nearest to them.
 
-    Returns (...) heights, in radii, and how much they say, (...): exp(-(distance / reach)⁴), zeros where nothing was touched. Up to
-    `finger` above the plane there is the finger, and nothing of the object: there height adds nothing to the distance.
+    Parameters
+    ----------
+    felt
+        (..., `TOUCH_FEATURES`) features of the queries.
+    reach
+        Distance at which a height's weight is 1/e, radii.
+    finger
+        Depth of the finger above the plane, radii: the object is not there, so height up to it adds nothing to the distance.
+
+    Returns
+    -------
+    Heights (...), radii, and their weights (...): exp(-(distance / reach)⁴), zeros where nothing was touched.
     """
     offset, normal, height = felt[..., :3], felt[..., 3:6], felt[..., 6]
     beyond = height - height.clamp(0, finger)
@@ -97,8 +107,24 @@ def chart_normals(vertices: Tensor) -> Tensor:
     return torch.nn.functional.normalize(across, dim=-1, eps=1e-20).reshape(vertices.shape)
 
 
-def split_touches(vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> list[Touches]:
-    """Make each item's touches of the charts (T, S, 3) of all, in radii from the centre; `touched` (T,), `counts` charts of each item."""
+def split_touches(vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> list[TouchPoints]:
+    """Split the touch charts of a batch by item.
+
+    Parameters
+    ----------
+    vertices
+        (T, S, 3) of all items' charts, radii from the centre.
+    touched
+        (T,) bool, whether each chart touched the object.
+    counts
+        Charts of each of B items.
+
+    Returns
+    -------
+    The points of each item.
+    """
     normals, flags = chart_normals(vertices), touched[:, None].expand(vertices.shape[:2])
     split = (torch.split(part, list(counts)) for part in (vertices, normals, flags))
-    return [Touches(points.reshape(-1, 3), normal.reshape(-1, 3), flag.reshape(-1)) for points, normal, flag in zip(*split, strict=True)]
+    return [
+        TouchPoints(points.reshape(-1, 3), normal.reshape(-1, 3), flag.reshape(-1)) for points, normal, flag in zip(*split, strict=True)
+    ]

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.metrics.chamfer import chamfer
-from pipeline.kernels.metrics.float_types import check_full_precision
+from pipeline.kernels.tensor_checks import check_full_precision
 
 
 def visible_depth(depth: Tensor, gel: float | Tensor) -> Tensor:

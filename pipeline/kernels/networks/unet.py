@@ -6,12 +6,11 @@ import torch
 from torch import Tensor, nn
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.metrics.float_types import check_full_precision
-from pipeline.kernels.networks.image_tensors import COLOURS, check_intensities
+from pipeline.kernels.tensor_checks import COLOURS, check_full_precision, check_intensities
 
 LEVELS = 4
 """Poolings on the way down, and deconvolutions on the way up."""
-SMALLEST = 2**LEVELS
+MIN_SIDE = 2**LEVELS
 """Pixels per side below which nothing is left after the last pooling."""
 
 
@@ -81,11 +80,11 @@ class UNet(nn.Module):
         if images.ndim != 4 or images.shape[1] != COLOURS:
             raise ValueError(f"images have shape {tuple(images.shape)}; the U-Net takes (B, {COLOURS}, H, W)")
         batch, _, rows, cols = images.shape
-        if min(rows, cols) < SMALLEST:
-            raise InvalidInput(f"images of {rows} x {cols} pixels; {LEVELS} poolings need at least {SMALLEST} per side")
+        if min(rows, cols) < MIN_SIDE:
+            raise InvalidInput(f"images of {rows} x {cols} pixels; {LEVELS} poolings need at least {MIN_SIDE} per side")
         check_full_precision("a U-Net with parameters", self.head.weight)
         check_intensities("images", images)
-        if self.training and batch * (rows // SMALLEST) * (cols // SMALLEST) < 2:
+        if self.training and batch * (rows // MIN_SIDE) * (cols // MIN_SIDE) < 2:
             raise InvalidInput(
                 f"{batch} image of {rows} x {cols} pixels has one value per channel at the lowest level, which batch normalisation "
                 "cannot train on; take a batch of 2 or more, or .eval()"
@@ -93,7 +92,7 @@ class UNet(nn.Module):
 
 
 def _convolution(before: int, after: int, kernel: int) -> nn.Sequential:
-    """A convolution that keeps the size, batch normalisation and ReLU; a 2 x 2 kernel is padded after the last row and column."""
+    """Make a convolution that keeps the size, batch normalisation and ReLU; a 2 x 2 kernel is padded after the last row and column."""
     far_side = [nn.ZeroPad2d((0, 1, 0, 1))] if kernel % 2 == 0 else []
     convolution = nn.Conv2d(before, after, kernel, padding=(kernel - 1) // 2)
     return nn.Sequential(*far_side, convolution, nn.BatchNorm2d(after), nn.ReLU(inplace=True))

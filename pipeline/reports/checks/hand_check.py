@@ -13,8 +13,7 @@ from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.resting_contacts import Overlap, frequent_overlaps
-from pipeline.kernels.hand.self_collision import fingers_clear_of_palm
+from pipeline.kernels.hand.self_collision import LinkOverlap, fingers_clear_of_palm, frequent_overlaps
 from pipeline.reports.hand_picture import closing_directions, hand_picture
 from pipeline.reports.object_fit import opening, sensor_places
 from pipeline.rng import numpy_rng
@@ -89,7 +88,7 @@ def _far_palm(hand: Hand) -> list[str]:
     ]
 
 
-def _overlap(hand: Hand, one: Overlap) -> str:
+def _overlap(hand: Hand, one: LinkOverlap) -> str:
     names = f"{hand.links[one.first].name}, {hand.links[one.second].name}"
     return (
         f"overlap: [{names}] in {100 * one.share:.0f} % of random postures, by {1e3 * one.depth:.1f} mm: list the pair under "

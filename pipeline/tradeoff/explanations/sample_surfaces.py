@@ -10,8 +10,7 @@ import numpy as np
 from pipeline.engine.stage import Inputs
 from pipeline.engine.unit import Unit
 from pipeline.kernels.geometry.exterior_sampling import MIN_ESCAPES, EscapeTest
-from pipeline.kernels.geometry.mesh import face_cross_products
-from pipeline.kernels.geometry.triangle_sampling import sample_triangles
+from pipeline.kernels.geometry.mesh import face_cross_products, sample_triangles
 from pipeline.tradeoff.explain import Count
 from stages.sample_surfaces.settings import SurfaceSettings
 from stages.sample_surfaces.stage import normalised_mesh

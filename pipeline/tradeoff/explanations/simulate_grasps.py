@@ -9,7 +9,7 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.stage import Inputs
 from pipeline.engine.unit import Unit
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.hand.penetration import doubtful_spheres
+from pipeline.kernels.hand.object_distances import possibly_overlapping_spheres
 from pipeline.tradeoff.explain import Count
 from stages.simulate_grasps.prepare import prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
@@ -29,6 +29,6 @@ def explain(settings: GraspSettings, models: Mapping[str, Path], units: Sequence
         yield Count("grid cells measured", exact, cells - exact, "farther from the object than any part of a hand is asked about")
         for pose, angles in zip(row["hand_pose"], row["joint_angles"], strict=True):
             points = spheres.world_centres(forward_kinematics(prepared_hand.hand, pose, angles)[None])[:, 0]
-            measured = len(doubtful_spheres(field, spheres, points))
+            measured = len(possibly_overlapping_spheres(field, spheres, points))
             why = "clear of the object by the grid already"
             yield Count("spheres measured exactly", measured, len(spheres.radii) - measured, why, "doubtful spheres")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.kernels.charts.chart_fitting import ChartFits, fit_charts
 from pipeline.kernels.charts.fit_options import SUPPLEMENT, FitOptions, StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.metrics.surface_distance import rms_distance_to_surface
+from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface
 from pipeline.kernels.metrics.surface_quality import dihedral_angles
 from pipeline.kernels.metrics.surface_sampling import map_to_surfaces
 
@@ -33,7 +33,7 @@ def _one_thread() -> Iterator[None]:
 
 
 def pixel_cloud(depth: Callable[[Cloud, Cloud], Cloud]) -> Cloud:
-    """The points in the gel of a depth (m) given over the pixel centres."""
+    """Compute the points in the gel of a depth (m) given over the pixel centres."""
     centres = ((np.arange(PIXELS) + 0.5) / PIXELS - 0.5) * WIDTH
     x, y = np.meshgrid(centres, centres)
     z = depth(x, y)
@@ -42,7 +42,7 @@ def pixel_cloud(depth: Callable[[Cloud, Cloud], Cloud]) -> Cloud:
 
 
 def corner(x: Cloud, y: Cloud) -> Cloud:
-    """A cube's corner, pressed in 4 mm deep along its diagonal."""
+    """Make a cloud of a cube's corner, pressed in 4 mm deep along its diagonal."""
     axes = np.array([[np.sqrt(2 / 3), 0, np.sqrt(1 / 3)], [-np.sqrt(1 / 6), np.sqrt(1 / 2), np.sqrt(1 / 3)]])
     axes = np.vstack([axes, [-np.sqrt(1 / 6), -np.sqrt(1 / 2), np.sqrt(1 / 3)]])
     return 0.0028 + np.max([-(n[0] * x + n[1] * y) / n[2] for n in axes], axis=0)
@@ -135,7 +135,7 @@ def test_short_edges_make_a_chart_of_a_noisy_cloud_smoother_and_leave_it_near() 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["edge", "flat"])
-def test_fewer_points_a_step_are_nearly_as_good_as_the_twins_all(kind: str) -> None:
+def test_fit_with_fewer_points_per_step_is_nearly_as_good(kind: str) -> None:
     cloud = np.random.default_rng(2).permutation(CLOUDS[kind])[:2000]
     vertices, steps = twin(cloud, halt=6e-4, samples=4000, cap=1000)
     fits = alone(cloud, FitOptions(learning_rate=SUPPLEMENT.learning_rate))
@@ -185,7 +185,7 @@ def test_residual_is_the_distance_to_the_surface() -> None:
     assert rms_distance_to_surface(square.numpy()[:5], square.numpy(), faces.numpy()) == 0
 
 
-def test_a_chart_comes_out_the_same_whatever_is_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chart_does_not_depend_on_others_in_its_group(monkeypatch: pytest.MonkeyPatch) -> None:
     kinds = [CLOUDS["flat"], CLOUDS["small cap"][:1], CLOUDS["corner"], np.empty((0, 3)), CLOUDS["small cap"]]
     rule = FitOptions(halt=5e-3, max_iterations=110)
     together = fit_charts(kinds, WIDTH, generators(5), options=rule)
@@ -233,7 +233,7 @@ def test_empty_cloud_leaves_the_square() -> None:
     assert fit_charts([], WIDTH, []).vertices.shape == (0, 81, 3)
 
 
-def test_the_cap_is_recorded_with_where_the_chart_stands() -> None:
+def test_cap_is_recorded_with_the_charts_state() -> None:
     fits = alone(CLOUDS["cap"], FitOptions(max_iterations=7))
     assert fits.stop_rule.tolist() == [StopRule.cap]
     assert fits.iterations.tolist() == [7]
@@ -258,13 +258,13 @@ def test_a_chart_without_area_has_collapsed(monkeypatch: pytest.MonkeyPatch) -> 
         ([POINT], 1, 0.0, "width 0"),
     ],
 )
-def test_clouds_and_widths_that_do_not_fit_are_refused(clouds: list[Cloud], count: int, width: float, message: str) -> None:
+def test_fit_charts_rejects_invalid_clouds_and_widths(clouds: list[Cloud], count: int, width: float, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         fit_charts(clouds, width, generators(count))
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
-def test_a_gpu_gets_there_too() -> None:
+def test_gpu_fit_meets_the_same_limits() -> None:
     fits = fit_charts([*CLOUDS.values()], WIDTH, generators(len(CLOUDS)), options=HALT, device="cuda")
     assert (fits.stop_rule == StopRule.threshold).all()
     assert (fits.residual <= 2.5e-4).all()

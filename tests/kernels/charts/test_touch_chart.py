@@ -6,7 +6,7 @@ import torch
 from pipeline.kernels.charts.touch_chart import chart_square
 
 
-def test_the_supplements_chart() -> None:
+def test_default_chart_is_the_supplements() -> None:
     vertices, faces = chart_square()
     assert vertices.shape == (81, 3)
     assert vertices.dtype == torch.float64
@@ -30,6 +30,6 @@ def test_faces_cover_the_square_once_and_look_up(side: int) -> None:
 
 
 @pytest.mark.parametrize("side", [-1, 0, 1, 2, 8])
-def test_a_side_without_a_centre_is_an_error(side: int) -> None:
+def test_chart_square_rejects_even_or_small_sides(side: int) -> None:
     with pytest.raises(ValueError, match=f"side {side}"):
         chart_square(side)

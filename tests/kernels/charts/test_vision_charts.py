@@ -1,3 +1,5 @@
+"""The sphere of vision charts: counts, orientation, seams."""
+
 from __future__ import annotations
 
 from collections import Counter
@@ -18,7 +20,7 @@ def welded(sphere: VisionCharts) -> tuple[np.ndarray, np.ndarray]:
     return positions, sphere.position[sphere.faces]
 
 
-def test_the_supplement_s_sphere() -> None:
+def test_default_sphere_is_the_supplements() -> None:
     sphere = vision_charts()
     assert len(sphere.centres) == 96
     assert sphere.vertices.shape == (1824, 3)
@@ -27,7 +29,7 @@ def test_the_supplement_s_sphere() -> None:
 
 
 @pytest.mark.parametrize("splits", SPLITS)
-def test_counts_by_euler(splits: int) -> None:
+def test_counts_satisfy_eulers_formula(splits: int) -> None:
     charts = 24 * 4**splits
     edges, corners = charts * 3 // 2, charts // 2 + 2
     sphere = vision_charts(splits)
@@ -38,7 +40,7 @@ def test_counts_by_euler(splits: int) -> None:
 
 
 @pytest.mark.parametrize("splits", SPLITS)
-def test_closed_and_consistently_oriented(splits: int) -> None:
+def test_sphere_is_closed_and_consistently_oriented(splits: int) -> None:
     positions, faces = welded(vision_charts(splits))
     directed = Counter((int(face[k]), int(face[(k + 1) % 3])) for face in faces for k in range(3))
     assert set(directed.values()) == {1}
@@ -47,7 +49,7 @@ def test_closed_and_consistently_oriented(splits: int) -> None:
 
 
 @pytest.mark.parametrize("splits", SPLITS)
-def test_a_sphere_seen_from_outside(splits: int) -> None:
+def test_faces_point_outwards(splits: int) -> None:
     sphere = vision_charts(splits)
     np.testing.assert_allclose(np.linalg.norm(sphere.vertices, axis=1), 1, atol=1e-15)
     a, b, c = np.moveaxis(sphere.vertices[sphere.faces], 1, 0)
@@ -58,7 +60,7 @@ def test_a_sphere_seen_from_outside(splits: int) -> None:
 
 
 @pytest.mark.parametrize("splits", SPLITS)
-def test_seams_are_what_a_comparison_of_floats_finds(splits: int) -> None:
+def test_seams_equal_those_found_by_comparing_positions(splits: int) -> None:
     sphere = vision_charts(splits)
     found = cKDTree(sphere.vertices).query_pairs(1e-12, output_type="ndarray")
     np.testing.assert_array_equal(sphere.seams, found[np.lexsort(found.T[::-1])])
@@ -87,7 +89,7 @@ def test_a_chart_is_a_triangle_of_four_edges_a_side() -> None:
     assert {len([1 for face in faces if vertex in face]) for vertex in range(12, 18)} == {6}
 
 
-def test_made_once_and_read_only() -> None:
+def test_vision_charts_are_cached_and_read_only() -> None:
     sphere = vision_charts(1)
     assert vision_charts(1) is sphere
     with pytest.raises(ValueError, match="read-only"):
@@ -95,6 +97,6 @@ def test_made_once_and_read_only() -> None:
 
 
 @pytest.mark.parametrize("splits", [-1, 5])
-def test_a_number_of_splits_out_of_range(splits: int) -> None:
+def test_vision_charts_reject_splits_out_of_range(splits: int) -> None:
     with pytest.raises(ValueError, match=f"splits is {splits}.*0 to 4"):
         vision_charts(splits)

@@ -1,4 +1,4 @@
-"""Closed meshes of surfaces and touch charts, against ellipsoids that were touched where they were not expected to be."""
+"""Closed meshes of ellipsoids and thin bodies with touch charts."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import trimesh
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
-from pipeline.kernels.geometry.closed_surface import closed_surface
-from pipeline.kernels.geometry.surface_attachment import attach_points
+from pipeline.kernels.geometry.closed_surface import attach_points, closed_surface
 from pipeline.kernels.geometry.surface_wrapping import mesh_edges, split_edges, vertex_normals
 from pipeline.kernels.metrics.surface_quality import dihedral_angles
 
@@ -26,7 +25,7 @@ NO_CHARTS = np.zeros((0, 81, 3))
 
 
 def chart(direction, outward: float = 0.0) -> np.ndarray:
-    """A patch of the ellipsoid, 17 mm wide, moved outwards, as a sensor would feel it that comes from that direction."""
+    """Make a patch of the ellipsoid, 17 mm wide, moved outwards, as a sensor would feel it that comes from that direction."""
     away = np.array(direction, float) / np.linalg.norm(direction)
     across = np.cross(away, [0.3, 0.5, 0.8])
     across /= np.linalg.norm(across)
@@ -97,7 +96,7 @@ def test_crumples_are_flattened():
     ],
     ids=["far outside", "deep inside", "contradicting", "a point", "twice", "inside out", "in the middle", "noise"],
 )
-def test_touches_are_believed_wherever_they_are(charts, volume):
+def test_closed_surface_passes_through_touches_anywhere(charts, volume):
     low, high = volume
     assert low < closed(JOINED * RADII, charts=charts, resolution=32).volume / VOLUME < high
 
@@ -115,24 +114,24 @@ def test_both_sides_of_a_thin_body_that_is_elsewhere():
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e3])
-def test_any_size(size):
+def test_closed_surface_scales_with_its_input(size):
     assert closed(JOINED * size).volume == pytest.approx(4 / 3 * np.pi * size**3, rel=0.05)
 
 
-def test_what_has_hardly_a_body_gets_a_thin_one():
+def test_closed_surface_of_a_flat_sheet_is_thin():
     assert closed(np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]]), np.array([[0, 1, 2]])).volume < 1e-5
     assert closed(JOINED * [0.1, 0.1, 0]).volume < 2e-4
     noise = np.random.default_rng(0).normal(size=JOINED.shape) * 0.1
     assert closed(noise, charts=chart((1, 0, 0))[None]).volume > 0
 
 
-def test_surfaces_and_charts_that_are_none_are_errors():
+def test_closed_surface_rejects_invalid_surfaces_and_charts():
     gone = JOINED.copy()
     gone[7, 1] = np.nan
     for vertices, faces in ((gone, FACES), (JOINED, FACES[:0]), (JOINED * 0, FACES)):
-        with pytest.raises(InvalidInput, match="nothing closes it"):
+        with pytest.raises(InvalidInput, match="cannot be closed"):
             closed_surface(vertices, faces, NO_CHARTS, CHART_FACES)
-    with pytest.raises(InvalidInput, match="no surface goes through them"):
+    with pytest.raises(InvalidInput, match="leave those touches out"):
         closed_surface(JOINED, FACES, np.full((1, 81, 3), np.nan), CHART_FACES, resolution=16)
 
 
@@ -161,7 +160,7 @@ def test_split_edges_keep_the_surface():
         assert split.area == pytest.approx(ball.area, rel=1e-12)
 
 
-def test_normals_at_vertices():
+def test_vertex_normals_of_a_sphere_point_outwards():
     ball = trimesh.creation.icosphere(3)
     np.testing.assert_allclose(vertex_normals(ball.vertices, ball.faces), ball.vertices, atol=0.02)
     assert (vertex_normals(np.zeros((3, 3)), np.array([[0, 1, 2]])) == 0).all()

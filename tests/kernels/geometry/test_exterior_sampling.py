@@ -11,10 +11,9 @@ from scipy import stats
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.exterior_sampling import DIRECTIONS, MIN_ESCAPES, RAY_OFFSET, EscapeTest, sample_exterior, spread_directions
-from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
+from pipeline.kernels.geometry.mesh import Mesh, face_cross_products, sample_triangles
 from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
 from pipeline.kernels.geometry.normalise import normalise_mesh
-from pipeline.kernels.geometry.triangle_sampling import sample_triangles
 from tests.conftest import mesh_of
 from tests.references.escaping_rays import count_escapes
 from tests.strategies import EPS, offsets, scales, seeds
@@ -99,7 +98,7 @@ def test_sampling_needs_a_positive_count(rng) -> None:
 
 
 @pytest.mark.parametrize("faces", [np.zeros((0, 3)), [[0, 1, 2]]])
-def test_surface_without_area_is_refused(faces, rng) -> None:
+def test_sampling_rejects_surface_without_area(faces, rng) -> None:
     with pytest.raises(InvalidInput, match="has an area"):
         sample_exterior(Mesh.bare(np.ones((3, 3)), faces), 10, rng)
 

@@ -1,4 +1,4 @@
-"""Mesh cleaning: what is refused and why, what is removed and counted."""
+"""Mesh cleaning: rejected meshes, removed faces, counts."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_unused_vertices_are_removed_unchecked():
         ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]] * 11, "11 faces exceed max_faces = 10"),
     ],
 )
-def test_mesh_without_usable_surface_is_refused_with_a_reason(vertices, faces, reason):
+def test_clean_mesh_rejects_mesh_without_usable_surface(vertices, faces, reason):
     with pytest.raises(InvalidInput, match=reason):
         clean_mesh(Mesh.bare(np.asarray(vertices, float), faces), 10)
 
@@ -103,13 +103,13 @@ def test_slivers_are_kept_and_rounded_lines_removed(seed, exponent) -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_vertices_that_are_not_finite_are_refused(bad) -> None:
+def test_clean_mesh_rejects_vertices_that_are_not_finite(bad) -> None:
     vertices = BOX.vertices.copy()
     vertices[0, 1] = bad
     mesh = Mesh.bare(vertices, BOX.faces)
     with pytest.raises(InvalidInput, match="1 of 8 vertices are not finite"):
         clean_mesh(mesh, 100)
-    with pytest.raises(InvalidInput, match="some are NaN or infinite"):
+    with pytest.raises(InvalidInput, match="7 of 8 vertices are finite"):
         normalise_mesh(mesh, up="z", diagonal=0.5)
     with pytest.raises(InvalidInput, match="of 12 triangles have NaN or infinite corners"):
         sample_exterior(mesh, 10, np.random.default_rng(0))

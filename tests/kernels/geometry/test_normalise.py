@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.normalise import POSITION, normalise_mesh, placement_of
+from pipeline.kernels.geometry.normalise import POSITION, normalise_mesh, normalising_transform
 from tests.strategies import EPS, offsets, scales
 
 BALL = trimesh.creation.icosphere(subdivisions=2)
@@ -27,18 +27,20 @@ def test_stated_axis_points_up_without_mirroring(up, axis):
     assert after == pytest.approx(before)
 
 
-@pytest.mark.parametrize(("vertices", "message"), [(np.zeros((0, 3)), "there are none"), (np.ones((4, 3)), "all 4 vertices are at")])
-def test_mesh_without_size_is_refused(vertices, message) -> None:
+@pytest.mark.parametrize(
+    ("vertices", "message"), [(np.zeros((0, 3)), "0 of 0 vertices are finite"), (np.ones((4, 3)), "all 4 vertices are at")]
+)
+def test_normalise_rejects_mesh_without_size(vertices, message) -> None:
     with pytest.raises(InvalidInput, match=message):
         normalise_mesh(Mesh.bare(vertices, np.zeros((0, 3))), up="z", diagonal=0.5)
 
 
 @pytest.mark.parametrize("up", ["x", "y", "z"])
 @pytest.mark.parametrize("metres_per_unit", [None, 0.01])
-def test_placement_does_to_points_what_normalisation_does(up, metres_per_unit):
+def test_normalising_transform_equals_normalise_mesh(up, metres_per_unit):
     mesh = Mesh.bare(BALL.vertices * [1, 2, 3] + [5, -3, 1], BALL.faces)
     how = {"up": up, "diagonal": 0.5, "metres_per_unit": metres_per_unit}
-    placement = placement_of(mesh, **how)
+    placement = normalising_transform(mesh, **how)
     np.testing.assert_allclose(mesh.vertices @ placement[:3, :3].T + placement[:3, 3], normalise_mesh(mesh, **how).vertices, atol=1e-14)
     assert placement[3].tolist() == [0, 0, 0, 1]
 

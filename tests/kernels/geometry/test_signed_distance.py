@@ -1,4 +1,4 @@
-"""Signed distances against closed forms, of closed meshes and open ones, and where the points are that they are measured at."""
+"""Signed distances against closed forms, and sampling around a surface."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.signed_distance import draw_around, signed_distances
+from pipeline.kernels.geometry.signed_distance import sample_around_surface, signed_distances
 from tests.references.box_distance import box_distance
 
 BALL = trimesh.creation.icosphere(subdivisions=5)
@@ -55,14 +55,14 @@ def test_both_sides_of_a_sheet_are_outside_and_what_parts_share_is_inside():
     assert both == pytest.approx([-0.025, -0.06, 0.01])
 
 
-def test_a_mesh_without_faces_is_refused():
+def test_signed_distances_reject_a_mesh_without_faces():
     with pytest.raises(InvalidInput, match="without faces"):
         signed_distances(np.zeros((1, 3)), np.zeros((3, 3)), np.zeros((0, 3), int))
 
 
 def test_points_are_drawn_near_the_surface_and_around_it():
     surface = BALL.vertices + [5.0, 0, 0]
-    drawn = draw_around(surface, 4000, np.random.default_rng(1), near=0.75, spread=(1e-3, 1e-2), reach=3.0) - [5.0, 0, 0]
+    drawn = sample_around_surface(surface, 4000, np.random.default_rng(1), near=0.75, spread=(1e-3, 1e-2), reach=3.0) - [5.0, 0, 0]
     apart = np.abs(np.linalg.norm(drawn, axis=1) - 1)
     assert drawn.shape == (4000, 3)
     assert np.abs(drawn).max() <= 3.0

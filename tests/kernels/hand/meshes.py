@@ -10,13 +10,13 @@ from tests.strategies import random_rotation
 
 
 def centred(*parts: trimesh.Trimesh) -> Mesh:
-    """The parts as one mesh, moved to (0, 0, 0.6)."""
+    """Join the parts into one mesh, moved to (0, 0, 0.6)."""
     whole = trimesh.util.concatenate(parts)
     return Mesh.bare(whole.vertices - whole.bounds.mean(axis=0) + [0, 0, 0.6], whole.faces)
 
 
 def mug() -> Mesh:
-    """An open cup with a thin wall and a handle: concave, so that its hull would keep fingers out of it."""
+    """Make an open cup with a thin wall and a handle: concave, so that its hull would keep fingers out of it."""
     profile = np.array([[0.0, 0.0], [0.09, 0.0], [0.09, 0.2], [0.084, 0.2], [0.084, 0.006], [0.0, 0.006]])
     cup = trimesh.creation.revolve(profile, sections=48)
     handle = trimesh.creation.torus(0.06, 0.012).apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
@@ -24,7 +24,7 @@ def mug() -> Mesh:
 
 
 def bar() -> Mesh:
-    """A flat bar, thin as a knife."""
+    """Make a flat bar, thin as a knife."""
     return centred(trimesh.creation.box((0.45, 0.05, 0.008)))
 
 

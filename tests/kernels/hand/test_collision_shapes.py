@@ -22,7 +22,7 @@ HAND = load_hand("allegro_right")
 
 
 def with_collision(vertices: np.ndarray) -> Hand:
-    """The hand with one link, whose collision shape has the given corners."""
+    """Make a hand with one link, whose collision shape has the given corners."""
     link = next(link for link in HAND.links if link.collisions)
     shape = replace(link.collisions[0], kind="mesh", origin=np.eye(4), mesh=Mesh.bare(vertices, np.array([[0, 1, 2], [1, 2, 3]])))
     return replace(HAND, links=(replace(link, collisions=(shape,)),))
@@ -72,7 +72,7 @@ def test_world_centres_in_float32_are_right_to_a_micrometre(hand: Hand, rng: np.
     assert np.abs(spheres.world_centres(frames.astype(np.float32)) - exact).max() <= 10 * 2.0**-22
 
 
-def test_flat_collision_shape_is_refused_with_its_link() -> None:
+def test_flat_collision_shape_is_rejected_with_its_link() -> None:
     flat = with_collision(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]))
     with pytest.raises(InvalidInput, match=r"allegro_right\.urdf: collision shape mesh .* of link \S+ is flat or not finite"):
         collision_spheres(flat, spacing=0.1)

@@ -1,4 +1,4 @@
-"""Signed distances to meshes of any size that have an inside, have none, or are hardly meshes; and the error of the grid."""
+"""Signed distance fields of solids, sheets and slivers of any size, and the error of the grid."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand import distance_field
-from pipeline.kernels.hand.distance_field import SLIVER, DistanceField, build_distance_field
+from pipeline.kernels.hand.distance_field import SLIVER_FLATNESS, DistanceField, build_distance_field
 from tests.kernels.hand.meshes import centred, mug
 from tests.references.box_distance import box_distance
 from tests.strategies import EPS, aspects, random_rotation, scales, seeds, sliver
@@ -140,7 +140,7 @@ def test_exact_distance_to_a_sliver_has_the_stated_error(seed, aspect) -> None:
 
 
 def test_sliver_is_replaced_by_the_edge_opposite_its_middle_corner() -> None:
-    corners = np.array([[0, 0, 0], [0.4, SLIVER / 4, 0], [1, 0, 0], [0, 1, 0]])
+    corners = np.array([[0, 0, 0], [0.4, SLIVER_FLATNESS / 4, 0], [1, 0, 0], [0, 1, 0]])
     for order in ([0, 1, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]):
         field = build_distance_field(corners, np.array([order, [0, 2, 3]]), cell=0.1, band=0.2)
         assert set(field.faces[0].tolist()) == {0, 2}
@@ -195,7 +195,7 @@ def test_lookup_in_float32_loses_half_a_micrometre_per_metre(seed, far) -> None:
         assert np.abs(seen - box_distance(points, SIDES)).max() <= 2.0**-21 * (np.abs(shift).max() + 1)
 
 
-def test_distance_field_takes_no_points_and_rejects_what_is_not_finite() -> None:
+def test_distance_field_accepts_no_points_and_rejects_infinite_ones() -> None:
     field: DistanceField = build_distance_field(BOX.vertices, BOX.faces, cell=CELL, band=BAND)
     assert field.exact(np.zeros((0, 3))).shape == (0,)
     assert field.lookup(np.zeros((3, 0), np.float32)).shape == (0,)

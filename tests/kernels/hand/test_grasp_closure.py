@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.hand.grasp_closure import Contact, closure_margin, contact_of, opposition_angle
+from pipeline.kernels.hand.grasp_closure import Contact, closure_margin, contact_from_depth, opposition_angle
 from pipeline.kernels.touch.contact import CONTACT_MARGIN
 from pipeline.kernels.touch.sensor import pixel_centres
 
@@ -14,7 +14,7 @@ SENSOR = load_sensor("gel_16mm")
 
 
 def facing(direction: list[float], distance: float) -> np.ndarray:
-    """The pose of a sensor at a distance from the origin, which it faces along `direction`."""
+    """Compute the pose of a sensor at a distance from the origin, which it faces along `direction`."""
     z = np.array(direction) / np.linalg.norm(direction)
     x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
     pose = np.eye(4)
@@ -35,7 +35,7 @@ def test_two_sensors_on_opposite_sides_of_a_sphere(pressed: float) -> None:
     """The gel is cut by a sphere in a disc; the two normals are opposite, and friction holds it with all edges alike."""
     radius = 0.03
     distance = radius + SENSOR.w - CONTACT_MARGIN - pressed
-    contacts = [contact_of(sphere_depth(radius, distance), facing([s, 0, 0], distance), SENSOR) for s in (1.0, -1.0)]
+    contacts = [contact_from_depth(sphere_depth(radius, distance), facing([s, 0, 0], distance), SENSOR) for s in (1.0, -1.0)]
     left, right = (contact for contact in contacts if contact)
     disc = np.pi * (2 * radius * pressed - pressed**2)
     assert left.area == pytest.approx(disc, rel=0.02)
@@ -53,7 +53,7 @@ def test_contacts_on_a_plane_neither_oppose_nor_close(rng: np.random.Generator) 
     for _ in range(3):
         pose = np.eye(4)
         pose[:2, 3] = rng.uniform(-0.1, 0.1, 2)
-        contact = contact_of(np.full(SENSOR.shape, 0.004), pose, SENSOR)
+        contact = contact_from_depth(np.full(SENSOR.shape, 0.004), pose, SENSOR)
         assert contact is not None
         assert contact.area == pytest.approx(SENSOR.width**2)
         contacts.append(contact)
@@ -64,7 +64,7 @@ def test_contacts_on_a_plane_neither_oppose_nor_close(rng: np.random.Generator) 
 def test_normal_is_that_of_a_tilted_plane(rng: np.random.Generator) -> None:
     x, y = pixel_centres(SENSOR)
     a, b = 0.2, -0.1
-    contact = contact_of(0.004 + a * x + b * y[:, None], facing([1, 2, 3], 0.1), SENSOR)
+    contact = contact_from_depth(0.004 + a * x + b * y[:, None], facing([1, 2, 3], 0.1), SENSOR)
     assert contact is not None
     expected = facing([1, 2, 3], 0.1)[:3, :3] @ [-a, -b, 1] / np.sqrt(a**2 + b**2 + 1)
     np.testing.assert_allclose(contact.normal, expected, atol=1e-9)
@@ -79,7 +79,7 @@ def test_two_contacts_close_where_the_line_between_them_is_in_both_friction_cone
         assert (closure_margin(contacts, friction=friction, size=0.05) > 0) == (tilt < limit)
 
 
-def test_what_does_not_touch_is_no_contact() -> None:
-    assert contact_of(np.full(SENSOR.shape, np.inf), np.eye(4), SENSOR) is None
-    assert contact_of(np.full(SENSOR.shape, SENSOR.w), np.eye(4), SENSOR) is None
+def test_contact_from_depth_is_none_without_touch() -> None:
+    assert contact_from_depth(np.full(SENSOR.shape, np.inf), np.eye(4), SENSOR) is None
+    assert contact_from_depth(np.full(SENSOR.shape, SENSOR.w), np.eye(4), SENSOR) is None
     assert opposition_angle([]) == closure_margin([], friction=1.0, size=1.0) == 0

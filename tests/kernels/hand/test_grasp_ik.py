@@ -1,4 +1,4 @@
-"""The search for joint angles, on an object whose answer is known: a plate."""
+"""Inverse kinematics on a plate, where the answer is known."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import trimesh
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.collision_shapes import collision_spheres
 from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
-from pipeline.kernels.hand.finger_distances import gel_contact, gel_probes
 from pipeline.kernels.hand.grasp_ik import GraspIk, fingers_fit, grasp_ik, prepare_grasp_ik
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.palm_pose import tangent_palm_pose
+from pipeline.kernels.hand.object_distances import gel_contact, gel_probes
+from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 
 TOP = 0.61
 

@@ -1,28 +1,34 @@
-"""Collisions of fingers with each other and with the palm."""
+"""Gaps between boxes, and collisions of fingers with each other and with the palm."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm, hand_gap
+from pipeline.kernels.hand.self_collision import box_gap, choose_postures, fingers_clear_of_palm, hand_gap
+from tests.kernels.hand.meshes import random_pose
+from tests.strategies import EPS, random_rotation, scales, seeds
 
-SPREAD = np.zeros(16)
-SPREAD[12] = 0.9
-CROSSED = SPREAD.copy()
+EVEN_SAMPLES = np.zeros(16)
+EVEN_SAMPLES[12] = 0.9
+CROSSED = EVEN_SAMPLES.copy()
 CROSSED[[0, 1, 4, 5]] = [-0.47, 0.8, 0.47, 0.8]
 
 
 def test_hand_gap_is_positive_for_spread_and_negative_for_crossed_fingers(hand: Hand) -> None:
     boxes = collision_boxes(hand)
-    assert hand_gap(hand, boxes, forward_kinematics(hand, np.eye(4), SPREAD)) > 0.002
+    assert hand_gap(hand, boxes, forward_kinematics(hand, np.eye(4), EVEN_SAMPLES)) > 0.002
     assert hand_gap(hand, boxes, forward_kinematics(hand, np.eye(4), CROSSED)) < -0.005
 
 
 def test_fingers_clear_of_palm_ignores_other_fingers(hand: Hand) -> None:
-    frames = forward_kinematics(hand, np.eye(4), np.stack([SPREAD, CROSSED]))
+    frames = forward_kinematics(hand, np.eye(4), np.stack([EVEN_SAMPLES, CROSSED]))
     assert fingers_clear_of_palm(hand, collision_boxes(hand), frames, 0.001).all()
 
 
@@ -34,20 +40,89 @@ def test_choose_postures_drops_the_lesser_of_two_that_collide(hand: Hand) -> Non
     options[:, 1] = options[0, 5] = 0.8  # the other middle finger is straight
     options[0, [0, 4]] = [-0.47, 0.47]
     frames = forward_kinematics(hand, np.eye(4), options)
-    worth = np.array([[3.0, 2.0, 1.0, 1.0], [1.0, 1.9, 1.0, 1.0]])
-    picks = choose_postures(hand, boxes, frames=frames, worth=worth, gap=0.001)
+    values = np.array([[3.0, 2.0, 1.0, 1.0], [1.0, 1.9, 1.0, 1.0]])
+    picks = choose_postures(hand, boxes, frames=frames, values=values, gap=0.001)
     assert picks is not None
     assert picks[:2].tolist() == [0, 1]
-    worth[1] = -np.inf
-    assert choose_postures(hand, boxes, frames=frames, worth=worth, gap=0.001) is None
+    values[1] = -np.inf
+    assert choose_postures(hand, boxes, frames=frames, values=values, gap=0.001) is None
 
 
 def test_choose_postures_without_options_or_boxes(hand: Hand) -> None:
     boxes = collision_boxes(hand)
     frames = forward_kinematics(hand, np.eye(4), np.clip(np.zeros((2, 16)), hand.lower, hand.upper))
-    assert choose_postures(hand, boxes, frames=frames, worth=np.full((2, 4), -np.inf), gap=0.0) is None
-    assert choose_postures(hand, boxes, frames=frames[:0], worth=np.zeros((0, 4)), gap=0.0) is None
+    assert choose_postures(hand, boxes, frames=frames, values=np.full((2, 4), -np.inf), gap=0.0) is None
+    assert choose_postures(hand, boxes, frames=frames[:0], values=np.zeros((0, 4)), gap=0.0) is None
     nothing = CollisionBoxes(np.zeros((0, 4, 4)), np.zeros((0, 3)), np.zeros(0, np.intp))
-    picks = choose_postures(hand, nothing, frames=frames, worth=np.array([[0.0, 1, 0, 1], [1, 0, 1, 0]]), gap=0.0)
+    picks = choose_postures(hand, nothing, frames=frames, values=np.array([[0.0, 1, 0, 1], [1, 0, 1, 0]]), gap=0.0)
     assert picks is not None
     assert picks.tolist() == [1, 0, 1, 0]
+
+
+def two_boxes(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Poses (2, 4, 4) and half extents (2, 3); some are plates, rods or points."""
+    frames = np.tile(np.eye(4), (2, 1, 1))
+    frames[:, :3, :3] = [random_rotation(rng), random_rotation(rng)]
+    frames[1, :3, 3] = rng.normal(size=3) * 2
+    return frames, rng.uniform(0, 1, (2, 3)) * (rng.random((2, 3)) < 0.8)
+
+
+def points_in(rng: np.random.Generator, frame: np.ndarray, half: np.ndarray) -> np.ndarray:
+    local = rng.uniform(-1, 1, (400, 3)) * half
+    return np.asarray(local @ frame[:3, :3].T + frame[:3, 3])
+
+
+def test_box_gap_of_boxes_side_by_side_is_their_distance_or_overlap() -> None:
+    half, other = np.array([0.1, 0.2, 0.3]), np.eye(4)
+    for shift, expected in ((0.25, 0.05), (0.2, 0), (0.15, -0.05), (0, -0.2)):
+        other[0, 3] = shift
+        assert box_gap(np.eye(4), half, other, half) == pytest.approx(expected, abs=4 * EPS)
+    assert box_gap(np.eye(4), 0 * half, np.eye(4), 0 * half) == 0
+
+
+def test_box_gap_is_positive_only_for_boxes_that_are_apart(rng: np.random.Generator) -> None:
+    half = np.array([0.02, 0.03, 0.04])
+    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 15)] * 3), axis=-1).reshape(-1, 3) * half
+    seen = []
+    for _ in range(300):
+        a, b = random_pose(rng), random_pose(rng)
+        b[:3, 3] = a[:3, 3] + rng.normal(size=3) * 0.03
+        gap = float(box_gap(a, half, b, half))
+        local = ((grid @ b[:3, :3].T + b[:3, 3]) - a[:3, 3]) @ a[:3, :3]  # points of b in a's frame
+        distance = np.linalg.norm(np.maximum(np.abs(local) - half, 0), axis=1).min()
+        assert gap <= distance + 1e-12
+        if distance == 0:
+            assert gap <= 0
+        seen.append((gap > 0, distance > 0.006))  # the grid is 6 mm wide
+    separated, clear = np.array(seen).T
+    assert separated[clear].all()
+    assert 0.05 < separated.mean() < 0.9
+
+
+@given(seed=seeds, scale=scales)
+def test_box_gap_bounds_the_distance_and_scales_and_moves_with_the_boxes(seed, scale) -> None:
+    rng = np.random.default_rng(seed)
+    frames, half = two_boxes(rng)
+    gap = box_gap(frames[0], half[0], frames[1], half[1])
+    a, b = (points_in(rng, frame, size) for frame, size in zip(frames, half, strict=True))
+    assert gap <= np.linalg.norm(a[:, None] - b, axis=2).min() + 8 * EPS
+    assert box_gap(frames[1], half[1], frames[0], half[0]) == pytest.approx(gap, abs=128 * EPS)
+    moved, offset = frames.copy(), rng.uniform(-10, 10, 3)
+    moved[:, :3, 3] = frames[:, :3, 3] * scale + offset
+    found = box_gap(moved[0], half[0] * scale, moved[1], half[1] * scale)
+    assert np.abs(found - gap * scale) <= 32 * EPS * (np.abs(offset).max() + 8 * scale)
+
+
+@given(seed=seeds, tilt=st.floats(-9, -2).map(lambda e: 10.0**e))
+def test_box_gap_of_nearly_parallel_edges_is_off_by_the_tilt_at_most(seed, tilt) -> None:
+    """On either side of `PARALLEL_SINE2`, where the cross product of two edges stops being an axis, beside boxes with parallel edges."""
+    rng = np.random.default_rng(seed)
+    half = rng.uniform(0.1, 1, (2, 3))
+    parallel = trimesh.transformations.rotation_matrix(rng.uniform(0, 6), [0, 0, 1])
+    parallel[:3, 3] = rng.normal(size=3)
+    tilted = parallel.copy()
+    tilted[:3, :3] = parallel[:3, :3] @ trimesh.transformations.rotation_matrix(tilt, rng.normal(size=3))[:3, :3]
+    before, after = (box_gap(np.eye(4), half[0], frame, half[1]) for frame in (parallel, tilted))
+    assert after >= before - 4 * tilt
+    if before < 0:
+        assert after <= before + 4 * tilt

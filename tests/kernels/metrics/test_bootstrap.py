@@ -1,3 +1,5 @@
+"""Bootstrap intervals against slow twins and closed forms."""
+
 from dataclasses import astuple
 
 import numpy as np
@@ -7,7 +9,7 @@ from pipeline.kernels.metrics.bootstrap import difference_interval, mean_interva
 
 
 def slow_interval(values, rng, resamples, level):
-    """The twin: objects drawn one by one."""
+    """Compute the interval slowly: objects drawn one by one."""
     means = sorted(sum(values[rng.integers(len(values))] for _ in values) / len(values) for _ in range(resamples))
     cut = round((1 - level) / 2 * resamples)
     return means[cut], means[-cut - 1]
@@ -30,7 +32,7 @@ def test_the_interval_of_a_normal_mean_is_nearly_the_textbook_one():
     assert found.high == pytest.approx(values.mean() + half, abs=0.1 * half)
 
 
-def test_pairing_cancels_what_makes_an_object_hard():
+def test_difference_interval_cancels_the_difficulty_of_objects():
     rng = np.random.default_rng(5)
     hardness = rng.gamma(1.0, 100.0, size=50)
     first, second = hardness + rng.normal(1.0, 0.5, 50), hardness + rng.normal(0.0, 0.5, 50)
@@ -67,7 +69,7 @@ def test_interval_of_two_objects_reaches_from_one_to_the_other():
 
 
 @pytest.mark.parametrize("bad", [np.zeros(0), np.array([1.0, np.nan]), np.zeros((2, 2, 2))])
-def test_values_that_have_no_mean_are_refused(bad):
+def test_mean_interval_rejects_empty_or_infinite_values(bad):
     with pytest.raises(ValueError, match="finite values"):
         mean_interval(bad, np.random.default_rng(0))
 
@@ -99,6 +101,6 @@ def test_the_interval_over_trainings_is_that_of_values_drawn_one_by_one():
     assert (found.low, found.high) == pytest.approx((low, high), abs=0.07 * (high - low))
 
 
-def test_unequal_numbers_of_values_are_not_paired():
+def test_difference_interval_rejects_unequal_numbers_of_objects():
     with pytest.raises(ValueError, match=r"\(3,\) and \(4,\)"):
         difference_interval(np.zeros(3), np.zeros(4), np.random.default_rng(0))

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from pipeline.kernels.metrics import chamfer as module
-from pipeline.kernels.metrics.chamfer import Target, chamfer, squared_distances
+from pipeline.kernels.metrics.chamfer import SearchCloud, chamfer, squared_distances
 
 
 def cloud(count: int, seed: int, scale: float = 0.25, dtype: torch.dtype = torch.float64) -> Tensor:
@@ -16,7 +16,7 @@ def cloud(count: int, seed: int, scale: float = 0.25, dtype: torch.dtype = torch
 
 
 def brute(a: Tensor, b: Tensor) -> Tensor:
-    """The definition: all pairs, the least of each row and column."""
+    """Compute the definition: all pairs, the least of each row and column."""
     pairs = ((a[:, None, :] - b[None, :, :]) ** 2).sum(-1)
     return pairs.min(dim=1).values.mean() + pairs.min(dim=0).values.mean()
 
@@ -34,12 +34,12 @@ def agree(count: int, other: int) -> None:
 
 
 @pytest.mark.parametrize(("count", "other"), [(1, 1), (1, 7), (300, 1), (1000, 700)])
-def test_value_and_gradients_are_those_of_brute_force(count: int, other: int) -> None:
+def test_chamfer_and_gradients_equal_brute_force(count: int, other: int) -> None:
     agree(count, other)
 
 
 @pytest.mark.slow
-def test_full_size_is_brute_force() -> None:
+def test_chamfer_of_full_size_clouds_equals_brute_force() -> None:
     a, b = cloud(10_000, 1).requires_grad_(), cloud(10_000, 2).requires_grad_()
     fast = chamfer(a, b)
     with torch.no_grad():
@@ -51,12 +51,12 @@ def test_full_size_is_brute_force() -> None:
         torch.testing.assert_close(mine, theirs, rtol=1e-12, atol=1e-18)
 
 
-def test_float32_is_as_good_as_its_points() -> None:
+def test_float32_chamfer_is_accurate_to_its_points() -> None:
     a, b = cloud(2000, 1, dtype=torch.float32), cloud(2000, 2, dtype=torch.float32)
     torch.testing.assert_close(chamfer(a, b).double(), brute(a.double(), b.double()), rtol=1e-5, atol=0)
 
 
-def test_gradcheck() -> None:
+def test_chamfer_gradient_equals_the_numerical_one() -> None:
     a, b = cloud(9, 3).requires_grad_(), cloud(6, 4).requires_grad_()
     assert torch.autograd.gradcheck(chamfer, (a, b))
     assert torch.autograd.gradcheck(squared_distances, (a, b))
@@ -70,7 +70,7 @@ def test_identical_clouds_are_zero_apart_with_zero_gradient() -> None:
     assert all((gradient == 0).all() for gradient in gradients(distance, a, b))
 
 
-def test_many_copies_of_one_point() -> None:
+def test_chamfer_of_copies_of_one_point() -> None:
     a = cloud(1, 6).repeat(3000, 1).requires_grad_()
     b = cloud(1, 7).repeat(2000, 1)
     distance = chamfer(a, b)
@@ -78,24 +78,24 @@ def test_many_copies_of_one_point() -> None:
     assert torch.isfinite(gradients(distance, a)[0]).all()
 
 
-def test_one_way_is_one_squared_distance_a_point() -> None:
+def test_squared_distances_has_one_value_per_query() -> None:
     a, b = torch.tensor([[0.0, 0, 0], [3, 0, 0]]), torch.tensor([[1.0, 0, 0], [0, 2, 0]])
     assert squared_distances(a, b).tolist() == [1, 4]
     assert squared_distances(b, a).tolist() == [1, 4]
-    assert Target(b).nearest(a).tolist() == [0, 0]
+    assert SearchCloud(b).nearest(a).tolist() == [0, 0]
     assert chamfer(a, b).item() == 5
 
 
-def test_target_gives_the_same_distances_as_its_cloud() -> None:
+def test_search_cloud_gives_the_same_distances_as_its_points() -> None:
     a, b = cloud(400, 8).requires_grad_(), cloud(300, 9)
-    kept, plain = squared_distances(a, Target(b)), squared_distances(a, b)
+    kept, plain = squared_distances(a, SearchCloud(b)), squared_distances(a, b)
     assert kept.equal(plain)
     assert gradients(kept.sum(), a)[0].equal(gradients(plain.sum(), a)[0])
 
 
-def test_pairs_a_gpu_goes_through_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_pairs_search_equals_the_tree(monkeypatch: pytest.MonkeyPatch) -> None:
     a, b = cloud(300, 10), cloud(200, 11)
-    target = Target(b)
+    target = SearchCloud(b)
     by_tree = target.nearest(a)
     monkeypatch.setattr(target, "_tree", None)
     monkeypatch.setattr(module, "PAIRS_PER_BLOCK", 7 * len(b))
@@ -124,13 +124,13 @@ def test_gpu_agrees_with_cpu(dtype: torch.dtype) -> None:
         (torch.tensor([[0.0, 0, np.inf]]), "infinity"),
     ],
 )
-def test_bad_clouds_are_named(points: Tensor, message: str) -> None:
+def test_invalid_clouds_are_rejected_by_name(points: Tensor, message: str) -> None:
     good = torch.zeros(5, 3)
     for call in (
         lambda: chamfer(points, good),
         lambda: chamfer(good, points),
         lambda: squared_distances(points, good),
-        lambda: Target(points).nearest(good),
+        lambda: SearchCloud(points).nearest(good),
     ):
         with pytest.raises(ValueError, match=message):
             call()

@@ -1,16 +1,18 @@
+"""Cloud distances, sampling floors and areas against brute force and closed forms."""
+
 import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.kernels.geometry.triangle_sampling import sample_triangles
+from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.metrics.chamfer import chamfer
 from pipeline.kernels.metrics.cloud_distances import cloud_distances, nearest_squared, sampled_area, sampling_floor
 
 
 def brute_force(query, points):
-    """The slow twin: every pair, in float64."""
+    """Compute distances slowly: every pair, in float64."""
     return np.array([min(float(np.dot(q - p, q - p)) for p in points) for q in query])
 
 
@@ -117,23 +119,23 @@ def test_points_on_one_sided_and_empty_faces_are_drawn_from_what_has_an_area():
 
 
 @pytest.mark.parametrize("bad", [np.zeros((0, 3)), np.zeros((4, 2)), np.zeros(3), np.array([[0, np.nan, 0]]), np.array([[np.inf, 0, 0]])])
-def test_clouds_that_are_none_are_errors(bad):
+def test_cloud_distances_rejects_invalid_clouds(bad):
     with pytest.raises(ValueError, match=r"cloud|NaN"):
         cloud_distances(bad, np.zeros((1, 3)))
     with pytest.raises(ValueError, match=r"cloud|NaN"):
         cloud_distances(np.zeros((1, 3)), bad)
 
 
-def test_floors_and_areas_of_nothing_are_errors():
+def test_sampling_floor_and_area_reject_invalid_input():
     with pytest.raises(ValueError, match="-1"):
         sampling_floor(-1, 10)
     with pytest.raises(ValueError, match="0 points"):
         sampling_floor(1, 0)
-    with pytest.raises(ValueError, match="two at least"):
+    with pytest.raises(ValueError, match="give at least 2"):
         sampled_area(np.zeros((1, 3)))
 
 
-def test_it_is_the_distance_that_networks_are_trained_by() -> None:
+def test_cloud_distances_equals_the_training_chamfer() -> None:
     rng = np.random.default_rng(0)
     one, other = rng.normal(size=(300, 3)), rng.normal(size=(200, 3))
     trained_by = float(chamfer(torch.from_numpy(one), torch.from_numpy(other)))

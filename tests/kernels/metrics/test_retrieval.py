@@ -1,4 +1,4 @@
-"""Looking up by shape and by silhouette, on sets with answers on paper."""
+"""Similarity of shapes and silhouettes on small sets."""
 
 from __future__ import annotations
 

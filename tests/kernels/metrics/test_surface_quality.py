@@ -1,4 +1,4 @@
-"""Measures of a surface's looks, against shapes whose answers are known."""
+"""Measures of surface quality on simple shapes."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Regularising losses on cubes and folded sheets."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -56,7 +58,7 @@ def test_gradients_are_finite_however_large_the_surface_and_where_faces_have_no_
     assert torch.isfinite(vertices.grad).all()
 
 
-def test_half_precision_is_refused() -> None:
+def test_half_precision_is_rejected() -> None:
     for term in (lambda half: edge_length(half, EDGES), lambda half: laplacian(half, EDGES), lambda half: bending(half, FACES, PAIRS)):
         with pytest.raises(ValueError, match="float32 and float64"):
             term(CORNERS[None].half())

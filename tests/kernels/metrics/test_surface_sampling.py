@@ -39,12 +39,12 @@ def barycentric(points: Tensor, face: int) -> Tensor:
     return torch.where(on[:, None], solved, torch.nan)
 
 
-def test_points_are_the_twins() -> None:
+def test_sampled_points_equal_the_twins() -> None:
     uniform = torch.rand(1, 500, 3, generator=generator(), dtype=torch.float64)
     torch.testing.assert_close(map_to_surfaces(VERTICES[None], FACES, uniform)[0], twin(VERTICES, FACES, uniform[0]), rtol=0, atol=1e-14)
 
 
-def test_every_place_is_equally_likely() -> None:
+def test_samples_are_area_uniform() -> None:
     points = sample_surface(VERTICES, FACES, 40_000, generator(1))
     inside = [barycentric(points, face) for face in (0, 1, 3)]
     counts = [int((~weights[:, 0].isnan()).sum()) for weights in inside]
@@ -105,6 +105,6 @@ def test_float32_keeps_its_type_and_chooses_in_float64() -> None:
         (VERTICES[None], FACES, 5, r"\(1, 1, 5, 3\)"),
     ],
 )
-def test_bad_surfaces_are_named(vertices: Tensor, faces: Tensor, count: int, message: str) -> None:
+def test_invalid_surfaces_are_rejected_by_name(vertices: Tensor, faces: Tensor, count: int, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         sample_surface(vertices, faces, count, generator())

@@ -1,14 +1,16 @@
+"""Rings around a touch site against their definition."""
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.kernels.metrics.touch_site_rings import ring_means, ring_of
+from pipeline.kernels.metrics.touch_site_rings import ring_indices, ring_means
 
 WIDTH = 0.016
 
 
 def slow_ring(point, pose, width, rings):
-    """The twin: the definition, point by point."""
+    """Compute the definition, point by point."""
     x, y, z, _ = np.linalg.inv(pose) @ np.append(point, 1)
     if abs(z) > width:
         return -1
@@ -31,19 +33,19 @@ def test_rings_are_those_of_the_definition(rings):
     pose = a_pose(rng)
     points = pose[:3, 3] + rng.uniform(-3.5, 3.5, size=(3000, 3)) * WIDTH
     expected = [slow_ring(point, pose, WIDTH, rings) for point in points]
-    np.testing.assert_array_equal(ring_of(points, pose, WIDTH, rings), expected)
+    np.testing.assert_array_equal(ring_indices(points, pose, WIDTH, rings), expected)
 
 
 def test_every_ring_of_a_plane_has_its_share():
     rng = np.random.default_rng(1)
     points = np.column_stack([rng.uniform(-2.5, 2.5, size=(200_000, 2)), np.zeros(200_000)])
-    count = ring_means(np.ones(len(points)), ring_of(points, np.eye(4), 1.0))[1]
+    count = ring_means(np.ones(len(points)), ring_indices(points, np.eye(4), 1.0))[1]
     np.testing.assert_allclose(count / count.sum(), np.array([1, 3, 5, 7, 9]) / 25, rtol=0.03)
 
 
 def test_edges_belong_to_the_inner_ring_and_the_far_side_to_none():
     points = np.array([[0.5, 0, 0], [0, -1.0, 0], [2.5, 2.5, 1.0], [0, 0, 1.001], [0, 0, -1.001], [2.501, 0, 0]])
-    np.testing.assert_array_equal(ring_of(points, np.eye(4), 1.0), [0, 1, 4, -1, -1, -1])
+    np.testing.assert_array_equal(ring_indices(points, np.eye(4), 1.0), [0, 1, 4, -1, -1, -1])
 
 
 def test_means_and_counts_of_rings():
@@ -52,21 +54,21 @@ def test_means_and_counts_of_rings():
     np.testing.assert_array_equal(count, [2, 0, 1, 0])
 
 
-def test_no_point_in_any_ring_is_no_value_and_no_nan():
+def test_ring_means_without_points_are_zero():
     far = np.full((10, 3), 100.0)
-    mean, count = ring_means(np.ones(10), ring_of(far, np.eye(4), WIDTH))
+    mean, count = ring_means(np.ones(10), ring_indices(far, np.eye(4), WIDTH))
     assert (mean == 0).all()
     assert (count == 0).all()
-    mean, count = ring_means(np.zeros(0), ring_of(np.zeros((0, 3)), np.eye(4), WIDTH))
+    mean, count = ring_means(np.zeros(0), ring_indices(np.zeros((0, 3)), np.eye(4), WIDTH))
     assert mean.shape == count.shape == (5,)
 
 
-def test_shapes_that_do_not_fit_are_errors():
+def test_rings_reject_wrong_shapes():
     with pytest.raises(ValueError, match=r"\(10, 2\)"):
-        ring_of(np.zeros((10, 2)), np.eye(4), WIDTH)
+        ring_indices(np.zeros((10, 2)), np.eye(4), WIDTH)
     with pytest.raises(ValueError, match=r"\(3, 3\)"):
-        ring_of(np.zeros((10, 3)), np.eye(3), WIDTH)
+        ring_indices(np.zeros((10, 3)), np.eye(3), WIDTH)
     with pytest.raises(ValueError, match="above 0"):
-        ring_of(np.zeros((10, 3)), np.eye(4), 0.0)
+        ring_indices(np.zeros((10, 3)), np.eye(4), 0.0)
     with pytest.raises(ValueError, match=r"\(3,\)"):
         ring_means(np.zeros(3), np.zeros(4, int))

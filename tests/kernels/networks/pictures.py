@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from pipeline.kernels.networks.image_tensors import WHITE, network_input
+from pipeline.kernels.tensor_checks import WHITE, network_input
 
 IMAGES = {
     "black": lambda size: torch.zeros(size, size, 3),

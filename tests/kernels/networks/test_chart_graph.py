@@ -1,3 +1,5 @@
+"""Chart graphs against dense adjacency matrices."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -20,7 +22,7 @@ def test_mean_equals_dense_adjacency_of_a_loop_over_faces(splits: int, side: int
 
 
 @pytest.mark.parametrize("counts", [[0], [2], [1, 0, 3]])
-def test_each_vision_vertex_hears_the_touch_charts_of_its_item_which_hear_none(counts: list[int]) -> None:
+def test_touch_edges_all_connect_centres_to_vision_vertices_one_way(counts: list[int]) -> None:
     sphere = vision_charts(0)
     graph = chart_graph(sphere, 3, counts, FLOAT64, touch_edges="all")
     expected = dense_mean(sphere.faces, sphere.vertices, sphere.centres, 3, counts, touch_edges="all")
@@ -42,7 +44,7 @@ def test_full_size_graph_has_the_supplements_degrees() -> None:
     assert degree[graph.sizes[0] + sphere.centres[0]] == 1 + 6 + 20
 
 
-def test_items_do_not_see_each_other() -> None:
+def test_graph_has_no_edges_between_items() -> None:
     graph = chart_graph(vision_charts(0), 3, [1, 2], FLOAT64)
     dense = graph.adjacency.to_dense() / graph.degree
     first = graph.sizes[0]
@@ -57,7 +59,7 @@ def test_vision_vertices_are_the_first_of_each_item() -> None:
     assert found[..., 0].tolist() == [[*range(456)], [*range(465, 921)], [*range(921, 1377)]]
 
 
-def test_joined_features_are_those_of_each_item_in_turn() -> None:
+def test_join_arranges_features_item_by_item() -> None:
     graph = chart_graph(vision_charts(0), 3, [1, 0, 2], FLOAT32)
     vision, touch = torch.arange(3 * 456).reshape(3, 456, 1), -torch.arange(1, 3 * 9 + 1).reshape(3, 9, 1)
     features = graph.join(vision, touch)
@@ -67,12 +69,12 @@ def test_joined_features_are_those_of_each_item_in_turn() -> None:
 
 
 @pytest.mark.parametrize("counts", [[], [2, -1]])
-def test_empty_or_negative_counts_are_refused(counts: list[int]) -> None:
+def test_graph_rejects_empty_or_negative_counts(counts: list[int]) -> None:
     with pytest.raises(ValueError, match="counts is"):
         chart_graph(vision_charts(0), 3, counts, FLOAT32)
 
 
 @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
-def test_half_precision_is_refused(dtype: torch.dtype) -> None:
+def test_half_precision_is_rejected(dtype: torch.dtype) -> None:
     with pytest.raises(ValueError, match=rf"{dtype}.*float32 and float64; .*autocast"):
         chart_graph(vision_charts(0), 3, [1], torch.zeros((), dtype=dtype))

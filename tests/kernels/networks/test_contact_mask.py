@@ -1,4 +1,4 @@
-"""The contact mask against section 2.2 pixel by pixel, and what is no image."""
+"""Contact masks against section 2.2 pixel by pixel, and rejected images."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def black(*shape: int) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("threshold", [0.0, 0.001, 0.01])
-def test_against_the_slow_twin(threshold: float) -> None:
+def test_contact_mask_equals_the_slow_twin(threshold: float) -> None:
     rng = np.random.default_rng(0)
     blank = rng.integers(0, 256, (7, 5, 3), dtype=np.uint8)
     readings = np.clip(blank + rng.integers(-20, 21, (2, 4, 7, 5, 3)) * rng.integers(0, 2, (2, 4, 7, 5, 1)), 0, 255).astype(np.uint8)
@@ -36,7 +36,7 @@ def test_against_the_slow_twin(threshold: float) -> None:
     assert (contact_mask(*given, threshold).numpy() == expected).all()
 
 
-def test_the_norm_is_squared() -> None:
+def test_contact_mask_compares_the_squared_norm() -> None:
     blank = torch.full((1, 3, 3), 100, dtype=torch.uint8)
     touched = blank.clone()
     touched[0, 0] += torch.tensor([8, 1, 0], dtype=torch.uint8)  # 65 / 255² = 0.0009996
@@ -44,7 +44,7 @@ def test_the_norm_is_squared() -> None:
     assert contact_mask(touched, blank).tolist() == [[False, True, False]]
 
 
-def test_extremes() -> None:
+def test_contact_mask_of_black_and_white_images() -> None:
     black, white = torch.zeros((4, 4, 3), dtype=torch.uint8), torch.full((4, 4, 3), 255, dtype=torch.uint8)
     assert contact_mask(white, black).all()
     assert contact_mask(black, white).all()
@@ -76,6 +76,8 @@ def test_a_press_is_seen_where_it_presses() -> None:
         (black(4, 4, 3), black(4, 4, 3), float("nan"), "threshold nan"),
     ],
 )
-def test_errors_name_what_is_wrong(readings: torch.Tensor, blank: torch.Tensor, threshold: float, message: str) -> None:
+def test_contact_mask_rejects_wrong_shapes_types_and_thresholds(
+    readings: torch.Tensor, blank: torch.Tensor, threshold: float, message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         contact_mask(readings, blank, threshold)

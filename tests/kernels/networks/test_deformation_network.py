@@ -1,3 +1,5 @@
+"""Deformation network against its slow twin; its batches, seams and gradients."""
+
 from __future__ import annotations
 
 from typing import Any
@@ -118,7 +120,7 @@ def test_tied_seams_stay_closed_to_the_bit() -> None:
         assert torch.equal(copies, copies[:, :1].expand_as(copies))
 
 
-def test_sphere_stays_without_displacement() -> None:
+def test_zero_displacements_leave_the_sphere() -> None:
     network = small(image=None, touch=False)
     nn.init.zeros_(network.gcn.last.weight)
     vertices = network(**inputs([0], network.config))
@@ -213,6 +215,6 @@ def test_gradients_repeat_to_the_bit() -> None:
         ({}, {"counts": []}, "counts has 0 items"),
     ],
 )
-def test_inputs_that_do_not_fit_are_refused(config: dict[str, Any], changes: dict[str, Any], message: str) -> None:
+def test_inputs_of_wrong_shape_or_type_are_rejected(config: dict[str, Any], changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         small(**config)(**(inputs(COUNTS) | changes))

@@ -1,3 +1,5 @@
+"""Graph convolutions against dense adjacency matrices."""
+
 from __future__ import annotations
 
 import pytest
@@ -47,7 +49,7 @@ def test_layer_and_its_gradients_equal_those_with_a_dense_adjacency(
         torch.testing.assert_close(one, other, rtol=1e-11, atol=1e-11)
 
 
-def test_layer_gradient_is_the_numerical_one() -> None:
+def test_layer_gradient_equals_the_numerical_one() -> None:
     graph = chart_graph(vision_charts(0), 3, [1], torch.zeros((), dtype=torch.float64))
     layer = ZeroNeighbourLayer(2, 3).double()
     features = torch.randn(graph.sizes[0], 2, dtype=torch.float64, generator=torch.Generator().manual_seed(2), requires_grad=True)
@@ -87,6 +89,6 @@ def test_autocast_maps_in_half_and_averages_in_full_precision(graph: ChartGraph)
     mixed.sum().backward()
 
 
-def test_features_that_do_not_fit_are_refused(graph: ChartGraph) -> None:
+def test_layer_rejects_features_of_wrong_shape(graph: ChartGraph) -> None:
     with pytest.raises(ValueError, match=r"features are \(3, 4\); graph and layer take \(1395, 4\)"):
         ZeroNeighbourLayer(4, 6)(torch.zeros(3, 4), graph)

@@ -1,4 +1,4 @@
-"""The implicit network: what it is given counts, and nothing else; and it learns a distance."""
+"""Implicit network: dependence on its inputs, and learning of a distance."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import pytest
 import torch
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.networks.implicit_configurations import IMPLICIT_CONFIGURATIONS, ImplicitConfig
-from pipeline.kernels.networks.implicit_network import FINGER, ImplicitNetwork
+from pipeline.kernels.networks.implicit_network import FINGER_DEPTH, IMPLICIT_CONFIGURATIONS, ImplicitConfig, ImplicitNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from tests.kernels.networks.test_deformation_network import inputs
 
@@ -32,13 +31,13 @@ def queries(items: int, count: int = 20) -> torch.Tensor:
     return 0.4 * drawn + torch.tensor([-0.2, -0.2, 0.4])
 
 
-def test_names_are_given_what_the_supplements_of_that_name_are():
+def test_implicit_configurations_have_the_inputs_of_the_supplements():
     for name, config in IMPLICIT_CONFIGURATIONS.items():
         other = CONFIGURATIONS[name.removeprefix("implicit-")]
         assert (config.image, config.touch) == (other.image, other.touch)
 
 
-def test_an_item_and_a_query_do_not_depend_on_the_others():
+def test_items_and_queries_are_independent():
     network, seen, asked = small(), given(), queries(3)
     together = network(asked, **seen)
     assert together.shape == (3, 20)
@@ -52,7 +51,7 @@ def test_an_item_and_a_query_do_not_depend_on_the_others():
 
 
 @pytest.mark.parametrize("changed", ["images", "touch_vertices", "touched"])
-def test_each_input_counts_for_its_own_item(changed):
+def test_each_input_affects_its_own_item_only(changed):
     network, seen, asked = small(), given([1, 1]), queries(2)
     before = network(asked, **seen)
     other = seen[changed].clone()
@@ -62,7 +61,7 @@ def test_each_input_counts_for_its_own_item(changed):
     torch.testing.assert_close(after[1], before[1])
 
 
-def test_grasps_may_come_in_any_order():
+def test_predictions_do_not_depend_on_the_order_of_grasps():
     network, seen, asked = small(), given([3]), queries(1)
     turned = seen | {name: seen[name].flip(0) for name in ("touch_vertices", "touched")}
     torch.testing.assert_close(network(asked, **turned), network(asked, **seen))
@@ -73,7 +72,7 @@ def test_equal_generators_give_equal_networks():
     assert all(torch.equal(value, second[name]) for name, value in first.items())
 
 
-def test_a_ball_that_was_touched_is_learned():
+def test_network_learns_the_distance_to_a_touched_ball():
     network = small(image=None, features=32, band=0.1).train()
     seen = given([2], image=None)
     asked = queries(1, 400)
@@ -87,7 +86,7 @@ def test_a_ball_that_was_touched_is_learned():
     assert loss.item() < 0.3 * float(truth.clamp(-0.1, 0.1).abs().mean())
 
 
-def test_near_a_touch_a_reconstruction_goes_by_the_touch_and_far_away_by_the_network():
+def test_decode_with_touches_follows_touches_nearby_and_the_network_far_away():
     network, seen = small(), given([1])
     flat = torch.tensor([[x, y, 0.6] for y in (0.02, 0.0, -0.02) for x in (-0.02, 0.0, 0.02)], dtype=torch.float64)  # faces +z
     seen |= {"touch_vertices": flat[None], "touched": torch.tensor([True])}
@@ -95,30 +94,32 @@ def test_near_a_touch_a_reconstruction_goes_by_the_touch_and_far_away_by_the_net
 
     def both(*points: tuple[float, float, float]) -> tuple[torch.Tensor, torch.Tensor]:
         asked = torch.tensor([points], dtype=torch.float64)
-        return network.decode_trusting_touches(code, asked)[0], network.decode(code, asked)[0]
+        return network.decode_with_touches(code, asked)[0], network.decode(code, asked)[0]
 
     (on, above, below, *_), (alone, *_) = both((0.02, 0.02, 0.6), (0.02, 0.02, 0.601), (0.02, 0.02, 0.599))
     assert alone.abs() > 1e-4
     torch.testing.assert_close(torch.stack([on, above, below]), torch.tensor([0, 1e-3, -1e-3], dtype=torch.float64), atol=3e-6, rtol=0)
     assert on.abs() < 1e-12
     reach, weight = SMALL.touch_reach, np.exp(-1)
-    trusting, alone = both((0.0, 0.0, 0.6 - reach), (0.02 + reach, 0.0, 0.6), (0.0, 0.0, 0.6 + FINGER), (0.0, 0.0, 0.6 + FINGER + reach))
-    heights = torch.tensor([-reach, 0, FINGER, FINGER + reach], dtype=torch.float64)
+    trusting, alone = both(
+        (0.0, 0.0, 0.6 - reach), (0.02 + reach, 0.0, 0.6), (0.0, 0.0, 0.6 + FINGER_DEPTH), (0.0, 0.0, 0.6 + FINGER_DEPTH + reach)
+    )
+    heights = torch.tensor([-reach, 0, FINGER_DEPTH, FINGER_DEPTH + reach], dtype=torch.float64)
     weights = torch.tensor([weight, weight, 1, weight], dtype=torch.float64)  # in the finger there is nothing
     torch.testing.assert_close(trusting, weights * heights + (1 - weights) * alone)
     torch.testing.assert_close(*both((0.0, 0.0, 0.7)))
 
 
 @pytest.mark.parametrize("changes", [{"touch": False}, {"touch_reach": 0.0}, {}])
-def test_without_a_touch_or_a_reach_a_reconstruction_is_the_networks(changes: dict[str, Any]):
+def test_decode_with_touches_equals_decode_without_touch_or_reach(changes: dict[str, Any]):
     network, seen, asked = small(**changes), given([2 if changes.get("touch", True) else 0]), queries(1)
     if not changes:
         seen |= {"touched": torch.tensor([False, False])}
     code = network.encode(**seen)
-    assert torch.equal(network.decode_trusting_touches(code, asked), network.decode(code, asked))
+    assert torch.equal(network.decode_with_touches(code, asked), network.decode(code, asked))
 
 
-def test_what_is_superfluous_missing_or_not_finite_is_refused():
+def test_encode_rejects_superfluous_missing_or_infinite_input():
     seen, asked = given(), queries(3)
     with pytest.raises(ValueError, match="image 'occluded' and touch True is given something else"):
         small()(asked, **(seen | {"images": None, "camera": None}))

@@ -1,3 +1,5 @@
+"""Network configurations against the supplement's tables."""
+
 from __future__ import annotations
 
 import pytest
@@ -55,7 +57,7 @@ def test_graph_networks_of_the_tables() -> None:
     }
 
 
-def test_table_11_to_the_layer() -> None:
+def test_single_image_network_has_the_layers_of_table_11() -> None:
     """The shapes of rows (1) to (53); each of the three passes goes through rows (26) to (53)."""
     network, found = DeformationNetwork(SINGLE_IMAGE).eval(), []
     assert network.encoder is not None
@@ -75,7 +77,7 @@ def test_table_11_to_the_layer() -> None:
     assert [made for _, made in graph] == [*[(1824, 250)] * 24, (1824, 3)]
 
 
-def test_through_json_and_back() -> None:
+def test_configuration_survives_json() -> None:
     for config in NETWORKS.values():
         assert NetworkConfig.model_validate_json(config.model_dump_json()) == config
 
@@ -93,6 +95,6 @@ def test_through_json_and_back() -> None:
         {"layers": 3},
     ],
 )
-def test_settings_that_make_no_network(wrong: dict[str, float]) -> None:
+def test_invalid_configurations_are_rejected(wrong: dict[str, float]) -> None:
     with pytest.raises(ValidationError, match=next(iter(wrong))):
         NetworkConfig.model_validate(wrong)

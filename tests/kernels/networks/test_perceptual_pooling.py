@@ -1,3 +1,5 @@
+"""Perceptual pooling on ramps and against plain arithmetic."""
+
 from __future__ import annotations
 
 import math
@@ -19,7 +21,7 @@ def scene_camera() -> Tensor:
 
 
 def averaging(layers: int, kernel: int) -> tuple[list[Tensor], ImageEncoder, Tensor]:
-    """Maps of a ramp, column in one channel and row in another, through an encoder's convolutions with averaging kernels."""
+    """Compute maps of a ramp, column in one channel and row in another, through an encoder's convolutions with averaging kernels."""
     plan = ENCODER_PLANS[layers]
     encoder = ImageEncoder(plan, kernel).double()
     centres = torch.arange(plan.resolution, dtype=torch.float64) + 0.5
@@ -58,7 +60,7 @@ def test_a_ramp_is_pooled_exactly_inside_and_at_integers(layers: int, kernel: in
 
 
 @pytest.mark.parametrize("layers", [12, 15, 18, 25])
-def test_outside_the_outermost_centres_it_is_the_border(layers: int) -> None:
+def test_pooling_beyond_the_outermost_centres_gives_border_features(layers: int) -> None:
     maps, encoder, _ = averaging(layers, 3)
     pixels = torch.tensor([[[-1e9, 100.0], [1e9, 100.0], [120.0, -50.0], [120.0, 1e30], [-1.0, 500.0], [float(2**60), -3.0]]]).double()
     for features, grid, (first, last) in zip(maps, encoder.grids, reach(maps, encoder), strict=True):
@@ -84,7 +86,7 @@ def slow_pool(features: np.ndarray, grid: MapGrid, column: float, row: float) ->
     return np.asarray((1 - b) * upper + b * lower)
 
 
-def test_against_plain_arithmetic() -> None:
+def test_pooling_equals_plain_arithmetic() -> None:
     rng = np.random.default_rng(0)
     grids = [MapGrid(5.5, 2), MapGrid(7.5, 4)]
     maps = [rng.normal(size=(2, 3, 9, 12)), rng.normal(size=(2, 5, 4, 3))]
@@ -100,7 +102,7 @@ def test_against_plain_arithmetic() -> None:
     np.testing.assert_allclose(pooled.numpy(), np.array(expected), atol=1e-12)
 
 
-def test_a_map_of_one_element() -> None:
+def test_pooling_of_a_map_with_one_element() -> None:
     features = torch.tensor([[[[3.0]], [[-1.0]]]])
     pooled = pool_features([features], [MapGrid(103.5, 16)], torch.tensor([[[0.0, 0.0], [103.5, 103.5], [500.0, 7.0]]]))
     torch.testing.assert_close(pooled, torch.tensor([3.0, -1.0]).expand(1, 3, 2))
@@ -157,7 +159,7 @@ def test_half_precision_moves_no_point() -> None:
     assert torch.equal(half, project_to_pixels(camera, points))
 
 
-def test_no_points() -> None:
+def test_pooling_of_no_points_is_empty() -> None:
     assert pool_features([torch.zeros(2, 5, 4, 4)], [MapGrid()], project_to_pixels(scene_camera().float(), torch.zeros(2, 0, 3))).shape == (
         2,
         0,
@@ -165,7 +167,7 @@ def test_no_points() -> None:
     )
 
 
-def test_shapes_that_do_not_fit() -> None:
+def test_pooling_rejects_wrong_shapes() -> None:
     with pytest.raises(ValueError, match=r"camera is \(4, 4\)"):
         project_to_pixels(torch.eye(4), torch.zeros(1, 2, 3))
     with pytest.raises(ValueError, match="argument 2 is longer"):

@@ -1,4 +1,4 @@
-"""What an implicit network is told of touches, against a ball that charts lie on."""
+"""Touch features of queries around a ball."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import pytest
 import torch
 
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.networks.touch_features import FELT, NEAREST, SCALES, chart_normals, split_touches
+from pipeline.kernels.networks.touch_features import NEAREST_POINT_FEATURES, SCALES, TOUCH_FEATURES, chart_normals, split_touches
 
 RADIUS = 0.5
 
 
 def chart_on_ball(side: int = 5, size: float = 0.02) -> torch.Tensor:
-    """A chart of the sensor that looks down at the ball's highest point: its +z is the world's -z."""
+    """Make a chart of the sensor that looks down at the ball's highest point: its +z is the world's -z."""
     flat = chart_square(side)[0] * size
     above = torch.stack([flat[:, 0], -flat[:, 1], torch.full_like(flat[:, 0], RADIUS)], dim=1)
     return RADIUS * torch.nn.functional.normalize(above, dim=1)
@@ -27,32 +27,32 @@ def test_normals_point_away_from_the_object():
     assert not chart_normals(torch.zeros(1, 9, 3)).any()
 
 
-def test_a_query_is_told_its_height_above_the_nearest_touch():
+def test_query_features_hold_the_height_above_the_nearest_touch():
     charts = torch.stack([chart_on_ball(), chart_on_ball() + torch.tensor([0.3, 0, 0])])
     (item,) = split_touches(charts, torch.tensor([True, False]), [2])
     heights = torch.tensor([-0.1, 0.0, 0.05, 0.2], dtype=torch.float64)
     queries = torch.stack([torch.zeros(4), torch.zeros(4), RADIUS + heights], dim=1)
-    found = item.features(queries)
-    assert found.shape == (4, FELT)
-    touched, outside = found[:, :NEAREST], found[:, NEAREST:]
+    found = item.features_at(queries)
+    assert found.shape == (4, TOUCH_FEATURES)
+    touched, outside = found[:, :NEAREST_POINT_FEATURES], found[:, NEAREST_POINT_FEATURES:]
     torch.testing.assert_close(touched[:, 6], heights)
     torch.testing.assert_close(touched[:, :3], heights[:, None] * torch.tensor([0, 0, 1.0], dtype=torch.float64))
     torch.testing.assert_close(touched[:, 7], torch.exp(-heights.abs() / SCALES[0]))
     assert (outside[:, 0] < -0.28).all()  # the other chart is 0.3 away along x, and 0.02 wide
 
 
-def test_items_are_told_of_their_own_touches_only_and_nothing_where_there_is_none():
+def test_query_features_depend_on_the_items_own_touches_and_are_zero_without():
     charts = torch.stack([chart_on_ball(), 2 * chart_on_ball()])
     first, none, second = split_touches(charts, torch.tensor([True, True]), [1, 0, 1])
     queries = torch.from_numpy(np.random.default_rng(0).normal(size=(6, 3)))
-    assert not none.features(queries).any()
-    assert none.described.shape == (0, 7)
-    assert not first.features(queries)[:, NEAREST:].any()
-    torch.testing.assert_close(2 * first.features(queries)[:, :3], second.features(2 * queries)[:, :3])
+    assert not none.features_at(queries).any()
+    assert none.point_features.shape == (0, 7)
+    assert not first.features_at(queries)[:, NEAREST_POINT_FEATURES:].any()
+    torch.testing.assert_close(2 * first.features_at(queries)[:, :3], second.features_at(2 * queries)[:, :3])
 
 
 @pytest.mark.parametrize("flag", [True, False])
-def test_points_are_described_by_place_normal_and_whether_they_were_touched(flag):
+def test_point_features_hold_position_normal_and_touch(flag):
     (item,) = split_touches(chart_on_ball()[None], torch.tensor([flag]), [1])
-    torch.testing.assert_close(item.described[:, :3], chart_on_ball())
-    assert (item.described[:, 6] == float(flag)).all()
+    torch.testing.assert_close(item.point_features[:, :3], chart_on_ball())
+    assert (item.point_features[:, 6] == float(flag)).all()

@@ -83,7 +83,7 @@ def test_loss_of_a_shifted_plane_is_the_squared_shift() -> None:
         assert float(projected_chamfer_loss(depth + shift, depth, mask, width=WIDTH, gel=GEL)) == pytest.approx(2 * squared, rel=1e-9)
 
 
-def test_touches_weigh_the_same_whatever_their_area() -> None:
+def test_touches_weigh_the_same_for_any_area() -> None:
     depth = torch.full((2, 8, 8), 0.004, dtype=torch.float64)
     mask = torch.zeros(2, 8, 8, dtype=torch.bool)
     mask[0, 3, 3] = True
@@ -93,7 +93,7 @@ def test_touches_weigh_the_same_whatever_their_area() -> None:
 
 
 @pytest.mark.parametrize("loss", LOSSES)
-def test_nothing_masked_is_zero_with_zero_gradient(loss: Loss) -> None:
+def test_empty_mask_has_zero_loss_and_gradient(loss: Loss) -> None:
     predicted, depth, mask = scene()
     predicted.requires_grad_()
     value = loss(predicted, depth, torch.zeros_like(mask), width=WIDTH, gel=GEL)
@@ -160,7 +160,7 @@ def test_visible_depth_is_clamped_to_the_gel() -> None:
 
 
 @pytest.mark.parametrize("loss", LOSSES)
-def test_inputs_that_do_not_fit_are_refused(loss: Loss) -> None:
+def test_inputs_of_wrong_shape_or_type_are_rejected(loss: Loss) -> None:
     predicted, depth, mask = scene()
     bad = torch.full_like(depth, torch.nan)
     cases: list[tuple[tuple[Tensor, Tensor, Tensor], str]] = [

@@ -1,4 +1,4 @@
-"""Table 5, layer by layer; other sizes and types; and one touch learnt by heart."""
+"""U-Net: Table 5 layer by layer, other sizes and types, overfitting of one touch."""
 
 from collections.abc import Callable
 
@@ -37,7 +37,7 @@ def network(width: int, seed: int = 0) -> UNet:
 
 
 def layer_outputs(unet: UNet, images: Tensor) -> list[Tensor]:
-    """The outputs of Table 5's layers (1) to (27), one after the other; the last is (B, 1, H, W), before the sigmoid."""
+    """Compute the outputs of Table 5's layers (1) to (27), one after the other; the last is (B, 1, H, W), before the sigmoid."""
     outputs: list[Tensor] = []
 
     def note(_module: nn.Module, _given: tuple[Tensor, ...], made: Tensor) -> None:
@@ -64,7 +64,7 @@ def test_parameters_are_24_million_at_width_64() -> None:
     assert wide - 16 * 27 - 16 == 4 * (narrow - 8 * 27 - 8)  # kernels, but for those of the first layer and the head
 
 
-def test_layers_take_what_table_5_says() -> None:
+def test_layers_have_the_inputs_of_table_5() -> None:
     """Skips (11), (8), (5), (2) meet (15), (18), (21), (24)."""
     unet = network(2).eval()
     layers = layer_outputs(unet, torch.rand(1, 3, 100, 100))
@@ -108,7 +108,7 @@ def test_float64_and_its_gradient() -> None:
     assert torch.autograd.gradcheck(lambda _: unet(readings), (kernel,), eps=1e-6, atol=1e-6)
 
 
-def test_bfloat16_leaves_the_depth_its_digits() -> None:
+def test_bfloat16_depth_keeps_its_precision() -> None:
     """Under autocast the last layer and the sigmoid run in float32: many more values than bfloat16's 256 a factor of two."""
     unet = network(8).eval()
     with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
@@ -126,7 +126,7 @@ def test_evaluation_does_not_depend_on_the_batch() -> None:
             assert torch.allclose(unet(readings[item : item + 1])[0], together[item], atol=1e-6)
 
 
-def test_shapes_that_do_not_fit_are_refused() -> None:
+def test_unet_rejects_wrong_shapes() -> None:
     unet = network(1)
     for shape, message in (
         ((2, 100, 100, 3), r"\(2, 100, 100, 3\); the U-Net takes \(B, 3, H, W\)"),

@@ -9,7 +9,7 @@ import trimesh
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.grasp_closure import Contact, contact_of
+from pipeline.kernels.hand.grasp_closure import Contact, contact_from_depth
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
@@ -38,7 +38,7 @@ def lifted(mesh: Mesh, *, mass: float, sideways: float = 0.0) -> bool:
     angles = np.array([WIDTH / 2 + SENSOR.w - PRESSED + sideways])
     contacts: list[Contact | None] = []
     for sensor_pose in sensor_poses(GRIPPER, pose, angles):
-        contacts.append(contact_of(ray_depth(box_faces(mesh.triangles), sensor_pose, SENSOR), sensor_pose, SENSOR))
+        contacts.append(contact_from_depth(ray_depth(box_faces(mesh.triangles), sensor_pose, SENSOR), sensor_pose, SENSOR))
     with LiftTest(GRIPPER, [SENSOR, SENSOR], mass=mass) as test:
         test.load(mesh, points_on(mesh, 2000, seed=0)[0])
         return test.stays(pose, angles, contacts)

@@ -1,4 +1,4 @@
-"""Masks at thresholds no float can be sure of, and what is no image."""
+"""Contact masks at thresholds that floats cannot represent, and network input."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.networks.image_tensors import COLOURS, WHITE, network_input
+from pipeline.kernels.tensor_checks import COLOURS, WHITE, network_input
 from tests.kernels.networks.pictures import KINDS, stored
 from tests.strategies import seeds
 
 
 @given(seed=seeds, pixel=st.integers(0, 23), beside=st.sampled_from([0, COLOURS]))
-def test_bytes_are_compared_exactly_at_any_threshold(seed: int, pixel: int, beside: int) -> None:
+def test_contact_mask_is_exact_at_any_threshold(seed: int, pixel: int, beside: int) -> None:
     """At the squared norm of one of the pixels and the float next to it, where a rounded product decides wrongly."""
     blank, readings = np.random.default_rng(seed).integers(0, 256, (2, 6, 4, 3), dtype=np.uint8)
     squares = np.square(readings.astype(int) - blank).reshape(-1, 3).sum(axis=1).tolist()
@@ -29,7 +29,7 @@ def test_bytes_are_compared_exactly_at_any_threshold(seed: int, pixel: int, besi
 
 
 @pytest.mark.parametrize("square", [1, 65, 66, 4225, 65025, 194566, 195075])
-def test_a_threshold_beside_a_squared_norm_parts_it_from_the_next(square: int) -> None:
+def test_threshold_next_to_a_squared_norm_separates_it_from_the_next(square: int) -> None:
     """Readings whose every pixel has that squared norm exactly: just below the threshold, at it, and just above."""
     parts = next(
         (r, g, b)
@@ -45,13 +45,13 @@ def test_a_threshold_beside_a_squared_norm_parts_it_from_the_next(square: int) -
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_reading_never_touches_itself(kind: str) -> None:
+def test_contact_mask_of_an_image_with_itself_is_empty(kind: str) -> None:
     reading = stored(kind, 9)
     assert not contact_mask(reading, reading, 0.0).any()
 
 
 @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float32])
-def test_masks_of_floats_are_refused(dtype: torch.dtype) -> None:
+def test_contact_mask_rejects_floating_images(dtype: torch.dtype) -> None:
     with pytest.raises(ValueError, match=f"images are {dtype}.*as they are stored, uint8"):
         contact_mask(torch.zeros(2, 2, 3, dtype=dtype), torch.zeros(2, 2, 3, dtype=dtype))
 
@@ -64,13 +64,13 @@ def test_threshold_must_be_finite_and_not_negative(threshold: float) -> None:
 
 
 @pytest.mark.parametrize("images", [torch.zeros(1, 4, 4, 3), torch.zeros(4, 4, 3, dtype=torch.uint8), torch.zeros(1, 3, 4, 4).byte()])
-def test_only_stored_images_become_input(images: Tensor) -> None:
+def test_network_input_rejects_other_than_stored_images(images: Tensor) -> None:
     """A float image would be divided by 255 a second time."""
     with pytest.raises(ValueError, match=r"\(B, H, W, 3\) uint8"):
         network_input(images, torch.float32)
 
 
-def test_input_is_a_multiple_of_a_255th() -> None:
+def test_network_input_divides_by_255() -> None:
     ramp = torch.arange(256, dtype=torch.uint8).reshape(1, 256, 1, 1).expand(1, 256, 1, 3)
     for dtype, bound in ((torch.float32, 6e-8), (torch.float64, 2e-16)):
         found = network_input(ramp, dtype)[0, 0, :, 0]

@@ -1,4 +1,4 @@
-"""The Chamfer distance against rational arithmetic, wherever and however large the clouds are."""
+"""Chamfer distance against rational arithmetic, at any scale and position."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from pipeline.kernels.metrics.chamfer import Target, chamfer, squared_distances
+from pipeline.kernels.metrics.chamfer import SearchCloud, chamfer, squared_distances
 from tests.kernels.degenerate_clouds import CLOUDS, KINDS, OFFSETS, cloud
 from tests.references import exact_distances as exact
 from tests.strategies import scales, seeds
@@ -31,7 +31,7 @@ def pair(first: str, second: str, seed: int, scale: float, offset: np.ndarray, d
 
 @TYPES
 @given(first=KINDS, second=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
-def test_it_is_that_of_exact_arithmetic(dtype: torch.dtype, first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
+def test_chamfer_equals_exact_arithmetic(dtype: torch.dtype, first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
     a, b = pair(first, second, seed, scale, offset, dtype)
     found, true = float(chamfer(a, b)), exact.chamfer(a.numpy(), b.numpy())
     assert abs(found - true) <= BOUND[dtype] * true
@@ -40,7 +40,7 @@ def test_it_is_that_of_exact_arithmetic(dtype: torch.dtype, first: str, second: 
 
 
 @given(kind=KINDS, seed=seeds, scale=scales, offset=OFFSETS, apart=OFFSETS)
-def test_clouds_far_apart(kind: str, seed: int, scale: float, offset: np.ndarray, apart: np.ndarray) -> None:
+def test_chamfer_of_clouds_far_apart(kind: str, seed: int, scale: float, offset: np.ndarray, apart: np.ndarray) -> None:
     a = torch.from_numpy(cloud(kind, seed, scale, offset)).float()
     b = torch.from_numpy(cloud("spread", seed, scale, apart)).float()
     true = exact.chamfer(a.numpy(), b.numpy())
@@ -88,10 +88,10 @@ def test_differences_hold_where_the_expanded_square_does_not(apart: float, error
 
 
 @given(first=KINDS, second=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
-def test_all_pairs_as_on_a_gpu_find_one_as_near(first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
+def test_all_pairs_search_finds_an_equally_near_point(first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
     """Of float32 differences the least may be another point's, but one whose distance is within a millionth of the least."""
     a, b = pair(first, second, seed, scale, offset, torch.float32)
-    target = Target(b)
+    target = SearchCloud(b)
     target._tree = None
     chosen = b[target.nearest(a)]
     for point, there, least in zip(a.numpy(), chosen.numpy(), exact.nearest_squared(a.numpy(), b.numpy()), strict=True):
@@ -124,8 +124,8 @@ def test_copies_of_a_cloud_change_nothing(kind: str, seed: int, scale: float, co
         (torch.tensor([[0.0, np.nan, 0], [0, 0, 0]]), "1 of 2 points"),
     ],
 )
-def test_what_has_no_distance_is_refused(points: Tensor, message: str) -> None:
+def test_invalid_clouds_are_rejected(points: Tensor, message: str) -> None:
     good = torch.zeros(5, 3)
-    for call in (lambda: chamfer(points, good), lambda: chamfer(good, points), lambda: Target(points).nearest(good)):
+    for call in (lambda: chamfer(points, good), lambda: chamfer(good, points), lambda: SearchCloud(points).nearest(good)):
         with pytest.raises(ValueError, match=message):
             call()

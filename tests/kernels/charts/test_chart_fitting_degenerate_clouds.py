@@ -1,4 +1,4 @@
-"""Touch charts fitted to clouds that hardly are any, and the distance to a chart of slivers, segments and points."""
+"""Chart fitting to degenerate clouds, and distances to charts of slivers, segments and points."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hypothesis import given
 from pipeline.kernels.charts.chart_fitting import ChartFits, fit_charts
 from pipeline.kernels.charts.fit_options import FitOptions, StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.metrics.surface_distance import rms_distance_to_surface
+from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface
 from tests.kernels.degenerate_clouds import KINDS, OFFSETS, cloud, soup
 from tests.references import exact_distances as exact
 from tests.strategies import scales, seeds
@@ -48,7 +48,7 @@ def test_the_residual_is_the_exact_distance_also_beside_slivers(seed: int, scale
 
 
 @given(kind=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
-def test_any_cloud_ends_in_a_finite_record(kind: str, seed: int, scale: float, offset: np.ndarray) -> None:
+def test_fit_of_any_cloud_is_finite(kind: str, seed: int, scale: float, offset: np.ndarray) -> None:
     """From a millimetre to 1 km, and up to 100 m away."""
     points = cloud(kind, seed, scale, offset)
     fits = fit(points)
@@ -82,18 +82,18 @@ def test_far_points_draw_the_chart_towards_them(kind: str) -> None:
 @pytest.mark.parametrize(
     ("points", "faces", "message"),
     [
-        (np.zeros((0, 3)), [[0, 1, 2]], "0 points, 1 faces"),
-        (np.zeros((2, 3)), np.zeros((0, 3), int), "2 points, 0 faces"),
+        (np.zeros((0, 3)), [[0, 1, 2]], "0 points and 1 faces"),
+        (np.zeros((2, 3)), np.zeros((0, 3), int), "2 points and 0 faces"),
         (np.full((2, 3), np.nan), [[0, 1, 2]], "NaN"),
         (np.full((2, 3), np.inf), [[0, 1, 2]], "infinity"),
     ],
 )
-def test_no_distance_from_nothing(points: np.ndarray, faces: list[list[int]], message: str) -> None:
+def test_rms_distance_rejects_no_points_or_faces(points: np.ndarray, faces: list[list[int]], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         rms_distance_to_surface(points, np.eye(3), np.asarray(faces))
 
 
-def test_no_distance_to_a_chart_that_is_nowhere() -> None:
+def test_rms_distance_rejects_infinite_coordinates() -> None:
     with pytest.raises(ValueError, match="vertices hold NaN"):
         rms_distance_to_surface(np.zeros((2, 3)), np.full((3, 3), np.nan), np.array([[0, 1, 2]]))
 
@@ -101,12 +101,12 @@ def test_no_distance_to_a_chart_that_is_nowhere() -> None:
 @pytest.mark.parametrize(
     "changes", [{"halt": np.nan}, {"learning_rate": np.inf}, {"samples": 0}, {"cloud_points": 0}, {"residual_limit": 0.0}]
 )
-def test_a_rule_that_ends_nowhere_is_refused(changes: dict[str, Any]) -> None:
+def test_fit_options_reject_invalid_limits(changes: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=rf"(?s){next(iter(changes))}\n.*(greater than 0|finite)"):
         FitOptions(**changes)
 
 
-def test_without_a_step_the_square_is_measured_and_kept() -> None:
+def test_fit_without_steps_keeps_and_measures_the_square() -> None:
     fits = fit_charts([np.array([[0.0, 0, WIDTH]])], WIDTH, generators(1), options=FitOptions(max_iterations=0))
     assert fits.stop_rule.tolist() == [StopRule.cap]
     assert fits.residual.tolist() == [WIDTH]
@@ -115,6 +115,6 @@ def test_without_a_step_the_square_is_measured_and_kept() -> None:
 
 
 @pytest.mark.parametrize("width", [np.inf, np.nan, -1.0])
-def test_a_sensor_without_a_size_is_refused(width: float) -> None:
+def test_fit_charts_rejects_invalid_sensor_width(width: float) -> None:
     with pytest.raises(ValueError, match=f"width {width}"):
         fit(np.zeros((5, 3)), width)

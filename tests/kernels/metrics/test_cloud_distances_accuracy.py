@@ -1,4 +1,4 @@
-"""Metrics of one point, of copies of it, and of clouds of any size anywhere; rings that nothing touched."""
+"""Metrics of clouds at any scale and position, of copies and of single points."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances, nearest_squared, sampled_area, sampling_floor
-from pipeline.kernels.metrics.touch_site_rings import ring_means, ring_of
+from pipeline.kernels.metrics.touch_site_rings import ring_indices, ring_means
 from tests.kernels.degenerate_clouds import CLOUDS, KINDS, OFFSETS, cloud
 from tests.kernels.metrics.test_touch_site_rings import a_pose, slow_ring
 from tests.references import exact_distances as exact
@@ -60,7 +60,7 @@ def test_f1_of_nothing_right_and_of_one_side_right() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_points_that_are_not_finite_are_refused(bad: float) -> None:
+def test_points_that_are_not_finite_are_rejected(bad: float) -> None:
     points = np.zeros((3, 3))
     points[1, 2] = bad
     for call in (
@@ -73,7 +73,7 @@ def test_points_that_are_not_finite_are_refused(bad: float) -> None:
 
 
 @pytest.mark.parametrize(("tau", "scale"), [(math.nan, 1.0), (-1e-9, 1.0), (1e-4, math.nan), (1e-4, 0.0), (1e-4, math.inf)])
-def test_no_share_within_no_distance(tau: float, scale: float) -> None:
+def test_precision_recall_rejects_invalid_threshold_or_scale(tau: float, scale: float) -> None:
     found = CloudDistances(np.zeros(1), np.zeros(1))
     for call in (found.precision_recall, found.f1):
         with pytest.raises(ValueError, match=f"squared distance {tau}, scale {scale}"):
@@ -81,7 +81,7 @@ def test_no_share_within_no_distance(tau: float, scale: float) -> None:
 
 
 @pytest.mark.parametrize("area", [math.nan, math.inf, -1.0])
-def test_no_floor_of_no_area(area: float) -> None:
+def test_sampling_floor_rejects_invalid_area_or_count(area: float) -> None:
     with pytest.raises(ValueError, match=f"area of {area} m²"):
         sampling_floor(area, 10)
 
@@ -101,22 +101,22 @@ def test_rings_are_the_same_at_any_scale_and_place(seed: int, scale: float, offs
     clear = np.abs(np.abs(local)[:, :, None] - edges).min(axis=(1, 2)) > 1e-14 * (np.abs(offset).max() + width)
     assert clear.any()
     expected = np.array([slow_ring(point - offset, _turned(pose), width, 5) for point in points])
-    assert (ring_of(points, pose, width)[clear] == expected[clear]).all()
+    assert (ring_indices(points, pose, width)[clear] == expected[clear]).all()
 
 
 def _turned(pose: np.ndarray) -> np.ndarray:
-    """The pose without its place."""
+    """Return the pose without its translation."""
     turned = np.eye(4)
     turned[:3, :3] = pose[:3, :3]
     return turned
 
 
-def test_without_touch_every_ring_is_empty() -> None:
+def test_rings_without_points_are_empty() -> None:
     mean, count = ring_means(np.zeros(4), np.full(4, -1))
     assert mean.tolist() == count.tolist() == [0] * 5
 
 
-def test_zero_distance_is_a_value_and_no_point_none() -> None:
+def test_ring_means_tell_zero_distance_from_no_point() -> None:
     mean, count = ring_means(np.zeros(1), np.array([4]))
     assert mean.tolist() == [0] * 5
     assert count.tolist() == [0, 0, 0, 0, 1]
@@ -132,12 +132,12 @@ def test_zero_distance_is_a_value_and_no_point_none() -> None:
         (0.0, 1.0, np.nan, "sensor nan m"),
     ],
 )
-def test_rings_around_nowhere_are_refused(points: float, pose: float, width: float, message: str) -> None:
+def test_ring_indices_reject_invalid_points_pose_or_width(points: float, pose: float, width: float, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        ring_of(np.full((3, 3), points), np.eye(4) * pose, width)
+        ring_indices(np.full((3, 3), points), np.eye(4) * pose, width)
 
 
-def test_means_of_rings_that_are_none_are_refused() -> None:
+def test_ring_means_reject_invalid_rings_and_distances() -> None:
     for ring in (5, -2):
         with pytest.raises(ValueError, match=f"rings reach from .*{ring}"):
             ring_means(np.zeros(2), np.array([0, ring]))

@@ -1,4 +1,4 @@
-"""Distances of fingers to an object: how far every gel presses into it, and how far every finger's rigid links stay clear of it."""
+"""Distances between a hand and an object: contact of gels, clearance of fingers, and penetration."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ PROBE_DEPTH = 0.6
 """Height above the sensor plane, in gel thicknesses, to which a surface should press in: a firm touch, far from the rigid face."""
 PROBES = 4
 """Probe points along a side of the gel: 4 mm apart on a 16 mm gel."""
+LOOKUP_ERROR_CELLS = 2
+"""Largest error of a look-up within the grid's band, in cells: spheres whose gap may be below 0 by this much are measured exactly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,7 @@ def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sen
     hand, spheres
         The hand and its spheres, from `collision_spheres`.
     sensors
-        The one at each of the S mounts: its gel's width and thickness.
+        The sensor at each of the S mounts: its gel's width and thickness.
 
     Returns
     -------
@@ -57,9 +59,9 @@ def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sen
         No link of a finger has a collision shape.
     """
     own = tuple(spheres.of_links(finger.links) for finger in hand.fingers)
-    bodiless = [finger.name for finger, part in zip(hand.fingers, own, strict=True) if not len(part.radii)]
-    if bodiless:
-        raise InvalidInput(f"{hand.urdf}: no link of {', '.join(bodiless)} has a collision shape; give at least one link of a finger one")
+    without_shape = [finger.name for finger, part in zip(hand.fingers, own, strict=True) if not len(part.radii)]
+    if without_shape:
+        raise InvalidInput(f"{hand.urdf}: no link of {', '.join(without_shape)} has a collision shape; add one to a link of each finger")
     probes = [transform_points(mount.pose, _probes(sensor)) for mount, sensor in zip(hand.sensors, sensors, strict=True)]
     return FingerGeometry(own, np.stack(probes))
 
@@ -132,3 +134,46 @@ def finger_clearance(field: DistanceField, fingers: FingerGeometry, frames: NDAr
     single = frames.astype(np.float32)
     distances = [field.lookup(own.world_centres(single)) - own.radii.astype(np.float32) for own in fingers.spheres]
     return np.stack([distance.min(axis=1) for distance in distances], axis=1)
+
+
+def penetration_depth(field: DistanceField, spheres: CollisionSpheres, frames: NDArray[np.float64]) -> float:
+    """Compute the depth of the deepest rigid point in the object, or of the object's deepest point in a rigid link.
+
+    Parameters
+    ----------
+    field
+        The object.
+    spheres
+        Of all rigid links; their spacing is the error.
+    frames
+        (L, 4, 4) link frames, world.
+
+    Returns
+    -------
+    m; 0 when hand and object are apart.
+    """
+    points = spheres.world_centres(frames[None])[:, 0]  # (3, B)
+    measured = possibly_overlapping_spheres(field, spheres, points)
+    if not len(measured):
+        return 0.0
+    gap = field.exact(points[:, measured].T) - spheres.radii[measured]
+    return max(0.0, -float(gap.min()))
+
+
+def possibly_overlapping_spheres(field: DistanceField, spheres: CollisionSpheres, points: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Select the spheres that may overlap the object as far as the grid can tell.
+
+    Parameters
+    ----------
+    field
+        The object.
+    spheres
+        B spheres.
+    points
+        (3, B) float64, their centres, world, m.
+
+    Returns
+    -------
+    (K,) intp, numbers of the selected spheres, ascending.
+    """
+    return np.flatnonzero(field.lookup(points.astype(np.float32)) - spheres.radii < LOOKUP_ERROR_CELLS * field.cell)

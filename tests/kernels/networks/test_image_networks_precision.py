@@ -19,7 +19,7 @@ Network = TypeVar("Network", bound=nn.Module)
 
 
 def made(make: Callable[..., Network], *arguments: object, **others: object) -> Network:
-    """A network with weights from seed 0."""
+    """Make a network with weights from seed 0."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         return make(*arguments, **others)
@@ -34,7 +34,7 @@ def all_finite(network: nn.Module) -> bool:
 
 @pytest.mark.parametrize("training", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_u_net_of_one_image_of_any_kind_gives_depths_and_gradients(kind: str, training: bool) -> None:
+def test_unet_gives_finite_depths_and_gradients_for_any_image(kind: str, training: bool) -> None:
     unet = made(UNet, 2).train(training)
     depth = unet(network_images(kind, 32))
     depth.sum().backward()
@@ -46,7 +46,7 @@ def test_a_u_net_of_one_image_of_any_kind_gives_depths_and_gradients(kind: str, 
 
 
 @pytest.mark.parametrize(("size", "batch", "fine"), [(16, 1, False), (31, 1, False), (32, 1, True), (16, 2, True)])
-def test_batch_normalisation_trains_on_two_values_a_channel_or_says_so(size: int, batch: int, fine: bool) -> None:
+def test_batch_normalisation_trains_on_two_values_per_channel_or_raises(size: int, batch: int, fine: bool) -> None:
     unet = made(UNet, 1)
     if fine:
         unet(network_images("white", size, batch)).sum().backward()
@@ -58,7 +58,7 @@ def test_batch_normalisation_trains_on_two_values_a_channel_or_says_so(size: int
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_precisions_of_the_u_net(kind: str) -> None:
+def test_unet_has_the_documented_errors_in_each_precision(kind: str) -> None:
     """In evaluation: float32 within 1e-6 of float64, bfloat16 under autocast within 1e-3, of the gel's thickness."""
     unet, readings = made(UNet, 4).eval(), network_images(kind, 48)
     with torch.no_grad():
@@ -82,7 +82,7 @@ def test_a_saturated_depth_is_the_end_of_its_range(bias: float) -> None:
 
 
 @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
-def test_a_u_net_in_half_precision_is_refused(dtype: torch.dtype) -> None:
+def test_unet_rejects_half_precision_parameters(dtype: torch.dtype) -> None:
     with pytest.raises(ValueError, match=f"U-Net with parameters of type {dtype}.*autocast"):
         made(UNet, 1).to(dtype)(network_images("noise", 32).to(dtype))
 
@@ -115,7 +115,7 @@ def test_maps_of_one_image_of_any_kind_are_bounded_and_repeat(norm: str, kind: s
 
 @pytest.mark.parametrize("kind", ["noise", "chequered", "one white pixel"])
 @pytest.mark.parametrize(("norm", "half_bound"), [("batch", 0.05), ("instance", 0.5)])
-def test_precisions_of_the_encoder(norm: str, half_bound: float, kind: str) -> None:
+def test_encoder_has_the_documented_errors_in_each_precision(norm: str, half_bound: float, kind: str) -> None:
     network, images = encoder(norm, 0.25).eval(), network_images(kind, ENCODER_PLANS[SMALL[norm]].resolution)
     with torch.no_grad():
         single = network(images)
@@ -140,7 +140,7 @@ def test_precisions_of_the_encoder(norm: str, half_bound: float, kind: str) -> N
         ("instance", 32, 2, True, False),
     ],
 )
-def test_images_too_small_are_refused_with_words(norm: str, size: int, batch: int, training: bool, fine: bool) -> None:
+def test_encoder_rejects_images_that_are_too_small(norm: str, size: int, batch: int, training: bool, fine: bool) -> None:
     network, images = encoder(norm).train(training), network_images("noise", size, batch)
     if fine:
         assert all(bool(torch.isfinite(features).all()) for features in network(images))
@@ -150,7 +150,7 @@ def test_images_too_small_are_refused_with_words(norm: str, size: int, batch: in
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -0.01, 1.01, 255.0])
-def test_images_that_are_none_are_refused(value: float) -> None:
+def test_networks_reject_invalid_images(value: float) -> None:
     images = network_images("noise", 32)
     images[0, 1, 2, 3] = value
     for network in (made(UNet, 1), encoder("instance")):

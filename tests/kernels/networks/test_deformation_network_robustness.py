@@ -1,4 +1,4 @@
-"""The deformation network on touch charts and images that show nothing, or too much, and in every precision."""
+"""Deformation network on degenerate touch charts and images, in each precision."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def charts(kind: str, seed: int, scale: float, offset: np.ndarray) -> Tensor:
 
 
 @given(kind=st.sampled_from(sorted(CLOUDS)), seed=seeds, scale=scales, offset=OFFSETS, felt=st.booleans())
-def test_touch_charts_of_any_shape_move_the_sphere_somewhere(kind: str, seed: int, scale: float, offset: np.ndarray, felt: bool) -> None:
+def test_any_touch_chart_gives_finite_vertices(kind: str, seed: int, scale: float, offset: np.ndarray, felt: bool) -> None:
     """100 m large or away, collapsed to a point or a line: vertices and gradients are finite."""
     network = small(**TOUCH).float()
     vertices = charts(kind, seed, scale, offset).float().requires_grad_()
@@ -41,7 +41,7 @@ def test_touch_charts_of_any_shape_move_the_sphere_somewhere(kind: str, seed: in
 
 
 @pytest.mark.parametrize("count", [0, 1, 20])
-def test_item_of_a_mixed_batch_is_as_if_alone(count: int) -> None:
+def test_item_does_not_depend_on_its_batch(count: int) -> None:
     network = small(**TOUCH)
     asked = inputs([0, count, 20], network.config)
     alone = asked | {"touch_vertices": asked["touch_vertices"][:count], "touched": asked["touched"][:count], "counts": [count]}
@@ -94,7 +94,7 @@ def test_float32_and_bfloat16_err_as_documented(name: str, single_bound: float, 
 
 
 @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
-def test_parameters_in_half_precision_are_refused(dtype: torch.dtype) -> None:
+def test_half_precision_parameters_are_rejected(dtype: torch.dtype) -> None:
     with pytest.raises(ValueError, match=rf"parameters of type {dtype}.*autocast"):
         small(**TOUCH).to(dtype)(**inputs([0], small(**TOUCH).config))
 
@@ -115,7 +115,7 @@ def test_inputs_come_in_any_floating_type() -> None:
         ("touch_vertices", "touch_vertices has values that are not"),
     ],
 )
-def test_input_that_is_not_finite_is_refused(place: str, message: str, value: float) -> None:
+def test_input_that_is_not_finite_is_rejected(place: str, message: str, value: float) -> None:
     asked = inputs([1])
     spoilt = asked[place]
     assert isinstance(spoilt, Tensor)
@@ -124,7 +124,7 @@ def test_input_that_is_not_finite_is_refused(place: str, message: str, value: fl
         small()(**asked)
 
 
-def test_network_that_has_diverged_says_so() -> None:
+def test_diverged_network_raises() -> None:
     """A network that has diverged is told so where its vertices are to be seen, in the second pass."""
     network = small()
     with torch.no_grad():
@@ -133,13 +133,13 @@ def test_network_that_has_diverged_says_so() -> None:
         network(**inputs([1]))
 
 
-def test_flags_of_another_type_are_refused() -> None:
+def test_touched_must_be_bool() -> None:
     network = small(**TOUCH)
     with pytest.raises(ValueError, match=r"touched \(1,\) torch\.float32, .*\(1,\) bool"):
         network(**(inputs([1], network.config) | {"touched": torch.ones(1)}))
 
 
-def test_a_sphere_of_any_size_is_deformed_alike() -> None:
+def test_deformation_scales_with_the_sphere() -> None:
     """From a millimetre to 16 m: networks see radii."""
     found = []
     for power in (-8, 0, 6):

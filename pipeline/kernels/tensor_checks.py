@@ -1,4 +1,4 @@
-"""Stored images as networks take them."""
+"""Checks of tensors, and conversion of stored images to network input."""
 
 from __future__ import annotations
 
@@ -54,3 +54,25 @@ def check_intensities(name: str, images: Tensor) -> None:
     if not bool(((images >= 0) & (images <= 1)).all()):  # NaN is neither
         low, high = images.detach().aminmax()
         raise InvalidInput(f"{name} reach from {low:g} to {high:g}; floating images must lie in [0, 1]: divide by {WHITE}")
+
+
+def check_full_precision(name: str, values: Tensor) -> None:
+    """Refuse half precision and integers: at the scene's 0.6 m, bfloat16 goes in steps of 4 mm and float16 of 0.5 mm.
+
+    Parameters
+    ----------
+    name
+        What the message calls the values.
+    values
+        Any shape.
+
+    Raises
+    ------
+    ValueError
+        `values` is neither float32 nor float64.
+    """
+    if values.dtype not in (torch.float32, torch.float64):
+        raise ValueError(
+            f"{name} of type {values.dtype}: geometry takes the floating types float32 and float64; "
+            "for half precision run a network under torch.autocast"
+        )

@@ -1,4 +1,4 @@
-"""Graphs of no touch chart, one and twenty; layers at features of every size."""
+"""Graph convolutions with no, one and twenty touch charts, at features of any size."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def layer_of(mixed: float, dtype: torch.dtype = torch.float64) -> ZeroNeighbourL
 
 
 @pytest.mark.parametrize("counts", [[0], [1], [20]])
-def test_twenty_touch_charts_and_none_are_the_dense_average(counts: list[int]) -> None:
+def test_average_equals_the_dense_one_with_twenty_charts_and_none(counts: list[int]) -> None:
     sphere = vision_charts(0)
     expected = dense_mean(sphere.faces, sphere.vertices, sphere.centres, 3, counts)
     graph = graph_of(counts)
@@ -93,7 +93,7 @@ def test_zero_features_are_the_bias_and_its_average() -> None:
     assert not layer(torch.zeros(sum(graph.sizes), 4, dtype=torch.float64), graph).any()
 
 
-def test_a_nan_reaches_the_neighbours_and_nobody_else() -> None:
+def test_nan_spreads_to_neighbours_only() -> None:
     """It is not hidden either: who calls looks at what comes out."""
     graph, layer = graph_of([1]), layer_of(1.0)
     features = torch.ones(sum(graph.sizes), 4, dtype=torch.float64)
@@ -102,7 +102,7 @@ def test_a_nan_reaches_the_neighbours_and_nobody_else() -> None:
     assert torch.equal(spoilt, (graph.adjacency.to_dense() / graph.degree)[:, 7] > 0)
 
 
-def test_autocast_leaves_displacements_their_digits() -> None:
+def test_autocast_keeps_displacements_in_full_precision() -> None:
     """The last layer maps in float32: bfloat16 would move vertices in steps of a millimetre."""
     features = torch.randn(sum(graph_of([1]).sizes), 5, generator=torch.Generator().manual_seed(0))
     with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):

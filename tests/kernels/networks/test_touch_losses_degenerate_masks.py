@@ -1,4 +1,4 @@
-"""Losses of touches that are empty, full, a pixel, or out of all proportion."""
+"""Depth losses of empty, full and single-pixel masks at any scale."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def scene(contact: str, truth: str, seed: int, far: float = 1.0) -> tuple[Tensor
 
 
 def root_of_exact(loss: Loss, predicted: Tensor, depth: Tensor, mask: Tensor) -> float:
-    """The square root of a loss in rational arithmetic."""
+    """Compute the square root of a loss in rational arithmetic."""
     total = Fraction(0)
     _, rows, cols = mask.shape
     for item in range(len(mask)):
@@ -104,7 +104,7 @@ def test_a_sensor_of_another_size_has_the_same_loss_to_the_bit(
 
 @pytest.mark.parametrize("loss", LOSSES)
 @pytest.mark.parametrize("contact", sorted(CONTACTS))
-def test_nothing_met_in_a_whole_batch_is_the_gels_surface(loss: Loss, contact: str) -> None:
+def test_depth_of_infinity_counts_as_the_gels_surface(loss: Loss, contact: str) -> None:
     predicted, depth, mask = scene(contact, "nothing met", 0)
     assert float(loss(predicted, depth, mask, width=WIDTH, gel=GEL)) == float(
         loss(predicted, torch.full_like(depth, GEL), mask, width=WIDTH, gel=GEL)
@@ -119,7 +119,7 @@ def test_nothing_met_in_a_whole_batch_is_the_gels_surface(loss: Loss, contact: s
         ({"depth": -math.inf}, "-inf"),
     ],
 )
-def test_what_has_no_loss_is_refused_also_where_nothing_is_masked(loss: Loss, changed: dict[str, float], message: str) -> None:
+def test_invalid_depths_are_rejected_even_without_masked_pixels(loss: Loss, changed: dict[str, float], message: str) -> None:
     predicted, depth, mask = scene("empty", "in the gel", 0)
     filled = [torch.full_like(tensor, changed.get(name, 0.001)) for name, tensor in (("predicted", predicted), ("depth", depth))]
     with pytest.raises(ValueError, match=message):
@@ -128,13 +128,13 @@ def test_what_has_no_loss_is_refused_also_where_nothing_is_masked(loss: Loss, ch
 
 @pytest.mark.parametrize("loss", LOSSES)
 @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
-def test_half_precision_is_refused(loss: Loss, dtype: torch.dtype) -> None:
+def test_half_precision_is_rejected(loss: Loss, dtype: torch.dtype) -> None:
     predicted, depth, mask = scene("full", "in the gel", 0)
     with pytest.raises(ValueError, match=f"predicted depth of type {dtype}"):
         loss(predicted.to(dtype), depth, mask, width=WIDTH, gel=GEL)
 
 
-def test_visible_depth_keeps_its_type_and_refuses_what_is_no_depth() -> None:
+def test_visible_depth_keeps_its_type_and_rejects_nan() -> None:
     for dtype in (torch.float32, torch.float64):
         assert visible_depth(torch.tensor([0.0, 1e3, math.inf], dtype=dtype), 0.5).tolist() == [0, 0.5, 0.5]
     with pytest.raises(ValueError, match="NaN or -inf"):

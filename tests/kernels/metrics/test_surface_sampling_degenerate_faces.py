@@ -96,7 +96,7 @@ def test_inside_out_changes_no_area() -> None:
     torch.testing.assert_close(there, back, rtol=0, atol=1e-15)
 
 
-def test_one_place_of_one_face() -> None:
+def test_sample_has_the_documented_position_in_its_face() -> None:
     single = sample_surface(torch.eye(3), torch.tensor([[0, 1, 2]]), 1, torch.Generator().manual_seed(0))
     assert single.shape == (1, 3)
     assert float(single.sum()) == pytest.approx(1)
@@ -110,7 +110,7 @@ DEGENERATE = {
 
 
 @pytest.mark.parametrize("kind", sorted(DEGENERATE))
-def test_without_an_area_there_is_nothing_to_draw_from(kind: str) -> None:
+def test_sampling_rejects_surfaces_without_area(kind: str) -> None:
     faces = torch.tensor([[0, 1, 2], [2, 1, 0]])
     several = torch.stack([torch.eye(3).double(), torch.from_numpy(DEGENERATE[kind])])
     with pytest.raises(ValueError, match=r"no face of surface \[1\] \(of 2\) has a finite area"):
@@ -143,6 +143,6 @@ def test_a_segment_that_rounding_gave_an_area_is_drawn_from_as_a_segment(seed: i
         (torch.tensor([[0.0, 0, 0], [np.inf, 0, 0], [0, 1, 0]]), [[0, 1, 2]], "NaN or infinity in 2 of 18"),
     ],
 )
-def test_what_is_no_surface_is_refused(vertices: Tensor, faces: list[list[int]], message: str) -> None:
+def test_sampling_rejects_invalid_surfaces(vertices: Tensor, faces: list[list[int]], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         map_to_surfaces(torch.stack([vertices, vertices]), torch.tensor(faces), torch.rand(2, 3, 3, dtype=torch.float64))

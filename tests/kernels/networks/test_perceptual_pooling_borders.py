@@ -25,7 +25,7 @@ SIDEWAYS = st.sampled_from([-10.0, -1.0, 0.0, 1e-9, 0.3, 10.0]) | st.floats(-10,
 
 
 def placed(depth: float, right: float, down: float) -> np.ndarray:
-    """A world point by what the camera measures of it, m."""
+    """Compute a world point from what the camera measures of it, m."""
     axes = scene_camera().numpy()[:, :3].copy()
     axes[:2] = (axes[:2] - SIZE / 2 * axes[2]) / FOCAL  # right and down, from the projection's rows
     return EYE + np.array([right, down, depth]) @ axes
@@ -37,7 +37,7 @@ def seen(camera: Tensor, point: np.ndarray, dtype: torch.dtype = torch.float64) 
 
 
 @given(depth=DEPTHS, right=SIDEWAYS, down=SIDEWAYS)
-def test_wherever_a_point_is_it_is_seen_on_its_own_side(depth: float, right: float, down: float) -> None:
+def test_projected_points_stay_on_their_side_of_the_image(depth: float, right: float, down: float) -> None:
     """As a point at least `NEAREST_DEPTH` in front of the camera at the same place beside the viewing direction."""
     column, row = seen(scene_camera(), placed(depth, right, down)).tolist()
     forward = max(depth, NEAREST_DEPTH)
@@ -46,7 +46,7 @@ def test_wherever_a_point_is_it_is_seen_on_its_own_side(depth: float, right: flo
 
 
 @given(depth=DEPTHS, right=SIDEWAYS, down=SIDEWAYS, offset=st.sampled_from([0.0, 0.6, 10.0]))
-def test_float32_errs_as_the_docstring_says(depth: float, right: float, down: float, offset: float) -> None:
+def test_float32_projection_has_the_documented_error(depth: float, right: float, down: float, offset: float) -> None:
     """Also with camera and object 10 m from the origin."""
     camera, point = scene_camera().float().double(), torch.from_numpy(placed(depth, right, down) + offset).float().double()
     camera[:, 3] -= camera[:, :3] @ torch.full((3,), offset, dtype=torch.float64)
@@ -93,7 +93,7 @@ def test_gradients_are_finite_in_float32_too(depth: float, right: float, down: f
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_points_and_cameras_that_are_nowhere_are_refused(value: float) -> None:
+def test_projection_rejects_points_and_cameras_that_are_not_finite(value: float) -> None:
     points, camera = torch.zeros(1, 2, 3).double(), scene_camera()
     with pytest.raises(ValueError, match=r"NaN or infinity in points.*diverged"):
         project_to_pixels(camera, points + value)
@@ -101,7 +101,7 @@ def test_points_and_cameras_that_are_nowhere_are_refused(value: float) -> None:
         project_to_pixels(camera * value, points)
 
 
-def test_types_that_do_not_fit_are_refused() -> None:
+def test_projection_rejects_mismatched_types() -> None:
     with pytest.raises(ValueError, match=r"points of type torch\.bfloat16"):
         project_to_pixels(scene_camera().bfloat16(), torch.zeros(1, 2, 3, dtype=torch.bfloat16))
     with pytest.raises(ValueError, match=r"camera is torch\.float64, points are torch\.float32"):
