@@ -1,5 +1,6 @@
 """The command line: what it lists, and how it fails."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -118,7 +119,9 @@ def test_a_dry_run_says_what_and_does_nothing(tmp_path):
 def test_one_object_alone(tmp_path):
     assert invoke(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100")[0] == 0
     assert "would make 24 of 25" in invoke(*RUN, "--data", str(tmp_path), "--dry-run", "--set", "points=100")[1]
-    assert not (tmp_path / "surfaces").exists()
+    status = json.loads(invoke("status", str(tmp_path), "--json")[1])["surfaces"]
+    assert (status["objects"], len(status["missing"])) == (1, 24)
+    assert "incomplete surfaces: 24 objects not made yet" in invoke("status", str(tmp_path))[1]
 
 
 def test_two_folders_of_meshes_do_not_share_a_data_directory(tmp_path):

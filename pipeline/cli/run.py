@@ -110,7 +110,7 @@ def run_plan(plan: Plan[Any]) -> None:
     stage, request = plan.stage.name, plan.request
     failures: dict[str, Failure] = {}
     if plan.up_to_date():
-        say(f"{stage} {plan.path}: up to date, {counted(plan.total)}")
+        say(f"{stage} {plan.path}: up to date, {counted(len(plan.units)) if plan.missing else counted(plan.total)}")
     elif not plan.total:
         run_stage(plan, console)
         say(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
@@ -119,7 +119,9 @@ def run_plan(plan: Plan[Any]) -> None:
             say(line)
         result = run_stage(plan, console)
         what = f"made {counted(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {counted(plan.total)}"
-        left = f"; {result.waiting} of {plan.total} not made yet, run without --object to publish the shard" if result.waiting else ""
+        left = f"; {counted(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
+        if result.held_back:
+            left = "; not published, because other objects of the shard have to be made again first: run without --object"
         failures = failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
         say(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + left)
         if stage == "sample-surfaces" and isinstance(plan.output, ShardOutput):
