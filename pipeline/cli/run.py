@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -26,13 +26,12 @@ from pipeline.cli.request import (
 )
 from pipeline.config.manifest import load_manifest
 from pipeline.console import NAMED, console, counted, errors, few, say
-from pipeline.engine.plan import Forecast, Plan, Request
+from pipeline.engine.plan import Forecast, Plan
 from pipeline.engine.process_group import process_group
 from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as run_stage
 from pipeline.engine.shard import failures as failures_of
-from pipeline.engine.stage import DatasetStage
-from pipeline.reports.object_fit import misfits
+from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.store.publish import ShardOutput
 from pipeline.store.record import Failure
 from pipeline.store.storage import Place
@@ -78,8 +77,12 @@ def run(
         fail(f"manifest {request.manifest} has no object {object_id}")
     if isinstance(request.stage, DatasetStage) and (object_id is not None or shard is not None):
         fail(f"{stage} looks at all objects at once; run it without --object and --shard")
-    if stage == "sample-surfaces":
-        _say_how_files_are_read(request, load_manifest(manifest).left_out(objects))
+    if isinstance(request.stage, ObjectStage):
+        left_out = {} if request.stage.inputs(request.settings) else load_manifest(manifest).left_out(objects)
+        for reason, files in left_out.items():
+            say(f"left out {counted(len(files), 'file')} ({few(files)}): {reason}")
+        for line in request.stage.notes(request.settings, request.objects):
+            say(line)
     with processes:
         if dry_run:
             for path, foreseen in forecast(request, shard):
@@ -115,7 +118,7 @@ def run_plan(plan: Plan[Any]) -> None:
         run_stage(plan, console)
         say(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
     else:
-        for line in misfits(plan) if isinstance(plan.output, ShardOutput) else ():
+        for line in _warnings(plan) if isinstance(plan.output, ShardOutput) else ():
             say(line)
         result = run_stage(plan, console)
         what = f"made {counted(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {counted(plan.total)}"
@@ -124,33 +127,20 @@ def run_plan(plan: Plan[Any]) -> None:
             left = "; not published, because other objects of the shard have to be made again first: run without --object"
         failures = failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
         say(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + left)
-        if stage == "sample-surfaces" and isinstance(plan.output, ShardOutput):
-            _say_what_is_missing(plan)
+        if isinstance(plan.output, ShardOutput) and plan.output.shard is not None:
+            for line in plan.stage.remarks(plan.settings, plan.output.shard):
+                say(line)
     failures = failures or (failures_of(plan) if isinstance(plan.output, ShardOutput) else {})
     _print_failures({name: failure for name, failure in failures.items() if request.only in (None, name)})
     if failures and request.strict:
         fail(f"{counted(len(failures))} failed, and --strict was asked for")
 
 
-def _say_how_files_are_read(request: Request[Any], left_out: Mapping[str, list[str]]) -> None:
-    """Say what of a folder is left out, and that files without units are scaled to one size."""
-    for reason, files in left_out.items():
-        say(f"left out {counted(len(files), 'file')} ({few(files)}): {reason}")
-    unitless = sum("file" in item.source and item.source.get("metres_per_unit") is None for item in request.objects)
-    if unitless:
-        size = getattr(request.settings, "diagonal", 0.5)
-        say(f"{counted(unitless)} scaled to a diagonal of {size:g} m; --units mm (make: UNITS=mm), or another unit, keeps real sizes")
-
-
-def _say_what_is_missing(plan: Plan[ShardOutput]) -> None:
-    """Name the objects whose textures or materials are not there: they are rendered without."""
-    shard = plan.output.shard
-    if shard is None or not shard.has("missing_files"):
-        return
-    counts = shard.read("missing_files")
-    names = [name for name, row in shard.position.items() if counts[row]]
-    if names:
-        say(f"{counted(len(names))} drawn without textures or materials that are not below their folder ({few(names)})")
+def _warnings(plan: Plan[ShardOutput]) -> Iterator[str]:
+    """Let the stage look at the inputs of the objects that are asked for."""
+    units = [unit for unit in plan.units if plan.request.only in (None, unit.name) and not unit.failure]
+    objects = ((unit.name, {inputs.artifact.name: inputs.view(unit.name) for inputs in plan.inputs}) for unit in units)
+    yield from plan.stage.warnings(plan.settings, objects)
 
 
 def _print_failures(failures: Mapping[str, Failure]) -> None:

@@ -16,8 +16,8 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.resting_contacts import Overlap, frequent_overlaps
 from pipeline.kernels.hand.self_collision import fingers_clear_of_palm
 from pipeline.reports.hand_picture import closing_directions, hand_picture
-from pipeline.reports.object_fit import opening, sensor_places
 from pipeline.rng import numpy_rng
+from stages.simulate_grasps.size_warnings import opening, sensor_places
 
 POSTURES = 512
 """Random postures in which links are looked at."""
