@@ -135,11 +135,7 @@ class DatasetJob:
 
 class DatasetStage(Stage):
     """A stage that looks at the whole dataset at once and fills one folder: a trained model, an evaluation.
-
-    Attributes
-    ----------
-    trains
-        Whether it is a training, which processes that were started together share.
+    `trains` says whether it is a training.
     """
 
     trains: ClassVar[bool] = False
