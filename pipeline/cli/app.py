@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib.metadata import version
 from typing import Annotated
 
@@ -10,7 +11,7 @@ import typer
 from pipeline.cli import advise, calibrate, check, export, inspection, learn, run, submit
 from pipeline.cli.failures import failures_as_words
 
-PANELS = {
+PANELS: dict[str, tuple[Callable[..., None], ...]] = {
     "Make": (run.run, submit.submit, advise.advise),
     "Learn": (learn.sweep, learn.report, learn.predict),
     "Describe": (check.check, calibrate.calibrate_sensor, inspection.stages),
