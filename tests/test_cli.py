@@ -1,7 +1,10 @@
 """The command line: what it lists, and how it fails."""
 
+import inspect
+import json
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -118,7 +121,9 @@ def test_a_dry_run_says_what_and_does_nothing(tmp_path):
 def test_one_object_alone(tmp_path):
     assert invoke(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100")[0] == 0
     assert "would make 24 of 25" in invoke(*RUN, "--data", str(tmp_path), "--dry-run", "--set", "points=100")[1]
-    assert not (tmp_path / "surfaces").exists()
+    status = json.loads(invoke("status", str(tmp_path), "--json")[1])["surfaces"]
+    assert (status["objects"], len(status["missing"])) == (1, 24)
+    assert "incomplete surfaces: 24 objects not made yet" in invoke("status", str(tmp_path))[1]
 
 
 def test_two_folders_of_meshes_do_not_share_a_data_directory(tmp_path):
@@ -163,3 +168,35 @@ def test_a_scheduler_that_asks_nobody_who_they_are_is_warned_of(capsys, address,
     make_executor(ExecutorName.dask, 0, address)
     said = " ".join(capsys.readouterr().err.split())
     assert (f"warning: whoever reaches {address} can run code as you" in said) == warns
+
+
+def test_help_groups_commands_and_options_under_short_first_lines() -> None:
+    code, output = invoke("--help")
+    assert code == 0
+    for panel in ("Make", "Learn", "Describe", "Look and export", "Maintain"):
+        assert f"─ {panel} ─" in output
+    assert "--install-completion" in output
+    options = invoke("run", "--help")[1]
+    for panel in ("Objects and data", "Settings", "How to run"):
+        assert f"─ {panel} ─" in options
+    for command in app.registered_commands:
+        assert len(inspect.getdoc(command.callback).splitlines()[0]) <= 80
+
+
+def test_version_is_that_of_the_package() -> None:
+    assert invoke("--version") == (0, f"vt-pipeline {version('vt-pipeline')}")
+
+
+@pytest.mark.parametrize(
+    ("words", "completed"),
+    [
+        ("run sim", ["simulate-grasps", "simulate-touch"]),
+        ("run sample-surfaces --preset d", ["draft"]),
+        ("run sample-surfaces --object duc", ["duck"]),
+        ("run sample-surfaces --manifest no-such --object duc", []),
+    ],
+)
+def test_shell_completes_stages_presets_and_objects(words: str, completed: list[str]) -> None:
+    asked = {"_VT_PIPELINE_COMPLETE": "complete_bash", "COMP_WORDS": f"vt-pipeline {words}", "COMP_CWORD": str(len(words.split()))}
+    result = CliRunner().invoke(app, [], prog_name="vt-pipeline", env=asked)
+    assert result.output.split() == completed

@@ -27,9 +27,10 @@ def advise(
     up: UpOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
-    """Advise settings: the most accurate within a time, or the fastest within an error.
+    """Advise settings for a time or for an error.
 
-    A few of the manifest's objects are made first, so that times are this machine's and these objects'.
+    With `--budget`: the most accurate within that time; with `--error`: the fastest within that error. A few of the manifest's objects are
+    made first, so that times are those of this machine and these objects.
     """
     if target not in STAGES_OF:
         fail(f"--for {target}: it is {' or '.join(STAGES_OF)}")

@@ -1,35 +1,42 @@
-"""Every command of `vt-pipeline`, in the order in which help lists them."""
+"""Every command of `vt-pipeline`, by the panels in which help lists them."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import Annotated
 
 import typer
 
 from pipeline.cli import advise, calibrate, check, export, inspection, learn, run, submit
 from pipeline.cli.failures import failures_as_words
 
+PANELS: dict[str, tuple[Callable[..., None], ...]] = {
+    "Make": (run.run, submit.submit, advise.advise),
+    "Learn": (learn.sweep, learn.report, learn.predict),
+    "Describe": (check.check, calibrate.calibrate_sensor, inspection.stages),
+    "Look and export": (inspection.status, inspection.summary, export.view, export.export),
+    "Maintain": (inspection.validate, inspection.reshard, inspection.collect_garbage, inspection.doctor),
+}
+
 app = typer.Typer(
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_show_locals=False,
     help="Make a visuotactile dataset stage by stage, learn from it, and use what was learned.",
 )
-for command in (
-    run.run,
-    submit.submit,
-    advise.advise,
-    learn.sweep,
-    learn.report,
-    learn.predict,
-    check.check,
-    calibrate.calibrate_sensor,
-    export.view,
-    export.export,
-    inspection.stages,
-    inspection.status,
-    inspection.reshard,
-    inspection.collect_garbage,
-    inspection.validate,
-    inspection.doctor,
-    inspection.summary,
-):
-    app.command()(failures_as_words()(command))
+for panel, commands in PANELS.items():
+    for command in commands:
+        app.command(rich_help_panel=panel)(failures_as_words()(command))
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"vt-pipeline {version('vt-pipeline')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")] = False,
+) -> None:
+    """Make a visuotactile dataset stage by stage, learn from it, and use what was learned."""

@@ -28,7 +28,10 @@ def calibrate_sensor(
     shadows: Annotated[int, typer.Option(min=0, max=12, help="How many are sought.")] = 3,
     background_degree: Annotated[int | None, typer.Option(min=0, max=6, help="Background as a polynomial; else the photograph.")] = None,
 ) -> None:
-    """Calibrate a sensor: fit its colours to every second photograph of a ball, and test them on the others."""
+    """Calibrate a sensor from photographs of a ball.
+
+    Its colours are fitted to every second photograph and tested on the others.
+    """
     from pipeline.inference.calibrate_sensor import calibrate, check_name, modelled, read_photographs, write_sensor
     from pipeline.kernels.touch.calibration_fit import FitOptions
     from pipeline.kernels.touch.sensor import Sensor

@@ -14,7 +14,10 @@ def check(
     file: Annotated[str, typer.Argument(help="A hand, sensor, scene or manifest file, or the name of a shipped one.")],
     picture: Annotated[Path | None, typer.Option(help="PNG to draw it in; by default NAME.png in the current folder.")] = None,
 ) -> None:
-    """Check a description file: name all its faults at once, or say what it describes and draw it."""
+    """Check and draw a hand, sensor, scene or manifest file.
+
+    All faults are named at once.
+    """
     from pipeline.reports.checks import check_file
 
     for line in check_file(file, picture):

@@ -22,7 +22,10 @@ def view(
     grasp: Annotated[int | None, typer.Option(min=0, help="One of its grasps, from 0; by default all, on a timeline.")] = None,
     save: Annotated[Path | None, typer.Option(help="Write a file (.rrd) for Rerun's viewer in place of opening a window.")] = None,
 ) -> None:
-    """Show grasps in the viewer Rerun: object, hand, sensors, images, tactile images, local points, charts, predictions."""
+    """Show grasps in the viewer Rerun.
+
+    Object, hand, sensors, images, tactile images, local points, charts and predictions are shown.
+    """
     from pipeline.export.rerun_view import view_grasps
 
     shown = view_grasps(place(data), object_id, grasp, save)
@@ -38,7 +41,10 @@ def export(
         list[str] | None, typer.Option("--object", help="With --to mesh: this object alone; several times for several.")
     ] = None,
 ) -> None:
-    """Write a dataset for other programs: LeRobot v3, Hugging Face parquet, WebDataset shards, or glTF scenes; all are lossless."""
+    """Write a dataset for other programs.
+
+    The formats are LeRobot v3, Hugging Face parquet, WebDataset shards and glTF scenes; all are lossless.
+    """
     from pipeline.export.grasp_frames import GraspFrames
     from pipeline.export.lerobot_files import write_lerobot
     from pipeline.export.parquet_files import write_parquet

@@ -18,7 +18,7 @@ from stages.registry import STAGES, load_stage
 
 
 def stages() -> None:
-    """List the stages, what each reads and writes, and every setting."""
+    """List the stages with inputs, outputs and settings."""
     for name in STAGES:
         stage = load_stage(name)
         settings = stage.settings_type()
@@ -30,8 +30,8 @@ def stages() -> None:
         console.print(table)
 
 
-def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", help="Everything, as JSON.")] = False) -> None:
-    """Say what is in a data directory: objects, failures with their reasons, models, digests; and what of it is on Slurm."""
+def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False) -> None:
+    """Show contents, failures and Slurm jobs of a data directory."""
     from pipeline.reports import status as report
 
     account = report.read_account(place(data))
@@ -49,7 +49,10 @@ def reshard(
     data: DataArgument,
     shards: Annotated[int, typer.Argument(min=1, max=9999, help="How many shards the objects are split into from now on.")],
 ) -> None:
-    """Split the objects of a data directory into another number of shards; nothing is computed again."""
+    """Split a data directory into another number of shards.
+
+    All rows are reused.
+    """
     from pipeline.store.reshard import reshard as split
 
     written = sum(1 for _ in split(DataDirectory(data), shards))
@@ -60,7 +63,10 @@ def collect_garbage(
     data: DataArgument,
     older_than: Annotated[float, typer.Option(min=0, help="Minutes ago that it was written, at least: readers may still use it.")] = 60.0,
 ) -> None:
-    """Remove what no record names: groups and folders that were replaced, and what killed runs left. Symbolic links are not followed."""
+    """Remove replaced groups and folders, and what killed runs left.
+
+    Symbolic links are not followed.
+    """
     from pipeline.store.garbage import collect_everything, links
 
     directory = DataDirectory(data)
@@ -78,7 +84,10 @@ def validate(
     data: DataArgument,
     strict: Annotated[bool, typer.Option(help="Object to artifacts that several kinds of processors computed, too.")] = False,
 ) -> None:
-    """Check shards, models and the report against schemas and digests; ends with status 1 when one is not as it should be."""
+    """Check a data directory against schemas and digests.
+
+    Exits with status 1 if a check fails.
+    """
     from pipeline.reports.report_pages import report_problems
     from pipeline.store.validate import problems_below
 
@@ -96,7 +105,7 @@ def validate(
 
 
 def doctor() -> None:
-    """Check that everything the stages need is installed, and say how to get what is not."""
+    """Check that everything that the stages need is installed."""
     from pipeline.reports.doctor import examine
 
     healthy = True
@@ -113,7 +122,7 @@ def summary(
     data: DataArgument,
     most: Annotated[int, typer.Option(min=1, help="Objects to draw at most, spread evenly.")] = 40,
 ) -> None:
-    """Print a dataset's statistics beside the supplement's, and draw its contact sheets."""
+    """Print a dataset's statistics and draw its contact sheets."""
     from pipeline.dataset.touch_statistics import sensors_of, tally
     from pipeline.reports import touch_tables
     from pipeline.reports.contact_sheet import SHOWN, contact_sheets

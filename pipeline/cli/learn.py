@@ -23,13 +23,13 @@ from pipeline.cli.request import (
 )
 from pipeline.cli.run import run_plan
 from pipeline.console import console, errors, say, show_tables
-from pipeline.engine.process_group import process_group
 from pipeline.engine.run import make_plans
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StageError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists, place
 from pipeline.tradeoff import sweep as sweeps
+from pipeline.training.process_group import process_group
 from stages.registry import STAGES, load_stage, resolve
 
 SINGLE = "evaluation-single-image"
@@ -46,7 +46,10 @@ def sweep(
     seed: SeedOption = None,
     dry_run: Annotated[bool, typer.Option(help="List the points, and do nothing.")] = False,
 ) -> None:
-    """Train over a grid of hyperparameters (supplement 2.2 and 3.4); run again, it goes on where it was."""
+    """Train over a grid of hyperparameters.
+
+    By default the grid is the supplement's (2.2 and 3.4). A sweep that was killed continues when it is run again.
+    """
     if together := process_group():
         fail(f"a sweep runs in one process, {together.launcher} started {together.count}; start `vt-pipeline run` so, point by point")
     loaded = load_stage(stage) if stage in STAGES else None
@@ -93,7 +96,10 @@ def predict(
     resolution: Annotated[int, typer.Option(min=8, max=400, help="Of the closed mesh: edges along its longest side.")] = 128,
     seed: Annotated[int, typer.Option(min=0, help="Of the chart fitting.")] = 0,
 ) -> None:
-    """Reconstruct an object from one grasp, or a few: from a data directory, or from files of one's own."""
+    """Reconstruct an object from one or several grasps.
+
+    The grasps are those of a data directory, or of image and pose files.
+    """
     from pipeline.inference import predict as prediction
 
     if surface not in get_args(prediction.Surface):
@@ -131,7 +137,10 @@ def report(
     data: DataArgument,
     most: Annotated[int, typer.Option(min=1, help="Objects in the figure of reconstructions at most, spread evenly.")] = 10,
 ) -> None:
-    """Print the evaluation's tables and whether the supplement's orderings hold; write pages with a gallery and figures: DATA/report."""
+    """Print the evaluation's tables, and write pages to DATA/report.
+
+    The tables show whether the supplement's orderings hold; the pages have a gallery and figures.
+    """
     from pipeline.reports.html_report import write_report
     from pipeline.reports.results import results_tables
     from pipeline.reports.training_seeds import evaluations

@@ -18,30 +18,68 @@ from pipeline.console import errors
 from pipeline.engine.executor import Deferred, Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
+from pipeline.errors import PipelineError
 from pipeline.store.storage import on_disk, place
-from stages.registry import resolve
+from stages.registry import STAGES, resolve
 
 S = TypeVar("S", bound=Stage)
 
 Unit = Literal["mm", "cm", "dm", "m", "in", "ft"]
 Axis = Literal["x", "y", "z"]
 
+OBJECTS, SETTINGS, RUN = "Objects and data", "Settings", "How to run"
+"""Panels in which help lists the options."""
+
+
+def complete_object(context: typer.Context, incomplete: str) -> list[str]:
+    """Complete the name of an object of the manifest; of none that needs a folder."""
+    try:
+        objects = load_manifest(context.params.get("manifest") or "toy").objects(context.params.get("objects"))
+    except (PipelineError, OSError):
+        return []
+    return [item.object_id for item in objects if item.object_id.startswith(incomplete)]
+
+
+def complete_stage(incomplete: str) -> list[str]:
+    """Complete the name of a stage."""
+    return [name for name in STAGES if name.startswith(incomplete)]
+
+
+def _complete_preset(incomplete: str) -> list[str]:
+    return [name for name in load_presets() if name.startswith(incomplete)]
+
+
 DataArgument = Annotated[str, typer.Argument(help="Data directory, or s3://BUCKET/PREFIX.")]
-ManifestOption = Annotated[str, typer.Option(help="A built-in manifest, or the path of a YAML file.")]
-PresetOption = Annotated[str, typer.Option(help=f"One of {', '.join(load_presets())}.")]
+ManifestOption = Annotated[
+    str, typer.Option(help="A built-in manifest, or the path of a YAML file.", rich_help_panel=OBJECTS, is_eager=True)
+]
+PresetOption = Annotated[
+    str, typer.Option(help=f"One of {', '.join(load_presets())}.", rich_help_panel=SETTINGS, autocompletion=_complete_preset)
+]
 DataOption = Annotated[
     str | None,
-    typer.Option(help="Directory or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET."),
+    typer.Option(
+        help="Directory or s3://BUCKET/PREFIX; by default data/MANIFEST/PRESET, or data/MANIFEST-OBJECTS/PRESET.", rich_help_panel=OBJECTS
+    ),
 ]
-ObjectsOption = Annotated[Path | None, typer.Option(help="Folder of meshes, for manifests that name none.")]
+ObjectsOption = Annotated[
+    Path | None, typer.Option(help="Folder of meshes, for manifests that name none.", rich_help_panel=OBJECTS, is_eager=True)
+]
 UnitsOption = Annotated[
-    Unit | None, typer.Option(help="Unit of the mesh files, to keep real sizes; else what they state, or all scaled to one size.")
+    Unit | None,
+    typer.Option(
+        help="Unit of the mesh files, to keep real sizes; else what they state, or all scaled to one size.", rich_help_panel=OBJECTS
+    ),
 ]
 UpOption = Annotated[
-    Axis | None, typer.Option(help="The axis of the mesh files that points up; by default what they state (glTF: y), else z.")
+    Axis | None,
+    typer.Option(help="Axis of the mesh files that points up; by default what they state (glTF: y), else z.", rich_help_panel=OBJECTS),
 ]
-SetOption = Annotated[list[str] | None, typer.Option("--set", help="STAGE.SETTING=VALUE, or SETTING=VALUE wherever there is one.")]
-SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.")]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="STAGE.SETTING=VALUE, or SETTING=VALUE for every stage that has it.", rich_help_panel=SETTINGS),
+]
+SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.", rich_help_panel=SETTINGS)]
 
 
 class ExecutorName(StrEnum):

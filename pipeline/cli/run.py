@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -12,6 +12,8 @@ from rich.markup import escape
 
 from pipeline.cli.failures import fail
 from pipeline.cli.request import (
+    OBJECTS,
+    RUN,
     DataOption,
     ExecutorName,
     ManifestOption,
@@ -21,49 +23,60 @@ from pipeline.cli.request import (
     SetOption,
     UnitsOption,
     UpOption,
+    complete_object,
+    complete_stage,
     make_executor,
     make_request,
 )
 from pipeline.config.manifest import load_manifest
 from pipeline.console import NAMED, console, counted, errors, few, say
-from pipeline.engine.plan import Forecast, Plan, Request
-from pipeline.engine.process_group import process_group
+from pipeline.engine.plan import Forecast, Plan
 from pipeline.engine.run import forecast, make_plans
-from pipeline.engine.run import run as run_stage
 from pipeline.engine.shard import failures as failures_of
-from pipeline.engine.stage import DatasetStage
-from pipeline.reports.object_fit import misfits
+from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.store.publish import ShardOutput
 from pipeline.store.record import Failure
 from pipeline.store.storage import Place
 from pipeline.tradeoff.explain import explain_plan
 from pipeline.tradeoff.quote import quote
+from pipeline.training.process_group import process_group, run_together
 from stages.registry import STAGES, load_stage
 
 
 def run(
-    stage: Annotated[str, typer.Argument(help=f"One of {', '.join(STAGES)}.")],
+    stage: Annotated[str, typer.Argument(help=f"One of {', '.join(STAGES)}.", autocompletion=complete_stage)],
     manifest: ManifestOption = "toy",
     preset: PresetOption = "draft",
     data: DataOption = None,
     objects: ObjectsOption = None,
-    shard: Annotated[int | None, typer.Option(min=0, help="Only this shard of --shards.")] = None,
-    shards: Annotated[int | None, typer.Option(min=1, max=9999, help="Into how many; by default the dataset's number, or 1.")] = None,
-    executor: Annotated[ExecutorName, typer.Option(help="dask: worker processes; serial: this process alone.")] = ExecutorName.dask,
-    workers: Annotated[int, typer.Option(min=0, help="Worker processes on this machine; 0 for one per core.")] = 0,
-    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler, as tls://HOST:8786, whose workers are used instead.")] = None,
-    object_id: Annotated[str | None, typer.Option("--object", help="Process only this object.")] = None,
+    shard: Annotated[int | None, typer.Option(min=0, help="Only this shard of --shards.", rich_help_panel=RUN)] = None,
+    shards: Annotated[
+        int | None, typer.Option(min=1, max=9999, help="Number of shards; by default the dataset's, or 1.", rich_help_panel=RUN)
+    ] = None,
+    executor: Annotated[
+        ExecutorName, typer.Option(help="dask: worker processes; serial: this process alone.", rich_help_panel=RUN)
+    ] = ExecutorName.dask,
+    workers: Annotated[int, typer.Option(min=0, help="Worker processes on this machine; 0 for one per core.", rich_help_panel=RUN)] = 0,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Use the workers of this Dask scheduler, such as tls://HOST:8786.", rich_help_panel=RUN)
+    ] = None,
+    object_id: Annotated[
+        str | None, typer.Option("--object", help="Process only this object.", rich_help_panel=OBJECTS, autocompletion=complete_object)
+    ] = None,
     units: UnitsOption = None,
     up: UpOption = None,
     assignments: SetOption = None,
     seed: SeedOption = None,
-    strict: Annotated[bool, typer.Option(help="Stop at the first object that fails.")] = False,
-    retry: Annotated[bool, typer.Option(help="Try objects again that failed in this stage.")] = False,
-    check: Annotated[bool, typer.Option(help="Read what is there first, and make again what is damaged.")] = False,
-    dry_run: Annotated[bool, typer.Option(help="Say what would be done, and do nothing.")] = False,
-    explain: Annotated[bool, typer.Option(help="Then say what was modelled and what was left out, and why.")] = False,
+    strict: Annotated[bool, typer.Option(help="Stop at the first object that fails.", rich_help_panel=RUN)] = False,
+    retry: Annotated[bool, typer.Option(help="Try objects again that failed in this stage.", rich_help_panel=RUN)] = False,
+    check: Annotated[bool, typer.Option(help="Verify published rows first, and make damaged ones again.", rich_help_panel=RUN)] = False,
+    dry_run: Annotated[bool, typer.Option(help="Print what a run would do, and do nothing.", rich_help_panel=RUN)] = False,
+    explain: Annotated[bool, typer.Option(help="Then explain what was modelled and what was left out.", rich_help_panel=RUN)] = False,
 ) -> None:
-    """Run one stage: make what is not there yet."""
+    """Run one stage.
+
+    Objects that are up to date are left alone; a run that was killed continues where it stopped.
+    """
     console.quiet = (together := process_group()) is not None and together.rank > 0  # one of several processes speaks
     if stage not in STAGES:
         fail(f"there is no stage {stage}; there are {', '.join(STAGES)}")
@@ -78,8 +91,12 @@ def run(
         fail(f"manifest {request.manifest} has no object {object_id}")
     if isinstance(request.stage, DatasetStage) and (object_id is not None or shard is not None):
         fail(f"{stage} looks at all objects at once; run it without --object and --shard")
-    if stage == "sample-surfaces":
-        _say_how_files_are_read(request, load_manifest(manifest).left_out(objects))
+    if isinstance(request.stage, ObjectStage):
+        left_out = {} if request.stage.inputs(request.settings) else load_manifest(manifest).left_out(objects)
+        for reason, files in left_out.items():
+            say(f"left out {counted(len(files), 'file')} ({few(files)}): {reason}")
+        for line in request.stage.notes(request.settings, request.objects):
+            say(line)
     with processes:
         if dry_run:
             for path, foreseen in forecast(request, shard):
@@ -110,45 +127,34 @@ def run_plan(plan: Plan[Any]) -> None:
     stage, request = plan.stage.name, plan.request
     failures: dict[str, Failure] = {}
     if plan.up_to_date():
-        say(f"{stage} {plan.path}: up to date, {counted(plan.total)}")
+        say(f"{stage} {plan.path}: up to date, {counted(len(plan.units)) if plan.missing else counted(plan.total)}")
     elif not plan.total:
-        run_stage(plan, console)
+        run_together(plan, console)
         say(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
     else:
-        for line in misfits(plan) if isinstance(plan.output, ShardOutput) else ():
+        for line in _warnings(plan) if isinstance(plan.output, ShardOutput) else ():
             say(line)
-        result = run_stage(plan, console)
+        result = run_together(plan, console)
         what = f"made {counted(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {counted(plan.total)}"
-        left = f"; {result.waiting} of {plan.total} not made yet, run without --object to publish the shard" if result.waiting else ""
+        left = f"; {counted(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
+        if result.held_back:
+            left = "; not published, because other objects of the shard have to be made again first: run without --object"
         failures = failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
         say(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + left)
-        if stage == "sample-surfaces" and isinstance(plan.output, ShardOutput):
-            _say_what_is_missing(plan)
+        if isinstance(plan.output, ShardOutput) and plan.output.shard is not None:
+            for line in plan.stage.remarks(plan.settings, plan.output.shard):
+                say(line)
     failures = failures or (failures_of(plan) if isinstance(plan.output, ShardOutput) else {})
     _print_failures({name: failure for name, failure in failures.items() if request.only in (None, name)})
     if failures and request.strict:
         fail(f"{counted(len(failures))} failed, and --strict was asked for")
 
 
-def _say_how_files_are_read(request: Request[Any], left_out: Mapping[str, list[str]]) -> None:
-    """Say what of a folder is left out, and that files without units are scaled to one size."""
-    for reason, files in left_out.items():
-        say(f"left out {counted(len(files), 'file')} ({few(files)}): {reason}")
-    unitless = sum("file" in item.source and item.source.get("metres_per_unit") is None for item in request.objects)
-    if unitless:
-        size = getattr(request.settings, "diagonal", 0.5)
-        say(f"{counted(unitless)} scaled to a diagonal of {size:g} m; --units mm (make: UNITS=mm), or another unit, keeps real sizes")
-
-
-def _say_what_is_missing(plan: Plan[ShardOutput]) -> None:
-    """Name the objects whose textures or materials are not there: they are rendered without."""
-    shard = plan.output.shard
-    if shard is None or not shard.has("missing_files"):
-        return
-    counts = shard.read("missing_files")
-    names = [name for name, row in shard.position.items() if counts[row]]
-    if names:
-        say(f"{counted(len(names))} drawn without textures or materials that are not below their folder ({few(names)})")
+def _warnings(plan: Plan[ShardOutput]) -> Iterator[str]:
+    """Let the stage look at the inputs of the objects that are asked for."""
+    units = [unit for unit in plan.units if plan.request.only in (None, unit.name) and not unit.failure]
+    objects = ((unit.name, {inputs.artifact.name: inputs.view(unit.name) for inputs in plan.inputs}) for unit in units)
+    yield from plan.stage.warnings(plan.settings, objects)
 
 
 def _print_failures(failures: Mapping[str, Failure]) -> None:

@@ -18,6 +18,7 @@ from pipeline.cli.request import (
     SetOption,
     UnitsOption,
     UpOption,
+    complete_stage,
     make_request,
 )
 from pipeline.cluster import slurm
@@ -29,7 +30,7 @@ from stages.registry import STAGES, load_stage
 
 
 def submit(
-    stages: Annotated[list[str], typer.Argument(help=f"Some of {', '.join(STAGES)}.")],
+    stages: Annotated[list[str], typer.Argument(help=f"One or more of {', '.join(STAGES)}.", autocompletion=complete_stage)],
     manifest: ManifestOption = "toy",
     preset: PresetOption = "draft",
     data: DataOption = None,
@@ -42,7 +43,10 @@ def submit(
     cluster: Annotated[str, typer.Option(help="A built-in cluster, or the path of a YAML file: partitions, cores, times.")] = "slurm",
     dry_run: Annotated[bool, typer.Option(help="Print the scripts, and submit nothing.")] = False,
 ) -> None:
-    """Run stages as jobs of a Slurm cluster: a task per shard, each job after those that it reads from."""
+    """Run stages as jobs of a Slurm cluster.
+
+    Each object stage is an array with one task per shard, and each job waits for those whose outputs it reads.
+    """
     if unknown := [stage for stage in stages if stage not in STAGES]:
         fail(f"there is no stage {unknown[0]}; there are {', '.join(STAGES)}")
     requests = [
@@ -70,4 +74,4 @@ def submit(
         return
     for made in slurm.submit(jobs, submission):
         say(f"{made.name}: job {made.number}" + (f", {made.tasks} tasks" if made.tasks else ""))
-    say(f"`vt-pipeline status {shlex.quote(str(where))}` says what has become of them; scripts and logs are in {submission.folder}")
+    say(f"`vt-pipeline status {shlex.quote(str(where))}` shows their states; scripts and logs are in {submission.folder}")

@@ -30,7 +30,8 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     Returns
     -------
     Arrays with the dimensions, units and descriptions of the schemas, and coordinates `object`, `grasp`, `sensor` and `joint`
-    where they apply; ragged meshes are left out. Rows of objects that failed are zeros: `ok` tells them apart.
+    where they apply; ragged meshes are left out. Rows of objects that failed are zeros: `ok` tells them apart. Where objects have not
+    been made yet, the attribute `missing` names them.
 
     Raises
     ------
@@ -47,6 +48,8 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     collection = DataDirectory(place(data)).collection(ARTIFACTS[artifact])
     collection.first  # noqa: B018 (an error where there is none)
     shards = [_opened(shard) for shard in collection.shards]
+    if collection.missing:
+        shards[0].attrs["missing"] = list(collection.missing)
     if len(shards) == 1:
         return shards[0]
     lazy = [shard.map(_lazy, keep_attrs=True) for shard in shards]

@@ -57,7 +57,7 @@ class ObjectRows:
     object_ids, categories
         Of the objects, in order.
     left_out
-        Objects that failed in an artifact that is read, with stage and reason.
+        Objects that failed in an artifact that is read, with stage and reason, or that an incomplete one lacks.
 
     Raises
     ------
@@ -79,13 +79,13 @@ class ObjectRows:
         directory.check_origins(self._collections)
         self._cache = _Cache(cache_bytes)
         first = next(iter(self._collections.values()))
-        members = [name for name in first if split in (None, first.row(name).split)]
+        members = [*(name for name in first if split in (None, first.row(name).split)), *first.missing]
         failures = {name: failure for name in members for one in self._collections.values() if (failure := one.failure(name))}
         self.left_out = {name: f"{failure.stage}: {failure.reason}" for name, failure in failures.items()}
         self.object_ids = [name for name in members if name not in failures]
         self.categories = [first.row(name).category for name in self.object_ids]
         if not self.object_ids:
-            failed = f"; {len(failures)} have failed, see `vt-pipeline status {self.data}`" if failures else ""
+            failed = f"; {len(failures)} have failed or are not made yet, see `vt-pipeline status {self.data}`" if failures else ""
             raise StoreError(
                 f"{self.data.resolve()} has no usable object in split {split}{failed}; the manifest's `splits` say how many there are"
             )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ from rich.console import Console
 
 from pipeline.console import Meter
 from pipeline.engine.plan import Forecast, Plan, Request, Summary
-from pipeline.engine.process_group import HELP, HelpDone, process_group
 from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import StoreError
@@ -79,9 +77,9 @@ def make_folder(plan: Plan[FolderOutput], console: Console) -> Summary:
     return Summary(plan.total, 0, time.perf_counter() - began)
 
 
-def help_folder(plan: Plan[FolderOutput], console: Console) -> None:
-    """Train together with the process that fills the folder; nothing is written."""
-    with local_copy(plan.output.work / plan.key[:16]) as work, suppress(HelpDone):
+def join_folder(plan: Plan[FolderOutput], console: Console) -> None:
+    """Let the stage work beside the process that fills the folder; nothing is published."""
+    with local_copy(plan.output.work / plan.key[:16]) as work:
         plan.stage.make(_job(plan, work, console))
 
 
@@ -92,8 +90,6 @@ def _job(plan: Plan[FolderOutput], work: Path, console: Console) -> DatasetJob:
 def _fill(plan: Plan[FolderOutput], work: Path, filled: Path, console: Console) -> FolderRecord:
     began, (unit,) = time.perf_counter(), plan.units
     _verify_inputs(plan, console)
-    if plan.stage.trains and (together := process_group()):
-        together.broadcast(unit.name, HELP)
     facts = plan.stage.make(_job(plan, work, console))
     record = FolderRecord(
         **plan.provenance(),

@@ -82,14 +82,14 @@ class Forecast:
 class Summary:
     """What a run did: the objects it made, those of them that failed, the seconds these took, and those that publishing took.
 
-    `waiting` objects are still to be made before the shard is published; 0 where it is.
+    The made rows are `held_back` where published rows of the shard have to be made again first.
     """
 
     made: int = 0
     failed: int = 0
     seconds: float = 0.0
     publishing: float = 0.0
-    waiting: int = 0
+    held_back: bool = False
 
 
 class Plan(Generic[Output]):
@@ -100,9 +100,11 @@ class Plan(Generic[Output]):
     output
         The shard or folder, with what is published of it.
     units
-        The objects' rows that a shard consists of; or a folder, alone.
+        The objects' rows that a shard will consist of; or a folder, alone.
     total
         How many objects the output is made from.
+    missing
+        The objects of the manifest that a shard will lack, because `only` asks for another one and they have not been made yet.
     """
 
     def __init__(self, request: Request[Any], directory: DataDirectory, output: Output, schema: Sequence[object] = ()) -> None:
@@ -113,6 +115,7 @@ class Plan(Generic[Output]):
         self.schema = list(schema)
         self.units: list[Unit] = []
         self.key, self.total = "", 0
+        self.missing: tuple[str, ...] = ()
 
     @property
     def path(self) -> Place:

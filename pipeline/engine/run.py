@@ -9,9 +9,8 @@ from typing import Any
 from rich.console import Console
 
 from pipeline.config.manifest import Object
-from pipeline.engine.folder import forecast_folder, help_folder, make_folder, plan_folder
+from pipeline.engine.folder import forecast_folder, make_folder, plan_folder
 from pipeline.engine.plan import Forecast, Plan, Request, Summary, description_errors
-from pipeline.engine.process_group import HELP, NOTHING, process_group
 from pipeline.engine.shard import forecast_shard, make_shard, plan_shard
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError, first_line
@@ -94,8 +93,6 @@ def _check_descriptions(request: Request[Any]) -> None:
 def run(plan: Plan[Any], console: Console) -> Summary:
     """Make what a plan lacks; killed at any moment and run again, it continues where it stopped.
 
-    Of processes that were started together, the first makes a folder, and the others help where it wants help.
-
     Raises
     ------
     InvalidInput
@@ -107,18 +104,6 @@ def run(plan: Plan[Any], console: Console) -> Summary:
     BugFound
         Processing an object raised what no stage is meant to raise.
     """
-    if isinstance(plan.output, FolderOutput) and (together := process_group()):
-        if together.rank:
-            if together.wait_for(plan.units[0].name) == HELP:
-                help_folder(plan, console)
-            return Summary()
-        result = _make(plan, console)
-        together.broadcast(plan.units[0].name, NOTHING)
-        return result
-    return _make(plan, console)
-
-
-def _make(plan: Plan[Any], console: Console) -> Summary:
     try:
         with one_writer(plan.output.lock, plan.path):
             plan.output.refresh()  # the run that held the lock before may have made it

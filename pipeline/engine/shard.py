@@ -28,10 +28,11 @@ from pipeline.store.record import Failure, RowRecord, ShardRecord
 from pipeline.store.reshard import shard_key, shard_of
 from pipeline.store.row_files import Result
 from pipeline.store.rows import Row, conform, row_digest
+from pipeline.store.storage import exists
 
 
 def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOutput]:
-    """Plan a shard that an object stage makes.
+    """Plan a shard that an object stage makes; with `only`, of this object and those that are published already.
 
     Raises
     ------
@@ -43,6 +44,11 @@ def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOut
     output = ShardOutput(directory, stage.output, number, shards)
     plan = Plan(request, directory, output, (stage.output.name, stage.output.version))
     items = [item for item in request.objects if shard_of(item.object_id, shards) == number]
+    plan.total = len(items)
+    if request.only is not None:
+        there = {request.only, *(output.shard.position if output.shard else ())}
+        plan.missing = tuple(item.object_id for item in items if item.object_id not in there)
+        items = [item for item in items if item.object_id in there]
     directory.check_origins([*(collection.artifact.name for collection in plan.inputs), *plan.models], {item.object_id for item in items})
     if items:  # a shard without objects reads nothing, whether or not its inputs have been made
         # the rows of a shard come from those of the same number
@@ -51,8 +57,7 @@ def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOut
             plan.settings = stage.resolve_settings(plan.settings, roots)
             stage.check_inputs(plan.settings, roots)
     plan.units = [_unit(plan, item) for item in items]
-    plan.total = len(items)
-    plan.key = shard_key(((unit.key, unit.split) for unit in plan.units), number, shards, request.manifest)
+    plan.key = shard_key(((unit.key, unit.split) for unit in plan.units), number, shards, request.manifest, plan.missing)
     return plan
 
 
@@ -142,9 +147,10 @@ def forecast_shard(plan: Plan[ShardOutput]) -> Forecast:
 
 
 def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
-    """Process what is missing, then publish; with `only`, the shard is published only if that was all that was missing.
+    """Process what is missing, then publish.
 
-    A shard that has no objects any more is withdrawn.
+    With `only`, nothing is published where readers would lose a row: one that has to be made again first, or that cannot be read. A shard
+    that has no objects any more is withdrawn.
     """
     plan.directory.set_shard_count(plan.output.shards)
     _check_same_manifest(plan)
@@ -159,11 +165,18 @@ def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
     made = list(_process(plan, asked, console))
     summary = Summary(len(made), sum(result.failure is not None for result in made), time.perf_counter() - began)
     results |= {result.name: result for result in made}
-    if waiting := len(plan.units) - len(results):
-        return replace(summary, waiting=waiting)
+    if plan.request.only is not None and _loses_rows(plan, results):
+        return replace(summary, held_back=True)
     began = time.perf_counter()
     _publish(plan, [results[unit.name] for unit in plan.units])
     return replace(summary, publishing=time.perf_counter() - began)
+
+
+def _loses_rows(plan: Plan[ShardOutput], results: Mapping[str, Result]) -> bool:
+    """Whether readers would lose a published row if these were published."""
+    if plan.output.shard is None:
+        return exists(plan.output.record_path)
+    return not plan.output.shard.position.keys() <= results.keys()
 
 
 def _check_same_manifest(plan: Plan[ShardOutput]) -> None:
@@ -238,6 +251,7 @@ def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
         **plan.provenance(),
         schema_version=output.artifact.version,
         rows=tuple(_row_record(unit, result) for unit, result in zip(plan.units, results, strict=True)),
+        missing=plan.missing,
         constants_digest=digest.of_arrays(constants),
         metadata={},
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
 from pipeline.engine.unit import Unit
 from pipeline.store.rows import Row
-from pipeline.store.shard import RowView
+from pipeline.store.shard import RowView, Shard
 from pipeline.store.storage import Place
 from schemas.base import Artifact
 
@@ -72,6 +72,18 @@ class ObjectStage(Stage):
     def check_inputs(self, settings: Any, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Refuse inputs, by what their roots say, that these settings do not fit: an `InvalidInput` says how to make them fit."""
 
+    def notes(self, settings: Any, objects: Sequence[Object]) -> Iterable[str]:
+        """Report how a run reads the manifest's objects; by default nothing."""
+        return ()
+
+    def warnings(self, settings: Any, objects: Iterable[tuple[str, Inputs]]) -> Iterable[str]:
+        """Report, before objects are made, which of them do not fit the settings, given by name with their inputs; by default nothing."""
+        return ()
+
+    def remarks(self, settings: Any, shard: Shard) -> Iterable[str]:
+        """Report on a shard that was made; by default nothing."""
+        return ()
+
     def files(self, source: Mapping[str, Any]) -> list[Path]:
         """Files of an object's source that are read beside the inputs' rows; their content belongs to the key. By default none."""
         return []
@@ -123,11 +135,7 @@ class DatasetJob:
 
 class DatasetStage(Stage):
     """A stage that looks at the whole dataset at once and fills one folder: a trained model, an evaluation.
-
-    Attributes
-    ----------
-    trains
-        Whether it is a training, which processes that were started together share.
+    `trains` says whether it is a training.
     """
 
     trains: ClassVar[bool] = False

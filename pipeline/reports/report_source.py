@@ -57,7 +57,7 @@ class ReportSource:
             collection.first  # noqa: B018 (an error where it has not been made)
         self.evaluated = evaluations(self.directory)
         self.directory.check_origins([*self.collections, *self.evaluated])
-        names = list(self.collections["surfaces"])
+        names = [*self.collections["surfaces"], *self.collections["surfaces"].missing]
         failures = {name: why for name in names for one in self.collections.values() if (why := one.failure(name))}
         self.failures = {name: (why.stage, why.reason) for name, why in failures.items()}
         self.object_ids = [name for name in names if name not in failures]

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from pipeline.cluster.slurm import JobState, State, slurm_folder, states_of, submitted_jobs
-from pipeline.console import print_table
+from pipeline.console import counted, few, print_table
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import everything_unnamed
@@ -25,14 +25,15 @@ from schemas.catalogue import ARTIFACTS
 class ArtifactAccount:
     """Describe one artifact of a data directory.
 
-    `failures` are the stage and reason by object; `unfinished` counts the objects whose row waits for the rest of its shard;
-    `processors` the rows by the kind of processor that computed them.
+    `failures` are the stage and reason by object; `missing` are the objects that incomplete shards lack; `unfinished` counts those whose
+    row waits to be published; `processors` the rows by the kind of processor that computed them.
     """
 
     artifact: str
     shards: int
     objects: int
     failures: dict[str, dict[str, str]]
+    missing: list[str]
     megabytes: float
     seconds: float
     digest: str
@@ -120,6 +121,7 @@ def _artifact(directory: DataDirectory, name: str) -> ArtifactAccount:
         shards=len(collection.shards),
         objects=len(collection),
         failures={one: failure.model_dump() for one in collection if (failure := collection.failure(one))},
+        missing=list(collection.missing),
         megabytes=sum(_megabytes(files_below(shard.path)) for shard in collection.shards),
         seconds=sum(row.seconds for shard in collection.shards for row in shard.record.rows),
         digest=collection.digest(),
@@ -172,6 +174,9 @@ def show(account: Account, console: Console) -> None:
             console.print(f"[yellow]stale[/] {escape(folder.stale)}")
     if mixed := [one.artifact for one in account.artifacts if len(one.processors) > 1]:
         console.print(f"[yellow]mixed[/] {', '.join(mixed)}: computed by several kinds of processors; see `vt-pipeline validate --strict`")
+    for one in account.artifacts:
+        if one.missing:
+            console.print(f"[yellow]incomplete[/] {one.artifact}: {counted(len(one.missing))} not made yet ({few(one.missing)})")
     for line in account.damaged:
         console.print(f"[red]damaged[/] {escape(line)}")
     if account.garbage > 1:

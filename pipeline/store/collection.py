@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
@@ -53,9 +54,15 @@ class Collection:
         """Return the record of an object's row."""
         return self.shard(object_id).row(object_id)
 
+    @cached_property
+    def missing(self) -> dict[str, Failure]:
+        """The objects that incomplete shards lack, each as a failure."""
+        lacking = sorted((name, shard.record.stage) for shard in self.shards for name in shard.record.missing)
+        return {name: Failure(stage=stage, reason="not made yet") for name, stage in lacking}
+
     def failure(self, object_id: str) -> Failure | None:
         """Return the reason why an object has no row; None where it has one."""
-        return self.row(object_id).failure
+        return self.missing.get(object_id) or self.row(object_id).failure
 
     def view(self, object_id: str) -> RowView:
         """Open an object's row."""

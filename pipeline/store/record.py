@@ -103,13 +103,23 @@ class RowRecord(_Model):
 
 
 class ShardRecord(Provenance):
-    """The record of a shard: its rows in order, and the digest of its constants.
+    """The record of a shard.
 
-    `metadata` is the SHA-256 of the `zarr.json` of the group itself, under the empty name, and of each array at its root.
+    Attributes
+    ----------
+    rows
+        In order.
+    missing
+        Objects of the manifest that belong here and have not been made yet: runs with `--object` named others.
+    constants_digest
+        The digest of the arrays without an object dimension.
+    metadata
+        The SHA-256 of the `zarr.json` of the group itself, under the empty name, and of each array at its root.
     """
 
     schema_version: int
     rows: tuple[RowRecord, ...]
+    missing: tuple[Name, ...] = ()
     constants_digest: Sha256
     metadata: dict[str, Sha256]
 

@@ -23,9 +23,10 @@ def shard_of(object_id: str, shards: int) -> int:
     return int(hashlib.sha256(object_id.encode()).hexdigest(), 16) % shards
 
 
-def shard_key(rows: Iterable[tuple[str, str]], number: int, shards: int, manifest: str) -> str:
-    """Compute the key of a shard from the keys and splits of its rows."""
-    return digest.of_json({"rows": list(rows), "shard": [number, shards], "manifest": manifest})
+def shard_key(rows: Iterable[tuple[str, str]], number: int, shards: int, manifest: str, missing: Iterable[str] = ()) -> str:
+    """Compute the key of a shard from the keys and splits of its rows, and the names of the objects that it lacks."""
+    lacks = {"missing": names} if (names := list(missing)) else {}
+    return digest.of_json({"rows": list(rows), "shard": [number, shards], "manifest": manifest, **lacks})
 
 
 def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
@@ -126,8 +127,9 @@ def _write(directory: DataDirectory, collection: Collection, members: Sequence[s
     rows = tuple(_named_row(collection.shard(name), name) for name in members)
     attributes = {**first.attributes, "failures": {row.object_id: row.failure.model_dump() for row in rows if row.failure}}
     constants = {name: first.read(name) for name, array in artifact.arrays.items() if not array.per_object and first.has(name)}
-    key = shard_key(((row.key, row.split) for row in rows), number, shards, first.record.manifest)
-    record = first.record.model_copy(update={"key": key, "rows": rows})
+    missing = tuple(name for name in collection.missing if shard_of(name, shards) == number)
+    key = shard_key(((row.key, row.split) for row in rows), number, shards, first.record.manifest, missing)
+    record = first.record.model_copy(update={"key": key, "rows": rows, "missing": missing})
     shapes = [collection.view(name).shapes() for name in members]
 
     def encoded(number: int) -> Chunks:

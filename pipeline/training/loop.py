@@ -19,7 +19,6 @@ import torch
 from torch.multiprocessing.spawn import ProcessExitedException, ProcessRaisedException
 
 from pipeline.console import Meter, console_on
-from pipeline.engine.process_group import HelpDone, process_group
 from pipeline.errors import InvalidInput, StageError
 from pipeline.rng import numpy_rng, torch_generator
 from pipeline.store.digest import of_json
@@ -29,6 +28,7 @@ from pipeline.training.averaging import averaged, running_average
 from pipeline.training.batch_norm import share_batch_norm
 from pipeline.training.device import torch_threads
 from pipeline.training.learner import Learner
+from pipeline.training.process_group import HELP, HelpDone, process_group
 from pipeline.training.processes import GO_ON, end_with_parent, gathered, lost_peers_as_words, make_fabric, no_process_left, processors_of
 from pipeline.training.read_ahead import read_ahead
 from pipeline.training.schedule import rate_at
@@ -69,6 +69,8 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
         There is nothing to train on; processes are others than asked for, or one was killed; or a loss is no number, is refused by a
         kernel, or explodes: with epoch, step, and the items of the batch.
     """
+    if (group := process_group()) and group.rank == 0:
+        group.broadcast(HELP)
     if not len(learner):
         raise StageError(f"{name}: there are no items to train on; take more objects, or look at why theirs failed")
     fabric = make_fabric(settings, folder, name)
@@ -80,7 +82,7 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
         raise StageError(re.sub(r"^pipeline\.errors\.\w+: ", "", str(error).strip().splitlines()[-1])) from error
     except ProcessExitedException as error:
         raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {GO_ON}") from error
-    if (together := process_group()) and together.rank:
+    if group and group.rank:
         raise HelpDone
     learner.network.load_state_dict(checkpoint.load_best(folder))
     return facts

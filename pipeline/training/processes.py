@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 import torch
 import torch.distributed
 
-from pipeline.engine.process_group import process_group
 from pipeline.engine.versions import processor
 from pipeline.errors import StageError
 from pipeline.store.digest import LOGS
 from pipeline.store.record import processor_kind
 from pipeline.store.temporary import temporary_folder
 from pipeline.training.device import device_of
+from pipeline.training.process_group import process_group
 from pipeline.training.settings import TrainingSettings
 
 if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date need not spend

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pipeline.console import counted, few
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
@@ -25,6 +26,7 @@ from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
+from stages.render_vision.image_warnings import SPECK, is_speck, leaves_image
 from stages.render_vision.opengl_context import shader_paths
 from stages.render_vision.renderer import MeshHandle, PosedMesh, Renderer
 from stages.render_vision.settings import VisionSettings
@@ -63,6 +65,21 @@ class RenderVision(ObjectStage):
                 f"the grasps were made with hand {used}, render-vision.hand is {settings.hand}; leave it out, or say --set hand={used}"
             )
         raise InvalidInput(f"the files of hand {used} have changed since the grasps were made; run simulate-grasps again")
+
+    def warnings(self, settings: VisionSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
+        """Name objects that an image does not hold, or that are too small in it."""
+        scene = load_scene(settings.scene)
+        cameras = [("the camera", scene.camera), *((f"camera {camera.name}", camera) for camera in scene.cameras)]
+        checks = (("not whole in the image of", leaves_image), (f"smaller than {100 * SPECK:.0f} % of the image of", is_speck))
+        names: dict[tuple[str, ...], list[str]] = {}
+        for name, inputs in objects:
+            points = inputs["surfaces"]["points"]
+            for fault, has_fault in checks:
+                if views := [title for title, camera in cameras if has_fault(camera, points)]:
+                    names.setdefault((fault, *views), []).append(name)
+        remedy = f"move it or change its focal length in a scene file ({settings.scene}), or scale the objects"
+        for (fault, *views), objects_named in names.items():
+            yield f"{counted(len(objects_named))} {fault} {', '.join(views)} ({few(objects_named)}): {remedy}"
 
     def constants(self, settings: VisionSettings) -> Row:
         """The cameras' projection matrices."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
+from pipeline.config.manifest import Object
+from pipeline.console import counted, few
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
@@ -19,6 +21,7 @@ from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh
 from pipeline.kernels.geometry.normalise import normalise_mesh, normalising_transform
 from pipeline.rng import numpy_rng
 from pipeline.store.rows import Row
+from pipeline.store.shard import Shard
 from pipeline.toy_objects import KINDS, generate
 from schemas.surfaces import SURFACES
 from stages.sample_surfaces.settings import SurfaceSettings
@@ -31,6 +34,19 @@ class SampleSurfaces(ObjectStage):
     summary = "Clean and normalise every mesh, draw points from its exterior surface."
     output = SURFACES
     settings_type = SurfaceSettings
+
+    def notes(self, settings: SurfaceSettings, objects: Sequence[Object]) -> Iterator[str]:
+        """Report files without units, which are scaled to one size."""
+        unitless = sum("file" in item.source and item.source.get("metres_per_unit") is None for item in objects)
+        if unitless:
+            size = f"{settings.diagonal:g} m; --units mm (make: UNITS=mm), or another unit, keeps real sizes"
+            yield f"{counted(unitless)} scaled to a diagonal of {size}"
+
+    def remarks(self, settings: SurfaceSettings, shard: Shard) -> Iterator[str]:
+        """Name the objects whose textures or materials are missing: they are rendered without."""
+        counts = shard.read("missing_files")
+        if names := [name for name, row in shard.position.items() if counts[row]]:
+            yield f"{counted(len(names))} drawn without textures or materials that are not below their folder ({few(names)})"
 
     def cost(self, settings: SurfaceSettings) -> Cost:
         """One mesh and its points."""

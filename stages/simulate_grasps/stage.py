@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pipeline.console import few
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.sensor_file import sensor_files, sensor_names
+from pipeline.formats.physics_urdf import links_without_mass
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor_names
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
@@ -25,6 +27,7 @@ from stages.simulate_grasps.lift_test import LiftTest
 from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_grasps.size_warnings import opening, size_warnings
 
 SECOND_CHANCES = 4
 """Times `attempts` after which an object that has yielded some sound grasps, but not enough, is given up."""
@@ -67,6 +70,15 @@ class SimulateGrasps(ObjectStage):
                 "sensor_digest": assets_digest(sensor_files(sensors)),
             }
         }
+
+    def warnings(self, settings: GraspSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
+        """Name links without mass, and objects that do not fit the hand."""
+        hand = load_hand(settings.hand)
+        if massless := links_without_mass(hand):
+            yield f"hand {hand.name}: its URDF states no mass for {few(massless)}; estimated from collision shapes at 1000 kg/m³"
+        widest = max(sensor.width for sensor in load_worn_sensors(sensor_names(hand, settings.sensor)))
+        extents = {name: np.ptp(inputs["surfaces"]["points"], axis=0) for name, inputs in objects}
+        yield from size_warnings(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
 
     def cost(self, settings: GraspSettings) -> Cost:
         """Mostly attempts, of about 0.08 s each; some dozen are enough where not all are asked for."""

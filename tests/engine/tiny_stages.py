@@ -17,9 +17,11 @@ import numpy as np
 from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings, setting
 from pipeline.console import console_on
+from pipeline.engine.executor import Serial
 from pipeline.engine.plan import Plan, Request
 from pipeline.engine.run import make_plans
 from pipeline.engine.run import run as run_plan
+from pipeline.engine.session import Work
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput, StageError
@@ -213,6 +215,13 @@ def run(asked: Request, shard: int | None = None) -> int:
     """Run every plan that is not up to date; the number of objects that were processed."""
     with asked.executor:
         return sum(run_plan(plan, CONSOLE).made for plan in make_plans(asked, shard) if not plan.up_to_date())
+
+
+def leave_row(asked: Request, name: str) -> None:
+    """Finish one object's row and publish nothing, as a run does that is killed then."""
+    plan = plan_of(asked)
+    work = Work(plan.stage, plan.settings, asked.data, plan.model_digests)
+    list(Serial().run(work, [unit for unit in plan.units if unit.name == name]))
 
 
 def pack(asked: Request, row: Callable[[Unit], Row], failed: str = "") -> None:

@@ -15,8 +15,8 @@ from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import LinkOverlap, fingers_clear_of_palm, frequent_overlaps
 from pipeline.reports.hand_picture import closing_directions, hand_picture
-from pipeline.reports.object_fit import opening, sensor_places
 from pipeline.rng import numpy_rng
+from stages.simulate_grasps.size_warnings import opening, sensor_places
 
 POSTURES = 512
 """Random postures in which links are looked at."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import lightning_fabric  # noqa: F401 (it keeps the rank that it finds when it is first imported, for all tests after these)
 import pytest
 
-from pipeline.engine.process_group import ProcessGroup, process_group
+from pipeline.training.process_group import ProcessGroup, process_group
 
 STEP = {"STEP_NUM_TASKS": "4", "STEP_NUM_NODES": "2", "STEP_NODELIST": "node[07-08]", "PROCID": "2", "LOCALID": "0", "NODEID": "1"}
 TORCHRUN = {"RANK": "1", "WORLD_SIZE": "3", "LOCAL_WORLD_SIZE": "3", "LOCAL_RANK": "1", "GROUP_RANK": "0"}

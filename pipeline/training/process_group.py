@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from rich.console import Console
+
+from pipeline.engine.folder import join_folder
+from pipeline.engine.plan import Plan, Summary
+from pipeline.engine.run import run
 from pipeline.errors import StageError
+from pipeline.store.publish import ShardOutput
 
 if TYPE_CHECKING:  # importing it takes a second
     from torch._C._distributed_c10d import Store
 
 HELP, NOTHING = "help", "nothing"
-"""What the first process tells the others of an output."""
+"""Words of the first process: the others train with it, or end."""
 
 
 class HelpDone(Exception):
@@ -40,11 +47,11 @@ class ProcessGroup:
     count: int
     on_node: int
 
-    def broadcast(self, what: str, word: str) -> None:
-        """Tell the others whether the first process wants `HELP` with an output, or `NOTHING`."""
-        _store().set(what, word)
+    def broadcast(self, word: str) -> None:
+        """Send a word to the others: `HELP` or `NOTHING`."""
+        _store().set("word", word)
 
-    def wait_for(self, what: str) -> str:
+    def wait_for_word(self) -> str:
         """Wait for the word of the first process.
 
         Raises
@@ -53,9 +60,27 @@ class ProcessGroup:
             The first process has ended.
         """
         try:
-            return _store().get(what).decode()
+            return _store().get("word").decode()
         except RuntimeError as error:
-            raise StageError(f"{what}: the first of {self.count} processes does not answer ({error}); see what it says") from error
+            raise StageError(f"the first of {self.count} processes does not answer ({error}); see its messages") from error
+
+
+def run_together(plan: Plan[Any], console: Console) -> Summary:
+    """Run a plan, of a dataset stage by all processes of the group: the first makes the folder, the others train with it.
+
+    Errors are those of `run`, and a `StageError` where the first process has ended.
+    """
+    group = process_group()
+    if group is None or isinstance(plan.output, ShardOutput):
+        return run(plan, console)
+    if group.rank == 0:
+        summary = run(plan, console)
+        group.broadcast(NOTHING)
+        return summary
+    if group.wait_for_word() == HELP:
+        with suppress(HelpDone):
+            join_folder(plan, console)
+    return Summary()
 
 
 @cache

@@ -1,0 +1,61 @@
+"""Warnings of objects that are too small or too large for the hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.console import counted, few
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
+from pipeline.kernels.hand.model import Hand
+from pipeline.rng import numpy_rng
+
+POSTURES = 512
+"""Random postures of which the widest is how far a hand opens."""
+
+
+def size_warnings(extents: Mapping[str, np.ndarray], *, smallest: float, largest: float, hand: str) -> Iterator[str]:
+    """List objects that do not fit a hand.
+
+    Parameters
+    ----------
+    extents
+        The sides of each object's bounding box (3,), m, by name.
+    smallest, largest
+        An object fits whose longest side is not below `smallest` and whose shortest is not above `largest`, m.
+    hand
+        The hand's name.
+
+    Yields
+    ------
+    A line for objects that are too small, and one for those that are too large.
+    """
+    small = [name for name, sides in extents.items() if sides.max() < smallest]
+    large = [name for name, sides in extents.items() if sides.min() > largest]
+    if small:
+        yield (
+            f"{counted(len(small))} smaller than two sensors of {hand} side by side, {1e3 * smallest:.0f} mm ({few(small)}): "
+            "is the unit right?"
+        )
+    if large:
+        yield (
+            f"{counted(len(large))} wider on every side than {hand} opens, {1e3 * largest:.0f} mm ({few(large)}): fingers touch "
+            "one side only, if any; is the unit right?"
+        )
+
+
+def sensor_places(hand: Hand) -> NDArray[np.float64]:
+    """Compute where the S sensors are in P random postures and at the joints' limits: (P, S, 3), frame of the palm's link, m."""
+    angles = numpy_rng(0, "opening", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
+    frames = forward_kinematics(hand, np.eye(4), np.concatenate([angles, [hand.lower, hand.upper]]))
+    return sensor_poses_from_links(hand, frames)[..., :3, 3]
+
+
+def opening(hand: Hand) -> float:
+    """Compute how far a hand opens: the greatest distance between two of its sensors, or one and the palm's centre, m."""
+    places = sensor_places(hand)
+    palm = np.broadcast_to(hand.palm_centre, (len(places), 1, 3))
+    ends = np.concatenate([places, palm], axis=1)
+    return float(np.linalg.norm(ends[:, :, None] - ends[:, None], axis=-1).max())

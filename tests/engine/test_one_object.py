@@ -1,0 +1,111 @@
+"""`--object`: one object through several stages, then the others, to the same bytes."""
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from pipeline.dataset.labelled import open_artifact
+from pipeline.engine.run import forecast
+from pipeline.errors import StoreError
+from pipeline.store.directory import DataDirectory
+from pipeline.store.reshard import reshard
+from pipeline.store.validate import problems_below
+from tests.engine.tiny_stages import MEAN, Average, MakeNoise, TakeMean, digest, leave_row, objects, plan_of, published, request, run
+
+STAGES = (MakeNoise(), TakeMean())
+
+
+def contents(data: Path) -> dict[str, str]:
+    """The digests of the files of all groups that records name."""
+    groups = [shard.path for artifact in (published(data), published(data, MEAN)) for shard in artifact.shards]
+    files = [file for group in groups for file in sorted(group.rglob("*")) if file.is_file()]
+    return {str(file.relative_to(data)): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+
+
+@pytest.mark.parametrize("shards", [1, 2])
+def test_an_object_passes_through_the_stages_and_the_others_follow_to_the_same_bytes(tmp_path, shards):
+    one, whole = tmp_path / "one", tmp_path / "whole"
+    for name in "cb":
+        for stage in STAGES:
+            assert run(request(one, stage=stage, shards=shards, only=name)) == 1
+            assert run(request(one, stage=stage, shards=shards, only=name)) == 0
+    assert sorted(published(one)) == sorted(published(one, MEAN)) == ["b", "c"]
+    for stage in STAGES:
+        assert run(request(one, stage=stage)) == 3
+        assert run(request(one, stage=stage, only="a")) == 0
+        run(request(whole, stage=stage, shards=shards))
+    assert contents(one) == contents(whole)
+    assert not any(problems_below(one).values())
+
+
+def test_an_incomplete_shard_says_what_it_lacks(tmp_path):
+    run(request(tmp_path, only="b"))
+    assert list(published(tmp_path).missing) == ["a", "c", "d", "e"]
+    assert published(tmp_path).failure("a").reason == "not made yet"
+    (lines,) = [lines for lines in problems_below(tmp_path).values() if lines]
+    assert lines == ["4 objects of the manifest not made yet (a, c, d, e); run make-noise without --object"]
+    assert open_artifact(tmp_path, "noise").attrs["missing"] == ["a", "c", "d", "e"]
+    (foreseen,) = [foreseen for _, foreseen in forecast(request(tmp_path, only="c"))]
+    assert (foreseen.missing, foreseen.up_to_date) == (1, False)
+
+
+def test_a_stage_without_the_object_s_input_says_what_to_run(tmp_path):
+    run(request(tmp_path, only="b"))
+    for asked in (request(tmp_path, stage=TakeMean(), only="a"), request(tmp_path, stage=TakeMean()), request(tmp_path, stage=Average())):
+        with pytest.raises(StoreError, match="has no object a; "):
+            plan_of(asked)
+
+
+def test_no_published_row_is_lost(tmp_path):
+    run(request(tmp_path))
+    before = digest(tmp_path)
+    other = {"settings": {"samples": 9}}
+    assert run(request(tmp_path, only="b", **other)) == 1
+    assert digest(tmp_path) == before, "the other rows were made with other settings"
+    assert run(request(tmp_path, only="b", items=objects(2), **other)) == 0
+    assert digest(tmp_path) == before, "the other rows are of objects that left the manifest"
+    record = plan_of(request(tmp_path)).output.record_path
+    damaged = record.read_bytes()[:-9]
+    record.write_bytes(damaged)
+    assert run(request(tmp_path, only="b", **other)) == 0
+    assert record.read_bytes() == damaged
+    assert run(request(tmp_path, **other)) == 4
+
+
+def test_rows_of_a_killed_run_wait_for_the_run_of_all_objects(tmp_path):
+    leave_row(request(tmp_path), "a")
+    run(request(tmp_path, only="b"))
+    assert list(published(tmp_path)) == ["b"]
+    assert run(request(tmp_path)) == 3
+
+
+def test_an_object_that_left_the_manifest_is_not_missing_any_more(tmp_path):
+    for name in "ab":
+        run(request(tmp_path, items=objects(3), only=name))
+    run(request(tmp_path, items=objects(2)))
+    assert not published(tmp_path).missing
+
+
+def test_resharding_keeps_what_is_missing(tmp_path):
+    for stage in STAGES:
+        run(request(tmp_path, stage=stage, shards=2, only="b"))
+        run(request(tmp_path, stage=stage, only="c"))
+    missing = list(published(tmp_path).missing)
+    assert missing
+    list(reshard(DataDirectory(tmp_path), 1))
+    assert list(published(tmp_path).missing) == missing
+    assert run(request(tmp_path, only="b")) == 0
+    assert run(request(tmp_path)) == 3
+
+
+def test_a_failure_is_published_with_its_reason_and_tried_again_alone(tmp_path):
+    mended = tmp_path / "mended"
+    items = objects(3, b=f"until {mended}")
+    for stage in STAGES:
+        run(request(tmp_path, stage=stage, items=items, only="b"))
+    assert published(tmp_path, MEAN).failure("b").reason == "not yet"
+    mended.touch()
+    assert run(request(tmp_path, items=items, only="b", retry=True)) == 1
+    assert run(request(tmp_path, stage=TakeMean(), items=items, only="b")) == 1
+    assert published(tmp_path, MEAN).failure("b") is None
