@@ -1,4 +1,4 @@
-"""What `simulate-touch` writes: depth maps and readings of every sensor of every grasp."""
+"""What `simulate-touch` writes: depth maps and tactile images of every sensor of every grasp."""
 
 from schemas.base import Array, Artifact, coordinates
 
@@ -7,7 +7,7 @@ TOUCH = Artifact(
     stage="simulate-touch",
     order=3,
     version=2,
-    summary="What every sensor of every grasp feels: depth, tactile reading, and the surface points in its gel.",
+    summary="What every sensor of every grasp feels: depth, tactile image, and the surface points in its gel.",
     arrays={
         **coordinates("grasp", "sensor"),
         "depth": Array(
@@ -18,17 +18,21 @@ TOUCH = Artifact(
             equation="1",
             infinite=True,
         ),
-        "reading": Array(
+        "tactile_image": Array(
             ("object", "grasp", "sensor", "row", "col", "rgb"), "uint8", "1/255", "R: the tactile image of `depth`.", equation="2-5"
         ),
         "untouched": Array(
-            ("row", "col", "rgb"), "uint8", "1/255", "The reading of a sensor that nothing touches: losses mask against it.", equation="2-5"
+            ("row", "col", "rgb"),
+            "uint8",
+            "1/255",
+            "The tactile image of a sensor that nothing touches: losses mask against it.",
+            equation="2-5",
         ),
         "untouched_of_sensor": Array(
             ("sensor", "row", "col", "rgb"),
             "uint8",
             "1/255",
-            "Where the fingers wear different sensors: the untouched reading of each; `untouched` is the first's.",
+            "Where the fingers wear different sensors: the untouched tactile image of each; `untouched` is the first's.",
             equation="2-5",
             optional=True,
         ),

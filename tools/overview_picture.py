@@ -39,7 +39,7 @@ def draw_overview(data: Path, object_id: str, path: Path) -> None:
         ("object", seen[part]),
         ("in a grasp", occluded[part]),
         ("from a second side", held),
-        ("tactile images", _grid(list(band.readings))),
+        ("tactile images", _grid(list(band.tactile_images))),
         ("depth maps", _grid([depth_colors(depth, sensor) for depth, sensor in zip(band.depths, maker.sensors, strict=True)])),
         (f"reconstruction, {table['grasps_given'][case]} grasps", reconstruction[part]),
     ]

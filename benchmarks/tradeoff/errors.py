@@ -154,20 +154,20 @@ def touch(made: Made, reference: Path) -> Errors:
     near: list[NDArray[np.float64]] = []
     far: list[NDArray[np.float64]] = []
     wrong, lost = [], 0
-    for (depth, reading), (truth, true_reading) in _pairs(made, reference, "depth", "reading"):
+    for (depth, image), (truth, true_image) in _pairs(made, reference, "depth", "tactile_image"):
         both = np.isfinite(depth) & np.isfinite(truth)
         lost += int((np.isfinite(depth) != np.isfinite(truth)).sum())
         error = np.abs(depth[both].astype(np.float64) - truth[both])
         near.append(error[truth[both] < sensor.w])
         far.append(error[truth[both] >= sensor.w])
-        wrong.append(np.mean((reading != true_reading).any(axis=-1)))
+        wrong.append(np.mean((image != true_image).any(axis=-1)))
     inside, beyond = 1e6 * np.concatenate(near), 1e6 * np.concatenate(far)
     figures = {
         "depth in the gel, 99.9 % within, um": float(np.percentile(inside, 99.9)),
         "worst in the gel, um": float(inside.max()),
         "99.9 % beyond it, um": float(np.percentile(beyond, 99.9)),
         "hits lost or invented": float(lost),
-        "readings changed, % of pixels": 100 * float(np.mean(wrong)),
+        "tactile images changed, % of pixels": 100 * float(np.mean(wrong)),
     }
     return Errors(figures, [1e6 * float(np.percentile(error, 99.9)) for error in near if len(error)])
 
@@ -176,10 +176,10 @@ def unet(made: Made, reference: Path) -> Errors:
     """Compare the predicted depths of test objects with the true ones, where the sensors touched."""
     touches = load_touches(made.data, "test")
     model = load_touch_model(DataDirectory(made.data).folder_path("models/unet"), "cpu")
-    readings, depth = (tensor.numpy() for tensor in touches.read(range(len(touches))))
+    tactile_images, depth = (tensor.numpy() for tensor in touches.read(range(len(touches))))
     contact = depth < touches.sensor.w
-    mask = model.mask(readings)
-    predicted = model.depth(readings)
+    mask = model.mask(tactile_images)
+    predicted = model.depth(tactile_images)
     distance = []
     x, y = pixel_centres(touches.sensor)
     for ours, seen, theirs, felt in zip(predicted, mask, depth, contact, strict=True):

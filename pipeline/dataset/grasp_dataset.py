@@ -24,8 +24,8 @@ class GraspDataset(Dataset[Item]):
 
     Examples
     --------
-    >>> train = GraspDataset("data/toy/draft", ["reading", "sensor_pose", "points"], split="train")  # doctest: +SKIP
-    >>> train[0]["reading"].shape  # doctest: +SKIP
+    >>> train = GraspDataset("data/toy/draft", ["tactile_image", "sensor_pose", "points"], split="train")  # doctest: +SKIP
+    >>> train[0]["tactile_image"].shape  # doctest: +SKIP
     torch.Size([4, 100, 100, 3])
     """
 

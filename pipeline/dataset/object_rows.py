@@ -28,9 +28,9 @@ POINTS = ("local_points", "local_count")
 """Arrays that need not be stored: depth and sensor pose give them again, to the bit."""
 
 DIFFERENCE = "difference"
-"""Not stored: the reading minus that of the untouched sensor, (grasp, sensor, row, col, rgb) int16, levels."""
+"""Not stored: the tactile image minus that of the untouched sensor, (grasp, sensor, row, col, rgb) int16, levels."""
 
-DERIVED = {**dict.fromkeys(POINTS, ("depth", "sensor_pose")), DIFFERENCE: ("reading", "untouched")}
+DERIVED = {**dict.fromkeys(POINTS, ("depth", "sensor_pose")), DIFFERENCE: ("tactile_image", "untouched")}
 """What arrays follow from that need not be stored."""
 
 Described = TypeVar("Described")
@@ -166,7 +166,7 @@ class ObjectRows:
         """Subtract the untouched image: that of each sensor, where the fingers wear different ones."""
         touch = self._collections["touch"].first
         untouched = touch.read("untouched_of_sensor") if touch.has("untouched_of_sensor") else self.read("untouched", object_id)
-        return np.asarray(self.read("reading", object_id, grasp).astype(np.int16) - untouched)
+        return np.asarray(self.read("tactile_image", object_id, grasp).astype(np.int16) - untouched)
 
 
 class _Cache:

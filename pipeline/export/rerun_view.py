@@ -126,7 +126,7 @@ class _Recorder:
             pose, depth = row["sensor_pose"][grasp, number], rows["touch"]["depth"][grasp, number]
             log(f"world/sensors/{name}", _transform(rr, pose))
             log(f"world/sensors/{name}/gel", rr.Boxes3D(centers=[[0, 0, half[2]]], half_sizes=[half], colors=[color]))
-            log(f"touch/{name}/tactile_image", rr.Image(rows["touch"]["reading"][grasp, number]))
+            log(f"touch/{name}/tactile_image", rr.Image(rows["touch"]["tactile_image"][grasp, number]))
             log(f"touch/{name}/depth", rr.DepthImage(np.where(np.isfinite(depth), depth, 0), meter=1.0))
             points, count = local_points(depth, pose, sensor)
             log(f"world/local_points/{name}", rr.Points3D(points[:count], colors=[color], radii=POINT))

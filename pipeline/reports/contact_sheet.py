@@ -141,7 +141,7 @@ class BandMaker:
             pictures=[("unoccluded", unoccluded), ("occluded", occluded), ("from a second side", held), ("touch sites", felt)],
             fingers=[mount.name for mount in self.hand.sensors],
             touched=touched,
-            readings=touch["reading"][0],
+            tactile_images=touch["tactile_image"][0],
             depths=depths,
         )
 

@@ -100,7 +100,7 @@ class ObjectPages:
                     "touched": bool(touched[sensor]),
                     "color": "#{:02x}{:02x}{:02x}".format(*colors[sensor]),
                     "verdict": said,
-                    "reading": _inline(touch["reading"][number, sensor]),
+                    "tactile_image": _inline(touch["tactile_image"][number, sensor]),
                     "depth": _inline(depth_colors(depth, self.sensors[sensor])),
                 }
             )
@@ -144,7 +144,7 @@ def _label(name: str) -> str:
 def _thumbnail(rows: Rows) -> NDArray[np.uint8]:
     """Take the object's camera image, cut around the object; the first tactile image where there is none."""
     if "vision" not in rows:
-        return np.asarray(rows["touch"]["reading"][0, 0])
+        return np.asarray(rows["touch"]["tactile_image"][0, 0])
     shown = np.argwhere(rows["vision"]["segmentation"][0] == 1)
     image = rows["vision"]["unoccluded"]
     if not len(shown):

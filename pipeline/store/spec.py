@@ -15,7 +15,7 @@ OBJECTS_PER_FILE = 64
 """Objects whose chunks share one file: few files, yet no more than these in memory while a shard is written."""
 
 LEVEL = 5
-"""zstd's level inside Blosc: 4 ms for a grasp's depth maps and readings; 8 makes them an eighth smaller, in six times as long."""
+"""zstd's level inside Blosc: 4 ms for a grasp's depth maps and tactile images; 8 makes them an eighth smaller, in six times as long."""
 
 SMALL_CHUNK = 16 * 1024
 """Bytes below which splitting further costs more in headers than it saves in reading."""

@@ -102,7 +102,7 @@ def _touch(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, settings: TouchS
     else:
         exact = sphere_traced_depth(faces, pose, sensor, tolerance=settings.sphere_tolerance, max_steps=settings.sphere_steps)
     depth = quantise_depth(exact, sensor, gel_bits=settings.gel_bits, far_bits=settings.far_bits)
-    row: Row = {"depth": depth, "reading": tactile_image(depth, sensor, rng)}
+    row: Row = {"depth": depth, "tactile_image": tactile_image(depth, sensor, rng)}
     if settings.store_points:
         points, count = local_points(depth, pose, sensor)
         row |= {"local_points": points, "local_count": np.asarray(count)}

@@ -19,7 +19,7 @@ from schemas.catalogue import artifact_of
 from schemas.touch import TOUCH
 from tests.stages import ball_dataset
 
-ARRAYS = ("points", "occluded", "depth", "reading", "sensor_pose", "touch_success", "untouched")
+ARRAYS = ("points", "occluded", "depth", "tactile_image", "sensor_pose", "touch_success", "untouched")
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def test_arrays_of_the_object_are_read_once_and_not_per_grasp(data, monkeypatch)
     monkeypatch.setattr(Shard, "read", lambda shard, name, index=...: (reads.update([name]), genuine(shard, name, index))[1])
     dataset = GraspDataset(data, ARRAYS, "test")
     assert len([dataset[index] for index in range(len(dataset))]) == 15
-    assert reads["points"] == reads["depth"] == reads["reading"] == 3
+    assert reads["points"] == reads["depth"] == reads["tactile_image"] == 3
     assert reads["untouched"] == 1
 
 
@@ -123,14 +123,14 @@ def test_an_artifact_with_a_damaged_label_is_not_opened(data, tmp_path, label):
 
 @pytest.mark.parametrize("sensor", [{}, None, {"name": "x", "width": "wide"}])
 def test_a_dataset_whose_sensor_cannot_be_used_is_refused(data, monkeypatch, sensor):
-    rows = ObjectRows(data, ["reading"], "test")
+    rows = ObjectRows(data, ["tactile_image"], "test")
     monkeypatch.setattr(ObjectRows, "attributes", lambda self, artifact: {"sensor": sensor})
     with pytest.raises(StoreError, match=r"its sensor cannot be used .*--check"):
         rows.sensor()
 
 
 def test_fingers_with_different_sensors_have_no_one_sensor(data, monkeypatch):
-    rows = ObjectRows(data, ["reading"], "test")
+    rows = ObjectRows(data, ["tactile_image"], "test")
     one = rows.attributes("touch")["sensor"]
     monkeypatch.setattr(ObjectRows, "attributes", lambda self, artifact: {"sensor": [one, {**one, "name": "thin", "w": one["w"] / 2}]})
     assert [sensor.w for sensor in rows.sensors()] == [one["w"], one["w"] / 2]
@@ -145,7 +145,7 @@ def test_a_folder_that_is_not_there_is_named(tmp_path) -> None:
 
 def test_difference_images_are_readings_minus_the_untouched_one(data):
     rows = ObjectRows(data, ["difference"], None)
-    reading, untouched = (rows.read(name, "b").astype(int) for name in ("reading", "untouched"))
-    assert (rows.read("difference", "b") == reading - untouched).all()
+    tactile_image, untouched = (rows.read(name, "b").astype(int) for name in ("tactile_image", "untouched"))
+    assert (rows.read("difference", "b") == tactile_image - untouched).all()
     assert (rows.read("difference", "b", 1) == rows.read("difference", "b")[1]).all()
     assert rows.read("difference", "b").dtype == np.int16

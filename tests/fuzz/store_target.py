@@ -71,7 +71,7 @@ def _checks(data: Path) -> Iterator[Callable[[], object]]:
     for artifact in (SURFACES, GRASPS, TOUCH):
         yield lambda artifact=artifact: open_artifact(data, artifact.name)
     yield lambda: read_mesh(DataDirectory(data).collection(SURFACES).view("a"))
-    yield lambda: GraspDataset(data, ["points", "reading", "local_points", "sensor_pose"])[1]
+    yield lambda: GraspDataset(data, ["points", "tactile_image", "local_points", "sensor_pose"])[1]
     yield lambda: ObjectRows(data, ["untouched", "depth"]).sensor()
     yield lambda: DataDirectory(data).whole_folder("models/unet")
 

@@ -132,8 +132,8 @@ def vision(unit: Unit) -> Row:
 
 def touch(unit: Unit) -> Row:
     depth = each_sensor(depth_of, unit)
-    readings = np.array([[tactile_image(one, SENSOR) for one in grasp] for grasp in depth])
-    return {"depth": depth, "reading": readings}
+    tactile_images = np.array([[tactile_image(one, SENSOR) for one in grasp] for grasp in depth])
+    return {"depth": depth, "tactile_image": tactile_images}
 
 
 def chart_of(unit: Unit, grasp: int, sensor: int) -> np.ndarray:

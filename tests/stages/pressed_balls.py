@@ -69,7 +69,7 @@ class Made(ObjectStage):
             depth = depths(unit.rng("balls"))
             if self.output.name == "touch":
                 images = [tactile_image(image, SENSOR) for image in depth.reshape(-1, *SENSOR.shape)]
-                return {"depth": depth, "reading": np.stack(images).reshape(*depth.shape, 3)}
+                return {"depth": depth, "tactile_image": np.stack(images).reshape(*depth.shape, 3)}
             return {
                 "hand_pose": np.tile(np.eye(4), (GRASPS_EACH, 1, 1)),
                 "joint_angles": np.zeros((GRASPS_EACH, 16)),
