@@ -32,7 +32,7 @@ for epoch in range(int(epochs)):
         tactile_images, depth = batch["tactile_image"][touched], batch["depth"][touched]  # (N, H, W, 3) uint8, (N, H, W) m
         if not len(tactile_images):
             continue
-        mask = contact_mask(tactile_images, batch["untouched"][0])  # pixels that the object changed
+        mask = contact_mask(tactile_images, batch["untouched"][0, 0])  # pixels that the object changed
         predicted = network(network_input(tactile_images, torch.float32)) * sensor.w
         loss = masked_depth_loss(predicted, depth, mask, width=sensor.width, gel=gel)
         optimiser.zero_grad()

@@ -6,7 +6,7 @@ TOUCH = Artifact(
     name="touch",
     stage="simulate-touch",
     order=3,
-    version=2,
+    version=3,
     summary="What every sensor of every grasp feels: depth, tactile image, and the surface points in its gel.",
     arrays={
         **coordinates("grasp", "sensor"),
@@ -22,19 +22,11 @@ TOUCH = Artifact(
             ("object", "grasp", "sensor", "row", "col", "rgb"), "uint8", "1/255", "R: the tactile image of `depth`.", equation="2-5"
         ),
         "untouched": Array(
-            ("row", "col", "rgb"),
-            "uint8",
-            "1/255",
-            "The tactile image of a sensor that nothing touches: losses mask against it.",
-            equation="2-5",
-        ),
-        "untouched_of_sensor": Array(
             ("sensor", "row", "col", "rgb"),
             "uint8",
             "1/255",
-            "Where the fingers wear different sensors: the untouched tactile image of each; `untouched` is the first's.",
+            "The tactile image of each sensor when nothing touches it: losses mask against it.",
             equation="2-5",
-            optional=True,
         ),
         "local_points": Array(
             ("object", "grasp", "sensor", "point", "xyz"),

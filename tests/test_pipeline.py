@@ -179,7 +179,7 @@ def test_grasps_are_read_as_tensors(made):
     item = train[3]
     assert (item["object_id"], item["grasp"]) == (train.items[3][0], 3)
     assert item["points"].shape == (2000, 3)
-    assert item["occluded"].shape == (256, 256, 3)
+    assert item["occluded"].shape == (1, 256, 256, 3)
     assert item["tactile_image"].shape == (4, 100, 100, 3)
     depth, count = item["depth"].numpy(), item["local_count"].numpy()
     np.testing.assert_array_equal(count, (depth < np.float32(6.8e-3)).sum(axis=(1, 2)))

@@ -20,9 +20,10 @@ from skimage.transform import resize
 from benchmarks.stored_grasps import examine
 from benchmarks.tradeoff.runs import Made
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.kernels.metrics.bootstrap import mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.models.touch_model import load_touch_model
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
@@ -133,12 +134,12 @@ def grasps(made: Made, reference: Path) -> Errors:
 def vision(made: Made, reference: Path) -> Errors:
     """Compare the images, enlarged to the reference's size, with it."""
     squares, likeness, silhouette = [], [], []
-    for (image, labels), (truth, true_labels) in _pairs(made, reference, "unoccluded", "segmentation"):
+    for ((image,), labels), ((truth,), true_labels) in _pairs(made, reference, "unoccluded", "segmentation"):
         size = truth.shape[:2]
         ours, theirs = resize(image / 255.0, (*size, 3), order=1), truth / 255.0  # type: ignore[no-untyped-call]
         squares.append(np.mean((ours - theirs) ** 2))
         likeness.append(structural_similarity(ours, theirs, channel_axis=2, data_range=1.0))  # type: ignore[no-untyped-call]
-        mask, true_mask = resize(labels[0] == 1, size, order=0), true_labels[0] == 1  # type: ignore[no-untyped-call]
+        mask, true_mask = resize(labels[0, 0] == 1, size, order=0), true_labels[0, 0] == 1  # type: ignore[no-untyped-call]
         silhouette.append((mask != true_mask).sum() / true_mask.sum())
     figures = {
         "difference RMS, levels of 255": 255 * float(np.sqrt(np.mean(squares))),
@@ -150,7 +151,7 @@ def vision(made: Made, reference: Path) -> Errors:
 
 def touch(made: Made, reference: Path) -> Errors:
     """Measure how far depths in the gel and beyond it are off, and how many tactile images show it."""
-    sensor = Sensor.model_validate(DataDirectory(reference).collection(TOUCH).shards[0].attributes["sensor"])
+    sensor = touch_sensor(DataDirectory(reference).collection(TOUCH).first.attributes)
     near: list[NDArray[np.float64]] = []
     far: list[NDArray[np.float64]] = []
     wrong, lost = [], 0

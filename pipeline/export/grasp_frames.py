@@ -76,7 +76,7 @@ class GraspFrames:
             for name in self._felt:
                 values = self.rows.read(name, object_id, grasp)
                 frame |= {f"{name}.{finger}": value for finger, value in zip(self.fingers, values, strict=True)}
-            frame |= {name: self.rows.read(name, object_id, grasp if name == "occluded" else None) for name in self._seen}
+            frame |= {name: self.rows.read(name, object_id, grasp, camera=0) for name in self._seen}
             yield frame
 
     def _describe(self) -> dict[str, Column]:

@@ -191,7 +191,7 @@ class _Observer:
                 )
             return stored_observation(rows, object_id, grasps, config)
         rows = _open(data, [*([config.image] if config.image else []), *TOUCHES], object_id, grasps)
-        image = rows.read(config.image, object_id, grasps[0]) if config.image else None
+        image = rows.read(config.image, object_id, grasps[0], camera=0) if config.image else None
         tactile_images, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
         self.unet.check_sensor(rows.sensor())
         return Observation(image, *self._charts(tactile_images, poses, touched, object_id))
@@ -289,7 +289,7 @@ def _shown(data: Place, object_id: str, image: str | None, grasps: Sequence[int]
     """Read where a stored image shows the object, and neither hand nor background."""
     if image not in ("occluded", "unoccluded"):
         return None
-    labels = ObjectRows(data, ["segmentation"], split=None).read("segmentation", object_id)  # alone, then in each grasp
+    labels = ObjectRows(data, ["segmentation"], split=None).read("segmentation", object_id, camera=0)  # alone, then in each grasp
     return np.asarray(labels[0 if image == "unoccluded" else 1 + grasps[0]] == Label.OBJECT)
 
 

@@ -45,8 +45,8 @@ def observed_arrays(config: NetworkInputs) -> tuple[str, ...]:
 
 
 def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], config: NetworkInputs) -> Observation:
-    """Read what a network is given of a stored object: the image of the first of these grasps (or viewpoints), and the charts of all."""
-    image = None if config.image is None else rows.read(config.image, object_id, grasps[0])
+    """Read what a network is given of an object: the first camera's image of the first grasp (or viewpoint), the charts of all."""
+    image = None if config.image is None else rows.read(config.image, object_id, grasps[0], camera=0)
     if not config.touch:
         camera = rows.read("rendering_camera", object_id, grasps[0]) if config.image == "rendering" else None
         return Observation(image, camera=camera)

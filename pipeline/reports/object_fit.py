@@ -38,14 +38,13 @@ def misfits(plan: Plan[ShardOutput]) -> Iterator[str]:
         yield from _of_unfit_size(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
     if isinstance(plan.settings, VisionSettings):
         scene = load_scene(plan.settings.scene)
-        cameras = [("the camera", scene.camera), *((f"camera {one.name}", one) for one in scene.cameras)]
         found: dict[tuple[str, ...], list[str]] = {}
         for name, points in _points(plan):
             for fault, is_so in (
-                ("not whole in the image of", leaves_image),
-                (f"smaller than {100 * SPECK:.0f} % of the image of", is_speck),
+                ("not whole in the image of camera", leaves_image),
+                (f"smaller than {100 * SPECK:.0f} % of the image of camera", is_speck),
             ):
-                if views := [title for title, camera in cameras if is_so(camera, points)]:
+                if views := [camera.name for camera in scene.cameras if is_so(camera, points)]:
                     found.setdefault((fault, *views), []).append(name)
         for (fault, *views), names in found.items():
             remedy = f"move it or change its focal length in a scene file ({plan.settings.scene}), or scale the objects"

@@ -106,9 +106,9 @@ class ObjectPages:
             )
         pictures = []
         if "vision" in rows:
-            shown = {"the object alone": rows["vision"]["unoccluded"]}
+            shown = {"the object alone": rows["vision"]["unoccluded"][0]}
             if "occluded" in list(rows["vision"]):
-                shown["in this grasp"] = rows["vision"]["occluded"][number]
+                shown["in this grasp"] = rows["vision"]["occluded"][number, 0]
             for caption, image in shown.items():
                 height, width = image.shape[:2]
                 pictures.append(
@@ -145,8 +145,8 @@ def _thumbnail(rows: Rows) -> NDArray[np.uint8]:
     """Take the object's camera image, cut around the object; the first tactile image where there is none."""
     if "vision" not in rows:
         return np.asarray(rows["touch"]["tactile_image"][0, 0])
-    shown = np.argwhere(rows["vision"]["segmentation"][0] == 1)
-    image = rows["vision"]["unoccluded"]
+    shown = np.argwhere(rows["vision"]["segmentation"][0, 0] == 1)
+    image = rows["vision"]["unoccluded"][0]
     if not len(shown):
         return np.asarray(image)
     middle, reach = (shown.min(axis=0) + shown.max(axis=0)) // 2, int(np.ptp(shown, axis=0).max() * 0.58) + 2

@@ -88,7 +88,7 @@ def clearest_grasp(source: ReportSource, ids: Sequence[str]) -> tuple[str, int]:
     for object_id in ids:
         rows = source.rows(object_id)
         touches = rows["grasps"]["touch_success"].sum(axis=1)
-        seen = rows["vision"]["segmentation"][1:] if "vision" in rows else np.ones((len(touches), 1, 1))
+        seen = rows["vision"]["segmentation"][1:, 0] if "vision" in rows else np.ones((len(touches), 1, 1))
         for grasp, touched in enumerate(touches):
             shown = [np.count_nonzero(seen[grasp] == label) for label in (1, 2)] if len(seen) > grasp else [1, 1]
             scores[object_id, grasp] = (int(touched), min(2 * shown[0], shown[1]))

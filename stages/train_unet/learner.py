@@ -77,7 +77,7 @@ def load_touches(data: Place, split: str) -> Touches:
             "take more objects, or more simulate-grasps.attempts"
         )
     sensor = rows.sensor()
-    return Touches(rows, np.argwhere(success), sensor, rows.read("untouched", rows.object_ids[0]))
+    return Touches(rows, np.argwhere(success), sensor, rows.read("untouched", rows.object_ids[0])[0])
 
 
 class UnetLearner(Learner):

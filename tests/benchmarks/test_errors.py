@@ -39,10 +39,10 @@ from tests.stages import ball_dataset as spheres
 from tests.stages.pressed_balls import SENSOR
 
 UM, MM = 1e-6, 1e-3
-ATTRIBUTES: dict[str, dict[str, Any]] = {"touch": {"sensor": SENSOR.model_dump(mode="json")}}
+ATTRIBUTES: dict[str, dict[str, Any]] = {"touch": {"sensors": [SENSOR.model_dump(mode="json")] * 2}}
 CONSTANTS: dict[str, Row] = {
-    "touch": {"untouched": untouched_image(SENSOR)},
-    "vision": {"camera": projection_matrix(spheres.CAMERA)},
+    "touch": {"untouched": np.stack([untouched_image(SENSOR)] * 2)},
+    "vision": {"camera": np.array(["front"]), "projection": projection_matrix(spheres.CAMERA)[None]},
     "charts": {"chart_faces": np.zeros((1, 3), np.int32)},
 }
 
@@ -148,7 +148,7 @@ def image(level: int, size: int, columns: slice) -> Row:
     segmentation[0, size // 4 : 3 * size // 4, columns] = 1
     segmentation[0, 0] = 2
     segmentation[1] = 1
-    return {"unoccluded": np.full((size, size, 3), level, np.uint8), "segmentation": segmentation}
+    return {"unoccluded": np.full((1, size, size, 3), level, np.uint8), "segmentation": segmentation[:, None]}
 
 
 def test_images_differ_by_their_levels_and_silhouettes_by_their_columns(tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_images_differ_by_their_levels_and_silhouettes_by_their_columns(tmp_path
 
 def felt(off: float = 0.0, beyond: float = 0.0, outlier: float = 0.0, lost: int = 0, invented: int = 0, changed: int = 0) -> Row:
     """Depths of a step in the gel, of its very top, and beyond it, moved by a distance; some pixels have other hits and images."""
-    depth = np.full((2, 3, *SENSOR.shape), np.inf)
+    depth = np.full((3, 2, *SENSOR.shape), np.inf)
     depth[..., :10, :] = 3 * MM + off / 2
     depth[..., 10:15, :] = SENSOR.w - 0.5 * UM + off
     depth[..., 15:19, :] = 20 * MM + beyond

@@ -104,7 +104,8 @@ def _make(data: Path) -> None:
         )
         shapes = [{path: value.shape for path, value in row.items()} for row in found.values()]
         encoded = [encode_row(artifact, row) for row in found.values()]
-        attributes = {"sensor": load_sensor("gel_16mm").model_copy(update={"rows": SIZE, "cols": SIZE}).model_dump(mode="json")}
+        sensor = load_sensor("gel_16mm").model_copy(update={"rows": SIZE, "cols": SIZE}).model_dump(mode="json")
+        attributes = {"sensors": [sensor] * SIZE}
         ShardOutput(directory, artifact, 0, 1).commit(record, shapes, encoded.__getitem__, constants, attributes)
     (folder := data / ".work" / "unet").mkdir(parents=True)
     (folder / "model.json").write_text("{}")

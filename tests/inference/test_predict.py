@@ -47,7 +47,7 @@ def files(data, tmp_path_factory):
     """What a user has of grasp 2: an image, four tactile images, a file of poses."""
     folder = tmp_path_factory.mktemp("files")
     item = GraspDataset(data, ["occluded", "tactile_image", "sensor_pose", "touch_success"], "test")[2]
-    Image.fromarray(item["occluded"].numpy()).save(folder / "image.png")
+    Image.fromarray(item["occluded"][0].numpy()).save(folder / "image.png")
     for number, tactile_image in enumerate(item["tactile_image"].numpy()):
         Image.fromarray(tactile_image).save(folder / f"touch-{number}.png")
     poses, touched = item["sensor_pose"].numpy(), item["touch_success"].numpy()
@@ -144,7 +144,7 @@ def test_files_give_what_the_store_gives(data, files, tmp_path):
     shutil.copytree(data, bare, ignore=shutil.ignore_patterns("charts"))
     stored = predict(tmp_path / "a.ply", data / "models", "occluded-touch", data=bare, object_id="a", grasps=[2])
     for poses in ("poses.json", "poses.npz", "unsaid.json"):
-        given = {"image": files / "image.png", "tactile images": tactile_images(files), "poses": files / poses}
+        given = {"image": files / "image.png", "tactile_images": tactile_images(files), "poses": files / poses}
         own = predict(tmp_path / "b.ply", data / "models", "occluded-touch", **given)
         assert (own.touched == stored.touched).all()
         np.testing.assert_array_equal(own.reconstruction.faces, stored.reconstruction.faces)
@@ -195,7 +195,7 @@ def test_what_cannot_be_predicted_is_an_error(data, tmp_path, asked, error, word
 
 
 def test_files_that_do_not_fit_are_errors(data, files, tmp_path):
-    given = {"tactile images": tactile_images(files), "poses": files / "poses.json"}
+    given = {"tactile_images": tactile_images(files), "poses": files / "poses.json"}
 
     def refused(words, **changes):
         with pytest.raises(PipelineError, match=words):
@@ -222,7 +222,7 @@ def test_files_that_do_not_fit_are_errors(data, files, tmp_path):
 def test_another_training_is_used_where_it_is_asked_for(data, files, tmp_path):
     copy = shutil.copytree(data, tmp_path / "data")
     spheres.make_model(copy, "touch", training_seed=1)
-    given = {"tactile images": tactile_images(files), "poses": files / "poses.json"}
+    given = {"tactile_images": tactile_images(files), "poses": files / "poses.json"}
     first, second = (predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=seed, **given) for seed in (0, 1))
     assert not np.array_equal(first.reconstruction.vertices, second.reconstruction.vertices)
     with pytest.raises(StageError, match=r"seed-2 has no model touch: there are none at all; train it with"):

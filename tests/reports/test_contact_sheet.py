@@ -34,7 +34,7 @@ def make_band(name: str) -> Band:
 @pytest.fixture(scope="module")
 def maker() -> Iterator[BandMaker]:
     names = {"vision": {"settings": {"scene": "supplement", "hand": "allegro_right"}}, "grasps": {"settings": {"hand": "allegro_right"}}}
-    with band_maker(names | {"touch": {"sensor": SENSOR.model_dump()}}) as opened:
+    with band_maker(names | {"touch": {"sensors": [SENSOR.model_dump()] * 4}}) as opened:
         yield opened
 
 
@@ -85,7 +85,7 @@ def test_band_shows_hand_object_and_marks(maker) -> None:
     rows = {
         "surfaces": mesh_row(ball(0.04)),
         "grasps": {name: np.array([value]) for name, value in grasp.items()},
-        "vision": {"unoccluded": np.zeros((256, 256, 3), np.uint8)},
+        "vision": {"unoccluded": np.zeros((1, 256, 256, 3), np.uint8)},
         "touch": {name: value[None] for name, value in touch.items()},
     }
     band = maker.band("ball", rows)

@@ -60,7 +60,7 @@ def task(heights: tuple[float, ...] = (0.003, 1.0, 0.0055, 0.00675), name: str =
     depth = np.stack([depth_of(height) for height in heights]).reshape(2, 2, 100, 100)
     tactile_images = np.stack([tactile_image(one, SENSOR) for one in depth.reshape(4, 100, 100)]).reshape(2, 2, 100, 100, 3)
     touch = GivenRow(depth=depth, tactile_image=tactile_images)
-    touch.attributes = {"sensor": SENSOR.model_copy(update=sensor).model_dump(mode="json")}
+    touch.attributes = {"sensors": [SENSOR.model_copy(update=sensor).model_dump(mode="json")] * 2}
     return Unit(name), {"touch": touch, "grasps": {"sensor_pose": poses(), "touch_success": touch_success(depth, SENSOR)}}
 
 

@@ -80,9 +80,10 @@ def draw_grasps(shown: Shown, path: Path) -> None:
 def draw_vision(shown: Shown, path: Path) -> None:
     """The images without and with the hand, and what is what in them."""
     vision, grasp = shown.rows["vision"], shown.grasp
-    segments = vision["segmentation"][1 + grasp]
+    segments = vision["segmentation"][1 + grasp, 0]
     draw_row(
-        [("V_u: alone", vision["unoccluded"]), ("V_o: in a grasp", vision["occluded"][grasp]), ("segmentation", SEGMENTS[segments])], path
+        [("V_u: alone", vision["unoccluded"][0]), ("V_o: in a grasp", vision["occluded"][grasp, 0]), ("segmentation", SEGMENTS[segments])],
+        path,
     )
 
 

@@ -27,7 +27,7 @@ def explain(job: DatasetJob) -> Iterator[Count]:
     yield arrays_read(ARRAYS, (TOUCH, GRASPS))
     for name in ("train", "valid"):
         rows = ObjectRows(job.data, ["touch_success", "untouched", "tactile_image"], name)
-        untouched = torch.tensor(rows.read("untouched", rows.object_ids[0]))
+        untouched = torch.tensor(rows.read("untouched", rows.object_ids[0])[0])
         success = np.stack([rows.read("touch_success", object_id) for object_id in rows.object_ids])
         yield Count("tactile images learnt from", int(success.sum()), int((~success).sum()), "the sensor touched nothing")
         for object_id, touched in list(zip(rows.object_ids, success, strict=True))[:OBJECTS]:
