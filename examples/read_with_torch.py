@@ -13,7 +13,7 @@ data = sys.argv[1] if len(sys.argv) > 1 else "data/toy/draft"
 split = sys.argv[2] if len(sys.argv) > 2 else "train"
 
 # Any arrays of docs/data-format.md. Only the artifacts that hold them are opened.
-grasps = GraspDataset(data, ["reading", "depth", "touch_success", "sensor_pose", "occluded", "points"], split)
+grasps = GraspDataset(data, ["tactile_image", "depth", "touch_success", "sensor_pose", "occluded", "points"], split)
 print(f"{len(grasps)} grasps of {len(grasps.rows)} objects in split {split}; left out: {grasps.left_out or 'none'}")
 
 item = grasps[0]

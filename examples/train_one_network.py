@@ -18,7 +18,7 @@ from pipeline.kernels.tensor_checks import network_input
 from pipeline.kernels.touch.gel_surface import gel_surface
 
 data, split, epochs = (*sys.argv[1:], *("data/toy/draft", "train", "2")[len(sys.argv) - 1 :])
-grasps = GraspDataset(data, ["reading", "depth", "touch_success", "untouched"], split)
+grasps = GraspDataset(data, ["tactile_image", "depth", "touch_success", "untouched"], split)
 sensor = grasps.rows.sensor()
 gel = torch.tensor(gel_surface(sensor))  # its thickness, or where it is curved, its height at each pixel
 torch.manual_seed(0)
@@ -29,11 +29,11 @@ for epoch in range(int(epochs)):
     losses = []
     for batch in DataLoader(grasps, batch_size=1, shuffle=True):
         touched = batch["touch_success"]  # (B, sensor) bool
-        readings, depth = batch["reading"][touched], batch["depth"][touched]  # (N, H, W, 3) uint8, (N, H, W) m
-        if not len(readings):
+        tactile_images, depth = batch["tactile_image"][touched], batch["depth"][touched]  # (N, H, W, 3) uint8, (N, H, W) m
+        if not len(tactile_images):
             continue
-        mask = contact_mask(readings, batch["untouched"][0])  # pixels that the object changed
-        predicted = network(network_input(readings, torch.float32)) * sensor.w
+        mask = contact_mask(tactile_images, batch["untouched"][0, 0])  # pixels that the object changed
+        predicted = network(network_input(tactile_images, torch.float32)) * sensor.w
         loss = masked_depth_loss(predicted, depth, mask, width=sensor.width, gel=gel)
         optimiser.zero_grad()
         loss.backward()

@@ -1,4 +1,4 @@
-"""What `simulate-touch` writes: depth maps and readings of every sensor of every grasp."""
+"""What `simulate-touch` writes: depth maps and tactile images of every sensor of every grasp."""
 
 from schemas.base import Array, Artifact, coordinates
 
@@ -6,8 +6,8 @@ TOUCH = Artifact(
     name="touch",
     stage="simulate-touch",
     order=3,
-    version=2,
-    summary="What every sensor of every grasp feels: depth, tactile reading, and the surface points in its gel.",
+    version=3,
+    summary="What every sensor of every grasp feels: depth, tactile image, and the surface points in its gel.",
     arrays={
         **coordinates("grasp", "sensor"),
         "depth": Array(
@@ -18,19 +18,15 @@ TOUCH = Artifact(
             equation="1",
             infinite=True,
         ),
-        "reading": Array(
+        "tactile_image": Array(
             ("object", "grasp", "sensor", "row", "col", "rgb"), "uint8", "1/255", "R: the tactile image of `depth`.", equation="2-5"
         ),
         "untouched": Array(
-            ("row", "col", "rgb"), "uint8", "1/255", "The reading of a sensor that nothing touches: losses mask against it.", equation="2-5"
-        ),
-        "untouched_of_sensor": Array(
             ("sensor", "row", "col", "rgb"),
             "uint8",
             "1/255",
-            "Where the fingers wear different sensors: the untouched reading of each; `untouched` is the first's.",
+            "The tactile image of each sensor when nothing touches it: losses mask against it.",
             equation="2-5",
-            optional=True,
         ),
         "local_points": Array(
             ("object", "grasp", "sensor", "point", "xyz"),

@@ -173,14 +173,14 @@ def test_a_changed_line_in_a_kernel_rebuilds_what_stands_on_it_and_nothing_else(
 
 
 def test_grasps_are_read_as_tensors(made):
-    arrays = ("points", "occluded", "reading", "depth", "sensor_pose", "touch_success", "local_points", "local_count", "untouched")
+    arrays = ("points", "occluded", "tactile_image", "depth", "sensor_pose", "touch_success", "local_points", "local_count", "untouched")
     train = GraspDataset(made, arrays)
     assert len(train) == 2 * 5
     item = train[3]
     assert (item["object_id"], item["grasp"]) == (train.items[3][0], 3)
     assert item["points"].shape == (2000, 3)
-    assert item["occluded"].shape == (256, 256, 3)
-    assert item["reading"].shape == (4, 100, 100, 3)
+    assert item["occluded"].shape == (1, 256, 256, 3)
+    assert item["tactile_image"].shape == (4, 100, 100, 3)
     depth, count = item["depth"].numpy(), item["local_count"].numpy()
     np.testing.assert_array_equal(count, (depth < np.float32(6.8e-3)).sum(axis=(1, 2)))
     everyone = {split: GraspDataset(made, ["points"], split).items for split in ("train", "valid", "test")}

@@ -34,12 +34,12 @@ def draw_overview(data: Path, object_id: str, path: Path) -> None:
         band = maker.band(object_id, rows)
         reconstruction = render_mesh(maker.renderer, predicted_mesh(directory.collection(CHARTS), object_id, table, case))
     (_, seen), (_, occluded), (_, held), _ = band.pictures
-    part = surroundings(rows["vision"]["segmentation"][:2] > 0)
+    part = surroundings(rows["vision"]["segmentation"][:2, 0] > 0)
     panels = [
         ("object", seen[part]),
         ("in a grasp", occluded[part]),
         ("from a second side", held),
-        ("tactile images", _grid(list(band.readings))),
+        ("tactile images", _grid(list(band.tactile_images))),
         ("depth maps", _grid([depth_colors(depth, sensor) for depth, sensor in zip(band.depths, maker.sensors, strict=True)])),
         (f"reconstruction, {table['grasps_given'][case]} grasps", reconstruction[part]),
     ]

@@ -20,9 +20,10 @@ from skimage.transform import resize
 from benchmarks.stored_grasps import examine
 from benchmarks.tradeoff.runs import Made
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.kernels.metrics.bootstrap import mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.models.touch_model import load_touch_model
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
@@ -133,12 +134,12 @@ def grasps(made: Made, reference: Path) -> Errors:
 def vision(made: Made, reference: Path) -> Errors:
     """Compare the images, enlarged to the reference's size, with it."""
     squares, likeness, silhouette = [], [], []
-    for (image, labels), (truth, true_labels) in _pairs(made, reference, "unoccluded", "segmentation"):
+    for ((image,), labels), ((truth,), true_labels) in _pairs(made, reference, "unoccluded", "segmentation"):
         size = truth.shape[:2]
         ours, theirs = resize(image / 255.0, (*size, 3), order=1), truth / 255.0  # type: ignore[no-untyped-call]
         squares.append(np.mean((ours - theirs) ** 2))
         likeness.append(structural_similarity(ours, theirs, channel_axis=2, data_range=1.0))  # type: ignore[no-untyped-call]
-        mask, true_mask = resize(labels[0] == 1, size, order=0), true_labels[0] == 1  # type: ignore[no-untyped-call]
+        mask, true_mask = resize(labels[0, 0] == 1, size, order=0), true_labels[0, 0] == 1  # type: ignore[no-untyped-call]
         silhouette.append((mask != true_mask).sum() / true_mask.sum())
     figures = {
         "difference RMS, levels of 255": 255 * float(np.sqrt(np.mean(squares))),
@@ -150,24 +151,24 @@ def vision(made: Made, reference: Path) -> Errors:
 
 def touch(made: Made, reference: Path) -> Errors:
     """Measure how far depths in the gel and beyond it are off, and how many tactile images show it."""
-    sensor = Sensor.model_validate(DataDirectory(reference).collection(TOUCH).shards[0].attributes["sensor"])
+    sensor = touch_sensor(DataDirectory(reference).collection(TOUCH).first.attributes)
     near: list[NDArray[np.float64]] = []
     far: list[NDArray[np.float64]] = []
     wrong, lost = [], 0
-    for (depth, reading), (truth, true_reading) in _pairs(made, reference, "depth", "reading"):
+    for (depth, image), (truth, true_image) in _pairs(made, reference, "depth", "tactile_image"):
         both = np.isfinite(depth) & np.isfinite(truth)
         lost += int((np.isfinite(depth) != np.isfinite(truth)).sum())
         error = np.abs(depth[both].astype(np.float64) - truth[both])
         near.append(error[truth[both] < sensor.w])
         far.append(error[truth[both] >= sensor.w])
-        wrong.append(np.mean((reading != true_reading).any(axis=-1)))
+        wrong.append(np.mean((image != true_image).any(axis=-1)))
     inside, beyond = 1e6 * np.concatenate(near), 1e6 * np.concatenate(far)
     figures = {
         "depth in the gel, 99.9 % within, um": float(np.percentile(inside, 99.9)),
         "worst in the gel, um": float(inside.max()),
         "99.9 % beyond it, um": float(np.percentile(beyond, 99.9)),
         "hits lost or invented": float(lost),
-        "readings changed, % of pixels": 100 * float(np.mean(wrong)),
+        "tactile images changed, % of pixels": 100 * float(np.mean(wrong)),
     }
     return Errors(figures, [1e6 * float(np.percentile(error, 99.9)) for error in near if len(error)])
 
@@ -176,10 +177,10 @@ def unet(made: Made, reference: Path) -> Errors:
     """Compare the predicted depths of test objects with the true ones, where the sensors touched."""
     touches = load_touches(made.data, "test")
     model = load_touch_model(DataDirectory(made.data).folder_path("models/unet"), "cpu")
-    readings, depth = (tensor.numpy() for tensor in touches.read(range(len(touches))))
+    tactile_images, depth = (tensor.numpy() for tensor in touches.read(range(len(touches))))
     contact = depth < touches.sensor.w
-    mask = model.mask(readings)
-    predicted = model.depth(readings)
+    mask = model.mask(tactile_images)
+    predicted = model.depth(tactile_images)
     distance = []
     x, y = pixel_centres(touches.sensor)
     for ours, seen, theirs, felt in zip(predicted, mask, depth, contact, strict=True):

@@ -89,7 +89,9 @@ def predict(
     grasps: Annotated[list[int] | None, typer.Option("--grasp", min=0, help="Of its grasps, from 0; several times for several.")] = None,
     view: Annotated[int, typer.Option(min=0, help="Of its renderings, from 0; for single-image.")] = 0,
     image: Annotated[Path | None, typer.Option(help="8-bit RGB file from the camera the model was trained with.")] = None,
-    readings: Annotated[list[Path] | None, typer.Option("--reading", help="A tactile image, one per sensor, as the poses.")] = None,
+    tactile_images: Annotated[
+        list[Path] | None, typer.Option("--tactile-image", help="A tactile image, one per sensor, as the poses.")
+    ] = None,
     poses: Annotated[Path | None, typer.Option(help=".json or .npz: poses (4 x 4, sensor frame to world, m), perhaps touched.")] = None,
     training_seed: Annotated[int, typer.Option(min=0, help="Which training of the model, where there are several.")] = 0,
     surface: Annotated[str, typer.Option(help="charts, joined (at their seams), both, or closed: one smooth watertight mesh.")] = "both",
@@ -116,7 +118,7 @@ def predict(
         grasps=grasps or [0],
         view=view,
         image=image,
-        readings=readings or [],
+        tactile_images=tactile_images or [],
         poses=poses,
         surface=cast(prediction.Surface, surface),
         resolution=resolution,

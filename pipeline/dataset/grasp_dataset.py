@@ -19,13 +19,13 @@ class GraspDataset(Dataset[Item]):
     """The grasps of a dataset's split, each a dict of tensors and the object's name.
 
     Arrays with a grasp dimension give that grasp's part, arrays of the object come whole and are read once per object, constants
-    (`camera`, `untouched`) come as they are; shapes, units and frames are the schemas'. `local_points` and `local_count`
+    (`projection`, `untouched`) come as they are; shapes, units and frames are the schemas'. `local_points` and `local_count`
     are computed from depth and pose where they are not stored: the same to the bit. Parameters and errors are those of `ObjectRows`.
 
     Examples
     --------
-    >>> train = GraspDataset("data/toy/draft", ["reading", "sensor_pose", "points"], split="train")  # doctest: +SKIP
-    >>> train[0]["reading"].shape  # doctest: +SKIP
+    >>> train = GraspDataset("data/toy/draft", ["tactile_image", "sensor_pose", "points"], split="train")  # doctest: +SKIP
+    >>> train[0]["tactile_image"].shape  # doctest: +SKIP
     torch.Size([4, 100, 100, 3])
     """
 

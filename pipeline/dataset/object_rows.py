@@ -28,9 +28,9 @@ POINTS = ("local_points", "local_count")
 """Arrays that need not be stored: depth and sensor pose give them again, to the bit."""
 
 DIFFERENCE = "difference"
-"""Not stored: the reading minus that of the untouched sensor, (grasp, sensor, row, col, rgb) int16, levels."""
+"""Not stored: the tactile image minus that of the untouched sensor, (grasp, sensor, row, col, rgb) int16, levels."""
 
-DERIVED = {**dict.fromkeys(POINTS, ("depth", "sensor_pose")), DIFFERENCE: ("reading", "untouched")}
+DERIVED = {**dict.fromkeys(POINTS, ("depth", "sensor_pose")), DIFFERENCE: ("tactile_image", "untouched")}
 """What arrays follow from that need not be stored."""
 
 Described = TypeVar("Described")
@@ -109,11 +109,11 @@ class ObjectRows:
         return self._collections[artifact].first.attributes
 
     def sensor(self) -> Sensor:
-        """The sensor of the tactile images; a `StoreError` where `touch` says none, or fingers wear different ones."""
+        """Read the sensor of all tactile images; a `StoreError` if `touch` describes none, or the fingers wear different ones."""
         return self._described(touch_sensor)
 
     def sensors(self) -> tuple[Sensor, ...]:
-        """The sensor that each finger wears, or the one of all fingers, once; a `StoreError` where `touch` says none."""
+        """Read the sensor of each finger; a `StoreError` if `touch` describes none."""
         return self._described(touch_sensors)
 
     def _described(self, read: Callable[[Mapping[str, Any]], Described]) -> Described:
@@ -130,10 +130,24 @@ class ObjectRows:
         position = self._owner[array].arrays[array].dims.index(dim)
         return int(self._collections[self._owner[array].name].first.array(array).shape[position])
 
-    def read(self, array: str, object_id: str, grasp: int | None = None) -> np.ndarray:
-        """Read an object's part of an array, or of one of its grasps or viewpoints; whole where the array has no object dimension.
+    def read(self, array: str, object_id: str, grasp: int | None = None, camera: int | None = None) -> np.ndarray:
+        """Read an object's part of an array; the array itself if it has no object dimension.
 
-        The result is shared with other readers: copy it to change it.
+        Parameters
+        ----------
+        array, object_id
+            Names of the array and of the object.
+        grasp, camera
+            Numbers of a grasp (or viewpoint) and of a camera, whose part alone is read; None for all. Arrays without them ignore them.
+
+        Returns
+        -------
+        What is left of the schema's dimensions. Other readers share it: copy it to change it.
+
+        Raises
+        ------
+        StoreError
+            A part of the array is missing or damaged.
         """
         if array == DIFFERENCE:
             return self._difference(object_id, grasp)
@@ -145,28 +159,28 @@ class ObjectRows:
         if dims[0] != "object":
             return self._cache.get((array,), lambda: shard.read(array))
         by_grasp = grasp is not None and len(dims) > 1 and dims[1] in CHOSEN
+        part = tuple(camera if dim == "camera" and camera is not None else slice(None) for dim in dims[1:])
         chunks, position = shard.array(array).chunks, shard.position[object_id]
         if chunks[0] > 1:  # a chunk holds several objects
             first = position - position % chunks[0]
-            row = self._cache.get((array, shard.path, first), lambda: shard.read(array, slice(first, first + chunks[0])))[position - first]
-        elif by_grasp and chunks[1] == 1 and grasp and (array, object_id) not in self._cache:
-            return self._cache.get((array, object_id, grasp), lambda: shard.read(array, (position, grasp)))
+            rows = self._cache.get((array, shard.path, first), lambda: shard.read(array, slice(first, first + chunks[0])))
+            row = rows[position - first][part]
+        elif by_grasp and chunks[1] == 1 and grasp and (array, object_id, camera) not in self._cache:
+            return self._cache.get((array, object_id, camera, grasp), lambda: shard.read(array, (position, grasp, *part[1:])))
         else:  # so is that of grasp 0, with which a pass through an object begins: one call in place of one per grasp
-            row = self._cache.get((array, object_id), lambda: shard.read(array, position))
+            row = self._cache.get((array, object_id, camera), lambda: shard.read(array, (position, *part)))
         return np.asarray(row[grasp] if by_grasp else row)
 
     def _derive(self, array: str, object_id: str, grasp: int | None) -> np.ndarray:
         sensors = self.sensors()
         depth, pose = (self.read(name, object_id, grasp) for name in ("depth", "sensor_pose"))
         sites = depth.shape[:-2]  # ([grasp,] sensor)
-        found = [local_points(depth[site], pose[site], sensors[site[-1] % len(sensors)])[POINTS.index(array)] for site in np.ndindex(sites)]
+        found = [local_points(depth[site], pose[site], sensors[site[-1]])[POINTS.index(array)] for site in np.ndindex(sites)]
         return np.stack(found).reshape(*sites, *np.shape(found[0]))
 
     def _difference(self, object_id: str, grasp: int | None) -> np.ndarray:
-        """Subtract the untouched image: that of each sensor, where the fingers wear different ones."""
-        touch = self._collections["touch"].first
-        untouched = touch.read("untouched_of_sensor") if touch.has("untouched_of_sensor") else self.read("untouched", object_id)
-        return np.asarray(self.read("reading", object_id, grasp).astype(np.int16) - untouched)
+        """Subtract each sensor's untouched image."""
+        return np.asarray(self.read("tactile_image", object_id, grasp).astype(np.int16) - self.read("untouched", object_id))
 
 
 class _Cache:

@@ -3,35 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.sensor import Sensor
 
+_SENSORS = TypeAdapter(Annotated[tuple[Sensor, ...], Field(min_length=1)])
+
 
 def touch_sensors(attributes: Mapping[str, Any]) -> tuple[Sensor, ...]:
-    """Read the sensors that the fingers wear.
-
-    Parameters
-    ----------
-    attributes
-        Of the root of a `touch` group.
-
-    Returns
-    -------
-    One per finger, or one alone where all wear the same.
-
-    Raises
-    ------
-    ValidationError
-        Nothing, or no sensor, is described.
-    """
-    said = attributes.get("sensor")
-    return tuple(Sensor.model_validate(one) for one in (said if isinstance(said, list) and said else [said]))
+    """Read the sensor of each finger from the attributes of a `touch` group's root; a `ValidationError` if one is not described."""
+    return _SENSORS.validate_python(attributes.get("sensors"))
 
 
 def touch_sensor(attributes: Mapping[str, Any]) -> Sensor:
-    """Read the sensor that all fingers wear; an `InvalidInput` where they wear different ones, otherwise as `touch_sensors`."""
+    """Read the sensor that all fingers wear; an `InvalidInput` if they wear different ones, otherwise as `touch_sensors`."""
     first, *others = touch_sensors(attributes)
     if different := {sensor.name for sensor in others if sensor != first}:
         raise InvalidInput(

@@ -55,7 +55,7 @@ class GraspFrames:
         made = [one for one in (TOUCH, VISION) if directory.collection(one).shards]
         images = [name for one in made if one is VISION for name in ("unoccluded", "occluded") if directory.collection(one).first.has(name)]
         self._arrays = ["touch_success", "joint_angles", "hand_pose", "sensor_pose"]
-        self._felt = ["reading", "depth"] if TOUCH in made else []
+        self._felt = ["tactile_image", "depth"] if TOUCH in made else []
         self._seen = images
         self.rows = ObjectRows(data, [*self._arrays, *self._felt, *self._seen], split=None)
         grasps = directory.collection(GRASPS)
@@ -73,11 +73,10 @@ class GraspFrames:
         for grasp in range(self.grasps):
             frame: dict[str, Any] = {"object_id": object_id, "category": self._categories[object_id], "split": split, "grasp": grasp}
             frame |= {name: self.rows.read(name, object_id, grasp) for name in self._arrays}
-            for name, label in (("reading", "tactile_image"), ("depth", "depth")):
-                if name in self._felt:
-                    values = self.rows.read(name, object_id, grasp)
-                    frame |= {f"{label}.{finger}": value for finger, value in zip(self.fingers, values, strict=True)}
-            frame |= {name: self.rows.read(name, object_id, grasp if name == "occluded" else None) for name in self._seen}
+            for name in self._felt:
+                values = self.rows.read(name, object_id, grasp)
+                frame |= {f"{name}.{finger}": value for finger, value in zip(self.fingers, values, strict=True)}
+            frame |= {name: self.rows.read(name, object_id, grasp, camera=0) for name in self._seen}
             yield frame
 
     def _describe(self) -> dict[str, Column]:

@@ -103,7 +103,7 @@ class _Recorder:
         for name, (vertices, faces) in (self.source.evaluation.surfaces(object_id) if self.source.evaluation else {}).items():
             self._mesh(f"world/predictions/{name}", vertices, faces, VISION_COLORS[0], static=True)
         if "vision" in rows:
-            log("camera/alone", rr.Image(rows["vision"]["unoccluded"]), static=True)
+            log("camera/alone", rr.Image(rows["vision"]["unoccluded"][0]), static=True)
         for grasp in grasps:
             self.recording.set_time("grasp", sequence=grasp)
             self._grasp(rows, grasp)
@@ -118,15 +118,15 @@ class _Recorder:
             log(f"world/hand/{link.name}", _transform(rr, frame))
         log("joint_angles", rr.BarChart(row["joint_angles"][grasp]))
         if "vision" in rows and "occluded" in list(rows["vision"]):
-            log("camera/in_grasp", rr.Image(rows["vision"]["occluded"][grasp]))
-            log("camera/segmentation", rr.SegmentationImage(rows["vision"]["segmentation"][1 + grasp]))
+            log("camera/in_grasp", rr.Image(rows["vision"]["occluded"][grasp, 0]))
+            log("camera/segmentation", rr.SegmentationImage(rows["vision"]["segmentation"][1 + grasp, 0]))
         fingers = zip(self.names, self.sensors, finger_colors(len(self.names)), strict=True)
         for number, (name, sensor, color) in enumerate(fingers):
             half = [sensor.width / 2, sensor.height / 2, sensor.w / 2]
             pose, depth = row["sensor_pose"][grasp, number], rows["touch"]["depth"][grasp, number]
             log(f"world/sensors/{name}", _transform(rr, pose))
             log(f"world/sensors/{name}/gel", rr.Boxes3D(centers=[[0, 0, half[2]]], half_sizes=[half], colors=[color]))
-            log(f"touch/{name}/tactile_image", rr.Image(rows["touch"]["reading"][grasp, number]))
+            log(f"touch/{name}/tactile_image", rr.Image(rows["touch"]["tactile_image"][grasp, number]))
             log(f"touch/{name}/depth", rr.DepthImage(np.where(np.isfinite(depth), depth, 0), meter=1.0))
             points, count = local_points(depth, pose, sensor)
             log(f"world/local_points/{name}", rr.Points3D(points[:count], colors=[color], radii=POINT))

@@ -46,6 +46,11 @@ class _FingerEntry(_Entry):
     sensor: _SensorMount | None = None
     sensors: list[_SensorMount] = []
 
+    @property
+    def mounts(self) -> list[_SensorMount]:
+        """All sensors of the finger: a file states one, a list, or none."""
+        return [*([self.sensor] if self.sensor else []), *self.sensors]
+
 
 class _PalmEntry(_Entry):
     link: str
@@ -124,7 +129,7 @@ def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
 def _check_entries(file: _HandFile, numbers: Mapping[str, int], joints: Sequence[Joint], path: Path) -> None:
     """Look at every entry by itself, so that all faults are reported at once."""
     names = [*file.convex_parts, *(link for pair in file.allowed_contacts for link in pair)]
-    worn = [(entry.name, [*([entry.sensor] if entry.sensor else []), *entry.sensors]) for entry in file.fingers]
+    worn = [(entry.name, entry.mounts) for entry in file.fingers]
     looks: list[Callable[[], object]] = [
         lambda: joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen),
         lambda: _unit(file.palm.facing, "palm: facing"),
@@ -167,7 +172,7 @@ def _fingers(file: _HandFile, roles: JointRoles, numbers: Mapping[str, int], pat
         moved = moved_links(roles.joints, [name for name, entry in entry_of.items() if entry in joints])
         first = len(mounts)
         for entry in entries:
-            for mount in _mounts(entry.name, [*([entry.sensor] if entry.sensor else []), *entry.sensors], numbers, file, path):
+            for mount in _mounts(entry.name, entry.mounts, numbers, file, path):
                 if mount.link not in moved:
                     link = next(name for name, number in numbers.items() if number == mount.link)
                     raise InvalidInput(f"sensor link {link!r} is not moved by the joints of finger {entry.name!r}")

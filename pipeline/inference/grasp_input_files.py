@@ -24,17 +24,15 @@ MAX_BYTES = 2**20
 """Of a file of poses, and of each array in it: some 8000 poses."""
 
 
-def read_readings(paths: Sequence[Path]) -> NDArray[np.uint8]:
+def read_tactile_images(paths: Sequence[Path]) -> NDArray[np.uint8]:
     """Read tactile images, one file per sensor, all of one size: (T, rows, cols, 3) uint8."""
-    readings: list[NDArray[np.uint8]] = []
-    for path in paths:
-        reading = read_image(path)
-        if readings and reading.shape != readings[0].shape:
+    tactile_images = [read_image(path) for path in paths]
+    for path, image in zip(paths, tactile_images, strict=True):
+        if image.shape != tactile_images[0].shape:
             raise InvalidInput(
-                f"{path} has {reading.shape[:2]} pixels, {paths[0]} has {readings[0].shape[:2]}; all come from one kind of sensor"
+                f"{path} has {image.shape[:2]} pixels, {paths[0]} has {tactile_images[0].shape[:2]}; give images of one kind of sensor"
             )
-        readings.append(reading)
-    return np.stack(readings) if readings else np.zeros((0, 0, 0, 3), np.uint8)
+    return np.stack(tactile_images) if tactile_images else np.zeros((0, 0, 0, 3), np.uint8)
 
 
 def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_] | None]:

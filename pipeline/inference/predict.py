@@ -18,7 +18,7 @@ from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.image_file import read_image
-from pipeline.inference.grasp_input_files import read_poses, read_readings
+from pipeline.inference.grasp_input_files import read_poses, read_tactile_images
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
@@ -36,7 +36,7 @@ from pipeline.training.device import device_of
 from schemas.charts import CHARTS
 from stages.fit_charts.settings import ChartSettings
 
-TOUCHES = ("reading", "sensor_pose", "touch_success")
+TOUCHES = ("tactile_image", "sensor_pose", "touch_success")
 """What charts are fitted to where none are stored."""
 Surface = Literal["charts", "joined", "both", "closed"]
 
@@ -93,7 +93,7 @@ def predict(
     grasps: Sequence[int] = (0,),
     view: int = 0,
     image: Path | None = None,
-    readings: Sequence[Path] = (),
+    tactile_images: Sequence[Path] = (),
     poses: Path | None = None,
     surface: Surface = "both",
     resolution: int = RESOLUTION,
@@ -114,7 +114,7 @@ def predict(
     data, object_id, grasps, view
         From a data directory: an object, and the grasps to give; the occluded image is the first one's. Touch charts that are stored
         there are taken as they are. The single-image model is given the rendering from this viewpoint, in place of grasps.
-    image, readings, poses
+    image, tactile_images, poses
         From files: an image from the camera that the network was trained with; tactile images, one per sensor; and their sensors'
         poses in that camera's world, see `read_poses`. Where the poses' file does not say which sensors touched, those did whose
         tactile image differs from an untouched one.
@@ -138,7 +138,7 @@ def predict(
     device = device_of(accelerator)
     observer = _Observer(_load(models, configuration, training_seed, device), models, device, seed)
     if data is not None:
-        if object_id is None or image is not None or readings or poses is not None:
+        if object_id is None or image is not None or tactile_images or poses is not None:
             raise StageError("from a data directory: name an object, and no files; from files: name no data directory")
         if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
             DataDirectory(data).check_origins([model_name(configuration, training_seed)])
@@ -146,7 +146,7 @@ def predict(
     else:
         if object_id is not None:
             raise StageError(f"object {object_id} of which data directory? Name it, or leave the object out")
-        observation = observer.of_files(image, readings, poses)
+        observation = observer.of_files(image, tactile_images, poses)
     made = observer.model.reconstruct([observation])[0]
     if surface != "closed":
         return Prediction(_write(out, made, surface), made, observation.touched)
@@ -190,26 +190,30 @@ class _Observer:
                 )
             return stored_observation(rows, object_id, grasps, config)
         rows = _open(data, [*([config.image] if config.image else []), *TOUCHES], object_id, grasps)
-        image = rows.read(config.image, object_id, grasps[0]) if config.image else None
-        readings, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
+        image = rows.read(config.image, object_id, grasps[0], camera=0) if config.image else None
+        tactile_images, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
         self.unet.check_sensor(rows.sensor())
-        return Observation(image, *self._charts(readings, poses, touched, object_id))
+        return Observation(image, *self._charts(tactile_images, poses, touched, object_id))
 
-    def of_files(self, image: Path | None, readings: Sequence[Path], poses: Path | None) -> Observation:
+    def of_files(self, image: Path | None, tactile_images: Sequence[Path], poses: Path | None) -> Observation:
         model = self.model
         if model.image == "rendering":
             raise StageError(f"model {model.configuration} needs the camera of its image: name a data directory, an object and a viewpoint")
-        needed = [("an image", model.image, image), ("tactile images", model.touch, readings), ("the sensors' poses", model.touch, poses)]
+        needed = [
+            ("an image", model.image, image),
+            ("tactile images", model.touch, tactile_images),
+            ("the sensors' poses", model.touch, poses),
+        ]
         if missing := [what for what, needs, given in needed if needs and not given]:
             raise StageError(f"model {model.configuration} needs {' and '.join(missing)}, and none is given")
         if model.image is None and image is not None:
             raise StageError(f"model {model.configuration} takes no image: leave it out, or name one that does")
-        if not model.touch and (readings or poses is not None):
-            raise StageError(f"model {model.configuration} takes no touch: leave readings and poses out, or name one that does")
+        if not model.touch and (tactile_images or poses is not None):
+            raise StageError(f"model {model.configuration} takes no touch: leave tactile images and poses out, or name one that does")
         seen = read_image(image) if model.image is not None and image is not None else None
         if poses is None:
             return Observation(seen)
-        felt, (placed, touched) = read_readings(readings), read_poses(poses)
+        felt, (placed, touched) = read_tactile_images(tactile_images), read_poses(poses)
         if len(felt) != len(placed):
             raise StageError(f"{len(felt)} tactile images and {len(placed)} poses in {poses}: there must be one pose per image, in order")
         return Observation(seen, *self._charts(felt, placed, touched, "files"))
@@ -224,10 +228,10 @@ class _Observer:
         return load_touch_model(DataDirectory(self.models).whole_folder("unet"), self.device)
 
     def _charts(
-        self, readings: NDArray[np.uint8], poses: NDArray[np.float64], touched: NDArray[np.bool_] | None, name: str
+        self, tactile_images: NDArray[np.uint8], poses: NDArray[np.float64], touched: NDArray[np.bool_] | None, name: str
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Fit charts (T, side², 3), world, m, as those that the model was trained on; (T,) which touched: unless told, all with points."""
-        width, clouds = self.unet.sensor.width, self.unet.clouds(readings)
+        width, clouds = self.unet.sensor.width, self.unet.clouds(tactile_images)
         flags = np.array([len(cloud) > 0 for cloud in clouds]) if touched is None else touched
         given = [cloud if flag else cloud[:0] for cloud, flag in zip(clouds, flags, strict=True)]
         generators = [torch_generator(self.seed, "predict", name, number) for number in range(len(given))]
@@ -284,7 +288,7 @@ def _shown(data: Place, object_id: str, image: str | None, grasps: Sequence[int]
     """Read where a stored image shows the object, and neither hand nor background."""
     if image not in ("occluded", "unoccluded"):
         return None
-    labels = ObjectRows(data, ["segmentation"], split=None).read("segmentation", object_id)  # alone, then in each grasp
+    labels = ObjectRows(data, ["segmentation"], split=None).read("segmentation", object_id, camera=0)  # alone, then in each grasp
     return np.asarray(labels[0 if image == "unoccluded" else 1 + grasps[0]] == Label.OBJECT)
 
 

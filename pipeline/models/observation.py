@@ -54,11 +54,11 @@ def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], 
     object_id
         The object.
     grasps
-        Grasps whose charts are given; the image is that of the first. Or a viewpoint.
+        Grasps whose charts are given; the image is the first camera's of the first. Or a viewpoint.
     config
         The network's inputs.
     """
-    image = None if config.image is None else rows.read(config.image, object_id, grasps[0])
+    image = None if config.image is None else rows.read(config.image, object_id, grasps[0], camera=0)
     if not config.touch:
         camera = rows.read("rendering_camera", object_id, grasps[0]) if config.image == "rendering" else None
         return Observation(image, camera=camera)

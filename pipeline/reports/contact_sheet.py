@@ -126,8 +126,8 @@ class BandMaker:
     def band(self, object_id: str, rows: Mapping[str, Mapping[str, np.ndarray]]) -> Band:
         """Make the band of an object's best grasp from its rows of the artifacts `SHOWN`."""
         grasps, touch, vision = rows["grasps"], rows["touch"], rows["vision"]
-        touched, depths, unoccluded = grasps["touch_success"][0], touch["depth"][0], vision["unoccluded"]
-        occluded = vision["occluded"][0] if "occluded" in list(vision) else np.full_like(unoccluded, 255)
+        touched, depths, unoccluded = grasps["touch_success"][0], touch["depth"][0], vision["unoccluded"][0]
+        occluded = vision["occluded"][0, 0] if "occluded" in list(vision) else np.full_like(unoccluded, 255)
         with self.grasp_view(rows, 0) as view:
             held, felt = second_view(self.renderer, self.scene, len(unoccluded), view)
         note = f"{touched.sum()} of {len(touched)} touch; rigid parts stand {float(grasps['penetration'][0]) * 1e3:.2f} mm inside"
@@ -142,7 +142,7 @@ class BandMaker:
             pictures=[("unoccluded", unoccluded), ("occluded", occluded), ("from a second side", held), ("touch sites", felt)],
             fingers=[mount.name for mount in self.hand.sensors],
             touched=touched,
-            readings=touch["reading"][0],
+            tactile_images=touch["tactile_image"][0],
             depths=depths,
         )
 
@@ -151,7 +151,5 @@ class BandMaker:
 def band_maker(attributes: Mapping[str, Mapping[str, Any]]) -> Iterator[BandMaker]:
     """Open a `BandMaker` for the scene, the hand and the sensors in the artifacts' attributes, for as long as the context lasts."""
     scene, hand = load_scene(attributes["vision"]["settings"]["scene"]), grasping_hand(attributes)
-    worn = touch_sensors(attributes["touch"])
-    sensors = worn if len(worn) > 1 else worn * len(hand.sensors)
     with Renderer(scene) as renderer:
-        yield BandMaker(renderer, scene=scene, hand=hand, sensors=sensors)
+        yield BandMaker(renderer, scene=scene, hand=hand, sensors=touch_sensors(attributes["touch"]))

@@ -22,7 +22,7 @@ PAGE = 8
 """Objects per page: about as many as one looks at without losing count."""
 
 PICTURE, TILE, GAP, MARGIN, TITLE, HEAD = 256, 117, 8, 24, 20, 84
-"""Pixels: a picture's side (its own, unscaled), a reading's side, between things, around the page, a line of titles, the page's head."""
+"""Pixels: a picture's side (unscaled), a tactile image's, between things, around the page, a line of titles, the page's head."""
 
 BAND = 2 * TITLE + PICTURE + 2 * GAP
 """Pixels: a band's height."""
@@ -46,7 +46,7 @@ class Band:
         (S,) names.
     touched
         (S,) bool, M.
-    readings
+    tactile_images
         (S, H, W, 3) uint8, R.
     depths
         (S, H, W) D, m, +inf where nothing is met.
@@ -57,7 +57,7 @@ class Band:
     pictures: Sequence[tuple[str, NDArray[np.uint8]]]
     fingers: Sequence[str]
     touched: NDArray[np.bool_]
-    readings: NDArray[np.uint8]
+    tactile_images: NDArray[np.uint8]
     depths: NDArray[np.float32]
 
 
@@ -134,12 +134,12 @@ def _band(page: Image.Image, top: int, band: Band, sensors: Sequence[Sensor]) ->
         pencil.text((left, caption), text, FAINT, _font(11))
         page.paste(_scaled(image, PICTURE), (left, body))
         left += PICTURE + GAP
-    fingers = zip(band.fingers, finger_colors(len(band.fingers)), band.touched, band.readings, band.depths, sensors, strict=True)
-    for name, color, touched, reading, depth, sensor in fingers:
+    fingers = zip(band.fingers, finger_colors(len(band.fingers)), band.touched, band.tactile_images, band.depths, sensors, strict=True)
+    for name, color, touched, image, depth, sensor in fingers:
         ink = INK if touched else FAINT
         pencil.ellipse([left, caption + 3, left + 8, caption + 11], fill=color if touched else PAPER, outline=color, width=2)
         pencil.text((left + 13, caption), name, ink, _font(11, bold=touched))
-        page.paste(_scaled(reading, TILE), (left, body))
+        page.paste(_scaled(image, TILE), (left, body))
         page.paste(_scaled(depth_colors(depth, sensor), TILE), (left, body + TILE + 3))
         pencil.rectangle([left - 1, body + TILE + 2, left + TILE, body + 2 * TILE + 3], outline=RULE)
         pencil.text((left, body + 2 * TILE + 6), verdict(touched, 1e3 * float(depth.min())), ink, _font(11))

@@ -100,15 +100,15 @@ class ObjectPages:
                     "touched": bool(touched[sensor]),
                     "color": "#{:02x}{:02x}{:02x}".format(*colors[sensor]),
                     "verdict": said,
-                    "reading": _inline(touch["reading"][number, sensor]),
+                    "tactile_image": _inline(touch["tactile_image"][number, sensor]),
                     "depth": _inline(depth_colors(depth, self.sensors[sensor])),
                 }
             )
         pictures = []
         if "vision" in rows:
-            shown = {"the object alone": rows["vision"]["unoccluded"]}
+            shown = {"the object alone": rows["vision"]["unoccluded"][0]}
             if "occluded" in list(rows["vision"]):
-                shown["in this grasp"] = rows["vision"]["occluded"][number]
+                shown["in this grasp"] = rows["vision"]["occluded"][number, 0]
             for caption, image in shown.items():
                 height, width = image.shape[:2]
                 pictures.append(
@@ -144,9 +144,9 @@ def _label(name: str) -> str:
 def _thumbnail(rows: Rows) -> NDArray[np.uint8]:
     """Take the object's camera image, cut around the object; the first tactile image where there is none."""
     if "vision" not in rows:
-        return np.asarray(rows["touch"]["reading"][0, 0])
-    shown = np.argwhere(rows["vision"]["segmentation"][0] == 1)
-    image = rows["vision"]["unoccluded"]
+        return np.asarray(rows["touch"]["tactile_image"][0, 0])
+    shown = np.argwhere(rows["vision"]["segmentation"][0, 0] == 1)
+    image = rows["vision"]["unoccluded"][0]
     if not len(shown):
         return np.asarray(image)
     middle, reach = (shown.min(axis=0) + shown.max(axis=0)) // 2, int(np.ptp(shown, axis=0).max() * 0.58) + 2

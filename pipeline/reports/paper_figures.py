@@ -88,7 +88,7 @@ def clearest_grasp(source: ReportSource, ids: Sequence[str]) -> tuple[str, int]:
     for object_id in ids:
         rows = source.rows(object_id)
         touches = rows["grasps"]["touch_success"].sum(axis=1)
-        seen = rows["vision"]["segmentation"][1:] if "vision" in rows else np.ones((len(touches), 1, 1))
+        seen = rows["vision"]["segmentation"][1:, 0] if "vision" in rows else np.ones((len(touches), 1, 1))
         for grasp, touched in enumerate(touches):
             shown = [np.count_nonzero(seen[grasp] == label) for label in (1, 2)] if len(seen) > grasp else [1, 1]
             scores[object_id, grasp] = (int(touched), min(2 * shown[0], shown[1]))
@@ -137,8 +137,8 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     rows, sensors = source.rows(object_id), source.sensors()
     model = load_touch_model(source.directory.whole_folder("models/unet"), "cpu")
     touched = np.flatnonzero(rows["grasps"]["touch_success"][grasp])
-    readings, depths = rows["touch"]["reading"][grasp][touched], rows["touch"]["depth"][grasp][touched]
-    predicted, clouds = model.depth(readings), model.clouds(readings)
+    tactile_images, depths = rows["touch"]["tactile_image"][grasp][touched], rows["touch"]["depth"][grasp][touched]
+    predicted, clouds = model.depth(tactile_images), model.clouds(tactile_images)
     names = [mount.name for mount in source.hand().sensors]
     path = folder / "local-shape.png"
     with matplotlib.rc_context({"font.size": 8}):
@@ -149,9 +149,9 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
             inside = in_gel(depths[row], sensor)
             apart = np.abs(np.where(inside, predicted[row] - depths[row], 0))
             pictures = [
-                ("tactile image", readings[row]),
+                ("tactile image", tactile_images[row]),
                 ("true depth", depth_colors(depths[row], sensor)),
-                ("predicted depth", depth_colors(np.where(model.mask(readings[row : row + 1])[0], predicted[row], np.inf), sensor)),
+                ("predicted depth", depth_colors(np.where(model.mask(tactile_images[row : row + 1])[0], predicted[row], np.inf), sensor)),
             ]
             for column, (title, image) in enumerate(pictures, start=1):
                 axes = figure.add_subplot(len(touched), 4, 4 * row + column)

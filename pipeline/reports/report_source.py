@@ -83,9 +83,8 @@ class ReportSource:
         return grasping_hand({name: self.attributes(name) for name in self.collections})
 
     def sensors(self) -> tuple[Sensor, ...]:
-        """The sensor of each finger."""
-        worn = touch_sensors(self.attributes("touch"))
-        return worn if len(worn) > 1 else worn * len(self.hand().sensors)
+        """Read the sensor of each finger."""
+        return touch_sensors(self.attributes("touch"))
 
     def digests(self, object_id: str) -> dict[str, str]:
         """The digests of an object's rows, by artifact."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
 
 import google_crc32c
 import numpy as np
@@ -29,9 +30,8 @@ def encode_array(array: Array | None, values: np.ndarray) -> list[bytes]:
         return [with_checksum(json.dumps(values.tolist()).encode())]
     if array is None:
         return [with_checksum(values.tobytes())]
-    part = part_shape(array, values.shape)
-    parts = values.reshape(-1, *part) if math.prod(part) else ()
-    return [encode_chunk(array, values_of_part) for values_of_part in parts]
+    stored = values[None] if array.per_object else values
+    return [encode_chunk(array, stored[block]) for block in _blocks(stored.shape, part_shape(array, values.shape))]
 
 
 def decode_array(array: Array | None, shape: Sequence[int], dtype: str, chunks: Iterable[bytes]) -> np.ndarray:
@@ -43,8 +43,18 @@ def decode_array(array: Array | None, shape: Sequence[int], dtype: str, chunks: 
     part, order = part_shape(array, shape), planar_order(array)
     stored = [part[axis] for axis in order] if order else part
     values = [np.frombuffer(blosc.decompress(without_checksum(chunk)), dtype).reshape(stored) for chunk in chunks]
-    parts = [value.transpose(np.argsort(order)) for value in values] if order else values
-    return np.stack(parts).reshape(shape) if parts else np.empty(shape, dtype)
+    whole = np.empty((1, *shape) if len(part) > len(shape) else tuple(shape), dtype)
+    for block, value in zip(_blocks(whole.shape, part), values, strict=True):
+        whole[block] = value.transpose(np.argsort(order)) if order else value
+    return whole.reshape(shape)
+
+
+def _blocks(shape: Sequence[int], part: Sequence[int]) -> list[tuple[slice, ...]]:
+    """List the parts that an array is cut into, in C order; an empty array has none."""
+    if not math.prod(shape):
+        return []
+    starts = product(*(range(0, size, step) for size, step in zip(shape, part, strict=True)))
+    return [tuple(slice(start, start + step) for start, step in zip(corner, part, strict=True)) for corner in starts]
 
 
 def part_shape(array: Array, shape: Sequence[int]) -> tuple[int, ...]:

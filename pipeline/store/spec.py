@@ -15,7 +15,7 @@ OBJECTS_PER_FILE = 64
 """Objects whose chunks share one file: few files, yet no more than these in memory while a shard is written."""
 
 LEVEL = 5
-"""zstd's level inside Blosc: 4 ms for a grasp's depth maps and readings; 8 makes them an eighth smaller, in six times as long."""
+"""zstd's level inside Blosc: 4 ms for a grasp's depth maps and tactile images; 8 makes them an eighth smaller, in six times as long."""
 
 SMALL_CHUNK = 16 * 1024
 """Bytes below which splitting further costs more in headers than it saves in reading."""
@@ -37,8 +37,8 @@ def numpy_dtype(array: Array) -> np.dtype[Any]:
 def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
     """Specify how an array of this declaration and shape is laid out on disk.
 
-    zstd over shuffled bytes with a checksum; one chunk per object (or per grasp or viewpoint of it), up to `OBJECTS_PER_FILE` objects per
-    file, so that one of them is read without the others and a dataset is few files.
+    zstd over shuffled bytes with a checksum, an object (or one grasp, viewpoint or camera of it) per chunk, up to `OBJECTS_PER_FILE`
+    objects per file, so that one of them is read without the others and a dataset is few files.
     """
     file_shape, chunk = chunking(array, shape)
     size = 1 if array.dtype == "string" else _ITEM[array.dtype]
@@ -77,11 +77,12 @@ def chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tup
         return whole, whole
     objects = min(OBJECTS_PER_FILE, whole[0])
     file_shape = (objects, *whole[1:])
+    single = tuple(1 if dim == "camera" else size for dim, size in zip(array.dims, whole, strict=True))
     if _ITEM[array.dtype] * math.prod(whole[1:]) <= SMALL_CHUNK:
         return file_shape, file_shape
-    if len(array.dims) > 2 and array.dims[1] in CHOSEN and _ITEM[array.dtype] * math.prod(whole[2:]) > SMALL_CHUNK:
-        return file_shape, (1, 1, *whole[2:])
-    return file_shape, (1, *whole[1:])
+    if len(array.dims) > 2 and array.dims[1] in CHOSEN and _ITEM[array.dtype] * math.prod(single[2:]) > SMALL_CHUNK:
+        return file_shape, (1, 1, *single[2:])
+    return file_shape, (1, *single[1:])
 
 
 def planar_order(array: Array) -> tuple[int, ...]:

@@ -50,8 +50,8 @@ class Items:
 
     @property
     def camera(self) -> torch.Tensor | None:
-        """Read the (3, 4) projection matrix of the images; None without them, or where each has its own."""
-        return None if self.config.image in (None, "rendering") else torch.tensor(self.rows.read("camera", self.rows.object_ids[0]))
+        """Read the (3, 4) projection matrix of the first camera; None without them, or where each has its own."""
+        return None if self.config.image in (None, "rendering") else torch.tensor(self.rows.read("projection", self.rows.object_ids[0])[0])
 
     @property
     def resolution(self) -> list[int] | None:
@@ -118,4 +118,4 @@ class Items:
 
 def arrays_of(config: NetworkInputs, learned: tuple[str, ...] = ("points",)) -> tuple[str, ...]:
     """Name the arrays that a network of this configuration is trained on, those `learned` that its loss needs among them."""
-    return (*learned, *observed_arrays(config), *(["camera"] if config.image in ("occluded", "unoccluded") else []))
+    return (*learned, *observed_arrays(config), *(["projection"] if config.image in ("occluded", "unoccluded") else []))

@@ -129,7 +129,9 @@ class GraspProtocol(Protocol):
         images = ObjectRows(self.job.data, ["segmentation"], None) if self.seen else None
 
         def silhouettes(object_id: str) -> NDArray[np.bool_]:
-            return (images.read("segmentation", object_id)[0] == Label.OBJECT).reshape(1, -1) if images else np.zeros((1, 0), bool)
+            return (
+                (images.read("segmentation", object_id, camera=0)[0] == Label.OBJECT).reshape(1, -1) if images else np.zeros((1, 0), bool)
+            )
 
         def figures(apart: CloudDistances, row: int) -> Mapping[str, float]:
             return {"chamfer": apart.chamfer}

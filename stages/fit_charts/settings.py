@@ -19,7 +19,7 @@ class ChartSettings(ObjectSettings):
 
     cloud: Literal["predicted", "true"] = setting(
         "predicted",
-        "the points a trained U-Net sees in the reading, the supplement's way; `true` are those of the depth map",
+        "the points a trained U-Net sees in the tactile image, the supplement's way; `true` are those of the depth map",
         changes="definition",
     )
     halt: float = setting(6e-4, "Chamfer distance, sensor widths², below which a chart is done: the supplement's", gt=0)

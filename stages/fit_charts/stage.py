@@ -87,4 +87,4 @@ def _clouds(inputs: Inputs, touched: NDArray[np.bool_], sensor: Sensor, model: T
     if model is None:
         return [masked_points(depth, in_gel(depth, sensor), sensor) for depth in touch["depth"][touched].astype(np.float64)]
     model.check_sensor(sensor)
-    return model.clouds(touch["reading"][touched])
+    return model.clouds(touch["tactile_image"][touched])

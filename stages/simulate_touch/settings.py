@@ -9,7 +9,9 @@ from pipeline.kernels.touch.sphere_tracing import MAX_STEPS, TOLERANCE
 class TouchSettings(ObjectSettings):
     """How depth maps and tactile images are simulated (supplement 1.5)."""
 
-    sensors: tuple[str, ...] = setting((), "follow the grasps: the sensor that each finger of the hand wore", changes="definition")
+    sensors: tuple[str, ...] | None = setting(
+        None, "null follows the grasps: the sensor that each finger of the hand wore", changes="definition"
+    )
     tracer: Literal["ray", "sphere"] = setting(
         "ray",
         "exact, and tens of times faster than the supplement's `sphere`, which stops `sphere_tolerance` before the surface",

@@ -39,20 +39,20 @@ class SimulateTouch(ObjectStage):
     settings_type = TouchSettings
 
     def inputs(self, settings: TouchSettings) -> tuple[Artifact, ...]:
-        """The meshes and the poses of the sensors."""
+        """Name what is read: the meshes and the poses of the sensors."""
         return (SURFACES, GRASPS)
 
     def assets(self, settings: TouchSettings) -> list[Path]:
-        """The sensor files."""
-        return sensor_files(settings.sensors)
+        """List the sensor files."""
+        return sensor_files(_worn(settings))
 
     def resolve_settings(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> TouchSettings:
-        """The sensors are those that the hand wore."""
+        """Take the sensors that the hand wore."""
         return settings.model_copy(update={"sensors": settings.sensors or tuple(attributes["grasps"]["hand"]["sensor_files"])})
 
     def check_inputs(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
-        """The sensors that are simulated must be those that the hand wore."""
-        hand, sensors = attributes["grasps"]["hand"], list(settings.sensors)
+        """Check that the sensors to simulate are those that the hand wore."""
+        hand, sensors = attributes["grasps"]["hand"], list(_worn(settings))
         worn = hand["sensor_files"]
         same_fingers = list(map(worn.index, worn)) == list(map(sensors.index, sensors))
         if same_fingers and hand["sensor_digest"] == assets_digest(self.assets(settings)):  # wherever the files lie now
@@ -65,23 +65,21 @@ class SimulateTouch(ObjectStage):
         raise InvalidInput(f"the file of sensor {names} has changed since the grasps were made; run simulate-grasps again")
 
     def constants(self, settings: TouchSettings) -> Row:
-        """The tactile images of sensors that nothing touches."""
-        images = [untouched_image(sensor) for sensor in load_worn_sensors(settings.sensors)]
-        return {"untouched": images[0]} | ({"untouched_of_sensor": np.stack(images)} if len(set(settings.sensors)) > 1 else {})
+        """Render each sensor with nothing in its gel."""
+        return {"untouched": np.stack([untouched_image(sensor) for sensor in load_worn_sensors(_worn(settings))])}
 
     def attributes(self, settings: TouchSettings) -> dict[str, Any]:
-        """The sensor's description, for readers of the arrays: `width`, `w`, `range` and the rest; of each finger where they differ."""
-        described = [sensor.model_dump(mode="json") for sensor in load_worn_sensors(settings.sensors)]
-        return {"sensor": described if len(set(settings.sensors)) > 1 else described[0]}
+        """Describe each finger's sensor, for readers of the arrays: `width`, `w`, `range` and the rest."""
+        return {"sensors": [sensor.model_dump(mode="json") for sensor in load_worn_sensors(_worn(settings))]}
 
     def cost(self, settings: TouchSettings) -> Cost:
-        """Twenty sensors per object."""
+        """Estimate twenty sensors per object."""
         return Cost(seconds=0.03 if settings.tracer == "ray" else 0.7, kilobytes=1600 if settings.store_points else 600)
 
     @contextmanager
     def session(self, settings: TouchSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Load the sensors once; nothing else is kept between objects."""
-        sensors = load_worn_sensors(settings.sensors)
+        sensors = load_worn_sensors(_worn(settings))
 
         def process(unit: Unit, inputs: Inputs) -> Row:
             faces = box_faces(read_mesh(inputs["surfaces"]).triangles)
@@ -95,6 +93,11 @@ class SimulateTouch(ObjectStage):
         yield process
 
 
+def _worn(settings: TouchSettings) -> tuple[str, ...]:
+    """Return the sensors that `resolve_settings` has named."""
+    return settings.sensors or ()
+
+
 def _touch(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, settings: TouchSettings, rng: np.random.Generator | None) -> Row:
     """Compute one sensor's arrays; tactile image and local points follow from the depth as it is stored."""
     if settings.tracer == "ray":
@@ -102,7 +105,7 @@ def _touch(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, settings: TouchS
     else:
         exact = sphere_traced_depth(faces, pose, sensor, tolerance=settings.sphere_tolerance, max_steps=settings.sphere_steps)
     depth = quantise_depth(exact, sensor, gel_bits=settings.gel_bits, far_bits=settings.far_bits)
-    row: Row = {"depth": depth, "reading": tactile_image(depth, sensor, rng)}
+    row: Row = {"depth": depth, "tactile_image": tactile_image(depth, sensor, rng)}
     if settings.store_points:
         points, count = local_points(depth, pose, sensor)
         row |= {"local_points": points, "local_count": np.asarray(count)}

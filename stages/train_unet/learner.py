@@ -22,7 +22,7 @@ from pipeline.training.augmentation import varied_image
 from pipeline.training.learner import Learner
 from stages.train_unet.settings import UnetSettings
 
-ARRAYS = ("reading", "depth", "untouched", "touch_success")
+ARRAYS = ("tactile_image", "depth", "untouched", "touch_success")
 """What is read of each object."""
 MICROMETRES = 1e6
 
@@ -34,7 +34,7 @@ class Touches:
     Attributes
     ----------
     rows
-        Gives `reading` (sensor, H, W, 3) uint8 and `depth` (sensor, H, W) float32, m, of each grasp.
+        Gives `tactile_image` (sensor, H, W, 3) uint8 and `depth` (sensor, H, W) float32, m, of each grasp.
     where
         (N, 3) int64: object, grasp and sensor of each touch. Sensors that touched nothing are no items.
     sensor, untouched
@@ -52,11 +52,11 @@ class Touches:
     def read(self, items: Sequence[int]) -> tuple[Tensor, Tensor]:
         """Read tactile images (B, H, W, 3) uint8 and depths (B, H, W) float32, m."""
         sites = [(self.rows.object_ids[number], grasp, sensor) for number, grasp, sensor in self.where[list(items)].tolist()]
-        reading, depth = (
+        images, depths = (
             torch.from_numpy(np.stack([self.rows.read(array, object_id, grasp)[sensor] for object_id, grasp, sensor in sites]))
-            for array in ("reading", "depth")
+            for array in ("tactile_image", "depth")
         )
-        return reading, depth
+        return images, depths
 
 
 def load_touches(data: Place, split: str) -> Touches:
@@ -77,7 +77,7 @@ def load_touches(data: Place, split: str) -> Touches:
             "take more objects, or more simulate-grasps.attempts"
         )
     sensor = rows.sensor()
-    return Touches(rows, np.argwhere(success), sensor, rows.read("untouched", rows.object_ids[0]))
+    return Touches(rows, np.argwhere(success), sensor, rows.read("untouched", rows.object_ids[0])[0])
 
 
 class UnetLearner(Learner):
@@ -98,9 +98,9 @@ class UnetLearner(Learner):
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> tuple[Tensor, Tensor, Tensor]:
         """Read training touches: tactile images, depths, and the images varied as the settings say."""
-        readings, depth = self.train.read(items)
-        drawn = zip(readings.numpy(), generators, strict=True)
-        return readings, depth, torch.from_numpy(np.stack([varied_image(image, self.settings, one) for image, one in drawn]))
+        tactile_images, depth = self.train.read(items)
+        drawn = zip(tactile_images.numpy(), generators, strict=True)
+        return tactile_images, depth, torch.from_numpy(np.stack([varied_image(image, self.settings, one) for image, one in drawn]))
 
     def loss(self, network: nn.Module, batch: tuple[Tensor, Tensor, Tensor]) -> Tensor:
         """Compute the chosen loss of some training touches, in sensor widths squared."""
@@ -111,8 +111,8 @@ class UnetLearner(Learner):
         loss = squares = pixels = 0.0
         for start in range(0, len(self.valid), self.settings.batch_size):
             items = range(len(self.valid))[start : start + self.settings.batch_size]
-            readings, depths = self.valid.read(items)
-            predicted, depth, mask = self._predict(network, readings, depths, readings)
+            tactile_images, depths = self.valid.read(items)
+            predicted, depth, mask = self._predict(network, tactile_images, depths, tactile_images)
             loss += len(items) * float(self._loss(predicted, depth, mask))
             error = (predicted - visible_depth(depth, self.gel))[mask].double()
             squares += float(error.square().sum())
@@ -120,11 +120,11 @@ class UnetLearner(Learner):
         rms = (squares / max(pixels, 1)) ** 0.5
         return {"loss": loss / len(self.valid), "depth_rms_um": rms * MICROMETRES}
 
-    def _predict(self, network: nn.Module, readings: Tensor, depth: Tensor, varied: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Predict depth from `varied` readings: predicted and true (B, H, W), m, and the mask (B, H, W) of the readings themselves."""
+    def _predict(self, network: nn.Module, tactile_images: Tensor, depth: Tensor, varied: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Predict depth from `varied` images: predicted and true (B, H, W), m, and the mask (B, H, W) of `tactile_images`."""
         parameter = next(network.parameters())
-        readings, untouched = readings.to(parameter.device), torch.tensor(self.train.untouched, device=parameter.device)
-        mask = contact_mask(readings, untouched, self.settings.mask_threshold)
+        tactile_images, untouched = tactile_images.to(parameter.device), torch.tensor(self.train.untouched, device=parameter.device)
+        mask = contact_mask(tactile_images, untouched, self.settings.mask_threshold)
         given = network_input(varied.to(parameter.device), parameter.dtype)
         return network(given) * self.train.sensor.w, depth.to(parameter), mask
 

@@ -22,7 +22,7 @@ class TrainUnet(DatasetStage):
     """Trains a network that predicts depth from tactile images."""
 
     name = "train-unet"
-    summary = "A U-Net that predicts each sensor's depth map from its reading."
+    summary = "A U-Net that predicts each sensor's depth map from its tactile image."
     settings_type = UnetSettings
     trains = True
 

@@ -39,10 +39,10 @@ from tests.stages import ball_dataset as spheres
 from tests.stages.pressed_balls import SENSOR
 
 UM, MM = 1e-6, 1e-3
-ATTRIBUTES: dict[str, dict[str, Any]] = {"touch": {"sensor": SENSOR.model_dump(mode="json")}}
+ATTRIBUTES: dict[str, dict[str, Any]] = {"touch": {"sensors": [SENSOR.model_dump(mode="json")] * 2}}
 CONSTANTS: dict[str, Row] = {
-    "touch": {"untouched": untouched_image(SENSOR)},
-    "vision": {"camera": projection_matrix(spheres.CAMERA)},
+    "touch": {"untouched": np.stack([untouched_image(SENSOR)] * 2)},
+    "vision": {"camera": np.array(["front"]), "projection": projection_matrix(spheres.CAMERA)[None]},
     "charts": {"chart_faces": np.zeros((1, 3), np.int32)},
 }
 
@@ -148,7 +148,7 @@ def image(level: int, size: int, columns: slice) -> Row:
     segmentation[0, size // 4 : 3 * size // 4, columns] = 1
     segmentation[0, 0] = 2
     segmentation[1] = 1
-    return {"unoccluded": np.full((size, size, 3), level, np.uint8), "segmentation": segmentation}
+    return {"unoccluded": np.full((1, size, size, 3), level, np.uint8), "segmentation": segmentation[:, None]}
 
 
 def test_images_differ_by_their_levels_and_silhouettes_by_their_columns(tmp_path: Path) -> None:
@@ -160,17 +160,17 @@ def test_images_differ_by_their_levels_and_silhouettes_by_their_columns(tmp_path
 
 
 def felt(off: float = 0.0, beyond: float = 0.0, outlier: float = 0.0, lost: int = 0, invented: int = 0, changed: int = 0) -> Row:
-    """Depths of a step in the gel, of its very top, and beyond it, moved by a distance; some pixels have other hits and readings."""
-    depth = np.full((2, 3, *SENSOR.shape), np.inf)
+    """Depths of a step in the gel, of its very top, and beyond it, moved by a distance; some pixels have other hits and images."""
+    depth = np.full((3, 2, *SENSOR.shape), np.inf)
     depth[..., :10, :] = 3 * MM + off / 2
     depth[..., 10:15, :] = SENSOR.w - 0.5 * UM + off
     depth[..., 15:19, :] = 20 * MM + beyond
     depth[0, 0, 0, 0] = 3 * MM + outlier
     depth[0, 0, 18, :lost] = np.inf
     depth[0, 0, 19, :invented] = 30 * MM
-    readings = np.zeros((*depth.shape, 3), np.uint8)
-    readings.reshape(-1, 3)[:changed, 1] = 1
-    return {"depth": depth.astype(np.float32), "reading": readings}
+    tactile_images = np.zeros((*depth.shape, 3), np.uint8)
+    tactile_images.reshape(-1, 3)[:changed, 1] = 1
+    return {"depth": depth.astype(np.float32), "tactile_image": tactile_images}
 
 
 def test_depths_are_off_by_what_they_were_moved_by_in_the_gel_and_beyond(tmp_path: Path) -> None:
@@ -183,14 +183,14 @@ PREDICTED = 3 * MM
 
 
 def pressed(unit: Unit) -> Row:
-    """A flat in the gel, 0.1 mm an object nearer than is predicted, whose reading is a column wider; others than the first touch once."""
+    """A flat in the gel, 0.1 mm an object nearer than is predicted, whose image is a column wider; others than the first touch once."""
     depth = np.full((1, 2, *SENSOR.shape), 10 * MM, np.float32)
     depth[..., 5:15, 5:15] = PREDICTED - 0.1 * MM * (1 + number(unit))
     if number(unit):
         depth[0, 1] = 1 * MM
-    readings = np.tile(untouched_image(SENSOR), (1, 2, 1, 1, 1))
-    readings[..., 5:15, 5:16, :] ^= 128
-    return {"depth": depth, "reading": readings}
+    tactile_images = np.tile(untouched_image(SENSOR), (1, 2, 1, 1, 1))
+    tactile_images[..., 5:15, 5:16, :] ^= 128
+    return {"depth": depth, "tactile_image": tactile_images}
 
 
 def test_a_network_that_says_one_depth_is_off_by_the_true_ones(tmp_path: Path) -> None:

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter
+from typing import Any
 
 import numpy as np
 import pytest
 
+from pipeline.config.settings import Settings
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.plan import Request
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.reshard import reshard
 from pipeline.store.shard import Shard
 from schemas.catalogue import artifact_of
 from schemas.touch import TOUCH
+from schemas.vision import VISION
+from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset
 
-ARRAYS = ("points", "occluded", "depth", "reading", "sensor_pose", "touch_success", "untouched")
+ARRAYS = ("points", "occluded", "depth", "tactile_image", "sensor_pose", "touch_success", "untouched")
 
 
 @pytest.fixture(scope="module")
@@ -55,17 +60,37 @@ def test_arrays_of_the_object_are_read_once_and_not_per_grasp(data, monkeypatch)
     monkeypatch.setattr(Shard, "read", lambda shard, name, index=...: (reads.update([name]), genuine(shard, name, index))[1])
     dataset = GraspDataset(data, ARRAYS, "test")
     assert len([dataset[index] for index in range(len(dataset))]) == 15
-    assert reads["points"] == reads["depth"] == reads["reading"] == 3
+    assert reads["points"] == reads["depth"] == reads["tactile_image"] == 3
     assert reads["untouched"] == 1
 
 
 def test_one_grasp_is_read_without_the_others(data, monkeypatch):
-    sizes: list[int] = []
+    asked: list[tuple[bool, ...]] = []
     genuine = Shard.read
-    monkeypatch.setattr(Shard, "read", lambda shard, name, index=...: (sizes.append(np.size(index)), genuine(shard, name, index))[1])
+    monkeypatch.setattr(
+        Shard,
+        "read",
+        lambda shard, name, index=...: (asked.append(tuple(isinstance(part, int) for part in index[:2])), genuine(shard, name, index))[1],
+    )
     rows = ObjectRows(data, ["depth"], "test")
     assert rows.read("depth", "b", 3).shape == rows.read("depth", "b", 0)[None].shape[1:]
-    assert sizes == [2, 1], "by object and grasp, then the whole object"
+    assert asked == [(True, True), (True, False)], "by object and grasp, then the whole object"
+
+
+def test_one_camera_is_read_without_the_others(tmp_path):
+    cameras, images = np.array(["front", "left", "above"]), np.random.default_rng(0).integers(0, 256, (3, 90, 90, 3), np.uint8)
+    row = {"unoccluded": images, "occluded": np.stack([images, 255 - images]), "segmentation": np.tile(images[..., 0], (3, 1, 1, 1))}
+    constants = {"camera": cameras, "projection": np.zeros((3, 3, 4))}
+    items = ball_dataset.objects(2)
+    given: Any = ball_dataset.Given(VISION, lambda unit: row, (), constants, {})
+    pack(Request(stage=given, settings=Settings(), objects=items, manifest="m", preset="draft", seed=0, data=tmp_path), lambda unit: row)
+    rows = ObjectRows(tmp_path, ["unoccluded", "occluded", "segmentation"], None)
+    name, shard = rows.object_ids[0], DataDirectory(tmp_path).collection(VISION).first
+    for array, axis in (("unoccluded", 1), ("occluded", 2), ("segmentation", 2)):
+        assert shard.array(array).chunks[axis] == 1, "each camera is a chunk"
+        assert (rows.read(array, name) == row[array]).all()
+        assert (rows.read(array, name, camera=1) == np.take(row[array], 1, axis - 1)).all()
+    assert (rows.read("occluded", name, 1, camera=2) == row["occluded"][1, 2]).all()
 
 
 def test_what_is_shared_cannot_be_changed_and_tensors_can(data):
@@ -121,18 +146,18 @@ def test_an_artifact_with_a_damaged_label_is_not_opened(data, tmp_path, label):
         open_artifact(tmp_path, "touch")
 
 
-@pytest.mark.parametrize("sensor", [{}, None, {"name": "x", "width": "wide"}])
-def test_a_dataset_whose_sensor_cannot_be_used_is_refused(data, monkeypatch, sensor):
-    rows = ObjectRows(data, ["reading"], "test")
-    monkeypatch.setattr(ObjectRows, "attributes", lambda self, artifact: {"sensor": sensor})
+@pytest.mark.parametrize("sensors", [[], None, [{"name": "x", "width": "wide"}]])
+def test_a_dataset_whose_sensor_cannot_be_used_is_refused(data, monkeypatch, sensors):
+    rows = ObjectRows(data, ["tactile_image"], "test")
+    monkeypatch.setattr(ObjectRows, "attributes", lambda self, artifact: {"sensors": sensors})
     with pytest.raises(StoreError, match=r"its sensor cannot be used .*--check"):
         rows.sensor()
 
 
 def test_fingers_with_different_sensors_have_no_one_sensor(data, monkeypatch):
-    rows = ObjectRows(data, ["reading"], "test")
-    one = rows.attributes("touch")["sensor"]
-    monkeypatch.setattr(ObjectRows, "attributes", lambda self, artifact: {"sensor": [one, {**one, "name": "thin", "w": one["w"] / 2}]})
+    rows = ObjectRows(data, ["tactile_image"], "test")
+    one = rows.attributes("touch")["sensors"][0]
+    monkeypatch.setattr(ObjectRows, "attributes", lambda self, artifact: {"sensors": [one, {**one, "name": "thin", "w": one["w"] / 2}]})
     assert [sensor.w for sensor in rows.sensors()] == [one["w"], one["w"] / 2]
     with pytest.raises(StoreError, match=r"the fingers wear different sensors \(gel_16mm, thin\).* needs a hand that wears one"):
         rows.sensor()
@@ -143,9 +168,9 @@ def test_a_folder_that_is_not_there_is_named(tmp_path) -> None:
         ObjectRows(tmp_path / "nowhere", ["points"])
 
 
-def test_difference_images_are_readings_minus_the_untouched_one(data):
+def test_difference_images_are_tactile_images_minus_the_untouched_ones(data):
     rows = ObjectRows(data, ["difference"], None)
-    reading, untouched = (rows.read(name, "b").astype(int) for name in ("reading", "untouched"))
-    assert (rows.read("difference", "b") == reading - untouched).all()
+    tactile_image, untouched = (rows.read(name, "b").astype(int) for name in ("tactile_image", "untouched"))
+    assert (rows.read("difference", "b") == tactile_image - untouched).all()
     assert (rows.read("difference", "b", 1) == rows.read("difference", "b")[1]).all()
     assert rows.read("difference", "b").dtype == np.int16

@@ -26,7 +26,7 @@ from schemas.touch import TOUCH
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset
 
-ARRAYS = ("untouched", "sensor_pose", "touch_success", "reading", "depth")
+ARRAYS = ("untouched", "sensor_pose", "touch_success", "tactile_image", "depth")
 AGAIN = "it was replaced since it was opened: open the dataset again, or run the same command again"
 
 
@@ -102,7 +102,12 @@ def test_an_open_xarray_of_a_replaced_group_is_an_error(data, replace: Callable[
     touch = open_artifact(data, "touch")
     assert float(touch.depth.sel(object="a").min()) > 0
     replace(data)
-    chosen = (lambda: touch.depth.sel(object=["b", "c"]), lambda: touch.depth[1, 2, 3], lambda: touch.reading.isel(grasp=1), lambda: touch)
+    chosen = (
+        lambda: touch.depth.sel(object=["b", "c"]),
+        lambda: touch.depth[1, 2, 3],
+        lambda: touch.tactile_image.isel(grasp=1),
+        lambda: touch,
+    )
     for read in chosen:
         with pytest.raises(StoreError, match=AGAIN):
             read().load()
@@ -125,7 +130,7 @@ def test_a_damaged_or_missing_chunk_is_named_when_xarray_reads_it(data, harm: Ca
     harm(chunk)
     with pytest.raises(StoreError, match=rf"{group}: depth.*{reason}.*give-touch --check"):
         touch.depth.load()
-    assert touch.reading.any(), "what is sound is read"
+    assert touch.tactile_image.any(), "what is sound is read"
 
 
 @pytest.mark.parametrize("shards", [1, 2])

@@ -132,10 +132,10 @@ def run(command: str, repository: Path) -> None:
 
 def write_own_files(repository: Path) -> None:
     """Write images and poses that a reader would have of a robot: those of the duck."""
-    rows = ObjectRows(repository / "data" / "toy" / "draft", ["occluded", "reading", "sensor_pose"], None)
-    Image.fromarray(rows.read("occluded", "duck", 0)).save(repository / "seen.png")
-    for name, reading in zip(("index", "middle", "ring", "thumb"), rows.read("reading", "duck", 0), strict=True):
-        Image.fromarray(reading).save(repository / f"{name}.png")
+    rows = ObjectRows(repository / "data" / "toy" / "draft", ["occluded", "tactile_image", "sensor_pose"], None)
+    Image.fromarray(rows.read("occluded", "duck", 0, camera=0)).save(repository / "seen.png")
+    for name, tactile_image in zip(("index", "middle", "ring", "thumb"), rows.read("tactile_image", "duck", 0), strict=True):
+        Image.fromarray(tactile_image).save(repository / f"{name}.png")
     (repository / "poses.json").write_text(json.dumps(rows.read("sensor_pose", "duck", 0).tolist()))
 
 

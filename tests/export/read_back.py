@@ -43,7 +43,7 @@ def lerobot(monkeypatch):
 
 @pytest.fixture
 def stored(data) -> ObjectRows:  # noqa: F811
-    arrays = ["reading", "depth", "touch_success", "joint_angles", "hand_pose", "sensor_pose"]
+    arrays = ["tactile_image", "depth", "touch_success", "joint_angles", "hand_pose", "sensor_pose"]
     return ObjectRows(data, arrays, split=None)
 
 
@@ -51,7 +51,7 @@ def check(stored: ObjectRows, object_id: str, grasp: int, found: dict[str, objec
     """Compare a frame's arrays with those that are stored; `single` with these as float32, which LeRobot makes of float64 when it reads."""
     for name, value in found.items():
         array, _, finger = name.partition(".")
-        expected = stored.read({"tactile_image": "reading"}.get(array, array), object_id, grasp)
+        expected = stored.read(array, object_id, grasp)
         expected = expected[FINGERS.index(finger)] if finger else expected
         if single and expected.dtype == np.float64:
             expected = expected.astype(np.float32)

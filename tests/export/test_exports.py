@@ -50,7 +50,7 @@ def test_webdataset_shards_hold_every_grasp_as_it_is_stored(data, tmp_path):
     shards = sorted((tmp_path / "out").iterdir())
     frames = GraspFrames(data)
     assert [shard.name for shard in shards] == [f"{split}-000000.tar" for split in sorted(frames.object_ids)]
-    rows = ObjectRows(data, ["depth", "reading"], split=None)
+    rows = ObjectRows(data, ["depth", "tactile_image"], split=None)
     samples = 0
     for shard in shards:
         files = files_in(shard)
@@ -59,7 +59,7 @@ def test_webdataset_shards_hold_every_grasp_as_it_is_stored(data, tmp_path):
             depth = np.load(io.BytesIO(files[f"{key}.depth_{FINGERS[2]}.npy"]))
             image = np.asarray(Image.open(io.BytesIO(files[f"{key}.tactile_image_{FINGERS[2]}.png"])))
             np.testing.assert_array_equal(depth, rows.read("depth", about["object_id"], about["grasp"])[2])
-            np.testing.assert_array_equal(image, rows.read("reading", about["object_id"], about["grasp"])[2])
+            np.testing.assert_array_equal(image, rows.read("tactile_image", about["object_id"], about["grasp"])[2])
             samples += 1
     assert f"{samples} grasps" in said
     write_webdataset(frames, tmp_path / "again")

@@ -15,7 +15,7 @@ from PIL import Image
 
 from pipeline.formats.image_file import read_image
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.inference.grasp_input_files import read_poses, read_readings
+from pipeline.inference.grasp_input_files import read_poses, read_tactile_images
 from pipeline.inference.predict import predict
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import NetworkConfig
@@ -45,9 +45,9 @@ class Predictions(Target):
         np.savez_compressed(file, poses=poses, touched=np.array([True]))
         flags = {"poses": poses.tolist(), "touched": [True]}
         asked: list[Files] = [
-            {"image": _image("PNG"), "reading": _image("JPEG"), "poses.json": json.dumps(poses.tolist()).encode()},
-            {"image": _image("BMP"), "reading": _image("TIFF"), "poses.npz": file.getvalue()},
-            {"image": _image("TIFF"), "reading": _image("PNG"), "poses.json": json.dumps(flags).encode()},
+            {"image": _image("PNG"), "tactile_image": _image("JPEG"), "poses.json": json.dumps(poses.tolist()).encode()},
+            {"image": _image("BMP"), "tactile_image": _image("TIFF"), "poses.npz": file.getvalue()},
+            {"image": _image("TIFF"), "tactile_image": _image("PNG"), "poses.json": json.dumps(flags).encode()},
         ]
         return [models | one for one in asked]
 
@@ -61,13 +61,13 @@ class Predictions(Target):
                 )
         poses = folder / next(name for name in files if name.startswith("poses."))
         if content // 8 % WHOLE == 0:
-            predict(folder / "made.ply", folder, NAME, image=folder / "image", readings=[folder / "reading"], poses=poses)
+            predict(folder / "made.ply", folder, NAME, image=folder / "image", tactile_images=[folder / "tactile_image"], poses=poses)
             return
         readers: dict[str, Callable[[], object]] = {
             "gcn": lambda: DeformationReconstructor(DataDirectory(folder / "gcn").whole_folder(NAME)),
             "unet": lambda: load_touch_model(DataDirectory(folder).whole_folder("unet"), "cpu"),
             "image": lambda: read_image(folder / "image"),
-            "reading": lambda: read_readings([folder / "reading"]),
+            "tactile_image": lambda: read_tactile_images([folder / "tactile_image"]),
             "poses": lambda: read_poses(poses),
         }
         sound = {content for seed in self.seeds for content in seed.values()}

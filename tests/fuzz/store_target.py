@@ -72,7 +72,7 @@ def _checks(data: Path) -> Iterator[Callable[[], object]]:
     for artifact in (SURFACES, GRASPS, TOUCH):
         yield lambda artifact=artifact: open_artifact(data, artifact.name)
     yield lambda: read_mesh(DataDirectory(data).collection(SURFACES).view("a"))
-    yield lambda: GraspDataset(data, ["points", "reading", "local_points", "sensor_pose"])[1]
+    yield lambda: GraspDataset(data, ["points", "tactile_image", "local_points", "sensor_pose"])[1]
     yield lambda: ObjectRows(data, ["untouched", "depth"]).sensor()
     yield lambda: DataDirectory(data).whole_folder("models/unet")
 
@@ -105,7 +105,8 @@ def _make(data: Path) -> None:
         )
         shapes = [{path: value.shape for path, value in row.items()} for row in found.values()]
         encoded = [encode_row(artifact, row) for row in found.values()]
-        attributes = {"sensor": load_sensor("gel_16mm").model_copy(update={"rows": SIZE, "cols": SIZE}).model_dump(mode="json")}
+        sensor = load_sensor("gel_16mm").model_copy(update={"rows": SIZE, "cols": SIZE}).model_dump(mode="json")
+        attributes = {"sensors": [sensor] * SIZE}
         ShardOutput(directory, artifact, 0, 1).commit(record, shapes, encoded.__getitem__, constants, attributes)
     (folder := data / ".work" / "unet").mkdir(parents=True)
     (folder / "model.json").write_text("{}")

@@ -44,12 +44,12 @@ def data(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def files(data, tmp_path_factory):
-    """What a user has of grasp 2: an image, four readings, a file of poses."""
+    """What a user has of grasp 2: an image, four tactile images, a file of poses."""
     folder = tmp_path_factory.mktemp("files")
-    item = GraspDataset(data, ["occluded", "reading", "sensor_pose", "touch_success"], "test")[2]
-    Image.fromarray(item["occluded"].numpy()).save(folder / "image.png")
-    for number, reading in enumerate(item["reading"].numpy()):
-        Image.fromarray(reading).save(folder / f"reading-{number}.png")
+    item = GraspDataset(data, ["occluded", "tactile_image", "sensor_pose", "touch_success"], "test")[2]
+    Image.fromarray(item["occluded"][0].numpy()).save(folder / "image.png")
+    for number, tactile_image in enumerate(item["tactile_image"].numpy()):
+        Image.fromarray(tactile_image).save(folder / f"touch-{number}.png")
     poses, touched = item["sensor_pose"].numpy(), item["touch_success"].numpy()
     (folder / "poses.json").write_text(json.dumps({"poses": poses.tolist(), "touched": touched.tolist()}))
     (folder / "unsaid.json").write_text(json.dumps(poses.tolist()))
@@ -57,8 +57,8 @@ def files(data, tmp_path_factory):
     return folder
 
 
-def readings(files: Path) -> list[Path]:
-    return [files / f"reading-{number}.png" for number in range(4)]
+def tactile_images(files: Path) -> list[Path]:
+    return [files / f"touch-{number}.png" for number in range(4)]
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
@@ -144,7 +144,7 @@ def test_files_give_what_the_store_gives(data, files, tmp_path):
     shutil.copytree(data, bare, ignore=shutil.ignore_patterns("charts"))
     stored = predict(tmp_path / "a.ply", data / "models", "occluded-touch", data=bare, object_id="a", grasps=[2])
     for poses in ("poses.json", "poses.npz", "unsaid.json"):
-        given = {"image": files / "image.png", "readings": readings(files), "poses": files / poses}
+        given = {"image": files / "image.png", "tactile_images": tactile_images(files), "poses": files / poses}
         own = predict(tmp_path / "b.ply", data / "models", "occluded-touch", **given)
         assert (own.touched == stored.touched).all()
         np.testing.assert_array_equal(own.reconstruction.faces, stored.reconstruction.faces)
@@ -195,24 +195,24 @@ def test_what_cannot_be_predicted_is_an_error(data, tmp_path, asked, error, word
 
 
 def test_files_that_do_not_fit_are_errors(data, files, tmp_path):
-    given = {"readings": readings(files), "poses": files / "poses.json"}
+    given = {"tactile_images": tactile_images(files), "poses": files / "poses.json"}
 
     def refused(words, **changes):
         with pytest.raises(PipelineError, match=words):
             predict(tmp_path / "ball.ply", data / "models", changes.pop("configuration", "touch"), **(given | changes))
 
-    refused("3 tactile images and 4 poses", readings=readings(files)[:3])
+    refused("3 tactile images and 4 poses", tactile_images=tactile_images(files)[:3])
     small = tmp_path / "small.png"
     Image.new("RGB", (50, 50)).save(small)
-    refused("50", readings=[small] * 4)
-    refused(r"small.png has \(50, 50\)", readings=[*readings(files)[:3], small])
-    refused("trained on images", configuration="unoccluded", image=small, readings=[], poses=None)
+    refused("50", tactile_images=[small] * 4)
+    refused(r"small.png has \(50, 50\)", tactile_images=[*tactile_images(files)[:3], small])
+    refused("trained on images", configuration="unoccluded", image=small, tactile_images=[], poses=None)
     refused("takes no touch", configuration="unoccluded", image=small)
     refused("takes no image", image=files / "image.png")
-    refused("cannot be read as an image", readings=[files / "poses.json"] * 4)
+    refused("cannot be read as an image", tactile_images=[files / "poses.json"] * 4)
     clear = tmp_path / "clear.png"
     Image.new("RGBA", (100, 100)).save(clear)
-    refused("RGBA", readings=[clear] * 4)
+    refused("RGBA", tactile_images=[clear] * 4)
     bare = tmp_path / "models"
     shutil.copytree(data / "models", bare, ignore=shutil.ignore_patterns("unet*"))
     with pytest.raises(StageError, match="models has no U-Net, which makes points of tactile images; name the models of a data directory"):
@@ -222,7 +222,7 @@ def test_files_that_do_not_fit_are_errors(data, files, tmp_path):
 def test_another_training_is_used_where_it_is_asked_for(data, files, tmp_path):
     copy = shutil.copytree(data, tmp_path / "data")
     spheres.make_model(copy, "touch", training_seed=1)
-    given = {"readings": readings(files), "poses": files / "poses.json"}
+    given = {"tactile_images": tactile_images(files), "poses": files / "poses.json"}
     first, second = (predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=seed, **given) for seed in (0, 1))
     assert not np.array_equal(first.reconstruction.vertices, second.reconstruction.vertices)
     with pytest.raises(StageError, match=r"seed-2 has no model touch: there are none at all; train it with"):
@@ -247,7 +247,7 @@ def test_a_model_of_which_a_bit_flipped_is_not_used(data, files, tmp_path, file)
     content[-1] ^= 1
     weights.write_bytes(content)
     with pytest.raises(StoreError, match=r"model.safetensors differs from what was written; delete .* and run train-"):
-        predict(tmp_path / "ball.ply", copy / "models", "touch", readings=readings(files), poses=files / "poses.json")
+        predict(tmp_path / "ball.ply", copy / "models", "touch", tactile_images=tactile_images(files), poses=files / "poses.json")
 
 
 def test_a_file_beside_a_models_own_is_no_fault(data, tmp_path):
@@ -266,4 +266,4 @@ def test_chart_settings_that_cannot_be_used_are_errors(data, files, tmp_path, ch
     shutil.copytree(data / "models", tmp_path / "models")
     publish(tmp_path, "models/gcn/touch", made, "train-gcn")
     with pytest.raises(StoreError, match=words):
-        predict(tmp_path / "ball.ply", tmp_path / "models", "touch", readings=readings(files), poses=files / "poses.json")
+        predict(tmp_path / "ball.ply", tmp_path / "models", "touch", tactile_images=tactile_images(files), poses=files / "poses.json")

@@ -25,14 +25,16 @@ def make_band(name: str) -> Band:
     depths[0, 40:60] = 0.003
     depths[1] = 0.02
     pictures = [(text, np.full((256, 256, 3), shade, np.uint8)) for text, shade in (("one", 10), ("two", 200), ("three", 120))]
-    readings = np.full((4, 100, 100, 3), 90, np.uint8)
-    return Band(name, "a note", pictures, ["index", "middle", "ring", "thumb"], np.array([True, False, False, False]), readings, depths)
+    tactile_images = np.full((4, 100, 100, 3), 90, np.uint8)
+    return Band(
+        name, "a note", pictures, ["index", "middle", "ring", "thumb"], np.array([True, False, False, False]), tactile_images, depths
+    )
 
 
 @pytest.fixture(scope="module")
 def maker() -> Iterator[BandMaker]:
     names = {"vision": {"settings": {"scene": "supplement", "hand": "allegro_right"}}, "grasps": {"settings": {"hand": "allegro_right"}}}
-    with band_maker(names | {"touch": {"sensor": SENSOR.model_dump()}}) as opened:
+    with band_maker(names | {"touch": {"sensors": [SENSOR.model_dump()] * 4}}) as opened:
         yield opened
 
 
@@ -53,7 +55,7 @@ def test_sheet_is_split_into_pages(tmp_path) -> None:
 def test_pictures_are_shown_pixel_for_pixel(tmp_path) -> None:
     band = make_band("noise")
     noise = np.random.default_rng(0).integers(0, 256, (256, 256, 3)).astype(np.uint8)
-    band = Band(band.title, band.note, [("noise", noise)], band.fingers, band.touched, band.readings, band.depths)
+    band = Band(band.title, band.note, [("noise", noise)], band.fingers, band.touched, band.tactile_images, band.depths)
     (file,) = draw([band], tmp_path / "sheet.png", [SENSOR] * 4, title="title", note="note")
     page = np.asarray(Image.open(file))
     corner = np.argwhere((page[:-256, :-256] == noise[0, 0]).all(axis=-1) & (page[255:-1, 255:-1] == noise[-1, -1]).all(axis=-1))
@@ -79,11 +81,11 @@ def test_band_shows_hand_object_and_marks(maker) -> None:
     angles = np.clip(np.full(16, 0.6), maker.hand.lower, maker.hand.upper)
     poses = sensor_poses(maker.hand, hand_pose, angles)
     grasp = {"hand_pose": hand_pose, "joint_angles": angles, "sensor_pose": poses, "touch_success": np.ones(4, bool), "penetration": 0.0}
-    touch = {"depth": np.full((4, 100, 100), 0.003, np.float32), "reading": np.zeros((4, 100, 100, 3), np.uint8)}
+    touch = {"depth": np.full((4, 100, 100), 0.003, np.float32), "tactile_image": np.zeros((4, 100, 100, 3), np.uint8)}
     rows = {
         "surfaces": mesh_row(ball(0.04)),
         "grasps": {name: np.array([value]) for name, value in grasp.items()},
-        "vision": {"unoccluded": np.zeros((256, 256, 3), np.uint8)},
+        "vision": {"unoccluded": np.zeros((1, 256, 256, 3), np.uint8)},
         "touch": {name: value[None] for name, value in touch.items()},
     }
     band = maker.band("ball", rows)

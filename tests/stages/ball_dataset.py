@@ -127,13 +127,13 @@ def vision(unit: Unit) -> Row:
     row, col = np.indices(shape[1:]) - CAMERA.resolution / 2
     segmentation = np.zeros((1 + shape[0], *shape[1:]), np.uint8)
     segmentation[0] = np.hypot(row, col) < 400 * radius_of(unit)  # not to scale, but larger for larger balls
-    return {"unoccluded": images[0], "occluded": images[1:], "segmentation": segmentation}
+    return {"unoccluded": images[:1], "occluded": images[1:, None], "segmentation": segmentation[:, None]}
 
 
 def touch(unit: Unit) -> Row:
     depth = each_sensor(depth_of, unit)
-    readings = np.array([[tactile_image(one, SENSOR) for one in grasp] for grasp in depth])
-    return {"depth": depth, "reading": readings}
+    tactile_images = np.array([[tactile_image(one, SENSOR) for one in grasp] for grasp in depth])
+    return {"depth": depth, "tactile_image": tactile_images}
 
 
 def chart_of(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
@@ -192,12 +192,18 @@ class Given(ObjectStage):
 
 
 def stages() -> list[Given]:
-    sensor = {"sensor": SENSOR.model_dump(mode="json")}
+    sensors = {"sensors": [SENSOR.model_dump(mode="json")] * SENSORS}
     return [
         Given(SURFACES, surfaces, (), {}, {}),
         Given(GRASPS, grasps, (SURFACES,), LABELS, {"settings": HAND}),
-        Given(VISION, vision, (GRASPS,), {"camera": projection_matrix(CAMERA)}, {"settings": HAND | {"scene": "supplement"}}),
-        Given(TOUCH, touch, (SURFACES, GRASPS), {"untouched": untouched_image(SENSOR)}, sensor),
+        Given(
+            VISION,
+            vision,
+            (GRASPS,),
+            {"camera": np.array(["front"]), "projection": projection_matrix(CAMERA)[None]},
+            {"settings": HAND | {"scene": "supplement"}},
+        ),
+        Given(TOUCH, touch, (SURFACES, GRASPS), {"untouched": np.stack([untouched_image(SENSOR)] * SENSORS)}, sensors),
         Given(DISTANCES, distances, (SURFACES,), {}, {}),
         Given(CHARTS, charts, (TOUCH,), {"chart_faces": chart_square(SIDE)[1].numpy().astype(np.int32)}, {}),
     ]

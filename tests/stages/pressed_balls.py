@@ -55,10 +55,10 @@ class Made(ObjectStage):
         return () if self.output.name == "grasps" else (GRASPS,)
 
     def constants(self, settings: Settings) -> Row:
-        return {"untouched": untouched_image(SENSOR)} if self.output.name == "touch" else {}
+        return {"untouched": np.stack([untouched_image(SENSOR)] * SENSORS)} if self.output.name == "touch" else {}
 
     def attributes(self, settings: Settings) -> dict[str, Any]:
-        return {"sensor": SENSOR.model_dump(mode="json")} if self.output.name == "touch" else {}
+        return {"sensors": [SENSOR.model_dump(mode="json")] * SENSORS} if self.output.name == "touch" else {}
 
     def cost(self, settings: Settings) -> Cost:
         return Cost(0.01, 1)
@@ -69,7 +69,7 @@ class Made(ObjectStage):
             depth = depths(unit.rng("balls"))
             if self.output.name == "touch":
                 images = [tactile_image(image, SENSOR) for image in depth.reshape(-1, *SENSOR.shape)]
-                return {"depth": depth, "reading": np.stack(images).reshape(*depth.shape, 3)}
+                return {"depth": depth, "tactile_image": np.stack(images).reshape(*depth.shape, 3)}
             return {
                 "hand_pose": np.tile(np.eye(4), (GRASPS_EACH, 1, 1)),
                 "joint_angles": np.zeros((GRASPS_EACH, 16)),

@@ -163,7 +163,7 @@ def test_a_figure_is_that_of_its_reconstruction_by_hand(data, evaluation):
     name = rows.object_ids[row]
     charts = rows.read("vertices", name)[grasps].reshape(-1, spheres.SIDE**2, 3)
     touched = rows.read("touch_success", name)[grasps].reshape(-1)
-    made = model.reconstruct([Observation(rows.read("occluded", name, 4), charts, touched)])[0]
+    made = model.reconstruct([Observation(rows.read("occluded", name, 4, camera=0), charts, touched)])[0]
     case = int(np.flatnonzero((prediction["first_grasp"] == 4) & (prediction["grasps_given"] == 2))[0])
     np.testing.assert_allclose(prediction["vertices"][row, case], made.vertices[: made.vision], atol=1e-6)
     dense = made.vertices[made.faces].mean(axis=1)  # face centres: another sampling of the same surface

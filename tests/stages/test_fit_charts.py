@@ -58,9 +58,9 @@ class GivenRow(dict[str, np.ndarray]):
 def task(heights: tuple[float, ...] = (0.003, 1.0, 0.0055, 0.00675), name: str = "ball", **sensor: Any) -> tuple[Unit, dict[str, Any]]:
     """Three sensors that touch or nearly do and one in the air."""
     depth = np.stack([depth_of(height) for height in heights]).reshape(2, 2, 100, 100)
-    readings = np.stack([tactile_image(one, SENSOR) for one in depth.reshape(4, 100, 100)]).reshape(2, 2, 100, 100, 3)
-    touch = GivenRow(depth=depth, reading=readings)
-    touch.attributes = {"sensor": SENSOR.model_copy(update=sensor).model_dump(mode="json")}
+    tactile_images = np.stack([tactile_image(one, SENSOR) for one in depth.reshape(4, 100, 100)]).reshape(2, 2, 100, 100, 3)
+    touch = GivenRow(depth=depth, tactile_image=tactile_images)
+    touch.attributes = {"sensors": [SENSOR.model_copy(update=sensor).model_dump(mode="json")] * 2}
     return Unit(name), {"touch": touch, "grasps": {"sensor_pose": poses(), "touch_success": touch_success(depth, SENSOR)}}
 
 
@@ -144,7 +144,7 @@ def test_predicted_points_are_the_u_nets(tmp_path: Path) -> None:
 
 def test_a_touch_that_the_u_net_does_not_see_keeps_its_square(tmp_path: Path) -> None:
     blind = task()
-    blind[1]["touch"]["reading"][:] = untouched_image(SENSOR)
+    blind[1]["touch"]["tactile_image"][:] = untouched_image(SENSOR)
     row = run(ChartSettings(), blind, trained(tmp_path / "unet"))
     assert row["stop_rule"].tolist() == [[StopRule.too_few_points, StopRule.no_touch]] * 2
     assert np.isfinite(row["vertices"]).all()

@@ -49,8 +49,8 @@ class RowsInMemory:
     def __init__(self, objects: int, seed: int, touching: bool = True) -> None:
         rng = np.random.default_rng(seed)
         depth = np.stack([depths(rng, touching) for _ in range(objects)])
-        readings = np.stack([tactile_image(image, SENSOR) for image in depth.reshape(-1, *SENSOR.shape)]).reshape(*depth.shape, 3)
-        self.arrays = {"depth": depth, "reading": readings, "touch_success": touch_success(depth, SENSOR)}
+        tactile_images = np.stack([tactile_image(image, SENSOR) for image in depth.reshape(-1, *SENSOR.shape)]).reshape(*depth.shape, 3)
+        self.arrays = {"depth": depth, "tactile_image": tactile_images, "touch_success": touch_success(depth, SENSOR)}
         self.object_ids = [f"ball-{number}" for number in range(objects)]
 
     def read(self, array: str, object_id: str, grasp: int) -> np.ndarray:
@@ -80,9 +80,9 @@ def everything(trained: UnetLearner) -> tuple[torch.Tensor, torch.Tensor, torch.
 def test_items_are_the_sensors_that_touched(touches: Touches) -> None:
     assert len(touches) == 4 * GRASPS_EACH * (SENSORS - 1)
     assert (touches.where[:, 2] < SENSORS - 1).all()
-    readings, depth = touches.read([0, 5])
+    tactile_images, depth = touches.read([0, 5])
     for item, index in enumerate(touches.where[[0, 5]]):
-        assert (readings[item].numpy() == touches.rows.arrays["reading"][tuple(index)]).all()
+        assert (tactile_images[item].numpy() == touches.rows.arrays["tactile_image"][tuple(index)]).all()
         assert (depth[item].numpy() == touches.rows.arrays["depth"][tuple(index)]).all()
     assert learner(touches).describe(5) == "ball-1 grasp 0 sensor 1"
 
@@ -132,12 +132,12 @@ def test_a_network_that_has_diverged_is_refused(touches: Touches) -> None:
 
 
 def test_images_vary_and_depths_do_not(touches: Touches) -> None:
-    readings, depth, varied = everything(learner(touches, image_gain=0.3))
+    tactile_images, depth, varied = everything(learner(touches, image_gain=0.3))
     given = touches.read(range(len(touches)))
-    assert torch.equal(readings, given[0])
+    assert torch.equal(tactile_images, given[0])
     assert torch.equal(depth, given[1])
-    assert not torch.equal(varied, readings)
-    assert torch.equal(everything(learner(touches))[2], readings), "off by default"
+    assert not torch.equal(varied, tactile_images)
+    assert torch.equal(everything(learner(touches))[2], tactile_images), "off by default"
 
 
 @pytest.fixture(scope="module")
@@ -196,19 +196,19 @@ def test_the_folder_is_all_its_users_need(trained: tuple[Path, dict[str, Any]]) 
     assert (model.untouched == untouched_image(SENSOR)).all()
     assert model.mask_threshold == 0.001
     felt = RowsInMemory(9, seed=1).arrays
-    readings = felt["reading"].reshape(-1, *SENSOR.shape, 3)  # 54: more than a batch
-    depth, mask, clouds = model.depth(readings), model.mask(readings), model.clouds(readings)
-    assert depth.shape == mask.shape == readings.shape[:3]
+    tactile_images = felt["tactile_image"].reshape(-1, *SENSOR.shape, 3)  # 54: more than a batch
+    depth, mask, clouds = model.depth(tactile_images), model.mask(tactile_images), model.clouds(tactile_images)
+    assert depth.shape == mask.shape == tactile_images.shape[:3]
     assert (depth.dtype, mask.dtype) == (np.float32, np.bool_)
     assert ((depth > 0) & (depth < SENSOR.w)).all()
-    assert np.abs(depth[50] - model.depth(readings[50:51])[0]).max() < 1e-7
+    assert np.abs(depth[50] - model.depth(tactile_images[50:51])[0]).max() < 1e-7
     assert (mask.any(axis=(1, 2)) == felt["touch_success"].reshape(-1)).all()
     x, y = pixel_centres(SENSOR)
     for cloud, image, touched in zip(clouds, depth, mask, strict=True):
         assert cloud.dtype == np.float64
         expected = [(x[col], y[row], image[row, col]) for row, col in np.ndindex(SENSOR.shape) if touched[row, col]]
         assert (cloud == np.array(expected).reshape(-1, 3)).all()
-    assert model.clouds(readings[:0]) == []
+    assert model.clouds(tactile_images[:0]) == []
 
 
 def test_the_best_epoch_is_what_is_stored(trained: tuple[Path, dict[str, Any]]) -> None:

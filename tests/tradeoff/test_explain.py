@@ -126,7 +126,7 @@ def test_only_successful_touches_are_learned_from_and_fitted(explained, data):
     charts = of(explained["fit-charts"], "charts fitted")
     assert (charts.modelled, charts.modelled + charts.left_out) == (sum(touched), OBJECTS * SENSORS)
     assert of(explained["fit-charts"], "steps").modelled == sum(int(row["iterations"].sum()) for row in rows(data, CHARTS))
-    learnt = of(explained["train-unet"], "readings learnt from")
+    learnt = of(explained["train-unet"], "tactile images learnt from")
     assert learnt.modelled + learnt.left_out == 2 * SENSORS  # train and valid
 
 

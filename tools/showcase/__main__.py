@@ -173,8 +173,8 @@ def _save_strip(source: ReportSource, out: Path, pixels: int) -> None:
         return
     rows = source.rows(case[0])
     area = rows["grasps"]["contact_area"]
-    reading = rows["touch"]["reading"][np.unravel_index(np.argmax(area), area.shape)]  # of the touch that shows most
-    touch = Image.fromarray(reading).resize((pixels, pixels), Image.Resampling.LANCZOS)
+    tactile_image = rows["touch"]["tactile_image"][np.unravel_index(np.argmax(area), area.shape)]  # of the touch that shows most
+    touch = Image.fromarray(tactile_image).resize((pixels, pixels), Image.Resampling.LANCZOS)
     parts = [Image.open(out / "strip-object.png"), touch, *(Image.open(out / f"strip-{name}.png") for name in ("charts", "shape"))]
     strip = Image.new("RGB", (len(parts) * (pixels + 8) - 8, pixels), "white")
     for number, part in enumerate(parts):

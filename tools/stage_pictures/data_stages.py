@@ -80,9 +80,10 @@ def draw_grasps(shown: Shown, path: Path) -> None:
 def draw_vision(shown: Shown, path: Path) -> None:
     """Draw the images without and with the hand, and their segmentation."""
     vision, grasp = shown.rows["vision"], shown.grasp
-    segments = vision["segmentation"][1 + grasp]
+    segments = vision["segmentation"][1 + grasp, 0]
     draw_row(
-        [("V_u: alone", vision["unoccluded"]), ("V_o: in a grasp", vision["occluded"][grasp]), ("segmentation", SEGMENTS[segments])], path
+        [("V_u: alone", vision["unoccluded"][0]), ("V_o: in a grasp", vision["occluded"][grasp, 0]), ("segmentation", SEGMENTS[segments])],
+        path,
     )
 
 
@@ -90,10 +91,10 @@ def draw_touch(shown: Shown, path: Path) -> None:
     """Tactile images above depth maps."""
     touch, sensors = shown.rows["touch"], shown.source.sensors()
     names = [mount.name for mount in shown.source.hand().sensors]
-    readings, depths = touch["reading"][shown.grasp], touch["depth"][shown.grasp]
+    tactile_images, depths = touch["tactile_image"][shown.grasp], touch["depth"][shown.grasp]
     maps = [depth_colors(depth, sensor) for depth, sensor in zip(depths, sensors, strict=True)]
     panels = [
-        *zip(names, readings, strict=True),
+        *zip(names, tactile_images, strict=True),
         *((f"D ≥ {1e3 * depth.min():.1f} mm", one) for depth, one in zip(depths, maps, strict=True)),
     ]
     draw_row(panels, path, columns=len(names))

@@ -31,12 +31,12 @@ def draw_unet(shown: Shown, path: Path) -> None:
     depths, sensors = shown.rows["touch"]["depth"][shown.grasp], shown.source.sensors()
     touched = np.flatnonzero(shown.rows["grasps"]["touch_success"][shown.grasp]).tolist()
     finger = max(touched, key=lambda number: float(np.ptp(depths[number][in_gel(depths[number], sensors[number])])))
-    reading, depth = shown.rows["touch"]["reading"][shown.grasp, finger], depths[finger]
-    sensor, mask, predicted = model.sensor, model.mask(reading[None])[0], model.depth(reading[None])[0]
+    tactile_image, depth = shown.rows["touch"]["tactile_image"][shown.grasp, finger], depths[finger]
+    sensor, mask, predicted = model.sensor, model.mask(tactile_image[None])[0], model.depth(tactile_image[None])[0]
     apart = np.where(mask & in_gel(depth, sensor), np.abs(predicted - depth), 0)
     error = matplotlib.colormaps["magma"](np.clip(apart / 0.5e-3, 0, 1))[..., :3]
     panels: Panels = [
-        ("tactile image", reading),
+        ("tactile image", tactile_image),
         ("true depth", depth_colors(depth, sensor)),
         ("predicted, where it touched", depth_colors(np.where(mask, predicted, np.inf), sensor)),
         (f"error, mean {1e3 * apart[apart > 0].mean():.2f} mm", np.round(255 * error).astype(np.uint8)),
@@ -52,7 +52,7 @@ def draw_charts(shown: Shown, path: Path) -> None:
     for finger in np.flatnonzero(rows["grasps"]["touch_success"][shown.grasp]).tolist():
         pose, depth = rows["grasps"]["sensor_pose"][shown.grasp, finger], rows["touch"]["depth"][shown.grasp, finger]
         points, count = local_points(depth, pose, sensors[finger])
-        cloud = model.clouds(rows["touch"]["reading"][shown.grasp, finger][None])[0]
+        cloud = model.clouds(rows["touch"]["tactile_image"][shown.grasp, finger][None])[0]
         panels.append((shown.source.hand().sensors[finger].name, _local_points(rows, points[:count], cloud, shown.grasp, finger)))
     draw_row(panels, path, projection="3d")
 

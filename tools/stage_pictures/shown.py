@@ -47,7 +47,7 @@ class Shown:
 
     def part(self) -> tuple[slice, slice]:
         """Cut out the part of the camera's image, `PIXELS` a side, that object and hand are in."""
-        large = self.rows["vision"]["segmentation"][[0, 1 + self.grasp]] > 0
+        large = self.rows["vision"]["segmentation"][[0, 1 + self.grasp], 0] > 0
         scale = PIXELS / large.shape[1]
         row, col = surroundings(large)
         return slice(int(scale * row.start), int(scale * row.stop)), slice(int(scale * col.start), int(scale * col.stop))

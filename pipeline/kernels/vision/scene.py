@@ -1,4 +1,4 @@
-"""The description of a scene: camera, lamp, constant light and background."""
+"""The description of a scene: cameras, lamp, constant light and background."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ Side = Annotated[int, Field(ge=16, le=MAX_RESOLUTION)]
 
 
 class NamedCamera(Camera):
-    """A camera beside the first one, with depth.
+    """A camera of a scene.
 
     Attributes
     ----------
     name
         Labels its images.
     size
-        Columns and rows of its images; they are as stated, whatever the resolution of the others. By default square.
+        Columns and rows of its images, kept whatever `render-vision.resolution` is. By default square.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")
@@ -75,10 +75,10 @@ class Scene(BaseModel):
 
     Attributes
     ----------
-    camera
-        The camera of the images that networks of grasps are shown.
     cameras
-        Further cameras, with depth; by default there are none.
+        One or more, with images of one size. Networks are shown the first one's.
+    depth
+        Whether depth images are stored.
     lamp, ambient, background
         One lamp, constant light (linear RGB) and the background's colour (sRGB, 0..1).
     """
@@ -87,8 +87,13 @@ class Scene(BaseModel):
 
     name: str
     summary: str
-    camera: Camera
-    cameras: Annotated[tuple[NamedCamera, ...], AfterValidator(_fit_together)] = ()
+    cameras: Annotated[tuple[NamedCamera, ...], Field(min_length=1), AfterValidator(_fit_together)]
+    depth: bool = False
     lamp: Lamp
     ambient: tuple[Intensity, Intensity, Intensity]
     background: tuple[UnitInterval, UnitInterval, UnitInterval]
+
+    @property
+    def camera(self) -> NamedCamera:
+        """The first camera, whose images networks are shown."""
+        return self.cameras[0]

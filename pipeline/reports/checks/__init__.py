@@ -15,7 +15,7 @@ from pipeline.formats.description_file import read_yaml, shipped_files
 ENTRIES = {
     "sensor": {"w", "rows", "cols"},
     "hand": {"urdf", "palm", "fingers"},
-    "scene": {"camera", "background"},
+    "scene": {"cameras", "background"},
     "manifest": {"sources", "splits"},
 }
 """What tells the kinds of description files apart."""

@@ -19,21 +19,20 @@ SIZE = 0.5
 def check(path: Path, picture: Path) -> list[str]:
     """Say what a scene file describes, and draw it; parameters, result and errors as `check_file`."""
     scene = load_scene(path)
-    cameras: dict[str, Camera] = {"camera": scene.camera} | {camera.name: camera for camera in scene.cameras}
     figure = Figure((12, 6), layout="constrained")
     for axes, (right, up) in zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True):
         axes.plot(POSITION[right], POSITION[up], "s", color="black", label="object")
         axes.plot(scene.lamp.position[right], scene.lamp.position[up], "*", color="orange", markersize=14, label="lamp")
-        for name, camera in cameras.items():
+        for camera in scene.cameras:
             pose = camera_pose(camera)
             axes.plot(pose[right, 3], pose[up, 3], "o")
             ahead = pose[:3, 3] - pose[:3, 2] * 0.5
             axes.annotate("", xy=ahead[[right, up]], xytext=pose[[right, up], 3], arrowprops={"arrowstyle": "->"})
-            axes.annotate(name, pose[[right, up], 3])
+            axes.annotate(camera.name, pose[[right, up], 3])
         axes.set(xlabel="xyz"[right] + ", m", ylabel="xyz"[up] + ", m", aspect="equal")
         axes.legend()
     save_figure(figure, picture)
-    lines = [_camera(name, camera) for name, camera in cameras.items()]
+    lines = [_camera(camera.name, camera) for camera in scene.cameras]
     return [
         f"{path}: scene {scene.name}, {'no faults' if not any('fault' in line for line in lines) else 'faults below'}",
         *lines,

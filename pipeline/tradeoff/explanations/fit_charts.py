@@ -16,7 +16,7 @@ from stages.fit_charts.stage import UNET
 
 
 def explain(settings: ChartSettings, models: Mapping[str, Path], units: Sequence[tuple[Unit, Inputs]]) -> Iterator[Count]:
-    """Count charts, readings, pixels and steps of these objects."""
+    """Count charts, tactile images, pixels and steps of these objects."""
     model = load_touch_model(models[UNET], settings.device) if settings.cloud == "predicted" else None
     for _, inputs in units:
         touched, own = inputs["grasps"]["touch_success"], inputs["charts"]
@@ -26,11 +26,11 @@ def explain(settings: ChartSettings, models: Mapping[str, Path], units: Sequence
         if model is None:
             depth = inputs["touch"]["depth"][touched]
             inside = int((depth < touch_sensor(inputs["touch"].attributes).w).sum())
-            yield Count("readings through the U-Net", 0, felt, "`cloud` is true: the points are the depth map's")
+            yield Count("tactile images through the U-Net", 0, felt, "`cloud` is true: the points are the depth map's")
             yield Count("points fitted to", inside, depth.size - inside, "beyond the gel")
         else:
-            mask = model.mask(inputs["touch"]["reading"][touched])
-            yield Count("readings through the U-Net", felt, sensors - felt, "nothing touched")
+            mask = model.mask(inputs["touch"]["tactile_image"][touched])
+            yield Count("tactile images through the U-Net", felt, sensors - felt, "nothing touched")
             yield Count("points fitted to", int(mask.sum()), int((~mask).sum()), "the pixel shows no contact")
         taken = int(own["iterations"].sum())
         yield Count("steps", taken, fitted * settings.max_iterations - taken, "the chart was near enough")

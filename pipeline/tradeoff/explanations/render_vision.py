@@ -16,7 +16,7 @@ from stages.render_vision.settings import VisionSettings
 
 def explain(settings: VisionSettings, models: Mapping[str, Path], units: Sequence[tuple[Unit, Inputs]]) -> Iterator[Count]:
     """Count images, hand shapes and looks of these objects."""
-    shapes = len(load_hand(settings.hand).visual_meshes)
+    shapes = len(load_hand(str(settings.hand)).visual_meshes)
     for _, inputs in units:
         grasps = len(inputs["grasps"]["hand_pose"])
         held = grasps if settings.occluded else 0

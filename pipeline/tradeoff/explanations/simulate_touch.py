@@ -17,7 +17,7 @@ from stages.simulate_touch.settings import TouchSettings
 
 def explain(settings: TouchSettings, models: Mapping[str, Path], units: Sequence[tuple[Unit, Inputs]]) -> Iterator[Count]:
     """Count faces, rays and points of every sensor of these objects."""
-    sensors = load_worn_sensors(settings.sensors)
+    sensors = load_worn_sensors(settings.sensors or ())
     for _, inputs in units:
         faces = box_faces(read_mesh(inputs["surfaces"]).triangles)
         poses = inputs["grasps"]["sensor_pose"]

@@ -26,13 +26,13 @@ def explain(job: DatasetJob) -> Iterator[Count]:
     settings: UnetSettings = job.settings
     yield arrays_read(ARRAYS, (TOUCH, GRASPS))
     for name in ("train", "valid"):
-        rows = ObjectRows(job.data, ["touch_success", "untouched", "reading"], name)
-        untouched = torch.tensor(rows.read("untouched", rows.object_ids[0]))
+        rows = ObjectRows(job.data, ["touch_success", "untouched", "tactile_image"], name)
+        untouched = torch.tensor(rows.read("untouched", rows.object_ids[0])[0])
         success = np.stack([rows.read("touch_success", object_id) for object_id in rows.object_ids])
-        yield Count("readings learnt from", int(success.sum()), int((~success).sum()), "the sensor touched nothing")
+        yield Count("tactile images learnt from", int(success.sum()), int((~success).sum()), "the sensor touched nothing")
         for object_id, touched in list(zip(rows.object_ids, success, strict=True))[:OBJECTS]:
-            readings = torch.from_numpy(rows.read("reading", object_id)[touched])
-            mask = contact_mask(readings, untouched, settings.mask_threshold)
+            tactile_images = torch.from_numpy(rows.read("tactile_image", object_id)[touched])
+            mask = contact_mask(tactile_images, untouched, settings.mask_threshold)
             pixels = int(mask.sum())
             what = f"pixels in the loss, of {OBJECTS} objects per split"
             yield Count(what, pixels, mask.numel() - pixels, "they show no contact (supplement 2.2)")

@@ -9,14 +9,14 @@ from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from tests.kernels.touch.shapes import SENSOR
 
 
-def slow_mask(readings: np.ndarray, blank: np.ndarray, threshold: float) -> np.ndarray:
+def slow_mask(tactile_images: np.ndarray, blank: np.ndarray, threshold: float) -> np.ndarray:
     """Every pixel by itself, in Python's floats."""
-    mask = np.zeros(readings.shape[:-1], bool)
+    mask = np.zeros(tactile_images.shape[:-1], bool)
     for index in np.ndindex(mask.shape):
         row, col = index[-2:]
         squared = 0.0
         for channel in range(3):
-            squared += ((float(readings[*index, channel]) - float(blank[row, col, channel])) / 255) ** 2
+            squared += ((float(tactile_images[*index, channel]) - float(blank[row, col, channel])) / 255) ** 2
         mask[index] = squared > threshold
     return mask
 
@@ -29,10 +29,10 @@ def black(*shape: int) -> torch.Tensor:
 def test_contact_mask_equals_the_slow_twin(threshold: float) -> None:
     rng = np.random.default_rng(0)
     blank = rng.integers(0, 256, (7, 5, 3), dtype=np.uint8)
-    readings = np.clip(blank + rng.integers(-20, 21, (2, 4, 7, 5, 3)) * rng.integers(0, 2, (2, 4, 7, 5, 1)), 0, 255).astype(np.uint8)
-    expected = slow_mask(readings, blank, threshold)
+    tactile_images = np.clip(blank + rng.integers(-20, 21, (2, 4, 7, 5, 3)) * rng.integers(0, 2, (2, 4, 7, 5, 1)), 0, 255).astype(np.uint8)
+    expected = slow_mask(tactile_images, blank, threshold)
     assert 0 < expected.sum() < expected.size
-    given = torch.from_numpy(readings), torch.from_numpy(blank)
+    given = torch.from_numpy(tactile_images), torch.from_numpy(blank)
     assert (contact_mask(*given, threshold).numpy() == expected).all()
 
 
@@ -64,7 +64,7 @@ def test_a_press_is_seen_where_it_presses() -> None:
 
 
 @pytest.mark.parametrize(
-    ("readings", "blank", "threshold", "message"),
+    ("tactile_images", "blank", "threshold", "message"),
     [
         (black(2, 4, 4, 3), black(4, 5, 3), 0.001, r"\(2, 4, 4, 3\), untouched \(4, 5, 3\)"),
         (black(3, 4, 4), black(3, 4, 4), 0.001, r"\(\.\.\., H, W, 3\)"),
@@ -77,7 +77,7 @@ def test_a_press_is_seen_where_it_presses() -> None:
     ],
 )
 def test_contact_mask_rejects_wrong_shapes_types_and_thresholds(
-    readings: torch.Tensor, blank: torch.Tensor, threshold: float, message: str
+    tactile_images: torch.Tensor, blank: torch.Tensor, threshold: float, message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
-        contact_mask(readings, blank, threshold)
+        contact_mask(tactile_images, blank, threshold)

@@ -21,16 +21,16 @@ from tests.strategies import seeds
 @given(seed=seeds, pixel=st.integers(0, 23), beside=st.sampled_from([0, COLOURS]))
 def test_contact_mask_is_exact_at_any_threshold(seed: int, pixel: int, beside: int) -> None:
     """At the squared norm of one of the pixels and the float next to it, where a rounded product decides wrongly."""
-    blank, readings = np.random.default_rng(seed).integers(0, 256, (2, 6, 4, 3), dtype=np.uint8)
-    squares = np.square(readings.astype(int) - blank).reshape(-1, 3).sum(axis=1).tolist()
+    blank, tactile_images = np.random.default_rng(seed).integers(0, 256, (2, 6, 4, 3), dtype=np.uint8)
+    squares = np.square(tactile_images.astype(int) - blank).reshape(-1, 3).sum(axis=1).tolist()
     threshold = float(np.nextafter(squares[pixel] / WHITE**2, beside))
     expected = [Fraction(square, WHITE**2) > Fraction(threshold) for square in squares]
-    assert contact_mask(torch.from_numpy(readings), torch.from_numpy(blank), threshold).flatten().tolist() == expected
+    assert contact_mask(torch.from_numpy(tactile_images), torch.from_numpy(blank), threshold).flatten().tolist() == expected
 
 
 @pytest.mark.parametrize("square", [1, 65, 66, 4225, 65025, 194566, 195075])
 def test_threshold_next_to_a_squared_norm_separates_it_from_the_next(square: int) -> None:
-    """Readings whose every pixel has that squared norm exactly: just below the threshold, at it, and just above."""
+    """Tactile images whose every pixel has that squared norm exactly: just below the threshold, at it, and just above."""
     parts = next(
         (r, g, b)
         for r in range(WHITE + 1)
@@ -38,16 +38,16 @@ def test_threshold_next_to_a_squared_norm_separates_it_from_the_next(square: int
         for b in [math.isqrt(max(square - r * r - g * g, 0))]
         if b <= g and r * r + g * g + b * b == square
     )
-    readings, blank = torch.tensor(parts, dtype=torch.uint8).expand(2, 2, 3), torch.zeros(2, 2, 3, dtype=torch.uint8)
+    tactile_images, blank = torch.tensor(parts, dtype=torch.uint8).expand(2, 2, 3), torch.zeros(2, 2, 3, dtype=torch.uint8)
     exactly = Fraction(square, WHITE**2)
     for threshold in (np.nextafter(square / WHITE**2, 0), square / WHITE**2, np.nextafter(square / WHITE**2, COLOURS)):
-        assert bool(contact_mask(readings, blank, float(threshold)).all()) == (exactly > Fraction(float(threshold)))
+        assert bool(contact_mask(tactile_images, blank, float(threshold)).all()) == (exactly > Fraction(float(threshold)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_contact_mask_of_an_image_with_itself_is_empty(kind: str) -> None:
-    reading = stored(kind, 9)
-    assert not contact_mask(reading, reading, 0.0).any()
+    image = stored(kind, 9)
+    assert not contact_mask(image, image, 0.0).any()
 
 
 @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float32])

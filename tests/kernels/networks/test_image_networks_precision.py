@@ -60,12 +60,12 @@ def test_batch_normalisation_trains_on_two_values_per_channel_or_raises(size: in
 @pytest.mark.parametrize("kind", KINDS)
 def test_unet_has_the_documented_errors_in_each_precision(kind: str) -> None:
     """In evaluation: float32 within 1e-6 of float64, bfloat16 under autocast within 1e-3, of the gel's thickness."""
-    unet, readings = made(UNet, 4).eval(), network_images(kind, 48)
+    unet, tactile_images = made(UNet, 4).eval(), network_images(kind, 48)
     with torch.no_grad():
-        single = unet(readings)
-        double = copy.deepcopy(unet).double()(readings.double())
+        single = unet(tactile_images)
+        double = copy.deepcopy(unet).double()(tactile_images.double())
         with torch.autocast("cpu", torch.bfloat16):
-            half = unet(readings)
+            half = unet(tactile_images)
     assert half.dtype == torch.float32
     assert float((single - double).abs().max()) <= 1e-6
     assert float((half - single).abs().max()) <= 1e-3

@@ -58,7 +58,7 @@ def test_layers_have_the_shapes_of_table_5() -> None:
 
 
 def test_parameters_are_24_million_at_width_64() -> None:
-    """As readings of the table: with 3 input channels, biases, and batch norm's scale and shift."""
+    """As tactile images of the table: with 3 input channels, biases, and batch norm's scale and shift."""
     assert sum(parameter.numel() for parameter in network(64).parameters()) == 24_425_601
     wide, narrow = (sum(p.numel() for p in network(width).parameters() if p.ndim == 4) for width in (16, 8))
     assert wide - 16 * 27 - 16 == 4 * (narrow - 8 * 27 - 8)  # kernels, but for those of the first layer and the head
@@ -102,10 +102,10 @@ def test_other_sizes_give_depths_and_gradients(shape: tuple[int, int], training:
 
 def test_float64_and_its_gradient() -> None:
     unet = network(1).double().eval()
-    readings = torch.rand(1, 3, 16, 16, dtype=torch.float64)
-    assert unet(readings).dtype == torch.float64
+    tactile_images = torch.rand(1, 3, 16, 16, dtype=torch.float64)
+    assert unet(tactile_images).dtype == torch.float64
     kernel = unet.up[0].weight
-    assert torch.autograd.gradcheck(lambda _: unet(readings), (kernel,), eps=1e-6, atol=1e-6)
+    assert torch.autograd.gradcheck(lambda _: unet(tactile_images), (kernel,), eps=1e-6, atol=1e-6)
 
 
 def test_bfloat16_depth_keeps_its_precision() -> None:
@@ -119,11 +119,11 @@ def test_bfloat16_depth_keeps_its_precision() -> None:
 
 def test_evaluation_does_not_depend_on_the_batch() -> None:
     unet = network(4).eval()
-    readings = torch.rand(3, 3, 32, 32)
+    tactile_images = torch.rand(3, 3, 32, 32)
     with torch.no_grad():
-        together = unet(readings)
+        together = unet(tactile_images)
         for item in range(3):
-            assert torch.allclose(unet(readings[item : item + 1])[0], together[item], atol=1e-6)
+            assert torch.allclose(unet(tactile_images[item : item + 1])[0], together[item], atol=1e-6)
 
 
 def test_unet_rejects_wrong_shapes() -> None:
@@ -152,18 +152,18 @@ def test_one_touch_is_overfitted_to_50_micrometres(loss: Callable[..., Tensor], 
     depth = ray_depth(box_faces(ball(4, radius, z=SENSOR.w - pressed + radius)), np.eye(4), SENSOR).astype(np.float32)
     felt, true = torch.from_numpy(tactile_image(depth, SENSOR))[None], torch.from_numpy(depth)[None]
     mask = contact_mask(felt, torch.tensor(untouched_image(SENSOR)))
-    readings = felt.permute(0, 3, 1, 2) / 255
+    tactile_images = felt.permute(0, 3, 1, 2) / 255
     unet, sizes = network(8), {"width": SENSOR.width, "gel": SENSOR.w}
     optimizer = torch.optim.Adam(unet.parameters(), lr=0.01)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     for _ in range(steps):
         optimizer.zero_grad()
-        predicted = unet(readings) * SENSOR.w
+        predicted = unet(tactile_images) * SENSOR.w
         loss(predicted, true, mask, **sizes).backward()
         optimizer.step()
         schedule.step()
     with torch.no_grad():
-        predicted = unet.eval()(readings) * SENSOR.w
+        predicted = unet.eval()(tactile_images) * SENSOR.w
         error = float((predicted - visible_depth(true, SENSOR.w))[mask].square().mean().sqrt()) * 1e6
         distance = float(projected_chamfer_loss(predicted, true, mask, **sizes) / 2) ** 0.5 * SENSOR.width * 1e6
     assert (error if loss is masked_depth_loss else distance) <= 50

@@ -41,48 +41,45 @@ def rows(settings: VisionSettings, *tasks: tuple[Unit, dict[str, Any]]) -> list[
 def test_rows_have_the_shapes_and_types_of_the_schema() -> None:
     (row,) = rows(VisionSettings(hand=HAND), task("a", 0.15))
     assert {name: (array.shape, array.dtype.name) for name, array in row.items()} == {
-        "unoccluded": ((256, 256, 3), "uint8"),
-        "occluded": ((GRASPS, 256, 256, 3), "uint8"),
-        "segmentation": ((1 + GRASPS, 256, 256), "uint8"),
+        "unoccluded": ((1, 256, 256, 3), "uint8"),
+        "occluded": ((GRASPS, 1, 256, 256, 3), "uint8"),
+        "segmentation": ((1 + GRASPS, 1, 256, 256), "uint8"),
     }
     declared = {name for name, array in STAGE.output.arrays.items() if array.per_object} - set(COMMON)
-    assert set(row) == {name for name in declared if not name.startswith("further")}
-    assert set(STAGE.constants(VisionSettings(hand=HAND))) == {"camera"}
+    assert set(row) == declared - {"camera_depth"}
+    assert set(STAGE.constants(VisionSettings(hand=HAND))) == {"camera", "projection"}
 
 
-def test_further_cameras_of_a_scene_add_images_and_change_none(tmp_path) -> None:
+def test_images_of_one_camera_do_not_depend_on_the_others(tmp_path) -> None:
     described = yaml.safe_load(description_path("scene", "supplement").read_text())
-    first = described["camera"]
+    (first,) = described["cameras"]
     closer = first | {"position": [0.486, 0.2305, 0.787], "name": "closer"}
-    path = tmp_path / "two.yaml"
-    path.write_text(json.dumps(described | {"cameras": [first | {"name": "again"}, closer]}))
+    path = tmp_path / "three.yaml"
+    path.write_text(json.dumps(described | {"cameras": [first, first | {"name": "again"}, closer], "depth": True}))
     plain, several = VisionSettings(hand=HAND, resolution=64), VisionSettings(hand=HAND, resolution=64, scene=str(path))
     (before,), (row,) = rows(plain, task("a", 0.1)), rows(several, task("a", 0.1))
-    assert all(before[name].tobytes() == row[name].tobytes() for name in before)
-    assert (row["further_unoccluded"][0] == row["unoccluded"]).all()
-    assert (row["further_occluded"][:, 0] == row["occluded"]).all()
+    for name, axis in (("unoccluded", 0), ("occluded", 1), ("segmentation", 1)):
+        for camera in (0, 1):
+            assert (np.take(row[name], [camera], axis) == before[name]).all()
     constants = STAGE.constants(several)
-    assert constants["further_camera"].tolist() == ["again", "closer"]
-    assert (constants["further_projection"][0] == constants["camera"]).all()
+    assert constants["camera"].tolist() == ["front", "again", "closer"]
+    assert (constants["projection"][:2] == STAGE.constants(plain)["projection"]).all()
     for name, array in {**row, **constants}.items():
         declared = STAGE.output.arrays[name]
         assert array.ndim == len([dim for dim in declared.dims if dim != "object"]), name
-    assert (row["further_segmentation"][:, 0] == row["segmentation"]).all()
-    assert (np.isfinite(row["further_depth"]) == (row["further_segmentation"] > 0)).all()
-    assert row["further_depth"][0, 1].min() < row["further_depth"][0, 0].min() - 0.5  # half as far
-    covered = [(image != image[0, 0]).any(axis=-1).sum() for image in row["further_unoccluded"]]
-    assert covered[1] > 2.5 * covered[0]  # at half the distance four times as large, where it is not cut off
+    assert (np.isfinite(row["camera_depth"]) == (row["segmentation"] > 0)).all()
+    assert row["camera_depth"][0, 2].min() < row["camera_depth"][0, 0].min() - 0.5  # half as far
+    covered = [(image != image[0, 0]).any(axis=-1).sum() for image in row["unoccluded"]]
+    assert covered[2] > 2.5 * covered[0]  # at half the distance four times as large, where it is not cut off
 
 
-def test_further_cameras_need_not_be_square(tmp_path) -> None:
+def test_cameras_need_not_be_square_but_have_one_size(tmp_path) -> None:
     described = yaml.safe_load(description_path("scene", "supplement").read_text())
-    wide = described["camera"] | {"name": "wide", "size": [96, 48], "centre": [48, 24]}
+    wide = described["cameras"][0] | {"name": "wide", "size": [96, 48], "centre": [48, 24]}
     path = tmp_path / "wide.yaml"
     path.write_text(json.dumps(described | {"cameras": [wide]}))
     (row,) = rows(VisionSettings(resolution=64, scene=str(path), hand=HAND), task("a", 0.1))
-    assert row["unoccluded"].shape == (64, 64, 3)
-    assert row["further_occluded"].shape == (GRASPS, 1, 48, 96, 3)
-    assert row["further_depth"].shape == (1 + GRASPS, 1, 48, 96)
+    assert row["occluded"].shape == (GRASPS, 1, 48, 96, 3)
     path.write_text(json.dumps(described | {"cameras": [wide, wide | {"name": "tall", "size": [48, 96]}]}))
     with pytest.raises(InvalidInput, match="images of several sizes"):
         load_scene(path)
@@ -90,7 +87,7 @@ def test_further_cameras_need_not_be_square(tmp_path) -> None:
 
 def test_two_cameras_of_one_name_are_refused(tmp_path) -> None:
     described = yaml.safe_load(description_path("scene", "supplement").read_text())
-    described["cameras"] = [described["camera"] | {"name": "a"}] * 2
+    described["cameras"] = [described["cameras"][0] | {"name": "a"}] * 2
     (tmp_path / "twice.yaml").write_text(json.dumps(described))
     with pytest.raises(InvalidInput, match="two cameras are called a; rename one"):
         load_scene(tmp_path / "twice.yaml")
@@ -134,15 +131,15 @@ def test_an_image_does_not_depend_on_earlier_objects() -> None:
 def test_without_occluded_only_the_object_is_rendered() -> None:
     (row,) = rows(VisionSettings(hand=HAND, occluded=False, resolution=64), task("a", 0.15))
     assert set(row) == {"unoccluded", "segmentation"}
-    assert row["segmentation"].shape == (1, 64, 64)
+    assert row["segmentation"].shape == (1, 1, 64, 64)
 
 
 @pytest.mark.parametrize("resolution", [256, 64])
 def test_camera_matrix_projects_to_the_image(resolution) -> None:
     settings = VisionSettings(hand=HAND, resolution=resolution)
-    camera = STAGE.constants(settings)["camera"]
+    camera = STAGE.constants(settings)["projection"][0]
     (row,) = rows(settings, task("a", 0.1))
-    at = np.argwhere(row["segmentation"][0] == 1).mean(axis=0)[::-1] + 0.5
+    at = np.argwhere(row["segmentation"][0, 0] == 1).mean(axis=0)[::-1] + 0.5
     assert camera.shape == (3, 4)
     assert project_points(camera, np.array([0, 0, 0.6])) == pytest.approx(at, abs=0.01 * resolution)
 

@@ -58,9 +58,9 @@ def test_rows_match_the_schema_and_follow_from_depth(tracer: Literal["ray", "sph
     assert touch_success(row["depth"], SENSOR).tolist() == [[True, True, True], [True, False, False]]
     assert np.isfinite(row["depth"][1, 1]).any()  # seen, though not touched
     assert np.isinf(row["depth"][1, 2]).all()
-    assert (row["reading"][1, 1:] == STAGE.constants(settings)["untouched"]).all()
+    assert (row["tactile_image"][1, 1:] == STAGE.constants(settings)["untouched"][1:]).all()
     for index in np.ndindex(2, 3):
-        assert (row["reading"][index] == tactile_image(row["depth"][index], SENSOR)).all()
+        assert (row["tactile_image"][index] == tactile_image(row["depth"][index], SENSOR)).all()
         points, count = local_points(row["depth"][index], poses[index], SENSOR)
         assert row["local_points"][index].tobytes() == points.tobytes()
         assert row["local_count"][index] == count
@@ -77,8 +77,8 @@ def test_tracers_agree_to_the_tolerance() -> None:
 
 def test_local_points_are_stored_on_demand() -> None:
     settings = TouchSettings(sensors=WORN)
-    assert set(run(settings, six_poses())) == {"depth", "reading"}
-    assert STAGE.attributes(settings)["sensor"]["w"] == SENSOR.w
+    assert set(run(settings, six_poses())) == {"depth", "tactile_image"}
+    assert STAGE.attributes(settings)["sensors"][0]["w"] == SENSOR.w
     assert [path.name for path in STAGE.assets(settings)] == ["gel_16mm.yaml"]
 
 
@@ -95,17 +95,17 @@ def test_another_sensor_than_that_of_the_hand_is_refused() -> None:
 
 
 def test_sensors_follow_the_grasps_and_may_differ_between_fingers(tmp_path: Path) -> None:
-    """A thinner gel on the last finger: its readings, its untouched image and its local points are its own."""
+    """A thinner gel on the last finger: its tactile images, its untouched image and its local points are its own."""
     thin = tmp_path / "thin.yaml"
     thin.write_text(description_path("sensor", "gel_16mm").read_text().replace("w: 0.0068", "w: 0.002"))
     worn = ("gel_16mm", "gel_16mm", str(thin))
     settings = STAGE.resolve_settings(TouchSettings(store_points=True), {"grasps": {"hand": {"sensor_files": list(worn)}}})
     assert settings.sensors == worn
     row, alike = run(settings, six_poses()), run(TouchSettings(sensors=WORN, store_points=True), six_poses())
-    assert (row["reading"][:, :2] == alike["reading"][:, :2]).all()
-    assert (row["reading"][0, 2] == STAGE.constants(settings)["untouched_of_sensor"][2]).all()  # 6 mm away: in the thick gel alone
+    assert (row["tactile_image"][:, :2] == alike["tactile_image"][:, :2]).all()
+    assert (row["tactile_image"][0, 2] == STAGE.constants(settings)["untouched"][2]).all()  # 6 mm away: in the thick gel alone
     assert row["local_count"][0].tolist()[2] == 0 < alike["local_count"][0, 2]
-    assert [one["w"] for one in STAGE.attributes(settings)["sensor"]] == [0.0068, 0.0068, 0.002]
+    assert [one["w"] for one in STAGE.attributes(settings)["sensors"]] == [0.0068, 0.0068, 0.002]
     assert [path.name for path in STAGE.assets(settings)] == ["gel_16mm.yaml", "thin.yaml"]
 
 
