@@ -77,7 +77,7 @@ class Artifact(BaseModel):
     ragged: dict[str, Array] = {}
 
     def of(self, name: str) -> Array | None:
-        """Find the declaration of an array of this name or path, ragged ones included; None where there is none."""
+        """Find the declaration of an array by name or path, ragged ones included; None if there is none."""
         if name in self.arrays:
             return self.arrays[name]
         for pattern, array in self.ragged.items():

@@ -45,5 +45,5 @@ class GraspDataset(Dataset[Item]):
 
 
 def _tensor(value: np.ndarray) -> torch.Tensor | str:
-    """A tensor of its own memory, or the string itself where the array holds strings."""
+    """Copy an array into a tensor; return the string itself if it holds one."""
     return str(value) if value.dtype.kind in "OUT" else torch.from_numpy(value.copy())

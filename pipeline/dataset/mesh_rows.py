@@ -10,7 +10,7 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 
 
 def read_mesh(view: Mapping[str, np.ndarray]) -> Mesh:
-    """The normalised mesh in a row of `surfaces`."""
+    """Read the normalised mesh from a row of `surfaces`."""
     textures = sum(name.startswith("meshes/texture_") for name in view)
     look = Look(
         uv=view["meshes/uv"],
@@ -24,7 +24,7 @@ def read_mesh(view: Mapping[str, np.ndarray]) -> Mesh:
 
 
 def mesh_row(mesh: Mesh) -> dict[str, np.ndarray]:
-    """The part of a row of `surfaces` that holds a mesh: `read_mesh` reads it back."""
+    """Make the part of a row of `surfaces` that holds a mesh: `read_mesh` reads it back."""
     colors = {} if mesh.look.vertex_color is None else {"meshes/vertex_color": mesh.look.vertex_color}
     return {
         "meshes/vertices": mesh.vertices,

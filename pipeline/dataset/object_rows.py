@@ -94,7 +94,7 @@ class ObjectRows:
         return len(self.object_ids)
 
     def _needed(self) -> list[str]:
-        """The arrays, and those that derived ones follow from."""
+        """List the arrays to read: those asked for, and those that derived ones follow from."""
         sources = (source for name in self.arrays for source in DERIVED.get(name, ()))
         return list(dict.fromkeys([*(name for name in self.arrays if name != DIFFERENCE), *sources]))
 
@@ -105,7 +105,7 @@ class ObjectRows:
                 raise StoreError(f"{shard.path} has no {name}: it was made without; set the stage's setting for it and run again")
 
     def attributes(self, artifact: str) -> Mapping[str, Any]:
-        """What the root of an artifact says, such as the sensor's description under `touch`."""
+        """Read the attributes of an artifact's root, such as `sensors` of `touch`."""
         return self._collections[artifact].first.attributes
 
     def sensor(self) -> Sensor:
@@ -214,5 +214,5 @@ def _owner(array: str) -> Artifact:
 
 
 def first_shard(data: Place, artifact: Artifact) -> Shard:
-    """A shard of an artifact, for what all of them share; a `StoreError` where none has been made."""
+    """Find a shard of an artifact, for what all of them share; a `StoreError` if none has been made."""
     return DataDirectory(data).collection(artifact).first

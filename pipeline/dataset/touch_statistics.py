@@ -60,5 +60,5 @@ def tally(data: Place) -> dict[str, Tally]:
 
 
 def sensors_of(data: Place) -> list[str]:
-    """The names of the fingers that wear the sensors, in their order."""
+    """Read the names of the sensors, in their order."""
     return [str(name) for name in first_shard(data, GRASPS).read("sensor")]

@@ -82,7 +82,7 @@ def _process(unit: Unit, inputs: Inputs, settings: ChartSettings, model: TouchMo
 
 
 def _clouds(inputs: Inputs, touched: NDArray[np.bool_], sensor: Sensor, model: TouchModel | None) -> list[NDArray[np.float64]]:
-    """The points that the U-Net predicts of each touch, without one those with D < w; sensor frame, m."""
+    """Predict the points of each touch by the U-Net; without one, take those with D < w. Sensor frame, m."""
     touch = inputs["touch"]
     if model is None:
         return [masked_points(depth, in_gel(depth, sensor), sensor) for depth in touch["depth"][touched].astype(np.float64)]

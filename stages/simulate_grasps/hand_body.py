@@ -71,7 +71,7 @@ class HandBody:
         )
 
     def joint_states(self) -> tuple[NDArray[np.float64], float]:
-        """The joint vector (J,), rad, and the greatest speed of a joint, rad/s."""
+        """Read the joint vector (J,), rad, and the greatest speed of a joint, rad/s."""
         states = self.client.getJointStates(self.body, self.motors)
         return np.array([state[0] for state in states]), max(abs(state[1]) for state in states)
 

@@ -42,11 +42,11 @@ class SimulateGrasps(ObjectStage):
     settings_type = GraspSettings
 
     def inputs(self, settings: GraspSettings) -> tuple[Artifact, ...]:
-        """The normalised meshes and their surface points."""
+        """Name what is read: the normalised meshes and their surface points."""
         return (SURFACES,)
 
     def assets(self, settings: GraspSettings) -> list[Path]:
-        """The hand file with all it names, and the fingers' sensor files."""
+        """List the hand file with all it names, and the fingers' sensor files."""
         hand = load_hand(settings.hand)
         return [*hand.files, *sensor_files(sensor_names(hand, settings.sensor))]
 
@@ -57,7 +57,7 @@ class SimulateGrasps(ObjectStage):
         return {"grasp": np.arange(settings.grasps, dtype=np.int32), "sensor": sensors, "joint": np.array(hand.joint_names)}
 
     def attributes(self, settings: GraspSettings) -> dict[str, Any]:
-        """The hand's name, what its joints and sensors are called, and digests of the files: later stages use no other hand or sensors."""
+        """Describe the hand: names of joints and sensors, digests of its files. Later stages use no other hand or sensors."""
         hand = load_hand(settings.hand)
         sensors = sensor_names(hand, settings.sensor)
         return {

@@ -183,7 +183,7 @@ class _Fit:
         return MM * np.concatenate([shade_depth(b, self.sensor.pitch, direction=np.deg2rad(direction), slope=slope)[at] for b, at in parts])
 
     def calibration(self, background: tuple[Levels, ...]) -> Calibration:
-        """The optics that were fitted."""
+        """Return the fitted optics."""
         count = len(self.coefficients) - len(self.shadows)
         terms = len(powers(self.options.normal_degree)) - 1
         shading = np.round(self.coefficients[:count].T.reshape(3, terms, -1), 3)

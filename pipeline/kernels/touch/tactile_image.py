@@ -119,7 +119,7 @@ def _lit(bump: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:
 
 @lru_cache(maxsize=8)
 def _at_rest(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """The surface that nothing presses, (rows, cols) below w in sensor widths, and its image (rows, cols, 3)."""
+    """Compute the surface at rest, (rows, cols) below w in sensor widths, and its image (rows, cols, 3)."""
     rest = np.broadcast_to((sensor.w - gel_surface(sensor)) / sensor.width, sensor.shape).copy()
     image = np.zeros((*sensor.shape, 3), np.uint8)
     _shade(rest, np.full(sensor.shape, np.nan), sensor, image)  # nothing is as it was: all is shaded

@@ -118,7 +118,7 @@ def _primitive(
 
 
 def _opaque(colors: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """The colours (V, 4) in 0..1 without their opacity: every surface is rendered opaque."""
+    """Return the colours (V, 4) in 0..1 without their opacity: every surface is rendered opaque."""
     shown = (colors / 255).astype(np.float32)
     shown[:, 3] = 1
     return shown
