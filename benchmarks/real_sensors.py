@@ -22,7 +22,7 @@ from pipeline.kernels.touch.calibration_fit import RING, Circle, Photograph, bal
 from pipeline.kernels.touch.find_contact import find_contact
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image
-from pipeline.reports.calibration_report import draw_calibration
+from pipeline.reports.plots import draw_calibration
 
 Model = Callable[[Photograph, Sensor], NDArray[np.uint8]]
 """Makes the image of a photograph's contact."""

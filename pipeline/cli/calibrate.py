@@ -32,7 +32,7 @@ def calibrate_sensor(
     from pipeline.inference.calibrate_sensor import calibrate, check_name, modelled, read_photographs, write_sensor
     from pipeline.kernels.touch.calibration_fit import FitOptions
     from pipeline.kernels.touch.sensor import Sensor
-    from pipeline.reports.calibration_report import draw_calibration
+    from pipeline.reports.plots import draw_calibration
 
     check_name(out, untouched)
     photographs, image, left_out = read_photographs(folder, untouched)

@@ -15,7 +15,7 @@ def check(
     picture: Annotated[Path | None, typer.Option(help="PNG to draw it in; by default NAME.png in the current folder.")] = None,
 ) -> None:
     """Check a description file: name all its faults at once, or say what it describes and draw it."""
-    from pipeline.reports.checks import check_file
+    from pipeline.reports.description_checks import check_file
 
     for line in check_file(file, picture):
         say(line)

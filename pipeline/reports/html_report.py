@@ -21,14 +21,13 @@ from pipeline.dataset.touch_statistics import sensors_of, tally
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
 from pipeline.reports import touch_tables
-from pipeline.reports.learning_curves import draw_curves
 from pipeline.reports.object_page import ObjectPages
 from pipeline.reports.paper_figures import draw_figures
+from pipeline.reports.plots import draw_bars, draw_curves, draw_histogram
 from pipeline.reports.provenance import commands, contents_table, records, settings_tables, versions_tables
 from pipeline.reports.report_pages import WRITTEN, ObjectCard, Pages, changed_files, read_pages, refuse_report_links
 from pipeline.reports.report_source import ReportSource
-from pipeline.reports.results import results_tables, trained
-from pipeline.reports.svg_plots import draw_bars, draw_histogram, svg_theme
+from pipeline.reports.results import results_tables, trained, training_losses
 from pipeline.store import digest
 from pipeline.store.atomic import written_to
 from pipeline.store.directory import hashes_of
@@ -181,8 +180,7 @@ def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
     curves = []
     if there:
         path = folder / "figures" / "learning-curves.svg"
-        with svg_theme(path):
-            draw_curves({name: directory.whole_folder(place) for name, place in there.items()}, path)
+        draw_curves({name: training_losses(directory.whole_folder(place)) for name, place in there.items()}, path)
         alt = f"Training and validation loss by epoch of {', '.join(there)}"
         curves = [{"file": "figures/learning-curves.svg", "alt": alt, "caption": "A dot marks the epoch that was kept."}]
     return {"tables": tables, "curves": curves}

@@ -24,7 +24,7 @@ from pipeline.kernels.vision.scene import Scene
 from pipeline.models.touch_model import load_touch_model
 from pipeline.reports.contact_sheet import BandMaker
 from pipeline.reports.contact_sheet_page import COLORS, depth_colors
-from pipeline.reports.picture_row import save_figure
+from pipeline.reports.plots import save_figure
 from pipeline.reports.reconstruction_gallery import SCENE, draw_gallery, render_mesh
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.second_view import grasp_cameras, lamp_beside, second_view

@@ -18,7 +18,7 @@ from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.vision.labels import Label
-from pipeline.reports.picture_row import save_figure
+from pipeline.reports.plots import save_figure
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from schemas.charts import CHARTS

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from pipeline.console import Table
-from pipeline.errors import StoreError
+from pipeline.errors import StoreError, first_line
 from pipeline.formats.complaints import complaints
 from pipeline.reports.orderings import orderings, orderings_table
 from pipeline.reports.training_seeds import trainings_table
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists
+from pipeline.training.loop import METRICS, read_metrics
 from stages.evaluate.tables import evaluation_tables, training_table
 
 
@@ -57,6 +58,22 @@ def training_facts(directory: DataDirectory, name: str) -> dict[str, Any]:
             f"{path}: its facts are not those of a training: {complaints(error)}; delete it and train the model again"
         ) from error
     return facts
+
+
+class _Losses(BaseModel):
+    """The losses of one epoch."""
+
+    loss: float
+    train_loss: float
+
+
+def training_losses(folder: Path) -> tuple[list[float], list[float]]:
+    """Read the training and the validation loss of each epoch from a model's folder; raise a `StoreError` if they are missing."""
+    try:
+        epochs = TypeAdapter(Annotated[list[_Losses], Field(min_length=1)]).validate_python(read_metrics(folder))
+    except ValueError as error:  # pydantic's and those of JSON
+        raise StoreError(f"{folder}: {METRICS} lacks the losses of each epoch ({first_line(error)}); train the model again") from error
+    return [epoch.train_loss for epoch in epochs], [epoch.loss for epoch in epochs]
 
 
 def results_tables(directory: DataDirectory, evaluated: Sequence[str]) -> list[Table]:
