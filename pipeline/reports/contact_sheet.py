@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.mesh_rows import read_mesh
@@ -22,12 +22,12 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
 from pipeline.reports.contact_sheet_page import Band, draw, finger_colors, lift_verdict
-from pipeline.reports.report_pages import changed_files
+from pipeline.reports.report_pages import WrittenFiles
 from pipeline.reports.second_view import GraspView, gel_squares, second_view, touch_patch
 from pipeline.store import digest
 from pipeline.store.atomic import written_to
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory, hashes_of
+from pipeline.store.directory import DataDirectory, changed_files, hashes_of
 from pipeline.store.record import Sha256
 from pipeline.store.storage import Place, exists, read_bytes, remove
 from schemas.catalogue import ARTIFACTS
@@ -37,14 +37,12 @@ SHOWN = ("surfaces", "grasps", "vision", "touch")
 """The artifacts that a contact sheet shows."""
 
 DRAWN = "contact-sheet.key"
+"""The list of the sheets that were drawn, in a data directory."""
 
 
-class Drawn(BaseModel):
-    """What the file `DRAWN` says: the hash of all that the sheets show, and the SHA-256 of each sheet."""
+class Sheets(WrittenFiles):
+    """The sheets of a data directory; no other file of it is ever replaced or removed."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    key: Sha256
     files: dict[Annotated[str, Field(pattern=r"^contact-sheet(-[0-9]+)?\.png$")], Sha256]
 
 
@@ -67,10 +65,10 @@ def contact_sheets(data: Place, most: int) -> list[Place]:
     shown = [sound[place] for place in np.linspace(0, len(sound) - 1, min(most, len(sound))).astype(int)]
     key = digest.of_json([sources_hash(__name__), shown, [collection.digest() for collection in collections.values()]])
     drawn = _read_drawn(data / DRAWN)
-    if drawn is None or drawn.key != key or changed_files(data, drawn.files):
+    if drawn is None or not drawn.is_up_to_date(key, changed_files(data, drawn.files)):
         with written_to(data) as folder:
             _draw(collections, shown, folder / "contact-sheet.png")
-            made = Drawn(key=key, files=hashes_of(folder))
+            made = Sheets(key=key, files=hashes_of(folder))
             (folder / DRAWN).write_text(made.model_dump_json())
             for old in drawn.files.keys() - made.files.keys() if drawn else ():
                 if exists(data / old):
@@ -79,9 +77,9 @@ def contact_sheets(data: Place, most: int) -> list[Place]:
     return [data / name for name in drawn.files]
 
 
-def _read_drawn(path: Place) -> Drawn | None:
+def _read_drawn(path: Place) -> Sheets | None:
     try:
-        return Drawn.model_validate_json(read_bytes(path)) if exists(path) else None
+        return Sheets.model_validate_json(read_bytes(path)) if exists(path) else None
     except ValidationError:
         return None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import shutil
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -25,12 +25,12 @@ from pipeline.reports.object_page import ObjectPages
 from pipeline.reports.paper_figures import draw_figures
 from pipeline.reports.plots import draw_bars, draw_curves, draw_histogram
 from pipeline.reports.provenance import commands, contents_table, records, settings_tables, versions_tables
-from pipeline.reports.report_pages import WRITTEN, ObjectCard, Pages, changed_files, read_pages, refuse_report_links
+from pipeline.reports.report_pages import WRITTEN, ObjectCard, Pages, read_pages, refuse_report_links
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.results import results_tables, trained, training_losses
 from pipeline.store import digest
 from pipeline.store.atomic import written_to
-from pipeline.store.directory import hashes_of
+from pipeline.store.directory import changed_files, hashes_of
 from pipeline.store.storage import Place, exists, remove
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
@@ -73,7 +73,7 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
         (folder / "figures").mkdir()
         for name in COPIED:
             shutil.copyfile(ASSETS / name, folder / name)
-        objects = _write_objects(source, folder, console, _whole_cards(report, before))
+        objects = _write_objects(source, folder, console, before, changed_files(report, before.every_file()))
         common = {"objects": len(objects), "evaluated": source.evaluation is not None}
         cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
         chosen = [cards[place] for place in np.linspace(0, len(cards) - 1, min(CARDS, len(cards))).astype(int)]
@@ -94,14 +94,24 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
     return report / "index.html"
 
 
-def _whole_cards(report: Place, before: Pages) -> dict[str, ObjectCard]:
-    """The cards of objects all of whose files are there as they were written."""
-    changed = set(changed_files(report, before.every_file()))
-    return {name: card for name, card in before.objects.items() if changed.isdisjoint(card.files)}
+def _write_objects(source: ReportSource, folder: Path, console: Console, written: Pages, changed: Container[str]) -> dict[str, ObjectCard]:
+    """Write the pages of objects that are not up to date.
 
+    Parameters
+    ----------
+    source
+        The dataset.
+    folder
+        Where the report is written.
+    console
+        Shows progress.
+    written, changed
+        The pages of the last report, and the names of its files that differ from what was written.
 
-def _write_objects(source: ReportSource, folder: Path, console: Console, known: Mapping[str, ObjectCard]) -> dict[str, ObjectCard]:
-    """Write the pages of objects whose `known` cards are of other content, or that have none; returns the cards of all."""
+    Returns
+    -------
+    The cards of all objects.
+    """
     pages = ObjectPages(source, _environment().get_template("object.html.j2"), folder / "objects")
     common = {"up": "../", "current": "", **_frame(source)}
     whole = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
@@ -111,7 +121,7 @@ def _write_objects(source: ReportSource, folder: Path, console: Console, known: 
     with Meter(console, "report", len(ids), "objects") as meter:
         for object_id, before, after in zip(ids, [None, *ids[:-1]], [*ids[1:], None], strict=True):
             key = digest.of_json([whole, evaluated, source.digests(object_id), before, after, common["name"]])
-            if (card := known.get(object_id)) is None or card.key != key:
+            if (card := written.objects.get(object_id)) is None or not card.is_up_to_date(key, changed):
                 card = ObjectCard(key=key, **pages.write(object_id, before, after, common))
             found[object_id] = card
             meter.advance()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import shlex
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import suppress
 from fnmatch import fnmatch
 from functools import partial
@@ -192,7 +192,7 @@ class DataDirectory:
         """
         record, folder = self.folder(name), self.folder_path(name)
         local = folder if isinstance(folder, Path) else cache_of(folder)
-        if local != folder and _hashes(local, record.files) != record.files:
+        if local != folder and changed_files(local, record.files):
             copy(folder, local, files_below(folder).keys() & record.files)
         if problem := next(_differences(record, local, folder), None):
             raise StoreError(f"{folder}: {problem}")
@@ -271,11 +271,15 @@ class DataDirectory:
 
 def _differences(record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
     """Compare the files of a folder, read there or as a copy, with what its record says: a line for each that differs."""
-    there = _hashes(read, record.files)
-    for file, written in record.files.items():
-        if there.get(file) != written:
-            problem = "is missing" if file not in there else "differs from what was written"
-            yield f"{file} {problem}; delete {folder} and run {record.stage} again"
+    for file, problem in changed_files(read, record.files).items():
+        yield f"{file} {problem}; delete {folder} and run {record.stage} again"
+
+
+def changed_files(folder: Place, files: Mapping[str, str]) -> dict[str, str]:
+    """Compare files below a folder with the SHA-256 of when they were written: the problem of each that differs, by name."""
+    there = _hashes(folder, files)
+    problems = {name: "differs from what was written" if name in there else "is missing" for name in files}
+    return {name: problem for name, problem in problems.items() if there.get(name) != files[name]}
 
 
 def shard_name(number: int, shards: int) -> str:
@@ -315,11 +319,14 @@ def hashes_of(folder: Place) -> dict[str, str]:
 
 def _hashes(folder: Place, names: Iterable[str]) -> dict[str, str]:
     """Compute the SHA-256 of files below a folder; one that is no file has none."""
-    found = {}
-    for name in names:
+
+    def sha256(name: str) -> str | None:
         with suppress(FileNotFoundError, IsADirectoryError, NotADirectoryError):
-            found[name] = hashlib.sha256(read_bytes(folder / name)).hexdigest()
-    return found
+            return hashlib.sha256(read_bytes(folder / name)).hexdigest()
+        return None
+
+    files = list(names)
+    return {name: written for name, written in zip(files, in_threads(sha256, files), strict=True) if written}
 
 
 def files_of(folder: Place) -> list[str]:
