@@ -17,7 +17,7 @@ from benchmarks.peers.taxim_shim import load_taxim
 from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table, alone, side_by_side
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.inference.calibrate_sensor import modelled
+from pipeline.inference.calibrate_sensor import render_contact
 from pipeline.kernels.touch.calibration_fit import RING, Circle, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.find_contact import find_contact
 from pipeline.kernels.touch.sensor import Sensor
@@ -99,7 +99,7 @@ def added(untouched: NDArray[np.uint8]) -> Model:
 
     def image(one: Photograph, sensor: Sensor) -> NDArray[np.uint8]:
         assert sensor.calibrated is not None
-        return modelled(sensor, sensor.calibrated, one, untouched, BALL)
+        return render_contact(sensor, sensor.calibrated, one, untouched, BALL)
 
     return image
 
