@@ -32,7 +32,7 @@ from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as run_stage
 from pipeline.engine.shard import failures as failures_of
 from pipeline.engine.stage import DatasetStage
-from pipeline.reports.object_fit import misfits
+from pipeline.reports.object_fit import size_warnings
 from pipeline.store.publish import ShardOutput
 from pipeline.store.record import Failure
 from pipeline.store.storage import Place
@@ -115,7 +115,7 @@ def run_plan(plan: Plan[Any]) -> None:
         run_stage(plan, console)
         say(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
     else:
-        for line in misfits(plan) if isinstance(plan.output, ShardOutput) else ():
+        for line in size_warnings(plan) if isinstance(plan.output, ShardOutput) else ():
             say(line)
         result = run_stage(plan, console)
         what = f"made {counted(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {counted(plan.total)}"

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.vision.camera import Camera
-from pipeline.reports.object_fit import _of_unfit_size, is_speck, leaves_image, opening
+from pipeline.reports.object_fit import _size_warnings, is_speck, leaves_image, opening
 
 ABOVE = Camera(position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=(32, 32), resolution=64)
 
@@ -27,10 +27,10 @@ def test_object_of_few_pixels_is_a_speck(side: float, speck: bool) -> None:
     assert is_speck(ABOVE, side * np.array([(-0.5, 0, 0), (0.5, 0, 0)])) == speck
 
 
-def test_objects_of_unfit_size_are_named() -> None:
+def test_objects_size_warnings_are_named() -> None:
     sides = {"speck": (0.002, 0.003, 0.004), "mug": (0.1, 0.1, 0.12), "crate": (0.9, 0.7, 1.2), "pole": (2.0, 0.02, 0.02)}
     extents = {name: np.array(one) for name, one in sides.items()}
-    small, large = _of_unfit_size(extents, smallest=0.03, largest=0.14, hand="claw")
+    small, large = _size_warnings(extents, smallest=0.03, largest=0.14, hand="claw")
     assert "1 object smaller" in small
     assert "speck" in small
     assert "1 object wider" in large
