@@ -1,4 +1,4 @@
-"""A dataset's contact sheets: the best grasp of some objects, drawn from the store, and only when what they show has changed."""
+"""A dataset's contact sheets: the best grasps of objects, drawn again only if the shown rows have changed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
-from pipeline.reports.contact_sheet_page import Band, draw, finger_colors, lift_verdict
+from pipeline.reports.contact_sheet_page import Band, draw, finger_colors, lift_note
 from pipeline.reports.report_pages import WrittenFiles
 from pipeline.reports.second_view import GraspView, gel_squares, second_view, touch_patch
 from pipeline.store import digest
@@ -103,12 +103,12 @@ class BandMaker:
 
     @contextmanager
     def grasp_view(self, rows: Mapping[str, Mapping[str, np.ndarray]], grasp: int) -> Iterator[GraspView]:
-        """Take an object into the renderer, for as long as the context lasts, and say what a second view shows of one of its grasps."""
+        """Add an object to the renderer while the context lasts, and collect the second view of a grasp."""
         row, depths = rows["grasps"], rows["touch"]["depth"][grasp]
         poses, hand_pose, colors = row["sensor_pose"][grasp], row["hand_pose"][grasp], finger_colors(len(depths))
         frames = forward_kinematics(self.hand, hand_pose, row["joint_angles"][grasp])  # (L, 4, 4)
         sites = zip(depths, poses, self.sensors, colors, strict=True)
-        patches = [touch_patch(*one) for one, contact in zip(sites, row["touch_success"][grasp], strict=True) if contact]
+        patches = [touch_patch(*site) for site, contact in zip(sites, row["touch_success"][grasp], strict=True) if contact]
         mesh = read_mesh(rows["surfaces"])
         with self.renderer.added(mesh, Label.OBJECT) as handle:
             yield GraspView(
@@ -132,7 +132,7 @@ class BandMaker:
             angle, margin, area = (float(np.sum(grasps[name][0])) for name in ("opposition", "closure", "contact_area"))
             note += f"; {1e6 * area:.0f} mm² of contact, {angle:.0f}° between the most opposed, closure {margin:.2f}"
         if "held" in list(grasps):
-            note += f"; {lift_verdict(grasps['held'][0])}"
+            note += f"; {lift_note(grasps['held'][0])}"
         return Band(
             title=object_id,
             note=note,

@@ -19,7 +19,7 @@ COLORS: tuple[Color, ...] = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 
 """One colour per finger (after Okabe and Ito: told apart by the colour-blind too); they repeat beyond six."""
 
 PAGE = 8
-"""Objects per page: about as many as one looks at without losing count."""
+"""Objects per page."""
 
 PICTURE, TILE, GAP, MARGIN, TITLE, HEAD = 256, 117, 8, 24, 20, 84
 """Pixels: a picture's side (its own, unscaled), a reading's side, between things, around the page, a line of titles, the page's head."""
@@ -142,17 +142,17 @@ def _band(page: Image.Image, top: int, band: Band, sensors: Sequence[Sensor]) ->
         page.paste(_scaled(reading, TILE), (left, body))
         page.paste(_scaled(depth_colors(depth, sensor), TILE), (left, body + TILE + 3))
         pencil.rectangle([left - 1, body + TILE + 2, left + TILE, body + 2 * TILE + 3], outline=RULE)
-        pencil.text((left, body + 2 * TILE + 6), verdict(touched, 1e3 * float(depth.min())), ink, _font(11))
+        pencil.text((left, body + 2 * TILE + 6), depth_note(touched, 1e3 * float(depth.min())), ink, _font(11))
         left += TILE + GAP
 
 
-def lift_verdict(held: object) -> str:
-    """Say how a grasp did in the lift test."""
+def lift_note(held: object) -> str:
+    """Describe the result of the lift test."""
     return "held in the lift test" if held else "dropped in the lift test"
 
 
-def verdict(touched: bool, least: float) -> str:
-    """Say how near the surface comes, from the least depth, mm."""
+def depth_note(touched: bool, least: float) -> str:
+    """Describe the least depth of a sensor, mm."""
     if not np.isfinite(least):
         return "nothing in range"
     return f"min D {least:.1f} mm" if touched else f"no touch · {least:.1f} mm"

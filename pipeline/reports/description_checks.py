@@ -44,17 +44,17 @@ def check_file(name: str, picture: Path | None) -> list[str]:
 
     Returns
     -------
-    What is in the file, line by line.
+    Lines that describe the content of the file.
 
     Raises
     ------
     InvalidInput
-        It is of no known kind, or cannot be used: the message names every such entry.
+        Its kind is unknown, or entries cannot be used; the message names each of them.
     """
     shipped = {known: file for kind in ENTRIES for known, file in shipped_files(kind).items()}  # type: ignore[arg-type]
     path = shipped.get(name, Path(name).expanduser())
     if not path.exists():
-        raise InvalidInput(f"there is no file {path}; built in are {', '.join(sorted(shipped))}")
+        raise InvalidInput(f"{path} does not exist; shipped files are {', '.join(sorted(shipped))}")
     checks = {"sensor": check_sensor, "hand": check_hand, "scene": check_scene, "manifest": check_manifest}
     return checks[_kind_of(path)](path, picture or Path(f"{path.stem}.png"))
 
@@ -64,15 +64,15 @@ def _kind_of(path: Path) -> str:
         content: Any = read_yaml(path)
     except (ValueError, yaml.YAMLError) as error:
         raise InvalidInput(f"{path} cannot be read as YAML: {error}") from error
-    found = {kind: len(entries & set(content)) for kind, entries in ENTRIES.items()} if isinstance(content, dict) else {}
-    if not any(found.values()):
-        said = "; ".join(f"a {kind} has {', '.join(sorted(entries))}" for kind, entries in ENTRIES.items())
-        raise InvalidInput(f"{path} has no entries by which to tell what it describes: {said}")
-    return max(found, key=lambda kind: found[kind])
+    matches = {kind: len(entries & set(content)) for kind, entries in ENTRIES.items()} if isinstance(content, dict) else {}
+    if not any(matches.values()):
+        known = "; ".join(f"a {kind} has {', '.join(sorted(entries))}" for kind, entries in ENTRIES.items())
+        raise InvalidInput(f"{path} has no entries of a description file: {known}")
+    return max(matches, key=lambda kind: matches[kind])
 
 
 def check_manifest(path: Path, picture: Path) -> list[str]:
-    """Say what a manifest lists, and draw it; parameters, result and errors as `check_file`."""
+    """Describe a manifest, and draw it; parameters, result and errors as `check_file`."""
     manifest = load_manifest(str(path))
     objects = manifest.objects()
     counts = Counter((item.category, item.split) for item in objects)
@@ -97,7 +97,7 @@ def check_manifest(path: Path, picture: Path) -> list[str]:
 
 
 def check_scene(path: Path, picture: Path) -> list[str]:
-    """Say what a scene file describes, and draw it; parameters, result and errors as `check_file`."""
+    """Describe a scene file, and draw it; parameters, result and errors as `check_file`."""
     scene = load_scene(path)
     cameras: dict[str, Camera] = {"camera": scene.camera} | {camera.name: camera for camera in scene.cameras}
     figure = Figure((12, 6), layout="constrained")
@@ -126,7 +126,7 @@ def _camera(name: str, camera: Camera) -> str:
     corners = POSITION + SIZE / 2 / np.sqrt(3) * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     pixels = project_points(projection_matrix(camera), np.concatenate([POSITION[None], corners]))
     inside = np.all((pixels >= 0) & (pixels < [columns, rows]), axis=1)  # NaN, behind the camera, is not
-    said = f"{name}: {columns} x {rows} pixels, {np.linalg.norm(np.subtract(camera.position, POSITION)):.2f} m from the object's middle"
+    summary = f"{name}: {columns} x {rows} pixels, {np.linalg.norm(np.subtract(camera.position, POSITION)):.2f} m from the object's middle"
     if not inside[0]:
-        return f"fault: {said}, which it does not see; turn it"
-    return said + ("" if inside.all() else f"; corners of a cube with a diagonal of {SIZE} m leave the image")
+        return f"fault: {summary}, which it does not see; turn it"
+    return summary + ("" if inside.all() else f"; corners of a cube with a diagonal of {SIZE} m leave the image")

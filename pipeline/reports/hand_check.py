@@ -1,4 +1,4 @@
-"""The check of a hand file: what moves, what is in the way, and a picture of the hand from three sides."""
+"""The check of a hand file: joints, overlaps and faults, and a picture of the hand from three sides."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ from pipeline.reports.plots import save_figure
 from pipeline.rng import numpy_rng
 
 POSTURES = 512
-"""Random postures in which links are looked at."""
+"""Random postures in which links are checked for overlaps."""
 
-LEAST_WAY = 1e-3
-"""m along its normal that a sensor should go as its finger closes."""
+MIN_TRAVEL = 1e-3
+"""m, least travel of a sensor along its normal as its finger closes."""
 
-FAR = 2.0
+FAR_PALM = 2.0
 """A palm is far if no sensor comes nearer to its centre than this many times the greatest distance between two sensors."""
 
 VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
 """Title, and the axes of the root link that go right, up and towards the eye."""
 
 MAX_TRIANGLES = 20_000
-"""Per link and picture: of more, some are left out."""
+"""Per link and picture; the others are left out."""
 
 STEP = 0.05
 """Share of every joint's range by which the closing directions look ahead."""
 
 
 def check_hand(path: Path, picture: Path) -> list[str]:
-    """Say what a hand file describes and which links collide, and draw it; parameters, result and errors as `check_file`."""
+    """Describe a hand file and the links that collide, and draw it; parameters, result and errors as `check_file`."""
     hand = load_hand(path)
     sensors = load_worn_sensors(sensor_names(hand))
     angles = numpy_rng(0, "check", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
     frames, boxes = forward_kinematics(hand, np.eye(4), angles), collision_boxes(hand)
     overlaps = frequent_overlaps(hand, boxes, frames)
-    draw_hand(hand, [sensor.width for sensor in sensors], [(one.first, one.second) for one in overlaps], picture)
+    draw_hand(hand, [sensor.width for sensor in sensors], [(overlap.first, overlap.second) for overlap in overlaps], picture)
     free = fingers_clear_of_palm(hand, boxes, frames, 0.0).mean(axis=0)
     fingers = ", ".join(
         f"{finger.name} ({counted(len(finger.joints), 'joint')}, {counted(len(finger.sensors), 'sensor')})" for finger in hand.fingers
@@ -63,14 +63,14 @@ def check_hand(path: Path, picture: Path) -> list[str]:
         f"moves: {fingers}; joints that follow another: {len(hand.followers)}, frozen: {len(hand.frozen)}",
         f"motors {hand.torque:g} N m (N), friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
         *faults,
-        *(_overlap(hand, one) for one in overlaps),
+        *(_overlap_line(hand, overlap) for overlap in overlaps),
         *_notes(hand),
         f"picture: {picture}",
     ]
 
 
 def _faults(hand: Hand, free: np.ndarray) -> list[str]:
-    """What keeps the hand from grasping."""
+    """List the faults that keep the hand from grasping."""
     stuck = [
         f"fault: {finger.name} is free of the palm and its own links in no posture; see the overlaps below"
         for finger, share in zip(hand.fingers, free, strict=True)
@@ -87,17 +87,17 @@ def _faults(hand: Hand, free: np.ndarray) -> list[str]:
     still = [
         f"fault: the sensor {mount.name} hardly moves along its normal as its finger closes; is the normal outward, and the link the tip?"
         for number, mount in enumerate(hand.sensors)
-        if number in on_fingers and np.linalg.norm(way[number]) < LEAST_WAY
+        if number in on_fingers and np.linalg.norm(way[number]) < MIN_TRAVEL
     ]
     return [*stuck, *bare, *still, *_far_palm(hand)]
 
 
 def _far_palm(hand: Hand) -> list[str]:
-    """Tell a palm that is not where the fingers are, as the base of an arm."""
+    """Detect a palm far from the fingers, such as the base of an arm."""
     places = sensor_places(hand)
     away = np.linalg.norm(places - hand.palm_centre, axis=-1).min()
     apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1).max()
-    if len(hand.sensors) < 2 or away <= FAR * apart:
+    if len(hand.sensors) < 2 or away <= FAR_PALM * apart:
         return []
     return [
         f"fault: no sensor comes nearer to the palm's centre than {1e3 * away:.0f} mm, and sensors are at most {1e3 * apart:.0f} mm apart; "
@@ -105,10 +105,10 @@ def _far_palm(hand: Hand) -> list[str]:
     ]
 
 
-def _overlap(hand: Hand, one: Overlap) -> str:
-    names = f"{hand.links[one.first].name}, {hand.links[one.second].name}"
+def _overlap_line(hand: Hand, overlap: Overlap) -> str:
+    names = f"{hand.links[overlap.first].name}, {hand.links[overlap.second].name}"
     return (
-        f"overlap: [{names}] in {100 * one.share:.0f} % of random postures, by {1e3 * one.depth:.1f} mm: list the pair under "
+        f"overlap: [{names}] in {100 * overlap.share:.0f} % of random postures, by {1e3 * overlap.depth:.1f} mm: list the pair under "
         "allowed_contacts, or split a mesh with convex_parts"
     )
 
@@ -183,8 +183,8 @@ def closing_directions(hand: Hand, joint_angles: NDArray[np.float64]) -> NDArray
 
 
 def _triangles(hand: Hand, frames: NDArray[np.float64], eye: int, red: set[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The triangles of all collision shapes (T, 3, 3), root frame, m, and their colours (T, 3): lighter where they face the eye."""
-    found, colors = [], []
+    """Collect the triangles of all collision shapes (T, 3, 3), root frame, m, and their colours (T, 3), lighter if they face the eye."""
+    triangles, colors = [], []
     for number, link in enumerate(hand.links):
         for shape in link.collisions:
             faces = shape.mesh.faces[:: 1 + len(shape.mesh.faces) // MAX_TRIANGLES]
@@ -192,9 +192,9 @@ def _triangles(hand: Hand, frames: NDArray[np.float64], eye: int, red: set[int])
             normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             facing = np.abs(normals[:, eye]) / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
             base = np.array([0.9, 0.2, 0.2]) if number in red else np.array([0.6, 0.65, 0.7])
-            found.append(corners)
+            triangles.append(corners)
             colors.append(base * (0.5 + 0.5 * facing[:, None]))
-    return np.concatenate(found or [np.empty((0, 3, 3))]), np.concatenate(colors or [np.empty((0, 3))])
+    return np.concatenate(triangles or [np.empty((0, 3, 3))]), np.concatenate(colors or [np.empty((0, 3))])
 
 
 def _arrow(axes: Any, start: NDArray[np.float64], by: NDArray[np.float64], color: Any, label: str, dashed: bool = False) -> None:

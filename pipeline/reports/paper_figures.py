@@ -34,8 +34,8 @@ from stages.render_vision.renderer import Renderer
 PIXELS = 384
 """A rendered picture's side."""
 
-LOOKED_AT = 40
-"""Objects among which the one that a figure shows is chosen, spread evenly."""
+CANDIDATES = 40
+"""Objects, spread evenly, among which a figure's object is chosen."""
 
 POINTS = 1500
 """Points of a cloud that are drawn at most."""
@@ -48,7 +48,7 @@ RADIUS = 0.15
 
 
 def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str, Any]]:
-    """Draw what the dataset has for them into PNG files below `folder`; returns title, text and pictures of each figure.
+    """Draw the figures that the dataset has data for as PNG files.
 
     Parameters
     ----------
@@ -58,9 +58,13 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
         Where the files go.
     most
         Reconstructions shown at most.
+
+    Returns
+    -------
+    Title, text and pictures of each figure.
     """
     ids = source.object_ids
-    object_id, grasp = clearest_grasp(source, [ids[place] for place in np.linspace(0, len(ids) - 1, min(LOOKED_AT, len(ids))).astype(int)])
+    object_id, grasp = clearest_grasp(source, [ids[place] for place in np.linspace(0, len(ids) - 1, min(CANDIDATES, len(ids))).astype(int)])
     vision = source.collections.get("vision")
     scene = load_scene(str(vision.first.attributes["settings"]["scene"]) if vision else SCENE)
     with Renderer(scene, PIXELS) as renderer:

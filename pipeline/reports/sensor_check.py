@@ -1,4 +1,4 @@
-"""The check of a sensor file: its figures, and a picture of the gel in section, its pixels, its lamps, and what it sees."""
+"""The check of a sensor file: its figures, and a picture of the gel in section, its pixels, its lamps and tactile images."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MM = 1e3
 
 
 def check_sensor(path: Path, picture: Path) -> list[str]:
-    """Say what a sensor file describes, and draw it; parameters, result and errors as `check_file`."""
+    """Describe a sensor file, and draw it; parameters, result and errors as `check_file`."""
     sensor = load_sensor(path)
     untouched = untouched_image(sensor)
     x, y = pixel_centres(sensor)

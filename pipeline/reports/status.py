@@ -136,10 +136,10 @@ def _folder(directory: DataDirectory, name: str) -> FolderAccount:
         directory.check_origins([name])
     except StoreError as error:
         stale = str(error)
-    there = files_below(directory.folder_path(name))
-    if gone := sorted(record.files.keys() - there.keys()):
+    files = files_below(directory.folder_path(name))
+    if gone := sorted(record.files.keys() - files.keys()):
         raise StoreError(f"{directory.folder_record(name)}: {gone[0]} is missing; run {record.stage} again")
-    return FolderAccount(name, record.stage, _megabytes(there), record.seconds, folder_digest(record), record.facts, stale)
+    return FolderAccount(name, record.stage, _megabytes(files), record.seconds, folder_digest(record), record.facts, stale)
 
 
 def _megabytes(files: Mapping[str, File]) -> float:
