@@ -21,7 +21,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
-from pipeline.reports.contact_sheet_page import Band, draw, finger_colors, lift_note
+from pipeline.reports.contact_sheet_page import Band, draw, finger_colors, lift_note, spread_evenly
 from pipeline.reports.report_pages import WrittenFiles
 from pipeline.reports.second_view import GraspView, gel_squares, second_view, touch_patch
 from pipeline.store import digest
@@ -47,7 +47,7 @@ class Sheets(WrittenFiles):
 
 
 def contact_sheets(data: Place, most: int) -> list[Place]:
-    """Draw the best grasp of at most `most` objects, spread evenly over the dataset; returns the pages' paths.
+    """Draw the best grasp of at most `most` objects, spread evenly over the dataset; return the sheets' paths.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def contact_sheets(data: Place, most: int) -> list[Place]:
     sound = [name for name in collections["surfaces"] if all(c.failure(name) is None for c in collections.values())]
     if not sound:
         raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status` says why")
-    shown = [sound[place] for place in np.linspace(0, len(sound) - 1, min(most, len(sound))).astype(int)]
+    shown = spread_evenly(sound, most)
     key = digest.of_json([sources_hash(__name__), shown, [collection.digest() for collection in collections.values()]])
     drawn = _read_drawn(data / DRAWN)
     if drawn is None or not drawn.is_up_to_date(key, changed_files(data, drawn.files)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import matplotlib
 import numpy as np
@@ -14,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from pipeline.kernels.touch.sensor import Sensor
 
 Color = tuple[int, int, int]
+T = TypeVar("T")
 
 COLORS: tuple[Color, ...] = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 60, 140), (86, 180, 233), (213, 94, 0))
 """One colour per finger (after Okabe and Ito: told apart by the colour-blind too); they repeat beyond six."""
@@ -59,6 +61,11 @@ class Band:
     touched: NDArray[np.bool_]
     readings: NDArray[np.uint8]
     depths: NDArray[np.float32]
+
+
+def spread_evenly(items: Sequence[T], most: int) -> list[T]:
+    """Choose at most `most` items, spread evenly from the first to the last."""
+    return [items[place] for place in np.linspace(0, len(items) - 1, min(most, len(items))).astype(int)]
 
 
 def finger_colors(count: int) -> list[Color]:

@@ -20,6 +20,7 @@ from pipeline.console import Meter, Row, Table, visible
 from pipeline.dataset.touch_statistics import sensors_of, tally
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
+from pipeline.reports.contact_sheet_page import spread_evenly
 from pipeline.reports.object_page import ObjectPages
 from pipeline.reports.paper_figures import draw_figures
 from pipeline.reports.plots import draw_bars, draw_curves, draw_histogram
@@ -75,10 +76,9 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
         objects = _write_objects(source, folder, console, before, changed_files(report, before.every_file()))
         common = {"objects": len(objects), "evaluated": source.evaluation is not None}
         cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
-        chosen = [cards[place] for place in np.linspace(0, len(cards) - 1, min(CARDS, len(cards))).astype(int)]
         tables = touch_tables(tally(data), sensors_of(data))
         plots = _plots(source, objects, folder)
-        _write(source, folder, "index.html", cards=chosen, tables=tables, plots=plots, tiles=_tiles(source), **common)
+        _write(source, folder, "index.html", cards=spread_evenly(cards, CARDS), tables=tables, plots=plots, tiles=_tiles(source), **common)
         categories, splits = (sorted({card[key] for card in cards}) for key in ("category", "split"))
         _write(source, folder, "gallery.html", cards=cards, categories=categories, splits=splits)
         _write(source, folder, "figures.html", figures=draw_figures(source, folder / "figures", most))

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipeline.console import visible
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.calibration_fit import RING, Photograph
-from pipeline.reports.contact_sheet_page import COLORS
+from pipeline.reports.contact_sheet_page import COLORS, spread_evenly
 from pipeline.store.atomic import write_at_once
 
 INK = "#010203"
@@ -159,11 +159,10 @@ def draw_calibration(photographs: Sequence[Photograph], models: Sequence[NDArray
     path
         The PNG.
     """
-    chosen = np.unique(np.linspace(0, len(photographs) - 1, min(PHOTOGRAPHS, len(photographs))).astype(int))
+    chosen = spread_evenly(list(zip(photographs, models, strict=True)), PHOTOGRAPHS)
     figure = Figure((9, 3 * len(chosen)), dpi=72, layout="constrained")
     panels = figure.subplots(len(chosen), 3, squeeze=False)
-    for row, number in zip(panels, chosen, strict=True):
-        photograph, model = photographs[number], models[number]
+    for row, (photograph, model) in zip(panels, chosen, strict=True):
         difference = np.clip(128 + GAIN * (model.astype(int) - photograph.image), 0, 255).astype(np.uint8)
         part = _around(photograph)
         panels_of_row = {f"photograph {photograph.name}": photograph.image, "model": model, f"model - photograph, × {GAIN}": difference}
