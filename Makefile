@@ -135,7 +135,7 @@ evaluate-single-image: train-single-image
 	@$(RUN)
 single-image: evaluate-single-image  ## reconstruct from single images (Table 4), of MANIFEST=single-image OBJECTS=FOLDER
 renderings: every-sample-surfaces  ## write MANIFEST's objects as such a folder, data/renderings: meshes, and 24 images of each
-	@$(BIN)/python -m pipeline.export.renderings $(call quoted,$(DATA)) data/renderings
+	@$(BIN)/python -m tools.synthetic_renderings $(call quoted,$(DATA)) data/renderings
 
 # ---- Installation, documents and tests; tools/install.sh knows what is there already
 

@@ -17,12 +17,12 @@ from benchmarks.peers.taxim_shim import load_taxim
 from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table, alone, side_by_side
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.inference.calibrate_sensor import modelled
+from pipeline.inference.calibrate_sensor import render_contact
 from pipeline.kernels.touch.calibration_fit import RING, Circle, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.find_contact import find_contact
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image
-from pipeline.reports.calibration_report import draw_calibration
+from pipeline.reports.plots import draw_calibration
 
 Model = Callable[[Photograph, Sensor], NDArray[np.uint8]]
 """Makes the image of a photograph's contact."""
@@ -99,7 +99,7 @@ def added(untouched: NDArray[np.uint8]) -> Model:
 
     def image(one: Photograph, sensor: Sensor) -> NDArray[np.uint8]:
         assert sensor.calibrated is not None
-        return modelled(sensor, sensor.calibrated, one, untouched, BALL)
+        return render_contact(sensor, sensor.calibrated, one, untouched, BALL)
 
     return image
 

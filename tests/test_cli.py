@@ -70,7 +70,7 @@ def test_doctor_finds_everything_here():
         ([*RUN, "--object", "nobody"], "has no object nobody"),
         ([*RUN, "--dry-run", "--explain"], "--dry-run makes nothing: leave one of them out"),
         (["run", "simulate-touch", "--data", "/nonexistent"], "vt-pipeline run sample-surfaces"),
-        (["status", "/nonexistent"], "is no data directory"),
+        (["status", "/nonexistent"], "is not a data directory"),
         (["sweep", "evaluate", "--grid", "points=100,200"], "evaluate trains nothing: sweep over settings of train-unet"),
         (["sweep", "train-gcn", "--grid", "epochs=[1,"], "--grid epochs=[1,: write SETTING=VALUE,VALUE"),
         ([*RUN, "--objects", "/nonexistent"], "manifest toy names its own objects: leave --objects"),

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from pipeline.reports.contact_sheet import SHOWN, band_maker
 from pipeline.reports.contact_sheet_page import depth_colors
-from pipeline.reports.picture_row import draw_row
 from pipeline.reports.reconstruction_gallery import predicted_mesh, render_mesh
 from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
 from schemas.charts import CHARTS
 from stages.evaluate.evaluation_files import read_root, read_surfaces
+from tools.picture_row import draw_row
 
 
 def draw_overview(data: Path, object_id: str, path: Path) -> None:

@@ -32,10 +32,10 @@ def calibrate_sensor(
 
     Its colours are fitted to every second photograph and tested on the others.
     """
-    from pipeline.inference.calibrate_sensor import calibrate, check_name, modelled, read_photographs, write_sensor
+    from pipeline.inference.calibrate_sensor import calibrate, check_name, read_photographs, render_contact, write_sensor
     from pipeline.kernels.touch.calibration_fit import FitOptions
     from pipeline.kernels.touch.sensor import Sensor
-    from pipeline.reports.calibration_report import draw_calibration
+    from pipeline.reports.plots import draw_calibration
 
     check_name(out, untouched)
     photographs, image, left_out = read_photographs(folder, untouched)
@@ -64,12 +64,12 @@ def calibrate_sensor(
     note = f"Fitted by `vt-pipeline calibrate-sensor` to {len(found.fitted)} photographs of a ball of {ball_radius:g} mm radius."
     write_sensor(found, out, untouched, background_degree=background_degree, note=note)
     table = Table("mean error, levels of 255", "photographs", "contact", "ring around it", "untouched: contact", "ring", box=None)
-    for title, some in (("fitted to", found.fitted_errors), ("held out", found.tested_errors)):
-        means = np.mean([[one.contact, one.ring, one.untouched_contact, one.untouched_ring] for one in some], axis=0)
-        table.add_row(title, str(len(some)), *(f"{mean:.1f}" for mean in means))
+    for title, image_errors in (("fitted to", found.fitted_errors), ("held out", found.tested_errors)):
+        means = np.mean([[one.contact, one.ring, one.untouched_contact, one.untouched_ring] for one in image_errors], axis=0)
+        table.add_row(title, str(len(image_errors)), *(f"{mean:.1f}" for mean in means))
     console.print(table)
     worst = max(found.tested_errors, key=lambda one: one.contact)
     say(f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact; membrane {1e3 * found.sensor.membrane:.2f} mm")
-    shown = [modelled(found.sensor, found.calibration, one, image, radius) for one in found.tested]
+    shown = [render_contact(found.sensor, found.calibration, one, image, radius) for one in found.tested]
     draw_calibration(found.tested, shown, out.with_suffix(".png"))
     say(f"{out}, {out.with_suffix('.png')}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")

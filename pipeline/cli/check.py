@@ -18,7 +18,7 @@ def check(
 
     All faults are named at once.
     """
-    from pipeline.reports.checks import check_file
+    from pipeline.reports.description_checks import check_file
 
     for line in check_file(file, picture):
         say(line)

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
-from pipeline.console import console, say
+from pipeline.console import console, say, show_tables
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import on_disk, place
 from schemas.catalogue import ARTIFACTS
@@ -124,12 +124,12 @@ def summary(
 ) -> None:
     """Print a dataset's statistics and draw its contact sheets."""
     from pipeline.dataset.touch_statistics import sensors_of, tally
-    from pipeline.reports import touch_tables
     from pipeline.reports.contact_sheet import SHOWN, contact_sheets
+    from pipeline.reports.touch_tables import touch_tables
 
     directory = place(data)
     say(str(directory.resolve()))
-    touch_tables.show(tally(directory), sensors_of(directory), console)
+    show_tables(console, touch_tables(tally(directory), sensors_of(directory)))
     lacking = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
     if lacking:
         say(f"no contact sheets: {' and '.join(lacking)} {'have' if len(lacking) > 1 else 'has'} not been made")

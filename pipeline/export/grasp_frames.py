@@ -1,4 +1,4 @@
-"""A dataset as frames, one per grasp: what every table format holds, and what type each value has."""
+"""A dataset as frames, one per grasp, with the type of each column, for every table format."""
 
 from __future__ import annotations
 
@@ -47,20 +47,20 @@ class GraspFrames:
     Raises
     ------
     StoreError
-        Nothing can be exported: `simulate-grasps` has not been run, or no object came through.
+        `simulate-grasps` has not been run, or no object came through.
     """
 
     def __init__(self, data: Place) -> None:
         directory = DataDirectory(data)
-        made = [one for one in (TOUCH, VISION) if directory.collection(one).shards]
-        images = [name for one in made if one is VISION for name in ("unoccluded", "occluded") if directory.collection(one).first.has(name)]
+        touch, vision = (directory.collection(artifact) for artifact in (TOUCH, VISION))
+        images = [name for name in ("unoccluded", "occluded") if vision.shards and vision.first.has(name)]
         self._arrays = ["touch_success", "joint_angles", "hand_pose", "sensor_pose"]
-        self._felt = ["tactile_image", "depth"] if TOUCH in made else []
+        self._felt = ["tactile_image", "depth"] if touch.shards else []
         self._seen = images
         self.rows = ObjectRows(data, [*self._arrays, *self._felt, *self._seen], split=None)
         grasps = directory.collection(GRASPS)
         splits = {name: grasps.row(name).split for name in self.rows.object_ids}
-        self.object_ids = {split: found for split in SPLITS if (found := [name for name, of in splits.items() if of == split])}
+        self.object_ids = {split: names for split in SPLITS if (names := [name for name, of in splits.items() if of == split])}
         if not self.object_ids:
             raise StoreError(f"{data.resolve()} has no object in the splits {', '.join(SPLITS)}")
         self.fingers, self.joints = ([str(name) for name in grasps.first.read(label)] for label in ("sensor", "joint"))

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 
 from pipeline.console import Meter, errors
-from pipeline.export.arrow_tables import import_arrow, schema_of, table_of
 from pipeline.export.grasp_frames import Column, GraspFrames
+from pipeline.export.parquet_files import import_arrow, schema_of, table_of
 
 VERSION = "v3.0"
 FPS = 1
-"""Frames per second: grasps are no film, each is one second after the other."""
+"""Frames per second: grasps are not a film; each follows one second after the last."""
 
 FILE_BYTES = 100 * 10**6
-"""Of a data file, after which the next one begins, as LeRobot does."""
+"""Size of a data file after which the next one begins, as in LeRobot."""
 
 CHUNK = 1000
 """Files per folder."""
@@ -32,7 +32,7 @@ INDEX = {name: Column("int64") for name in ("frame_index", "episode_index", "ind
 
 
 def write_lerobot(frames: GraspFrames, folder: Path) -> int:
-    """Write `data`, `meta/info.json`, `meta/stats.json`, `meta/tasks.parquet` and `meta/episodes`; returns the number of frames."""
+    """Write `data`, `meta/info.json`, `meta/stats.json`, `meta/tasks.parquet` and `meta/episodes`; return the number of frames."""
     pa = import_arrow()
     columns = {_name(name): column for name, column in frames.columns.items()} | {"timestamp": Column("float32")} | INDEX
     tasks = sorted({f"grasp a {category}" for category in frames.rows.categories})
@@ -48,8 +48,8 @@ def write_lerobot(frames: GraspFrames, folder: Path) -> int:
                     task, episode = tasks.index(f"grasp a {frame['category']}"), len(episodes)
                     numbers = {"timestamp": grasp / FPS, "frame_index": grasp, "episode_index": episode, "index": index, "task_index": task}
                     named = {_name(name): value for name, value in frame.items()} | numbers
-                    for name, one in statistics.items():
-                        one.note(named[name])
+                    for name, column_statistics in statistics.items():
+                        column_statistics.update(named[name])
                     made.append(named)
                     index += 1
                 chunk, file = files.write(table_of(made, columns))
@@ -75,12 +75,12 @@ def write_lerobot(frames: GraspFrames, folder: Path) -> int:
         "features": {name: _feature(column) for name, column in columns.items()},
     }
     (folder / "meta" / "info.json").write_text(json.dumps(info, indent=4))
-    (folder / "meta" / "stats.json").write_text(json.dumps({name: one.values() for name, one in statistics.items()}, indent=4))
+    (folder / "meta" / "stats.json").write_text(json.dumps({name: values.summary() for name, values in statistics.items()}, indent=4))
     return index
 
 
 def _name(name: str) -> str:
-    """The name that LeRobot's policies know a column by."""
+    """Look up the name that LeRobot's policies know a column by."""
     for prefix, theirs in PREFIXES.items():
         if name.startswith(prefix):
             return theirs + name.removeprefix(prefix)
@@ -100,7 +100,7 @@ class _DataFiles:
         self._number, self._bytes, self._writer = -1, FILE_BYTES, None
 
     def write(self, table: Any) -> tuple[int, int]:
-        """Write a table; returns the numbers of the folder and the file it is in."""
+        """Write a table; return the numbers of its folder and its file."""
         if self._bytes >= FILE_BYTES:
             self.close()
             self._number, self._bytes = self._number + 1, 0
@@ -136,8 +136,8 @@ class _Statistics:
         self._count, self._sum, self._squares = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self._min, self._max, self._frames = np.full(shape, np.inf), np.full(shape, -np.inf), 0
 
-    def note(self, value: Any) -> None:
-        """Take a frame's value into account."""
+    def update(self, value: Any) -> None:
+        """Include the value of a frame."""
         values = np.asarray(value, np.float64)
         parts = values.reshape(-1, 3).T[:, :, None] / 255 if self._image else values.reshape(1, *self._sum.shape)
         axis = 1 if self._image else 0
@@ -151,10 +151,10 @@ class _Statistics:
         self._min = np.minimum(self._min, np.where(finite, parts, np.inf).min(axis=axis).reshape(shape))
         self._max = np.maximum(self._max, np.where(finite, parts, -np.inf).max(axis=axis).reshape(shape))
 
-    def values(self) -> dict[str, Any]:
-        """The statistics as LeRobot writes them; 0 where no value was finite."""
+    def summary(self) -> dict[str, Any]:
+        """Compute the statistics as LeRobot writes them; 0 if no value was finite."""
         count = np.maximum(self._count, 1)
         mean = self._sum / count
         spread = np.sqrt(np.maximum(self._squares / count - mean**2, 0))
-        found = {"min": np.where(self._count, self._min, 0), "max": np.where(self._count, self._max, 0), "mean": mean, "std": spread}
-        return {name: one.tolist() for name, one in found.items()} | {"count": [self._frames]}
+        statistics = {"min": np.where(self._count, self._min, 0), "max": np.where(self._count, self._max, 0), "mean": mean, "std": spread}
+        return {name: values.tolist() for name, values in statistics.items()} | {"count": [self._frames]}

@@ -13,7 +13,7 @@ from pipeline.store.atomic import write_at_once, written_to
 
 
 def write_scenes(source: ReportSource, out: Path, objects: Sequence[str]) -> int:
-    """Write `OBJECT.glb` into a folder, or the file `out` where that ends in .glb and one object is asked for; returns the files written.
+    """Write `OBJECT.glb` into a folder, or the file `out` if that ends in .glb and one object is asked for.
 
     Meshes are as stored. Lengths are m; glTF is y up: each top node turns the world, z up.
 
@@ -24,7 +24,9 @@ def write_scenes(source: ReportSource, out: Path, objects: Sequence[str]) -> int
     """
     chosen = list(objects) or source.object_ids
     if unknown := [name for name in chosen if name not in source.object_ids]:
-        raise InvalidInput(f"{unknown[0]} is no usable object of {source.directory.root}; there are {', '.join(source.object_ids[:10])}, …")
+        raise InvalidInput(
+            f"{unknown[0]} is not a usable object of {source.directory.root}; there are {', '.join(source.object_ids[:10])}, …"
+        )
     one_file = out.suffix.lower() == ".glb"
     if one_file and len(chosen) > 1:
         raise InvalidInput(f"{out} is one file, and there are {len(chosen)} objects; name one with --object, or a folder")

@@ -14,7 +14,7 @@ from pipeline.console import Meter, errors
 from pipeline.export.grasp_frames import Column, GraspFrames, png
 
 SAMPLES = 1000
-"""Per shard: some hundred MB, as WebDataset advises."""
+"""Per shard: about a hundred MB, as WebDataset advises."""
 
 
 def write_webdataset(frames: GraspFrames, folder: Path) -> int:
@@ -40,7 +40,7 @@ def write_webdataset(frames: GraspFrames, folder: Path) -> int:
 
 
 def _add_sample(shard: tarfile.TarFile, key: str, frame: dict[str, Any], columns: dict[str, Column]) -> None:
-    said = {}
+    scalars = {}
     for name, column in columns.items():
         value, file = frame[name], name.replace(".", "_")  # a key ends at the first dot
         if column.kind == "image":
@@ -50,8 +50,8 @@ def _add_sample(shard: tarfile.TarFile, key: str, frame: dict[str, Any], columns
             np.save(written, value, allow_pickle=False)
             _add(shard, f"{key}.{file}.npy", written.getvalue())
         else:
-            said[name] = value
-    _add(shard, f"{key}.json", json.dumps(said).encode())
+            scalars[name] = value
+    _add(shard, f"{key}.json", json.dumps(scalars).encode())
 
 
 def _add(shard: tarfile.TarFile, name: str, content: bytes) -> None:

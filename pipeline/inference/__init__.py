@@ -1,1 +1,1 @@
-"""Reconstruct from one's own files, or from a stored grasp."""
+"""Prediction from files or stored grasps, and calibration of sensors."""

@@ -1,4 +1,4 @@
-"""A grasp from a user's own files: tactile images, and the poses of their sensors."""
+"""Read a grasp from a user's files: tactile images, and the poses of their sensors."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from pipeline.formats.image_file import read_image
 from pipeline.kernels.touch.sensor import check_pose
 
 FARTHEST = 10.0
-"""m from the world's origin at which a sensor may be, along each axis."""
+"""m, largest coordinate of a sensor in the world."""
 MAX_BYTES = 2**20
-"""Of a file of poses, and of each array in it: some 8000 poses."""
+"""Size of a file of poses, and of each array in it; enough for 8000 poses."""
 
 
 def read_tactile_images(paths: Sequence[Path]) -> NDArray[np.uint8]:
@@ -46,13 +46,12 @@ def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_] | Non
 
     Returns
     -------
-    Poses (T, 4, 4), sensor frame to world frame, m; and flags (T,), None where the file does not say. The world frame is the one of the
-    images' camera.
+    Poses (T, 4, 4), sensor frame to world frame of the images' camera, m; and flags (T,), None if the file has none.
 
     Raises
     ------
     InvalidInput
-        The file cannot be read, has no poses, or a pose is no rigid motion, or `FARTHEST` away: millimetres, perhaps.
+        The file cannot be read, has no poses, or a pose is not a rigid motion, or is farther than `FARTHEST`, perhaps in millimetres.
     """
     content = read_file(path, MAX_BYTES)
     try:
@@ -77,22 +76,22 @@ def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_] | Non
 
 
 def _json_arrays(content: bytes) -> dict[str, np.ndarray]:
-    said: Any = json.loads(content)
-    if isinstance(said, list):
-        said = {"poses": said}
-    if not isinstance(said, dict) or said.get("poses") is None:
-        raise ValueError("there is no list of poses in it")
-    return {name: np.asarray(said[name]) for name in ("poses", "touched") if said.get(name) is not None}
+    entries: Any = json.loads(content)
+    if isinstance(entries, list):
+        entries = {"poses": entries}
+    if not isinstance(entries, dict) or entries.get("poses") is None:
+        raise ValueError("it has no list of poses")
+    return {name: np.asarray(entries[name]) for name in ("poses", "touched") if entries.get(name) is not None}
 
 
 def _npz_arrays(content: bytes) -> dict[str, np.ndarray]:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        there = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
-        return {name: _npy_array(archive, there[name]) for name in ("poses", "touched") if name == "poses" or name in there}
+        members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
+        return {name: _npy_array(archive, members[name]) for name in ("poses", "touched") if name == "poses" or name in members}
 
 
 def _npy_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
-    """Read an array; what its header claims is compared with what is there before memory is taken."""
+    """Read an array; compare its header with its size before allocating memory."""
     if member.file_size > MAX_BYTES or member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"{member.filename} has {member.file_size} bytes, {MAX_BYTES} are the most, stored or deflated")
     file = io.BytesIO(archive.read(member))

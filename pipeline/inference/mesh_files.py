@@ -1,4 +1,4 @@
-"""Reconstructions as mesh files that other programs open: OBJ, PLY or GLB, by suffix."""
+"""Write reconstructions as mesh files for other programs: OBJ, PLY or GLB, by suffix."""
 
 from __future__ import annotations
 
@@ -55,9 +55,18 @@ def write_joined(path: Path, made: Reconstruction) -> None:
 def write_closed(
     path: Path, vertices: NDArray[np.float64], faces: NDArray[np.int64], colors: NDArray[np.uint8], seen: NDArray[np.bool_]
 ) -> None:
-    """Write one closed mesh, called closed, in the colour of each vertex, (V, 3), where it was `seen` and grey elsewhere.
+    """Write one closed mesh, called closed; frames as `write_charts`.
 
-    Frames are those of `write_charts`.
+    Parameters
+    ----------
+    path
+        The mesh file.
+    vertices, faces
+        (V, 3) m, and (F, 3).
+    colors
+        (V, 3) sRGB.
+    seen
+        (V,) bool: which vertices have a colour; the others are grey.
     """
     painted = np.where(seen[:, None], np.insert(colors, 3, 255, axis=1), np.array(VISION_COLORS[0], np.uint8))
     _write(path, [("closed", _mesh(vertices, faces, painted))])
@@ -86,24 +95,22 @@ def _charts(made: Reconstruction, name: str, starts: range, colors: Sequence[Col
 def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color | NDArray[np.uint8]) -> trimesh.Trimesh:
     if not np.isfinite(vertices).all():
         bad = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
-        raise StageError(f"{bad} of {len(vertices)} vertices hold NaN or infinity: no program opens such a mesh")
+        raise StageError(f"{bad} of {len(vertices)} vertices hold NaN or infinity, which mesh files cannot hold; check the inputs")
     return trimesh.Trimesh(
         vertices, faces, vertex_colors=np.tile(np.array(color, np.uint8), (len(vertices) if np.ndim(color) == 1 else 1, 1)), process=False
     )
 
 
 def check_output(path: Path) -> None:
-    """Raise an `InvalidInput` where no mesh can be written under that name."""
+    """Raise an `InvalidInput` if the path is a folder, or its suffix is not a mesh's."""
     if path.suffix.lower() not in SUFFIXES:
-        raise InvalidInput(
-            f"{path}: meshes are written as {', '.join(SUFFIXES)}, by suffix; {path.suffix or 'no suffix'} is not one of them"
-        )
+        raise InvalidInput(f"{path}: the suffix {path.suffix or '(none)'} names no mesh format; use {', '.join(SUFFIXES)}")
     if path.is_dir():
         raise InvalidInput(f"{path} is a folder; name a file to write")
 
 
 def _write(path: Path, parts: Parts) -> None:
-    """Write named meshes into one file; it is there whole or not at all."""
+    """Write named meshes into one file, at once."""
     suffix = path.suffix.lower()
     scene: Any = trimesh.Scene()
     for name, mesh in parts:

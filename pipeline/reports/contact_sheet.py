@@ -1,4 +1,4 @@
-"""A dataset's contact sheets: the best grasp of some objects, drawn from the store, and only when what they show has changed."""
+"""A dataset's contact sheets: the best grasps of objects, drawn again only if the shown rows have changed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.mesh_rows import read_mesh
@@ -21,14 +21,14 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
-from pipeline.reports.contact_sheet_page import Band, draw, finger_colors, lift_verdict
-from pipeline.reports.report_pages import changed_files
+from pipeline.reports.contact_sheet_page import Band, draw, finger_colors, lift_note, spread_evenly
+from pipeline.reports.report_pages import WrittenFiles
 from pipeline.reports.second_view import GraspView, gel_squares, second_view, touch_patch
 from pipeline.store import digest
 from pipeline.store.atomic import written_to
 from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of
-from pipeline.store.directory import DataDirectory
+from pipeline.store.directory import DataDirectory, changed_files
 from pipeline.store.record import Sha256
 from pipeline.store.storage import Place, exists, read_bytes, remove
 from schemas.catalogue import ARTIFACTS
@@ -38,19 +38,17 @@ SHOWN = ("surfaces", "grasps", "vision", "touch")
 """The artifacts that a contact sheet shows."""
 
 DRAWN = "contact-sheet.key"
+"""The list of the sheets that were drawn, in a data directory."""
 
 
-class Drawn(BaseModel):
-    """What the file `DRAWN` says: the hash of all that the sheets show, and the SHA-256 of each sheet."""
+class Sheets(WrittenFiles):
+    """The sheets of a data directory; no other file of it is ever replaced or removed."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    key: Sha256
     files: dict[Annotated[str, Field(pattern=r"^contact-sheet(-[0-9]+)?\.png$")], Sha256]
 
 
 def contact_sheets(data: Place, most: int) -> list[Place]:
-    """Draw the best grasp of at most `most` objects, spread evenly over the dataset; returns the pages' paths.
+    """Draw the best grasp of at most `most` objects, spread evenly over the dataset; return the sheets' paths.
 
     Raises
     ------
@@ -65,13 +63,13 @@ def contact_sheets(data: Place, most: int) -> list[Place]:
     sound = [name for name in collections["surfaces"] if all(c.failure(name) is None for c in collections.values())]
     if not sound:
         raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status` says why")
-    shown = [sound[place] for place in np.linspace(0, len(sound) - 1, min(most, len(sound))).astype(int)]
+    shown = spread_evenly(sound, most)
     key = digest.of_json([sources_hash(__name__), shown, [collection.digest() for collection in collections.values()]])
     drawn = _read_drawn(data / DRAWN)
-    if drawn is None or drawn.key != key or changed_files(data, drawn.files):
+    if drawn is None or not drawn.is_up_to_date(key, changed_files(data, drawn.files)):
         with written_to(data) as folder:
             _draw(collections, shown, folder / "contact-sheet.png")
-            made = Drawn(key=key, files=hashes_of(folder))
+            made = Sheets(key=key, files=hashes_of(folder))
             (folder / DRAWN).write_text(made.model_dump_json())
             for old in drawn.files.keys() - made.files.keys() if drawn else ():
                 if exists(data / old):
@@ -80,9 +78,9 @@ def contact_sheets(data: Place, most: int) -> list[Place]:
     return [data / name for name in drawn.files]
 
 
-def _read_drawn(path: Place) -> Drawn | None:
+def _read_drawn(path: Place) -> Sheets | None:
     try:
-        return Drawn.model_validate_json(read_bytes(path)) if exists(path) else None
+        return Sheets.model_validate_json(read_bytes(path)) if exists(path) else None
     except ValidationError:
         return None
 
@@ -106,12 +104,12 @@ class BandMaker:
 
     @contextmanager
     def grasp_view(self, rows: Mapping[str, Mapping[str, np.ndarray]], grasp: int) -> Iterator[GraspView]:
-        """Take an object into the renderer, for as long as the context lasts, and say what a second view shows of one of its grasps."""
+        """Add an object to the renderer while the context lasts, and collect the second view of a grasp."""
         row, depths = rows["grasps"], rows["touch"]["depth"][grasp]
         poses, hand_pose, colors = row["sensor_pose"][grasp], row["hand_pose"][grasp], finger_colors(len(depths))
         frames = forward_kinematics(self.hand, hand_pose, row["joint_angles"][grasp])  # (L, 4, 4)
         sites = zip(depths, poses, self.sensors, colors, strict=True)
-        patches = [touch_patch(*one) for one, contact in zip(sites, row["touch_success"][grasp], strict=True) if contact]
+        patches = [touch_patch(*site) for site, contact in zip(sites, row["touch_success"][grasp], strict=True) if contact]
         mesh = read_mesh(rows["surfaces"])
         with self.renderer.added(mesh, Label.OBJECT) as handle:
             yield GraspView(
@@ -135,7 +133,7 @@ class BandMaker:
             angle, margin, area = (float(np.sum(grasps[name][0])) for name in ("opposition", "closure", "contact_area"))
             note += f"; {1e6 * area:.0f} mm² of contact, {angle:.0f}° between the most opposed, closure {margin:.2f}"
         if "held" in list(grasps):
-            note += f"; {lift_verdict(grasps['held'][0])}"
+            note += f"; {lift_note(grasps['held'][0])}"
         return Band(
             title=object_id,
             note=note,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import matplotlib
 import numpy as np
@@ -14,12 +15,13 @@ from PIL import Image, ImageDraw, ImageFont
 from pipeline.kernels.touch.sensor import Sensor
 
 Color = tuple[int, int, int]
+T = TypeVar("T")
 
 COLORS: tuple[Color, ...] = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 60, 140), (86, 180, 233), (213, 94, 0))
 """One colour per finger (after Okabe and Ito: told apart by the colour-blind too); they repeat beyond six."""
 
 PAGE = 8
-"""Objects per page: about as many as one looks at without losing count."""
+"""Objects per page."""
 
 PICTURE, TILE, GAP, MARGIN, TITLE, HEAD = 256, 117, 8, 24, 20, 84
 """Pixels: a picture's side (unscaled), a tactile image's, between things, around the page, a line of titles, the page's head."""
@@ -59,6 +61,11 @@ class Band:
     touched: NDArray[np.bool_]
     tactile_images: NDArray[np.uint8]
     depths: NDArray[np.float32]
+
+
+def spread_evenly(items: Sequence[T], most: int) -> list[T]:
+    """Choose at most `most` items, spread evenly from the first to the last."""
+    return [items[place] for place in np.linspace(0, len(items) - 1, min(most, len(items))).astype(int)]
 
 
 def finger_colors(count: int) -> list[Color]:
@@ -142,17 +149,17 @@ def _band(page: Image.Image, top: int, band: Band, sensors: Sequence[Sensor]) ->
         page.paste(_scaled(image, TILE), (left, body))
         page.paste(_scaled(depth_colors(depth, sensor), TILE), (left, body + TILE + 3))
         pencil.rectangle([left - 1, body + TILE + 2, left + TILE, body + 2 * TILE + 3], outline=RULE)
-        pencil.text((left, body + 2 * TILE + 6), verdict(touched, 1e3 * float(depth.min())), ink, _font(11))
+        pencil.text((left, body + 2 * TILE + 6), depth_note(touched, 1e3 * float(depth.min())), ink, _font(11))
         left += TILE + GAP
 
 
-def lift_verdict(held: object) -> str:
-    """Say how a grasp did in the lift test."""
+def lift_note(held: object) -> str:
+    """Describe the result of the lift test."""
     return "held in the lift test" if held else "dropped in the lift test"
 
 
-def verdict(touched: bool, least: float) -> str:
-    """Say how near the surface comes, from the least depth, mm."""
+def depth_note(touched: bool, least: float) -> str:
+    """Describe the least depth of a sensor, mm."""
     if not np.isfinite(least):
         return "nothing in range"
     return f"min D {least:.1f} mm" if touched else f"no touch · {least:.1f} mm"

@@ -1,11 +1,11 @@
-"""The report as a folder of static pages that opens from a disk: overview, gallery, an object per page, figures, results, origin."""
+"""The report, a folder of static pages that open from a disk: overview, gallery, objects, figures, results and origin."""
 
 from __future__ import annotations
 
 import hashlib
 import shutil
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,18 +20,19 @@ from pipeline.console import Meter, Row, Table, visible
 from pipeline.dataset.touch_statistics import sensors_of, tally
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
-from pipeline.reports import touch_tables
-from pipeline.reports.learning_curves import draw_curves
+from pipeline.reports.contact_sheet_page import spread_evenly
 from pipeline.reports.object_page import ObjectPages
 from pipeline.reports.paper_figures import draw_figures
+from pipeline.reports.plots import draw_bars, draw_curves, draw_histogram
 from pipeline.reports.provenance import commands, contents_table, records, settings_tables, versions_tables
-from pipeline.reports.report_pages import WRITTEN, ObjectCard, Pages, changed_files, read_pages, refuse_report_links
+from pipeline.reports.report_pages import WRITTEN, ObjectCard, Pages, read_pages, refuse_report_links
 from pipeline.reports.report_source import ReportSource
-from pipeline.reports.results import results_tables, trained
-from pipeline.reports.svg_plots import draw_bars, draw_histogram, svg_theme
+from pipeline.reports.results import results_tables, trained_models, training_losses
+from pipeline.reports.touch_tables import supplement_touches, touch_tables, touches_per_grasp
 from pipeline.store import digest
 from pipeline.store.atomic import written_to
 from pipeline.store.digest import hashes_of
+from pipeline.store.directory import changed_files
 from pipeline.store.storage import Place, exists, remove
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
@@ -60,8 +61,7 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
     Raises
     ------
     StoreError
-        An artifact that a report needs has not been made, or something was made from other rows than there are now; or the folder is a
-        symbolic link, or holds one.
+        An artifact that a report needs is missing or out of date, or the folder is or holds a symbolic link.
     """
     source, report = ReportSource(data), data / "report"
     refuse_report_links(report)
@@ -74,13 +74,12 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
         (folder / "figures").mkdir()
         for name in COPIED:
             shutil.copyfile(ASSETS / name, folder / name)
-        objects = _write_objects(source, folder, console, _whole_cards(report, before))
+        objects = _write_objects(source, folder, console, before, changed_files(report, before.every_file()))
         common = {"objects": len(objects), "evaluated": source.evaluation is not None}
         cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
-        chosen = [cards[place] for place in np.linspace(0, len(cards) - 1, min(CARDS, len(cards))).astype(int)]
-        tables = touch_tables.tables(tally(data), sensors_of(data))
+        tables = touch_tables(tally(data), sensors_of(data))
         plots = _plots(source, objects, folder)
-        _write(source, folder, "index.html", cards=chosen, tables=tables, plots=plots, tiles=_tiles(source), **common)
+        _write(source, folder, "index.html", cards=spread_evenly(cards, CARDS), tables=tables, plots=plots, tiles=_tiles(source), **common)
         categories, splits = (sorted({card[key] for card in cards}) for key in ("category", "split"))
         _write(source, folder, "gallery.html", cards=cards, categories=categories, splits=splits)
         _write(source, folder, "figures.html", figures=draw_figures(source, folder / "figures", most))
@@ -95,28 +94,38 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
     return report / "index.html"
 
 
-def _whole_cards(report: Place, before: Pages) -> dict[str, ObjectCard]:
-    """The cards of objects all of whose files are there as they were written."""
-    changed = set(changed_files(report, before.every_file()))
-    return {name: card for name, card in before.objects.items() if changed.isdisjoint(card.files)}
+def _write_objects(source: ReportSource, folder: Path, console: Console, written: Pages, changed: Container[str]) -> dict[str, ObjectCard]:
+    """Write the pages of objects that are not up to date.
 
+    Parameters
+    ----------
+    source
+        The dataset.
+    folder
+        Where the report is written.
+    console
+        Shows progress.
+    written, changed
+        The pages of the last report, and the names of its files that differ from what was written.
 
-def _write_objects(source: ReportSource, folder: Path, console: Console, known: Mapping[str, ObjectCard]) -> dict[str, ObjectCard]:
-    """Write the pages of objects whose `known` cards are of other content, or that have none; returns the cards of all."""
+    Returns
+    -------
+    The cards of all objects.
+    """
     pages = ObjectPages(source, _environment().get_template("object.html.j2"), folder / "objects")
     common = {"up": "../", "current": "", **_frame(source)}
     whole = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
     evaluated = source.directory.folder(source.evaluated[0]).files if source.evaluated else {}
     ids = source.object_ids
-    found = {}
+    cards = {}
     with Meter(console, "report", len(ids), "objects") as meter:
         for object_id, before, after in zip(ids, [None, *ids[:-1]], [*ids[1:], None], strict=True):
             key = digest.of_json([whole, evaluated, source.digests(object_id), before, after, common["name"]])
-            if (card := known.get(object_id)) is None or card.key != key:
+            if (card := written.objects.get(object_id)) is None or not card.is_up_to_date(key, changed):
                 card = ObjectCard(key=key, **pages.write(object_id, before, after, common))
-            found[object_id] = card
+            cards[object_id] = card
             meter.advance()
-    return found
+    return cards
 
 
 @cache
@@ -127,12 +136,12 @@ def _environment() -> Environment:
 
 
 def _shown(value: Any) -> Any:
-    """Show the control characters of names and reasons as their codes: a browser would obey those that turn the direction of text."""
+    """Show the control characters of names and reasons as codes, so that a browser does not obey them."""
     return value if not isinstance(value, str) or hasattr(value, "__html__") or value.isprintable() else visible(value)
 
 
 def _frame(source: ReportSource) -> dict[str, Any]:
-    """What every page says."""
+    """Collect the content that all pages share."""
     return {"name": source.name, "pages": PAGES}
 
 
@@ -142,12 +151,12 @@ def _write(source: ReportSource, folder: Path, name: str, **content: Any) -> Non
 
 
 def _tiles(source: ReportSource) -> list[tuple[str, str]]:
-    """The numbers on the first page."""
-    found = tally(source.directory.root)
-    touched = np.concatenate([one for entry in found.values() for one in entry.touched])
+    """Count objects, grasps, touches and failures for the first page."""
+    tallies = tally(source.directory.root)
+    touched = np.concatenate([grasps for entry in tallies.values() for grasps in entry.touched])
     return [
         (str(len(source.object_ids)), "objects"),
-        (str(len(found)), "classes"),
+        (str(len(tallies)), "classes"),
         (str(len(touched)), "grasps"),
         (str(touched.sum()), f"touches, {100 * touched.mean():.0f} % of {touched.size}"),
         (str(len(source.failures)), "failures"),
@@ -156,47 +165,46 @@ def _tiles(source: ReportSource) -> list[tuple[str, str]]:
 
 def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path) -> list[dict[str, str]]:
     """Draw the touches per grasp beside the supplement's, and the contact areas by class."""
-    touched = np.concatenate([one for entry in tally(source.directory.root).values() for one in entry.touched])
-    shares = touch_tables.touches_per_grasp(touched)
-    theirs = touch_tables.supplement_touches(len(shares))
+    touched = np.concatenate([grasps for entry in tally(source.directory.root).values() for grasps in entry.touched])
+    shares = touches_per_grasp(touched)
+    theirs = supplement_touches(len(shares))
     bars: Mapping[str, ArrayLike] = {"here": shares} | ({"supplement": theirs} if theirs else {})
     draw_bars(folder / "figures" / "touches.svg", bars, range(len(shares)), x="touches per grasp", y="% of grasps")
     areas = {
-        category: 1e6 * np.concatenate([one.areas for one in objects.values() if one.category == category])
-        for category in sorted({one.category for one in objects.values()})
+        category: 1e6 * np.concatenate([card.areas for card in objects.values() if card.category == category])
+        for category in sorted({card.category for card in objects.values()})
     }
     draw_histogram(folder / "figures" / "contact.svg", areas, x="contact area per touch, mm²", y="% of touches")
-    means = ", ".join(f"{name} {one.mean():.0f}" for name, one in areas.items() if len(one))
-    said = ", ".join(f"{count}: {share:.1f} %" for count, share in enumerate(shares))
+    means = ", ".join(f"{name} {values.mean():.0f}" for name, values in areas.items() if len(values))
+    shares_text = ", ".join(f"{count}: {share:.1f} %" for count, share in enumerate(shares))
     return [
-        {"file": "figures/touches.svg", "alt": f"Touches per grasp here: {said}", "caption": "Successful touches per grasp"},
+        {"file": "figures/touches.svg", "alt": f"Touches per grasp here: {shares_text}", "caption": "Successful touches per grasp"},
         {"file": "figures/contact.svg", "alt": f"Mean contact area, mm²: {means}", "caption": f"Contact area; mean, mm²: {means}"},
     ]
 
 
 def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
-    """The evaluation's tables, whether the supplement's orderings hold, and the learning curves."""
-    directory, there = source.directory, trained(source.directory, source.evaluated)
+    """Make the tables of the evaluations and the figure of the learning curves."""
+    directory, models = source.directory, trained_models(source.directory, source.evaluated)
     tables = results_tables(directory, source.evaluated)
     curves = []
-    if there:
+    if models:
         path = folder / "figures" / "learning-curves.svg"
-        with svg_theme(path):
-            draw_curves({name: directory.whole_folder(place) for name, place in there.items()}, path)
-        alt = f"Training and validation loss by epoch of {', '.join(there)}"
+        draw_curves({name: training_losses(directory.whole_folder(place)) for name, place in models.items()}, path)
+        alt = f"Training and validation loss by epoch of {', '.join(models)}"
         curves = [{"file": "figures/learning-curves.svg", "alt": alt, "caption": "A dot marks the epoch that was kept."}]
     return {"tables": tables, "curves": curves}
 
 
 def _about(source: ReportSource) -> dict[str, Any]:
-    """Failures by reason, and where everything comes from."""
-    found = records(source.directory)
+    """Collect the failures by reason, and the origin of all artifacts and folders."""
+    origins = records(source.directory)
     return {
         "failures": _failures(source.failures),
-        "contents": contents_table(found),
-        "commands": commands(source.directory, found),
-        "settings": settings_tables(found),
-        "versions": versions_tables(found),
+        "contents": contents_table(origins),
+        "commands": commands(source.directory, origins),
+        "settings": settings_tables(origins),
+        "versions": versions_tables(origins),
     }
 
 

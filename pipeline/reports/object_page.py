@@ -17,7 +17,7 @@ from PIL import Image
 
 from pipeline.kernels.touch.contact import pressed_pixels
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.reports.contact_sheet_page import depth_colors, finger_colors, lift_verdict, verdict
+from pipeline.reports.contact_sheet_page import depth_colors, depth_note, finger_colors, lift_note
 from pipeline.reports.grasp_scene import GraspScenes, Rows
 from pipeline.reports.report_source import ReportSource
 
@@ -25,7 +25,7 @@ THUMBNAIL = 150
 """Pixels per side of a picture in the gallery."""
 
 ENDINGS = (".html", ".webp", ".mesh.js", ".predictions.js")
-"""Of the names of an object's files; the last where there is an evaluation."""
+"""Endings of an object's files; the last needs an evaluation."""
 
 PARTS = {
     "object": "object",
@@ -34,7 +34,7 @@ PARTS = {
     "touched": "touched surface",
     "charts": "touch charts",
 }
-"""Nodes of a scene that a page can hide, and what it calls them."""
+"""Nodes of a scene that a page can hide, and their labels."""
 
 
 class ObjectPages:
@@ -91,15 +91,15 @@ class ObjectPages:
         sensors = []
         for sensor, name in enumerate(names):
             depth = touch["depth"][number, sensor]
-            said = verdict(bool(touched[sensor]), 1e3 * float(depth.min()))
+            result = depth_note(bool(touched[sensor]), 1e3 * float(depth.min()))
             if touched[sensor]:
-                said += f", contact {1e6 * areas[sensor]:.0f} mm²"
+                result += f", contact {1e6 * areas[sensor]:.0f} mm²"
             sensors.append(
                 {
                     "name": name,
                     "touched": bool(touched[sensor]),
                     "color": "#{:02x}{:02x}{:02x}".format(*colors[sensor]),
-                    "verdict": said,
+                    "verdict": result,
                     "tactile_image": _inline(touch["tactile_image"][number, sensor]),
                     "depth": _inline(depth_colors(depth, self.sensors[sensor])),
                 }
@@ -119,12 +119,12 @@ class ObjectPages:
             margin, angle = (float(rows["grasps"][name][number]) for name in ("closure", "opposition"))
             note += f"; margin of force closure {margin:.2f}, most opposed contacts {angle:.0f}°"
         if "held" in list(rows["grasps"]):
-            note += f"; {lift_verdict(rows['grasps']['held'][number])}"
+            note += f"; {lift_note(rows['grasps']['held'][number])}"
         touches = f"{touched.sum()} of {len(touched)} sensors touch"
         return {"touches": touches, "note": note, "pictures": pictures, "sensors": sensors}
 
     def _contact_areas(self, rows: Rows) -> NDArray[np.float64]:
-        """The (grasp, sensor) area of the pixels that the surface presses on, m²; computed where the dataset does not say."""
+        """Read or compute the (grasp, sensor) area of the pixels that the surface presses on, m²."""
         if "contact_area" in list(rows["grasps"]):
             return np.asarray(rows["grasps"]["contact_area"], np.float64)
         depth = rows["touch"]["depth"]

@@ -21,8 +21,8 @@ from pipeline.rng import numpy_rng
 from stages.evaluate.evaluation_files import Figures, read_root
 from stages.evaluate.supplement_figures import TABLE_2, TABLE_3
 
-FEWEST = 6
-"""Objects a verdict needs: of fewer, all agree by chance more than once in twenty, and their bootstrap intervals are far too short."""
+MIN_OBJECTS = 6
+"""Objects that a verdict needs: fewer agree by chance more than once in twenty, and their bootstrap intervals are too short."""
 
 PREFIXES = ("", *(f"{family}-" for family in FAMILIES if family))
 """Of configurations' names, by family: the claims are the same within each."""
@@ -32,7 +32,7 @@ Answer = Literal["holds", "does not hold", "undecided"]
 
 @dataclass(frozen=True)
 class Verdict:
-    """Say whether one figure is smaller than another, as is claimed.
+    """Hold the test of a claim that one figure is smaller than another.
 
     Attributes
     ----------
@@ -54,8 +54,8 @@ class Verdict:
 
     @property
     def answer(self) -> Answer:
-        """Tell whether the whole interval is on the claimed side of 0, on the other, or on both; of few objects, undecided."""
-        if self.difference.count < FEWEST:
+        """Compare the interval with 0; few objects leave the claim undecided."""
+        if self.difference.count < MIN_OBJECTS:
             return "undecided"
         if self.difference.high < 0:
             return "holds"
@@ -72,7 +72,7 @@ class Claim(NamedTuple):
 
 
 def orderings(folders: Sequence[Path]) -> list[Verdict]:
-    """Test the claims that the models of evaluations allow, one verdict each; the same for the same evaluations.
+    """Test the claims that the models of evaluations allow, one verdict each.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def orderings(folders: Sequence[Path]) -> list[Verdict]:
     Raises
     ------
     StoreError
-        There is no finished evaluation in a folder, or they are not of the same objects.
+        An evaluation is missing, or their objects differ.
     """
     values, seed = read_values(folders), read_root(folders[0])["seed"]
     claims = [*_modalities(values), *_grasps(values), *_rings(values)]
@@ -134,16 +134,16 @@ def _rings(values: Values) -> Iterator[Claim]:
 
 def _ring(trainings: Sequence[Figures], ring: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Compute (training, object) local Chamfer distances in a ring, m², and count the (object,) touch sites with points in it."""
-    found = [figures.ring(ring + 1) for figures in trainings]
-    return np.stack([distances for distances, _ in found]), found[0][1]
+    rings = [figures.ring(ring + 1) for figures in trainings]
+    return np.stack([distances for distances, _ in rings]), rings[0][1]
 
 
 def _printed(
     table: Mapping[str, Sequence[float]], smaller: tuple[str, int], larger: tuple[str, int], factor: float = 1.0
 ) -> tuple[float, float] | None:
     """Look up two figures of a supplement's table, by configuration and column, in Table 3's unit; None where it does not print both."""
-    found = [factor * table[name][column] for name, column in (smaller, larger) if column < len(table.get(name, ()))]
-    return (found[0], found[1]) if len(found) == 2 else None
+    printed = [factor * table[name][column] for name, column in (smaller, larger) if column < len(table.get(name, ()))]
+    return (printed[0], printed[1]) if len(printed) == 2 else None
 
 
 def orderings_table(verdicts: Sequence[Verdict]) -> list[Table]:
@@ -161,4 +161,4 @@ def orderings_table(verdicts: Sequence[Verdict]) -> list[Table]:
         rows.append(Row([verdict.claim, here, f"{between.mean:+.3f}{ends}", between.count, verdict.answer, theirs]))
     counts = Counter(verdict.answer for verdict in verdicts)
     answers = ", ".join(f"{counts[answer]} {answer}" for answer in get_args(Answer))
-    return [Table(title, columns, rows), Table(f"{answers} of {len(verdicts)} (fewer than {FEWEST} objects decide nothing)")]
+    return [Table(title, columns, rows), Table(f"{answers} of {len(verdicts)} (fewer than {MIN_OBJECTS} objects decide nothing)")]

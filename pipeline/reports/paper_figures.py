@@ -15,7 +15,7 @@ from PIL import Image
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.formats.description_file import load_scene
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, VisionCharts, vision_charts
-from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.touch.contact import local_points
@@ -23,9 +23,9 @@ from pipeline.kernels.touch.gel_surface import in_gel
 from pipeline.kernels.vision.scene import Scene
 from pipeline.models.touch_model import load_touch_model
 from pipeline.reports.contact_sheet import BandMaker
-from pipeline.reports.contact_sheet_page import COLORS, depth_colors
-from pipeline.reports.picture_row import save_figure
-from pipeline.reports.reconstruction_gallery import SCENE, draw_gallery, render_mesh
+from pipeline.reports.contact_sheet_page import COLORS, depth_colors, spread_evenly
+from pipeline.reports.plots import save_figure
+from pipeline.reports.reconstruction_gallery import SCENE, draw_gallery, painted_mesh, render_mesh
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.second_view import grasp_cameras, lamp_beside, second_view
 from pipeline.store.storage import exists
@@ -34,8 +34,8 @@ from stages.render_vision.renderer import Renderer
 PIXELS = 384
 """A rendered picture's side."""
 
-LOOKED_AT = 40
-"""Objects among which the one that a figure shows is chosen, spread evenly."""
+CANDIDATES = 40
+"""Objects, spread evenly, among which a figure's object is chosen."""
 
 POINTS = 1500
 """Points of a cloud that are drawn at most."""
@@ -48,7 +48,7 @@ RADIUS = 0.15
 
 
 def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str, Any]]:
-    """Draw what the dataset has for them into PNG files below `folder`; returns title, text and pictures of each figure.
+    """Draw the figures that the dataset has data for as PNG files.
 
     Parameters
     ----------
@@ -58,9 +58,12 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
         Where the files go.
     most
         Reconstructions shown at most.
+
+    Returns
+    -------
+    Title, text and pictures of each figure.
     """
-    ids = source.object_ids
-    object_id, grasp = clearest_grasp(source, [ids[place] for place in np.linspace(0, len(ids) - 1, min(LOOKED_AT, len(ids))).astype(int)])
+    object_id, grasp = clearest_grasp(source, spread_evenly(source.object_ids, CANDIDATES))
     vision = source.collections.get("vision")
     scene = load_scene(str(vision.first.attributes["settings"]["scene"]) if vision else SCENE)
     with Renderer(scene, PIXELS) as renderer:
@@ -209,10 +212,4 @@ def _sphere(renderer: Renderer, folder: Path, middle: NDArray[np.float64]) -> di
 
 def colored_charts(charts: VisionCharts, vertices: NDArray[np.float64]) -> Mesh:
     """Make a mesh of vision charts whose vertices (V, 3), m, may have moved; neighbouring charts have different colours."""
-    look = Look(
-        uv=np.zeros((len(vertices), 2), np.float32),
-        face_material=(charts.faces[:, 0] // CHART_VERTICES % len(COLORS)).astype(np.int32),
-        base_color=np.array([[*color, 255] for color in COLORS], np.uint8),
-        material_texture=np.full(len(COLORS), -1, np.int32),
-    )
-    return Mesh(vertices, charts.faces.astype(np.int32), look)
+    return painted_mesh(vertices, charts.faces, charts.faces[:, 0] // CHART_VERTICES % len(COLORS), [(*color, 255) for color in COLORS])

@@ -1,4 +1,4 @@
-"""Where a dataset comes from: what lies where, the settings, the versions, and the commands that make it again."""
+"""The origin of a dataset: its records, settings and versions, and the commands that make it again."""
 
 from __future__ import annotations
 
@@ -16,58 +16,60 @@ from stages.registry import STAGES, resolve
 
 
 def records(directory: DataDirectory) -> dict[str, Provenance]:
-    """The record of every artifact and folder that has been made, by name, in the pipeline's order; of an artifact, a shard's."""
+    """Collect the record of every artifact, from its first shard, and of every folder, by name, in the pipeline's order."""
     collections = {name: directory.collection(artifact) for name, artifact in ARTIFACTS.items()}
-    found: dict[str, Provenance] = {name: one.first.record for name, one in collections.items() if one.shards}
-    found |= {name: directory.folder(name) for name in directory.folders()}
+    origins: dict[str, Provenance] = {name: collection.first.record for name, collection in collections.items() if collection.shards}
+    origins |= {name: directory.folder(name) for name in directory.folders()}
     order = list(STAGES)
-    return dict(sorted(found.items(), key=lambda entry: order.index(entry[1].stage) if entry[1].stage in order else len(order)))
+    return dict(sorted(origins.items(), key=lambda entry: order.index(entry[1].stage) if entry[1].stage in order else len(order)))
 
 
-def contents_table(found: dict[str, Provenance]) -> Table:
-    """List what has been made: by which stage, from which manifest, with which preset and seed."""
-    rows = [Row([name, one.stage, one.manifest, one.preset, str(one.seed), one.key[:16]]) for name, one in found.items()]
+def contents_table(origins: dict[str, Provenance]) -> Table:
+    """List the stage, manifest, preset, seed and key of each artifact and folder."""
+    rows = [
+        Row([name, origin.stage, origin.manifest, origin.preset, str(origin.seed), origin.key[:16]]) for name, origin in origins.items()
+    ]
     return Table("", ["name", "stage", "manifest", "preset", "seed", "key"], rows)
 
 
-def settings_tables(found: dict[str, Provenance]) -> list[Table]:
+def settings_tables(origins: dict[str, Provenance]) -> list[Table]:
     """List the settings that results depend on, a table per artifact or folder; those that differ from the preset's are marked."""
     tables = []
-    for name, one in found.items():
-        usual = _preset_values(one)
-        rows = [Row([key, _plain(value), "" if usual.get(key) == value else "set"]) for key, value in one.settings.items()]
+    for name, origin in origins.items():
+        preset = _preset_values(origin)
+        rows = [Row([key, _plain(value), "" if preset.get(key) == value else "set"]) for key, value in origin.settings.items()]
         if rows:
-            tables.append(Table(f"{name} ({one.stage})", ["setting", "value", "other than the preset's"], rows))
+            tables.append(Table(f"{name} ({origin.stage})", ["setting", "value", "other than the preset's"], rows))
     return tables
 
 
-def versions_tables(found: dict[str, Provenance]) -> list[Table]:
-    """List the versions that computed, a table per set of versions."""
+def versions_tables(origins: dict[str, Provenance]) -> list[Table]:
+    """List the versions of the packages that made them, a table per set of versions."""
     makers: dict[tuple[tuple[str, str], ...], list[str]] = {}
-    for name, one in found.items():
-        makers.setdefault(tuple(sorted(one.versions.items())), []).append(name)
+    for name, origin in origins.items():
+        makers.setdefault(tuple(sorted(origin.versions.items())), []).append(name)
     return [
         Table(", ".join(names), ["package", "version"], [Row([package, version]) for package, version in versions])
         for versions, names in makers.items()
     ]
 
 
-def commands(directory: DataDirectory, found: dict[str, Provenance]) -> list[str]:
+def commands(directory: DataDirectory, origins: dict[str, Provenance]) -> list[str]:
     """Write the commands that make it again, one per artifact and folder."""
-    return [" ".join(map(shlex.quote, _command(directory, one))) for one in found.values() if one.stage in STAGES]
+    return [" ".join(map(shlex.quote, _command(directory, origin))) for origin in origins.values() if origin.stage in STAGES]
 
 
-def _command(directory: DataDirectory, one: Provenance) -> Iterator[str]:
-    yield from ("vt-pipeline", "run", one.stage, "--manifest", one.manifest, "--preset", one.preset)
-    yield from ("--seed", str(one.seed), "--data", str(directory.root))
-    usual = _preset_values(one)
-    for key, value in one.settings.items():
-        if usual.get(key) != value:
-            yield from ("--set", f"{one.stage}.{key}={_plain(value)}")
+def _command(directory: DataDirectory, origin: Provenance) -> Iterator[str]:
+    yield from ("vt-pipeline", "run", origin.stage, "--manifest", origin.manifest, "--preset", origin.preset)
+    yield from ("--seed", str(origin.seed), "--data", str(directory.root))
+    preset = _preset_values(origin)
+    for key, value in origin.settings.items():
+        if preset.get(key) != value:
+            yield from ("--set", f"{origin.stage}.{key}={_plain(value)}")
 
 
-def _preset_values(one: Provenance) -> dict[str, Any]:
-    return resolve(one.stage, one.preset, ()).results() if one.stage in STAGES else {}
+def _preset_values(origin: Provenance) -> dict[str, Any]:
+    return resolve(origin.stage, origin.preset, ()).results() if origin.stage in STAGES else {}
 
 
 def _plain(value: Any) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -18,7 +20,8 @@ from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.vision.labels import Label
-from pipeline.reports.picture_row import save_figure
+from pipeline.reports.contact_sheet_page import spread_evenly
+from pipeline.reports.plots import save_figure
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from schemas.charts import CHARTS
@@ -35,16 +38,28 @@ SCENE = "supplement"
 
 
 def draw_gallery(directory: DataDirectory, folder: Path, path: Path, most: int) -> list[str]:
-    """Draw at most `most` test objects, spread evenly over those of the evaluation in `folder`, into a PNG at `path`; returns their names.
+    """Draw reconstructions of test objects, each above its Chamfer distance, m² × 9000.
 
-    Every model is shown with one grasp, those that feel also with the most that were evaluated; the number below is the
-    Chamfer distance of that very reconstruction, m² x 9000.
+    Parameters
+    ----------
+    directory
+        The dataset.
+    folder
+        Its evaluation; each model is shown with the fewest and the most grasps that it was given there.
+    path
+        The PNG file.
+    most
+        Objects at most, spread evenly.
+
+    Returns
+    -------
+    Names of the objects.
     """
     names = list(read_root(folder)["configurations"])
     figures = read_figures(folder)
     predictions = {name: read_surfaces(folder, name) for name in names}
     objects = [str(name) for name in read_table(folder, "objects")["object_id"]]
-    shown = [objects[place] for place in np.linspace(0, len(objects) - 1, min(most, len(objects))).astype(int)]
+    shown = spread_evenly(objects, most)
     surfaces, charts = (directory.collection(artifact) for artifact in (SURFACES, CHARTS))
     columns = [(name, case) for name in names for case in _cases(predictions[name])]
     images = directory.collection(VISION).shards
@@ -88,11 +103,28 @@ def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, case: int)
 
 def two_coloured(vertices: NDArray[np.floating], faces: NDArray[np.integer], grey: int) -> Mesh:
     """Make a mesh whose first `grey` faces are grey and whose others, those of touch charts, are orange."""
+    return painted_mesh(vertices, faces, np.arange(len(faces)) >= grey, [VISION_COLORS[0], TOUCH_COLOR])
+
+
+def painted_mesh(
+    vertices: NDArray[np.floating], faces: NDArray[np.integer], material: NDArray[Any], colors: Sequence[tuple[int, ...]]
+) -> Mesh:
+    """Make a mesh of plain colours.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3) m, and (F, 3).
+    material
+        (F,) number of the colour of each face.
+    colors
+        RGBA, 0 to 255.
+    """
     look = Look(
         uv=np.zeros((len(vertices), 2), np.float32),
-        face_material=(np.arange(len(faces)) >= grey).astype(np.int32),
-        base_color=np.array([VISION_COLORS[0], TOUCH_COLOR], np.uint8),
-        material_texture=np.array([-1, -1], np.int32),
+        face_material=material.astype(np.int32),
+        base_color=np.array(colors, np.uint8),
+        material_texture=np.full(len(colors), -1, np.int32),
     )
     return Mesh(vertices.astype(np.float64), faces.astype(np.int32), look)
 

@@ -1,4 +1,4 @@
-"""What a report shows: the artifacts of a data directory that have been made, and what its evaluation says of each object."""
+"""The content of a report: artifacts of a data directory, and the figures of each object in its evaluation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from schemas.catalogue import ARTIFACTS
 from stages.evaluate.evaluation_files import Arrays, read_figures, read_root, read_surfaces, read_table, surface_of
 
 NEEDED, SHOWN = ("surfaces", "grasps", "touch"), ("vision", "charts")
-"""Artifacts without which there is no report, and those that it shows where there are some."""
+"""Artifacts that a report needs, and those that it shows if they have been made."""
 
 
 class ReportSource:
@@ -46,19 +46,19 @@ class ReportSource:
     Raises
     ------
     StoreError
-        An artifact of `NEEDED` has not been made, no object came through, or something was made from other rows than there are now.
+        An artifact of `NEEDED` is missing, an artifact is out of date, or no object came through all stages.
     """
 
     def __init__(self, data: Place) -> None:
         self.directory = DataDirectory(data)
-        found = {name: self.directory.collection(ARTIFACTS[name]) for name in (*NEEDED, *SHOWN)}
-        self.collections = {name: collection for name, collection in found.items() if name in NEEDED or collection.shards}
+        collections = {name: self.directory.collection(ARTIFACTS[name]) for name in (*NEEDED, *SHOWN)}
+        self.collections = {name: collection for name, collection in collections.items() if name in NEEDED or collection.shards}
         for collection in self.collections.values():
             collection.first  # noqa: B018 (an error where it has not been made)
         self.evaluated = evaluations(self.directory)
         self.directory.check_origins([*self.collections, *self.evaluated])
         names = [*self.collections["surfaces"], *self.collections["surfaces"].missing]
-        failures = {name: why for name in names for one in self.collections.values() if (why := one.failure(name))}
+        failures = {name: why for name in names for collection in self.collections.values() if (why := collection.failure(name))}
         self.failures = {name: (why.stage, why.reason) for name, why in failures.items()}
         self.object_ids = [name for name in names if name not in failures]
         if not self.object_ids:
@@ -66,11 +66,11 @@ class ReportSource:
         self.evaluation = Evaluation(self.directory.whole_folder(self.evaluated[0])) if self.evaluated else None
 
     def rows(self, object_id: str) -> dict[str, Mapping[str, np.ndarray]]:
-        """An object's rows, by artifact; each array is read once."""
+        """Open an object's rows, by artifact; each array is read once."""
         return {name: collection.view(object_id) for name, collection in self.collections.items()}
 
     def attributes(self, artifact: str) -> Mapping[str, Any]:
-        """What the root of an artifact says."""
+        """Read the attributes of an artifact."""
         return self.collections[artifact].first.attributes
 
     @property
@@ -79,20 +79,20 @@ class ReportSource:
         return f"{self.attributes('grasps')['manifest']} · {self.collections['grasps'].first.record.preset}"
 
     def hand(self) -> Hand:
-        """The hand that grasped."""
+        """Load the hand that grasped."""
         return grasping_hand({name: self.attributes(name) for name in self.collections})
 
     def sensors(self) -> tuple[Sensor, ...]:
-        """Read the sensor of each finger."""
+        """List the sensor of each finger."""
         return touch_sensors(self.attributes("touch"))
 
     def digests(self, object_id: str) -> dict[str, str]:
-        """The digests of an object's rows, by artifact."""
+        """Collect the digests of an object's rows, by artifact."""
         return {name: collection.row(object_id).digest for name, collection in self.collections.items()}
 
 
 class Evaluation:
-    """What an evaluation folder says of single objects."""
+    """Read the results of single objects from an evaluation folder."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -103,18 +103,18 @@ class Evaluation:
         self._figures = {name: figures[name] for name in self.configurations}
 
     def surfaces(self, object_id: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """The predicted surfaces of an object with its first grasps, as CONFIGURATION-GRASPS; none of objects not evaluated."""
+        """Read the predicted surfaces of an object with its first grasps, as CONFIGURATION-GRASPS; none if it was not evaluated."""
         if object_id not in self.object_ids:
             return {}
-        found = {}
+        surfaces = {}
         for name, table in self._surfaces.items():
-            number = [str(one) for one in table["object_id"]].index(object_id)
+            number = table["object_id"].tolist().index(object_id)
             for case in _first_cases(table):
-                found[f"{name}-{max(int(table['grasps_given'][case]), 1)}"] = surface_of(table, number, case)
-        return found
+                surfaces[f"{name}-{max(int(table['grasps_given'][case]), 1)}"] = surface_of(table, number, case)
+        return surfaces
 
     def errors(self, object_id: str) -> Table | None:
-        """The Chamfer distances of an object's reconstructions with its first grasps, in Table 3's unit; None of objects not evaluated."""
+        """Make the table of an object's Chamfer distances with its first grasps, in Table 3's unit; None if it was not evaluated."""
         if object_id not in self.object_ids:
             return None
         row, given = self.object_ids.index(object_id), max((figures.grasps for figures in self._figures.values()), key=len)
@@ -127,6 +127,6 @@ class Evaluation:
 
 
 def _first_cases(table: Arrays) -> list[int]:
-    """The cases that begin with the first grasp, by the number of grasps given."""
+    """List the cases that begin with the first grasp, by the number of grasps given."""
     cases = [case for case, first in enumerate(table["first_grasp"]) if first == 0]
     return sorted(cases, key=lambda case: int(table["grasps_given"][case]))

@@ -1,25 +1,26 @@
-"""All that evaluations say, as tables: of each network, of its trainings together, and whether the supplement's orderings hold."""
+"""The results of evaluations and trainings as tables."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from pipeline.console import Table
-from pipeline.errors import StoreError
+from pipeline.errors import StoreError, first_line
 from pipeline.formats.description_file import invalid_entries
 from pipeline.reports.orderings import orderings, orderings_table
 from pipeline.reports.training_seeds import trainings_table
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists
+from pipeline.training.loop import METRICS, read_metrics
 from stages.evaluate.tables import evaluation_tables, training_table
 
 
-def trained(directory: DataDirectory, evaluated: Sequence[str]) -> dict[str, str]:
-    """Find the models that were trained: the U-Net, and those of the first evaluation; their folders by name."""
+def trained_models(directory: DataDirectory, evaluated: Sequence[str]) -> dict[str, str]:
+    """Find the trained models, the U-Net and those of the first evaluation: their folders by name."""
     names = ["models/unet", *(directory.folder(evaluated[0]).models if evaluated else ())]
     return {Path(name).name: name for name in names if exists(directory.folder_record(name))}
 
@@ -36,7 +37,7 @@ class _Best(BaseModel):
 
 
 class TrainingFacts(BaseModel):
-    """What the record of a model has to say of its training for a report to print it."""
+    """Facts of a training that a report prints, in the record of the model."""
 
     parameters: int
     epochs: int
@@ -47,24 +48,38 @@ class TrainingFacts(BaseModel):
 
 
 def training_facts(directory: DataDirectory, name: str) -> dict[str, Any]:
-    """The facts of the record of a model; a `StoreError` where they are not those of a training."""
+    """Read the facts of a training from the record of its model; raise a `StoreError` if some are missing."""
     facts = directory.folder(name).facts
     try:
         TrainingFacts.model_validate(facts)
     except ValidationError as error:
         path = directory.folder_record(name)
-        raise StoreError(
-            f"{path}: its facts are not those of a training: {invalid_entries(error)}; delete it and train the model again"
-        ) from error
+        raise StoreError(f"{path}: it lacks facts of a training: {invalid_entries(error)}; delete it and train the model again") from error
     return facts
 
 
+class _Losses(BaseModel):
+    """The losses of one epoch."""
+
+    loss: float
+    train_loss: float
+
+
+def training_losses(folder: Path) -> tuple[list[float], list[float]]:
+    """Read the training and the validation loss of each epoch from a model's folder; raise a `StoreError` if they are missing."""
+    try:
+        epochs = TypeAdapter(Annotated[list[_Losses], Field(min_length=1)]).validate_python(read_metrics(folder))
+    except ValueError as error:  # pydantic's and those of JSON
+        raise StoreError(f"{folder}: {METRICS} lacks the losses of each epoch ({first_line(error)}); train the model again") from error
+    return [epoch.train_loss for epoch in epochs], [epoch.loss for epoch in epochs]
+
+
 def results_tables(directory: DataDirectory, evaluated: Sequence[str]) -> list[Table]:
-    """Make the tables of evaluations, named one per training seed, and list how the models were trained."""
+    """Make the tables of evaluations, one name per training seed, and the table of trainings."""
     tables: list[Table] = []
     if evaluated:
         folders = [directory.whole_folder(name) for name in evaluated]
         tables = [*evaluation_tables(folders[0]), *trainings_table(folders), *orderings_table(orderings(folders))]
-    if there := trained(directory, evaluated):
-        tables.append(training_table({name: training_facts(directory, place) for name, place in there.items()}))
+    if models := trained_models(directory, evaluated):
+        tables.append(training_table({name: training_facts(directory, place) for name, place in models.items()}))
     return tables

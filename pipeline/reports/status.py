@@ -1,4 +1,4 @@
-"""What is in a data directory: an account for people, and for scripts."""
+"""The contents of a data directory: an account for people, and for scripts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from pipeline.cluster.slurm import JobState, State, slurm_folder, states_of, submitted_jobs
-from pipeline.console import counted, few, print_table
+from pipeline.console import Cell, Row, Table, counted, few, show_tables
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import everything_unnamed
@@ -45,7 +45,7 @@ class ArtifactAccount:
 class FolderAccount:
     """Describe one folder that a dataset stage filled: a model, an evaluation.
 
-    `facts` is what the stage said of it: epochs, the best loss, hardware; `stale` why it is not what would be made now.
+    `facts` holds what the stage recorded, such as epochs, the best loss and hardware; `stale` why it is out of date.
     """
 
     folder: str
@@ -61,7 +61,7 @@ class FolderAccount:
 class Account:
     """Describe a data directory.
 
-    `garbage` is what no record names, in megabytes; `damaged` says what could not be read, one line each; `jobs` are those on Slurm.
+    `garbage` is the size of what no record names, in megabytes; `damaged` has a line per thing that cannot be read; `jobs` are Slurm's.
     """
 
     artifacts: list[ArtifactAccount]
@@ -71,23 +71,25 @@ class Account:
     jobs: list[JobState]
 
     def to_json(self) -> str:
-        """Write the account as JSON, by artifact and folder; under `damaged` and `slurm` what is, where anything is."""
-        named = {one.artifact: asdict(one) for one in self.artifacts} | {one.folder: asdict(one) for one in self.folders}
+        """Write the account as JSON, by artifact and folder, with `damaged` and `slurm` if there are such."""
+        named = {entry.artifact: asdict(entry) for entry in self.artifacts} | {entry.folder: asdict(entry) for entry in self.folders}
         damaged = {"damaged": self.damaged} if self.damaged else {}
-        jobs = {state.job.output: state.job.model_dump() | {"states": {one.task: one.state for one in state.tasks}} for state in self.jobs}
+        jobs = {
+            state.job.output: state.job.model_dump() | {"states": {task.task: task.state for task in state.tasks}} for state in self.jobs
+        }
         return json.dumps(named | damaged | ({"slurm": jobs} if jobs else {}), indent=2)
 
 
 def read_account(data: Place) -> Account:
-    """Look at every artifact and folder of a data directory, in the pipeline's order.
+    """Read every artifact and folder of a data directory, in the pipeline's order.
 
     Raises
     ------
     StoreError
-        There is no data directory.
+        The path is not a data directory.
     """
     if not names_in(data) and not ((folder := on_disk(data)) and folder.is_dir()):
-        raise StoreError(f"{data.resolve()} is no data directory; `vt-pipeline run` makes one, --data names it")
+        raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another with --data")
     directory = DataDirectory(data)
     account = Account([], [], garbage=sum(_megabytes(files_below(path)) for path in everything_unnamed(directory)), damaged=[], jobs=[])
     for name in ARTIFACTS:
@@ -120,7 +122,7 @@ def _artifact(directory: DataDirectory, name: str) -> ArtifactAccount:
         artifact=name,
         shards=len(collection.shards),
         objects=len(collection),
-        failures={one: failure.model_dump() for one in collection if (failure := collection.failure(one))},
+        failures={object_id: failure.model_dump() for object_id in collection if (failure := collection.failure(object_id))},
         missing=list(collection.missing),
         megabytes=sum(_megabytes(files_below(shard.path)) for shard in collection.shards),
         seconds=sum(row.seconds for shard in collection.shards for row in shard.record.rows),
@@ -136,10 +138,10 @@ def _folder(directory: DataDirectory, name: str) -> FolderAccount:
         directory.check_origins([name])
     except StoreError as error:
         stale = str(error)
-    there = files_below(directory.folder_path(name))
-    if gone := sorted(record.files.keys() - there.keys()):
+    files = files_below(directory.folder_path(name))
+    if gone := sorted(record.files.keys() - files.keys()):
         raise StoreError(f"{directory.folder_record(name)}: {gone[0]} is missing; run {record.stage} again")
-    return FolderAccount(name, record.stage, _megabytes(there), record.seconds, record.digest(), record.facts, stale)
+    return FolderAccount(name, record.stage, _megabytes(files), record.seconds, record.digest(), record.facts, stale)
 
 
 def _megabytes(files: Mapping[str, File]) -> float:
@@ -148,57 +150,51 @@ def _megabytes(files: Mapping[str, File]) -> float:
 
 def show(account: Account, console: Console) -> None:
     """Print the account as tables, and below them every failure with its reason."""
-    columns = ("artifact", "shards", "objects", "failed", "unfinished", "MB", "core s", "digest")
-    rows = []
+    rows: list[Sequence[Cell]] = []
     failures: dict[tuple[str, str], str] = {}
-    for one in account.artifacts:
-        counts = (one.shards, one.objects, len(one.failures), one.unfinished)
-        rows.append((one.artifact, *counts, f"{one.megabytes:.1f}", f"{one.seconds:.0f}", one.digest[:16]))
-        failures |= {(object_id, why["stage"]): why["reason"] for object_id, why in one.failures.items()}  # passed down: shown once
-    print_table(console, columns, rows)
+    for entry in account.artifacts:
+        counts = (entry.shards, entry.objects, len(entry.failures), entry.unfinished)
+        rows.append([entry.artifact, *counts, entry.megabytes, entry.seconds, entry.digest[:16]])
+        failures |= {(object_id, why["stage"]): why["reason"] for object_id, why in entry.failures.items()}  # passed down: shown once
+    columns = ["artifact", "shards", "objects", "failed", "unfinished", "MB", "core s", "digest"]
+    tables = [Table("", columns, list(map(Row, rows)), ["", "", "", "", "", ".1f", ".0f", ""])]
     if account.folders:
-        folders = [
-            (
-                escape(one.folder),
-                escape(one.stage),
-                f"{one.megabytes:.1f}",
-                f"{one.seconds:.0f}",
-                one.digest[:16],
-                "stale" if one.stale else "",
-            )
-            for one in account.folders
+        rows = [
+            [entry.folder, entry.stage, entry.megabytes, entry.seconds, entry.digest[:16], "stale" if entry.stale else ""]
+            for entry in account.folders
         ]
-        print_table(console, ("folder", "stage", "MB", "s", "digest", ""), folders)
-    for folder in account.folders:
-        if folder.stale:
-            console.print(f"[yellow]stale[/] {escape(folder.stale)}")
-    if mixed := [one.artifact for one in account.artifacts if len(one.processors) > 1]:
-        console.print(f"[yellow]mixed[/] {', '.join(mixed)}: computed by several kinds of processors; see `vt-pipeline validate --strict`")
-    for one in account.artifacts:
-        if one.missing:
-            console.print(f"[yellow]incomplete[/] {one.artifact}: {counted(len(one.missing))} not made yet ({few(one.missing)})")
-    for line in account.damaged:
-        console.print(f"[red]damaged[/] {escape(line)}")
+        tables.append(Table("", ["folder", "stage", "MB", "s", "digest", ""], list(map(Row, rows)), ["", "", ".1f", ".0f", "", ""]))
+    show_tables(console, tables)
+    lines = [("yellow", "stale", entry.stale) for entry in account.folders if entry.stale]
+    if mixed := [entry.artifact for entry in account.artifacts if len(entry.processors) > 1]:
+        lines.append(
+            ("yellow", "mixed", f"{', '.join(mixed)}: computed by several kinds of processors, see `vt-pipeline validate --strict`")
+        )
+    for entry in account.artifacts:
+        if entry.missing:
+            lines.append(("yellow", "incomplete", f"{entry.artifact}: {counted(len(entry.missing))} not made yet ({few(entry.missing)})"))
+    lines += [("red", "damaged", line) for line in account.damaged]
     if account.garbage > 1:
-        console.print(f"{account.garbage:.0f} MB were replaced and are named by no record: `vt-pipeline collect-garbage` removes them")
-    for (object_id, stage), reason in failures.items():
-        console.print(f"[yellow]failed[/] {escape(object_id)} in {escape(stage)}: {escape(reason)}")
+        lines.append(("default", "garbage", f"{account.garbage:.0f} MB are named by no record; `vt-pipeline collect-garbage` removes them"))
+    lines += [("yellow", "failed", f"{object_id} in {stage}: {reason}") for (object_id, stage), reason in failures.items()]
+    for color, state, text in lines:
+        console.print(f"[{color}]{state}[/] {escape(text)}")
     _show_jobs(account.jobs, console)
 
 
 def _show_jobs(jobs: Sequence[JobState], console: Console) -> None:
-    """Print a line per job, and below them every task that failed with its log."""
+    """Print a line per Slurm job, and below them every task that failed with its log."""
     columns: tuple[State, ...] = ("pending", "running", "done", "failed", "unknown")
     rows = []
     for state in jobs:
         why = sorted({task.why for task in state.tasks if task.state in ("pending", "unknown") and task.why})
         counts = state.counts()
-        rows.append((escape(state.job.name), state.job.number, *(counts.get(name, 0) for name in columns), escape(", ".join(why))))
+        rows.append(Row([state.job.name, str(state.job.number), *(counts.get(name, 0) for name in columns), ", ".join(why)]))
     if rows:
-        print_table(console, ("job", "number", *columns, ""), rows, "Slurm")
+        show_tables(console, [Table("Slurm", ["job", "number", *columns, ""], rows)])
     failed = [(state.job, task) for state in jobs for task in state.tasks if task.state == "failed"]
     for job, task in failed:
         log = f"; see {task.log}" if task.log.exists() else ""
         console.print(f"[yellow]failed[/] {escape(job.name)}, task {task.task}: {escape(task.why + log)}")
     if failed:
-        console.print("`vt-pipeline submit` with the same arguments makes what is missing")
+        console.print("run `vt-pipeline submit` with the same arguments to make the missing rows")

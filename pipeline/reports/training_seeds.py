@@ -1,4 +1,4 @@
-"""Evaluations of networks that were trained several times, with other chance each time, read and shown as one."""
+"""Evaluations of several training seeds, read and shown together."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ Values = dict[str, list[Figures]]
 
 def evaluations(directory: DataDirectory) -> list[str]:
     """Name the evaluations of a data directory, that of training seed 0 first."""
-    found = [re.fullmatch(r"evaluation(?:-seed-(\d+))?\.json", name) for name in names_in(directory.root)]
-    return [evaluation_name(seed) for seed in sorted(int(match[1] or 0) for match in found if match)]
+    matches = [re.fullmatch(r"evaluation(?:-seed-(\d+))?\.json", name) for name in names_in(directory.root)]
+    return [evaluation_name(seed) for seed in sorted(int(match[1] or 0) for match in matches if match)]
 
 
 def read_values(folders: Sequence[Path]) -> Values:
-    """Read the values per object of evaluations; a `StoreError` where they are not of the same objects, or measured otherwise."""
-    found: Values = {}
+    """Read the values per object of evaluations; raise a `StoreError` if their objects or settings differ."""
+    values: Values = {}
     objects, settings = read_table(folders[0], "objects")["object_id"].tolist(), read_root(folders[0])["settings"]
     for folder in folders:
         theirs = read_root(folder)["settings"]
         names = sorted((settings.keys() | theirs.keys()) - set(MAY_DIFFER))
         if name := next((name for name in names if theirs.get(name) != settings.get(name)), None):
-            said = f"{folders[0]} was made with {name}={settings.get(name)}, {folder} with {name}={theirs.get(name)}"
-            raise StoreError(f"{said}; run evaluate again for each training seed with the same settings")
+            differ = f"{folders[0]} was made with {name}={settings.get(name)}, {folder} with {name}={theirs.get(name)}"
+            raise StoreError(f"{differ}; run evaluate again for each training seed with the same settings")
         if read_table(folder, "objects")["object_id"].tolist() != objects:
             raise StoreError(f"{folder} and {folders[0]} evaluate different objects; run evaluate again for each training seed")
         figures = read_figures(folder)
         for name in read_root(folder)["configurations"]:
             if name not in figures:
                 raise StoreError(f"{folder} has no figures of {name}, which it lists; run evaluate again")
-            found.setdefault(name, []).append(figures[name])
-    return found
+            values.setdefault(name, []).append(figures[name])
+    return values
 
 
 def chamfer_of(trainings: Sequence[Figures], given: int) -> NDArray[np.float64]:
@@ -60,7 +60,7 @@ def chamfer_of(trainings: Sequence[Figures], given: int) -> NDArray[np.float64]:
 
 
 def trainings_table(folders: Sequence[Path]) -> list[Table]:
-    """Make a row per configuration: how near it comes, beside a training object that is looked up, and how its surfaces look."""
+    """Make the table of all trainings: a row per configuration, with its errors, those of a looked-up object, and its surfaces."""
     values = read_values(folders)
     counts = set(map(len, values.values()))
     seeds, uneven = max(counts), len(counts) > 1
@@ -78,7 +78,7 @@ def trainings_table(folders: Sequence[Path]) -> list[Table]:
 
 
 def _rows(values: Values, folder: Path) -> Iterator[Row]:
-    seed, known = read_root(folder)["seed"], read_figures(folder)
+    seed, figures_of = read_root(folder)["seed"], read_figures(folder)
     for name, trainings in values.items():
         config, chamfer = EVERY_CONFIGURATION[name], TABLE_3_FACTOR * chamfer_of(trainings, 1)
         between: Interval = mean_interval(chamfer, numpy_rng(seed, "trainings", name))
@@ -88,13 +88,13 @@ def _rows(values: Values, folder: Path) -> Iterator[Row]:
             factor * float(np.mean([np.median(figures.some(measure)) for figures in trainings]))
             for measure, (_, factor) in QUALITY_UNITS.items()
         )
-        looked_up = known.get(LOOKED_UP + ("by silhouette" if config.image else "by touch" if config.touch else "typical"))
-        theirs = None if looked_up is None else _beside(between.mean, median, TABLE_3_FACTOR * looked_up.per_object("chamfer"))
+        looked_up = figures_of.get(LOOKED_UP + ("by silhouette" if config.image else "by touch" if config.touch else "typical"))
+        theirs = None if looked_up is None else _looked_up_cell(between.mean, median, TABLE_3_FACTOR * looked_up.per_object("chamfer"))
         each = ", ".join(f"{mean:.2f}" for mean in chamfer.mean(axis=1))
         yield Row([name, between, each, median, most, theirs, *looks])
 
 
-def _beside(mean: float, median: float, theirs: NDArray[np.float64]) -> str:
-    """Write mean and median of what is looked up, marked where the network is not nearer."""
+def _looked_up_cell(mean: float, median: float, theirs: NDArray[np.float64]) -> str:
+    """Write mean and median of the looked-up object, marked if the network is not nearer."""
     pairs = ((mean, float(theirs.mean())), (median, float(np.median(theirs))))
     return " / ".join(f"{other:.3f}{'' if ours < other else ' *'}" for ours, other in pairs)

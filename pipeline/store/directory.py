@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import suppress
 from fnmatch import fnmatch
 from functools import partial
@@ -186,7 +186,7 @@ class DataDirectory:
         """
         record, folder = self.folder(name), self.folder_path(name)
         local = folder if isinstance(folder, Path) else cache_of(folder)
-        if local != folder and hashes_of(local, record.files) != record.files:
+        if local != folder and changed_files(local, record.files):
             copy(folder, local, files_below(folder).keys() & record.files)
         if problem := next(_differences(record, local, folder), None):
             raise StoreError(f"{folder}: {problem}")
@@ -261,11 +261,15 @@ class DataDirectory:
 
 def _differences(record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
     """Compare the files of a folder, read there or as a copy, with what its record says: a line for each that differs."""
-    there = hashes_of(read, record.files)
-    for file, written in record.files.items():
-        if there.get(file) != written:
-            problem = "is missing" if file not in there else "differs from what was written"
-            yield f"{file} {problem}; delete {folder} and run {record.stage} again"
+    for file, problem in changed_files(read, record.files).items():
+        yield f"{file} {problem}; delete {folder} and run {record.stage} again"
+
+
+def changed_files(folder: Place, files: Mapping[str, str]) -> dict[str, str]:
+    """Compare files below a folder with the SHA-256 of when they were written: the problem of each that differs, by name."""
+    there = hashes_of(folder, files)
+    problems = {name: "differs from what was written" if name in there else "is missing" for name in files}
+    return {name: problem for name, problem in problems.items() if there.get(name) != files[name]}
 
 
 def shard_name(number: int, shards: int) -> str:

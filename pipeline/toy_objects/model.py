@@ -1,4 +1,4 @@
-"""Parts and their materials, put together to one mesh; colours."""
+"""The model of a toy object: parts and their materials, joined to one mesh; colours."""
 
 from __future__ import annotations
 

@@ -171,7 +171,7 @@ def pump(model: Model, rng: Rng) -> None:
 
 
 def bullpup(model: Model, rng: Rng) -> None:
-    """Action in the butt: magazine behind the grip, a long shell, a carrying handle or a scope."""
+    """Bullpup with the magazine behind the grip, a long shell, a carrying handle or a scope."""
     gun, high = Gun(model, rng, 390, 10), rng.uniform(66, 84)
     shell = [(-285, -92, 30, 50), (-150, -58, 30, 50), (0, -36, 28, 46), (150, -44, 24, 46), (220, -26, 18, 36)]
     gun.stock(gun.synthetic, (-355, -100, 26, 44), *shell, exponent=3.4)

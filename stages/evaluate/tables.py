@@ -29,19 +29,19 @@ QUALITY_UNITS = {
     "normal_consistency": ("normals agree, %", 100),
     "crossing": ("faces that cross, %", 100),
 }
-"""How a measure is called in print, and the factor to the unit there."""
+"""Labels of the measures of surfaces, and the factors to their units."""
 
 Networks = Mapping[str, Figures]
 Members = Mapping[str, NDArray[np.bool_]]
 
 
 def show(folder: Path, console: Console) -> None:
-    """Print the tables of an evaluation folder; a `StoreError` where there is none."""
+    """Print the tables of an evaluation folder; raise a `StoreError` if there is none."""
     show_tables(console, evaluation_tables(folder))
 
 
 def evaluation_tables(folder: Path) -> list[Table]:
-    """Make the tables of an evaluation folder, of whatever protocol; a `StoreError` where there is none."""
+    """Make the tables of an evaluation folder of any protocol; raise a `StoreError` if there is none."""
     return list(_single_image_tables(folder) if "views" in read_root(folder) else _grasp_tables(folder))
 
 
@@ -59,7 +59,7 @@ def _grasp_tables(folder: Path) -> Iterator[Table]:
         f"in brackets: {100 * LEVEL:.0f} % bootstrap intervals over objects"
     )
     if root["left_out"]:
-        yield Table(f"left out, for they failed: {', '.join(root['left_out'])}")
+        yield Table(f"left out because they failed: {', '.join(root['left_out'])}")
     yield _dataset(read_table(folder, "table_1"))
     yield _rings(networks, settings["rings"], floor, partial(rng, "table_2"))
     if felt:
@@ -67,16 +67,16 @@ def _grasp_tables(folder: Path) -> Iterator[Table]:
     yield _modalities(networks, members, classes, objects["floor"], partial(rng, "modalities"))
     tau = settings["tau"]
     title = f"F1, %, at squared distance τ = {tau:g} / 2τ = {2 * tau:g} m² of clouds scaled by {settings['scale']:g}, with one grasp"
-    rows = [[name, *_by_class(found, members, ("f1", "f1_2tau"))] for name, found in networks.items()]
+    rows = [[name, *_by_class(network, members, ("f1", "f1_2tau"))] for name, network in networks.items()]
     yield Table(title, ["model", *classes], [Row(row) for row in rows], ["", *[".1f"] * len(classes)])
-    if looked_up := {name: found for name, found in figures.items() if name.startswith(LOOKED_UP)}:
+    if looked_up := {name: network for name, network in figures.items() if name.startswith(LOOKED_UP)}:
         yield _baselines(looked_up, members, classes, partial(rng, "baselines"))
     labels = ["model", *(label for label, _ in QUALITY_UNITS.values())]
     yield Table("Surfaces with one grasp, mean / median over objects", labels, _quality(networks), ["", *[".3g"] * len(QUALITY_UNITS)])
     if settings["closed_resolution"]:
         columns = ["model", "watertight, %", "objects with an inside", "intersection over union, mean / median"]
         title = "Closed meshes of the surfaces with one grasp"
-        yield Table(title, columns, [_closed(name, found) for name, found in networks.items()], ["", ".0f", "", ".3f"])
+        yield Table(title, columns, [_closed(name, network) for name, network in networks.items()], ["", ".0f", "", ".3f"])
     if felt:
         yield _charts(read_table(folder, "charts"))
 
@@ -87,13 +87,9 @@ def _members(categories: Sequence[str] | NDArray[Any]) -> dict[str, NDArray[np.b
     return {str(name): names == name for name in np.unique(names)} | {ALL: np.full(len(names), True)}
 
 
-def _scaled(found: Interval, factor: float) -> Interval:
-    return Interval(factor * found.mean, factor * found.low, factor * found.high, found.count)
-
-
 def _estimate(values: NDArray[np.float64], rng: np.random.Generator, factor: float = 1.0) -> Interval | None:
-    """Estimate the mean over objects; None where there is none."""
-    return _scaled(mean_interval(values, rng), factor) if len(values) else None
+    """Estimate the mean over objects; None without objects."""
+    return mean_interval(factor * values, rng) if len(values) else None
 
 
 def _dataset(table: Arrays) -> Table:
@@ -116,11 +112,11 @@ def _supplement(figures: Sequence[float] | None, columns: Sequence[int], digits:
 def _rings(networks: Networks, count: int, floor: float, rng: Callable[..., np.random.Generator]) -> Table:
     numbers, rows = range(1, count + 1), []
     sites: list[int] = []
-    for name, found in networks.items():
-        columns = [found.ring(number) for number in numbers]
-        rows.append(Row([name, *(_estimate(means[some > 0], rng(name, at)) for at, (means, some) in enumerate(columns))]))
+    for name, figures in networks.items():
+        columns = [figures.ring(number) for number in numbers]
+        rows.append(Row([name, *(_estimate(means[counts > 0], rng(name, at)) for at, (means, counts) in enumerate(columns))]))
         rows += _supplement(TABLE_2.get(name), numbers, ".3e")
-        sites = sites or [int(some.sum()) for _, some in columns]
+        sites = sites or [int(counts.sum()) for _, counts in columns]
     rows.append(Row(["sites", *map(str, sites)], dim=True))
     title = "Table 2: local Chamfer distance around the touch sites of one grasp, ground truth to prediction, m²; floor A/(πn) = "
     return Table(f"{title}{floor / 2:.2e}", ["model", *(f"×{number}" for number in numbers)], rows, ["", *[".2e"] * count])
@@ -128,8 +124,8 @@ def _rings(networks: Networks, count: int, floor: float, rng: Callable[..., np.r
 
 def _grasps(networks: Networks, floor: float, rng: Callable[..., np.random.Generator]) -> Table:
     numbers, rows = next(iter(networks.values())).grasps, []
-    for name, found in networks.items():
-        estimates = (_estimate(found.per_object("chamfer", number), rng(name, number), TABLE_3_FACTOR) for number in numbers)
+    for name, figures in networks.items():
+        estimates = (_estimate(figures.per_object("chamfer", number), rng(name, number), TABLE_3_FACTOR) for number in numbers)
         rows.append(Row([name, *estimates]))
         rows += _supplement(TABLE_3.get(name), numbers, ".3f")
     title = f"Table 3: Chamfer distance × {TABLE_3_FACTOR:.0f} by the number of grasps; floor {TABLE_3_FACTOR * floor:.3f}"
@@ -139,7 +135,7 @@ def _grasps(networks: Networks, floor: float, rng: Callable[..., np.random.Gener
 def _modalities(
     networks: Networks, members: Members, classes: list[str], floor: NDArray[np.float64], rng: Callable[..., np.random.Generator]
 ) -> Table:
-    rows = [row for name, found in networks.items() for row in _chamfer_rows(name, found, members, rng, metres=True)]
+    rows = [row for name, figures in networks.items() for row in _chamfer_rows(name, figures, members, rng, metres=True)]
     floors = [float(floor[member].mean()) for member in members.values()]
     rows.append(Row(["sampling floor", *(TABLE_3_FACTOR * mean for mean in floors), floors[-1]], dim=True))
     title = f"Modalities: Chamfer distance × {TABLE_3_FACTOR:.0f} with one grasp, by class; the last column in m²"
@@ -147,38 +143,38 @@ def _modalities(
 
 
 def _baselines(networks: Networks, members: Members, classes: list[str], rng: Callable[..., np.random.Generator]) -> Table:
-    named = {name.removeprefix(LOOKED_UP): found for name, found in networks.items()}
-    rows = [row for name, found in named.items() for row in _chamfer_rows(name, found, members, rng)]
+    named = {name.removeprefix(LOOKED_UP): figures for name, figures in networks.items()}
+    rows = [row for name, figures in named.items() for row in _chamfer_rows(name, figures, members, rng)]
     title = f"Baselines: Chamfer distance × {TABLE_3_FACTOR:.0f} of a training object that is looked up"
     return Table(title, ["chosen", *classes], rows, ["", *[".3f"] * len(classes)])
 
 
 def _chamfer_rows(
-    name: str, found: Figures, members: Members, rng: Callable[..., np.random.Generator], *, metres: bool = False
+    name: str, figures: Figures, members: Members, rng: Callable[..., np.random.Generator], *, metres: bool = False
 ) -> Iterator[Row]:
     """Make the rows of means and medians by class, in Table 3's unit; `metres` adds the mean over all in m²."""
-    values = found.per_object("chamfer")
+    values = figures.per_object("chamfer")
     means = [_estimate(values[member], rng(name, kind), TABLE_3_FACTOR) for kind, member in members.items()]
     medians = [TABLE_3_FACTOR * float(np.median(values[member])) for member in members.values()]
     yield Row([name, *means, *([float(values.mean())] if metres else [])])
     yield Row(["  median", *medians, *([None] if metres else [])], dim=True)
 
 
-def _by_class(found: Figures, members: Members, metrics: Sequence[str]) -> list[Cell]:
-    return [tuple(100 * float(found.per_object(metric)[member].mean()) for metric in metrics) for member in members.values()]
+def _by_class(figures: Figures, members: Members, metrics: Sequence[str]) -> list[Cell]:
+    return [tuple(100 * float(figures.per_object(metric)[member].mean()) for metric in metrics) for member in members.values()]
 
 
 def _quality(networks: Networks) -> list[Row]:
     rows = []
-    for name, found in networks.items():
-        values = [(factor, found.some(measure)) for measure, (_, factor) in QUALITY_UNITS.items()]
-        rows.append(Row([name, *((factor * _mean(figures), factor * _median(figures)) for factor, figures in values)]))
+    for name, figures in networks.items():
+        values = [(factor, figures.some(measure)) for measure, (_, factor) in QUALITY_UNITS.items()]
+        rows.append(Row([name, *((factor * _mean(measured), factor * _median(measured)) for factor, measured in values)]))
     return rows
 
 
-def _closed(name: str, found: Figures) -> Row:
-    shared = found.some("iou")
-    return Row([name, 100 * _mean(found.some("watertight")), len(shared), (_mean(shared), _median(shared)) if len(shared) else None])
+def _closed(name: str, figures: Figures) -> Row:
+    shared = figures.some("iou")
+    return Row([name, 100 * _mean(figures.some("watertight")), len(shared), (_mean(shared), _median(shared)) if len(shared) else None])
 
 
 def _mean(values: NDArray[np.float64]) -> float:
@@ -201,9 +197,9 @@ def _charts(table: Arrays) -> Table:
 
 def _single_image_tables(folder: Path) -> Iterator[Table]:
     """Make Table 4 with our rows, and our rows by class."""
-    root, found, categories = read_root(folder), read_figures(folder), read_table(folder, "objects")["category"]
+    root, networks, categories = read_root(folder), read_figures(folder), read_table(folder, "objects")["category"]
     settings, tau = root["settings"], root["settings"]["tau"]
-    means = {name: means_by_class(_table_4_figures(figures), categories) for name, figures in found.items()}
+    means = {name: means_by_class(_table_4_figures(figures), categories) for name, figures in networks.items()}
     classes = [name for name in next(iter(means.values())) if name != MEAN]
     rows = [Row([name, *figures], dim=True) for name, figures in TABLE_4.items()]
     rows += [Row([f"ours: {name}", *by_class[MEAN].tolist()]) for name, by_class in means.items()]
@@ -225,7 +221,7 @@ def _single_image_tables(folder: Path) -> Iterator[Table]:
 
 
 MEAN = "mean"
-"""Stands for all classes."""
+"""Name of the mean over classes."""
 
 
 def _table_4_figures(figures: Figures) -> NDArray[np.float64]:
@@ -248,8 +244,8 @@ def means_by_class(figures: NDArray[np.float64], categories: Sequence[str] | NDA
     (figure,) means by class, and under `mean` the mean over classes: each counts the same, however many objects it has.
     """
     names, per_object = np.array(categories), figures.mean(axis=1)
-    found = {str(name): per_object[names == name].mean(axis=0) for name in np.unique(names)}
-    return {**found, MEAN: np.mean(list(found.values()), axis=0)}
+    means = {str(name): per_object[names == name].mean(axis=0) for name in np.unique(names)}
+    return {**means, MEAN: np.mean(list(means.values()), axis=0)}
 
 
 def training_table(facts: Mapping[str, Mapping[str, Any]]) -> Table:

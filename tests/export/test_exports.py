@@ -84,8 +84,8 @@ def test_statistics_leave_infinite_depths_out(data):
     column = GraspFrames(data).columns["depth.finger-0"]
     statistics = _Statistics(type(column)("float32", (2,)))
     for value in ([1.0, np.inf], [3.0, np.inf]):
-        statistics.note(np.array(value, np.float32))
-    found = statistics.values()
+        statistics.update(np.array(value, np.float32))
+    found = statistics.summary()
     assert (found["min"], found["max"], found["mean"], found["std"], found["count"]) == ([1, 0], [3, 0], [2, 0], [1, 0], [2])
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from pipeline.console import show_tables
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
 from pipeline.dataset.mesh_rows import read_mesh
@@ -19,7 +20,8 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_statistics import sensors_of, tally
 from pipeline.errors import StoreError
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.reports import status, touch_tables
+from pipeline.reports import status
+from pipeline.reports.touch_tables import touch_tables
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
@@ -68,7 +70,7 @@ def _checks(data: Path) -> Iterator[Callable[[], object]]:
     yield lambda: _check_all(data)
     yield lambda: status.show(status.read_account(data), Console(file=io.StringIO()))
     yield lambda: status.read_account(data).to_json()
-    yield lambda: touch_tables.show(tally(data), sensors_of(data), Console(file=io.StringIO()))
+    yield lambda: show_tables(Console(file=io.StringIO()), touch_tables(tally(data), sensors_of(data)))
     for artifact in (SURFACES, GRASPS, TOUCH):
         yield lambda artifact=artifact: open_artifact(data, artifact.name)
     yield lambda: read_mesh(DataDirectory(data).collection(SURFACES).view("a"))

@@ -45,7 +45,7 @@ def test_circles_are_found_within_a_pixel_and_bad_photographs_are_named(folder: 
     found, untouched, left_out = read_photographs(folder, folder.parent / "untouched.png")
     assert set(left_out) == {"nothing.png", "small.png", "torn.png"}
     assert "nothing touches" in left_out["nothing.png"]
-    assert "it has 50 x 213 pixels, the untouched one 160 x 213" in left_out["small.png"]
+    assert "it has 50 x 213 pixels, the untouched photograph 160 x 213" in left_out["small.png"]
     assert untouched.shape == (160, 213, 3)
     said = [line.split() for line in (folder.parent / "contacts.txt").read_text().splitlines()]
     true = {name: np.array(numbers, float) for name, *numbers in said}
@@ -100,7 +100,7 @@ def test_what_cannot_be_calibrated_says_why(folder: Path, tmp_path: Path) -> Non
     [
         ("0.png,nan,80,16", "0.png has x nan, y 80.0, radius 16.0; they must be finite"),
         ("0.png,100,80,0", "radius 0.0; they must be finite, the radius above 0"),
-        ("0.jpg,100,80,16", "names 0.jpg, which is no photograph of"),
+        ("0.jpg,100,80,16", "names 0.jpg, which is not a photograph in"),
     ],
 )
 def test_contacts_that_cannot_be_are_refused(folder: Path, line: str, message: str) -> None:

@@ -177,10 +177,10 @@ def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
         ({"grasps": [5]}, StoreError, "no grasp 5; there are grasps 0 to 4"),
         ({"grasps": []}, StageError, "at least"),
         ({"object_id": "z"}, StoreError, "no object z"),
-        ({"object_id": None}, StageError, "name an object"),
-        ({"image": "image.png"}, StageError, "no files"),
-        ({"data": None}, StageError, "object a of which data directory"),
-        ({"data": None, "object_id": None}, StageError, "needs tactile images and the sensors' poses, and none is given"),
+        ({"object_id": None}, StageError, "give a data directory and an object, or files, not both"),
+        ({"image": "image.png"}, StageError, "not both"),
+        ({"data": None}, StageError, "object a needs a data directory"),
+        ({"data": None, "object_id": None}, StageError, "needs tactile images and the sensors' poses, but none is given"),
         ({"data": None, "object_id": None, "configuration": "unoccluded"}, StageError, "needs an image"),
         ({"accelerator": "abacus"}, StageError, "abacus"),
     ],
@@ -257,7 +257,7 @@ def test_a_file_beside_a_models_own_is_no_fault(data, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("charts", "words"), [({"side": 9}, "takes charts of side 3, and .* with 9"), ({"samples": 10**9}, "samples: .* less than or equal")]
+    ("charts", "words"), [({"side": 9}, "takes charts of side 3, but .*side=9"), ({"samples": 10**9}, "samples: .* less than or equal")]
 )
 def test_chart_settings_that_cannot_be_used_are_errors(data, files, tmp_path, charts, words):
     made = shutil.copytree(DataDirectory(data).folder_path("models/gcn/touch"), tmp_path / "made")

@@ -14,9 +14,9 @@ from PIL import Image
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
-from pipeline.reports.checks import check_file
-from pipeline.reports.learning_curves import draw_curves
-from pipeline.reports.svg_plots import draw_histogram, svg_theme
+from pipeline.reports.description_checks import check_file
+from pipeline.reports.plots import draw_curves, draw_histogram
+from pipeline.reports.results import training_losses
 
 
 def edited(kind: str, name: str, path: Path, **changed: object) -> Path:
@@ -86,7 +86,7 @@ def test_picture_takes_the_place_of_a_link_and_leaves_what_it_leads_to(tmp_path:
 
 
 def test_picture_of_an_unknown_format_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=r"a.xyz: a picture is written as .*png.*\.xyz is not one of them"):
+    with pytest.raises(InvalidInput, match=r"a.xyz: the suffix .xyz names no picture format; use .*png"):
         check_file("supplement", tmp_path / "a.xyz")
 
 
@@ -107,12 +107,11 @@ def test_names_with_dollars_are_drawn_as_they_are(tmp_path: Path) -> None:
 
 def test_learning_curves_keep_the_powers_of_their_ticks_and_need_losses(tmp_path: Path) -> None:
     (tmp_path / "metrics.json").write_text(json.dumps([{"loss": 0.1, "train_loss": 10.0}, {"loss": 0.01, "train_loss": 0.001}]))
-    with svg_theme(tmp_path / "curves.svg"):
-        draw_curves({FORMULA: tmp_path}, tmp_path / "curves.svg")
+    draw_curves({FORMULA: training_losses(tmp_path)}, tmp_path / "curves.svg")
     drawn = re.sub("<!--.*?-->", "", (tmp_path / "curves.svg").read_text())
     assert FORMULA in drawn
     assert "mathdefault" not in drawn
     for damage in ("", "[]", "{}", "[1]", '[{"loss": 1}]'):
         (tmp_path / "metrics.json").write_text(damage)
-        with pytest.raises(StoreError, match=r"metrics.json does not say the losses"):
-            draw_curves({"unet": tmp_path}, tmp_path / "curves.svg")
+        with pytest.raises(StoreError, match=r"metrics.json lacks the losses"):
+            training_losses(tmp_path)

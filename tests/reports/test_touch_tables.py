@@ -5,14 +5,15 @@ import io
 import numpy as np
 from rich.console import Console
 
-from pipeline.reports.touch_tables import Tally, show
+from pipeline.console import show_tables
+from pipeline.reports.touch_tables import Tally, touch_tables
 
 
 def test_a_hand_of_other_fingers_is_told_by_its_names():
     touched = np.array([[True, False, True], [True, False, False]])
     entry = Tally([touched], [np.array([1.0, 0.25, 0.5])], attempts=4)
     written = io.StringIO()
-    show({"mug": entry}, ["left", "right [1]", "tail"], Console(file=written, width=120))
+    show_tables(Console(file=written, width=120), touch_tables({"mug": entry}, ["left", "right [1]", "tail"]))
     lines = [line.split() for line in written.getvalue().splitlines()]
     assert ["touches", "per", "finger,", "%", "left", "right", "[1]", "tail"] in lines
     assert ["kept", "100.0", "0.0", "50.0"] in lines
@@ -26,7 +27,7 @@ def test_share_held_in_the_lift_test_is_told_where_it_was_asked_for():
     for lifted, expected in (([], "100.0"), ([np.array([True, False])], "50.0")):
         entry.lifted = lifted
         written = io.StringIO()
-        show({"mug": entry}, ["left", "right"], Console(file=written, width=160))
+        show_tables(Console(file=written, width=160), touch_tables({"mug": entry}, ["left", "right"]))
         lines = written.getvalue().splitlines()
         start = next(number for number, line in enumerate(lines) if "area of contact" in line)
         assert next(line.split()[-1] for line in lines[start:] if line.split()[:1] == ["mug"]) == expected

@@ -19,7 +19,6 @@ from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.engine.shard import failures
 from pipeline.errors import StageError, StoreError
-from pipeline.export.renderings import write_dataset
 from pipeline.inference.predict import predict
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
@@ -32,6 +31,7 @@ from stages.evaluate.tables import means_by_class, show
 from stages.registry import load_stage, resolve
 from stages.train_gcn.settings import SingleImageSettings
 from tests.stages.tiny_dataset import manifest, run_stage
+from tools.synthetic_renderings import write_dataset
 
 SMALL = [
     *(f"train-single-image.{text}" for text in ("gcn_layers=3", "gcn_features=12", "encoder_width=0.1", "epochs=2", "loss_points=200")),

@@ -28,7 +28,7 @@ def test_object_of_few_pixels_is_a_speck(side: float, speck: bool) -> None:
     assert is_speck(ABOVE, side * np.array([(-0.5, 0, 0), (0.5, 0, 0)])) == speck
 
 
-def test_objects_of_unfit_size_are_named() -> None:
+def test_objects_size_warnings_are_named() -> None:
     sides = {"speck": (0.002, 0.003, 0.004), "mug": (0.1, 0.1, 0.12), "crate": (0.9, 0.7, 1.2), "pole": (2.0, 0.02, 0.02)}
     extents = {name: np.array(one) for name, one in sides.items()}
     small, large = size_warnings(extents, smallest=0.03, largest=0.14, hand="claw")

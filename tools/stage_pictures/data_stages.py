@@ -11,9 +11,9 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.reports.contact_sheet_page import COLORS, depth_colors
 from pipeline.reports.paper_figures import procedure_steps
-from pipeline.reports.picture_row import draw_row
 from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
+from tools.picture_row import draw_row
 from tools.stage_pictures.cuts import cutting_plane, frame_cut, outline
 from tools.stage_pictures.shown import Shown
 

@@ -14,8 +14,8 @@ from pipeline.kernels.touch.gel_surface import in_gel
 from pipeline.models.touch_model import load_touch_model
 from pipeline.reports.contact_sheet_page import depth_colors
 from pipeline.reports.paper_figures import colored_charts, draw_local_points
-from pipeline.reports.picture_row import Panel, draw_row
 from pipeline.reports.reconstruction_gallery import draw_gallery, two_coloured
+from tools.picture_row import Panel, draw_row
 from tools.stage_pictures.cuts import cutting_plane, frame_cut, outline
 from tools.stage_pictures.shown import Shown
 

@@ -1,4 +1,4 @@
-"""The check of a sensor file: its figures, and a picture of the gel in section, its pixels, its lamps, and what it sees."""
+"""The check of a sensor file: its figures, and a picture of the gel in section, its pixels, its lamps and tactile images."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
-from pipeline.reports.picture_row import save_figure
+from pipeline.reports.plots import save_figure
 
 PRESS = 0.25
 """How deep ball and edge are pressed in, in gel thicknesses."""
 MM = 1e3
 
 
-def check(path: Path, picture: Path) -> list[str]:
-    """Say what a sensor file describes, and draw it; parameters, result and errors as `check_file`."""
+def check_sensor(path: Path, picture: Path) -> list[str]:
+    """Describe a sensor file, and draw it; parameters, result and errors as `check_file`."""
     sensor = load_sensor(path)
     untouched = untouched_image(sensor)
     x, y = pixel_centres(sensor)

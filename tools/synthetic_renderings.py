@@ -1,6 +1,6 @@
 """Write a dataset's objects as ShapeNetCore's meshes and 3D-R2N2's renderings: a folder for the manifest `single-image`.
 
-Run as `python -m pipeline.export.renderings DATA FOLDER`. Meshes and images are made by this project; what reads the
+Run as `python -m tools.synthetic_renderings DATA FOLDER`. Meshes and images are made by this project; what reads the
 folder does not know. Viewpoints are drawn as in the cited renderings: azimuths all around, elevations of 25 to 30 degrees.
 """
 

@@ -1,0 +1,202 @@
+"""Inputs of a trained network: the image and touch charts of a stored object, or of a user's files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from pipeline.console import few
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.touch_charts import is_surface
+from pipeline.errors import StageError, StoreError
+from pipeline.formats.description_file import invalid_entries
+from pipeline.formats.image_file import read_image
+from pipeline.inference.grasp_input_files import read_poses, read_tactile_images
+from pipeline.kernels.charts.chart_fitting import fit_charts
+from pipeline.kernels.touch.sensor import sensor_to_world
+from pipeline.kernels.vision.labels import Label
+from pipeline.models.observation import Observation, observed_arrays, stored_observation
+from pipeline.models.reconstruction import Reconstructor
+from pipeline.models.touch_model import TouchModel, load_touch_model
+from pipeline.rng import torch_generator
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import Place, names_in
+from schemas.charts import CHARTS
+from stages.fit_charts.settings import ChartSettings
+
+TOUCHES = ("tactile_image", "sensor_pose", "touch_success")
+"""Arrays that charts are fitted to if none are stored."""
+
+
+@dataclass(frozen=True)
+class ObservationReader:
+    """Read the inputs of a model; fit touch charts if none are stored.
+
+    Attributes
+    ----------
+    model
+        The model that gets the inputs.
+    models
+        The folder of models, for the U-Net.
+    device
+        Where the U-Net runs.
+    seed
+        Of the chart fitting.
+    """
+
+    model: Reconstructor
+    models: Place
+    device: torch.device
+    seed: int
+
+    def of_object(self, data: Place, object_id: str, grasps: Sequence[int]) -> Observation:
+        """Read an object of a data directory, in some grasps or, for a model of renderings, from a viewpoint."""
+        if not grasps:
+            raise StageError(f"{object_id}: name at least one grasp")
+        config = self.model.config
+        if config.image == "rendering":
+            return stored_observation(open_object(data, observed_arrays(config), object_id, grasps, "viewpoint"), object_id, grasps, config)
+        if not config.touch or DataDirectory(data).collection(CHARTS).shards:
+            rows = open_object(data, observed_arrays(config), object_id, grasps)
+            if config.touch and (stored := rows.size("vertices", "vertex")) != config.side**2:
+                raise StageError(
+                    f"the touch charts of {data} have {stored} vertices, model {self.model.configuration} takes {config.side**2}; "
+                    f"run fit-charts with fit-charts.side={config.side}, or train the model on these"
+                )
+            return stored_observation(rows, object_id, grasps, config)
+        rows = open_object(data, [*([config.image] if config.image else []), *TOUCHES], object_id, grasps)
+        image = rows.read(config.image, object_id, grasps[0], camera=0) if config.image else None
+        tactile_images, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
+        self.unet.check_sensor(rows.sensor())
+        return Observation(image, *self._charts(tactile_images, poses, touched, object_id))
+
+    def of_files(self, image: Path | None, tactile_images: Sequence[Path], poses: Path | None) -> Observation:
+        """Read an image, tactile images and the poses of their sensors from files."""
+        model = self.model
+        if model.image == "rendering":
+            raise StageError(f"model {model.configuration} needs the camera of its image: name a data directory, an object and a viewpoint")
+        needed = [
+            ("an image", model.image, image),
+            ("tactile images", model.touch, tactile_images),
+            ("the sensors' poses", model.touch, poses),
+        ]
+        if missing := [name for name, needs, given in needed if needs and not given]:
+            raise StageError(f"model {model.configuration} needs {' and '.join(missing)}, but none is given")
+        if model.image is None and image is not None:
+            raise StageError(f"model {model.configuration} takes no image: leave it out, or name one that does")
+        if not model.touch and (tactile_images or poses is not None):
+            raise StageError(f"model {model.configuration} takes no touch: leave tactile images and poses out, or name one that does")
+        seen = read_image(image) if model.image is not None and image is not None else None
+        if poses is None:
+            return Observation(seen)
+        felt, (placed, touched) = read_tactile_images(tactile_images), read_poses(poses)
+        if len(felt) != len(placed):
+            raise StageError(f"{len(felt)} tactile images and {len(placed)} poses in {poses}: there must be one pose per image, in order")
+        return Observation(seen, *self._charts(felt, placed, touched, "files"))
+
+    @cached_property
+    def unet(self) -> TouchModel:
+        """Load the U-Net beside the models."""
+        if "unet.json" not in names_in(self.models):
+            raise StageError(
+                f"{self.models} has no U-Net, which makes points of tactile images; name the models of a data directory with one"
+            )
+        return load_touch_model(DataDirectory(self.models).whole_folder("unet"), self.device)
+
+    def _charts(
+        self, tactile_images: NDArray[np.uint8], poses: NDArray[np.float64], touched: NDArray[np.bool_] | None, name: str
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Fit touch charts as in the model's training.
+
+        Parameters
+        ----------
+        tactile_images
+            (T, rows, cols, 3) uint8.
+        poses
+            (T, 4, 4) sensor frame to world, m.
+        touched
+            (T,) bool; None for all tactile images with points.
+        name
+            Seeds the fitting.
+
+        Returns
+        -------
+        (T, side², 3) vertices, world, m, and (T,) bool: which sensors have a chart.
+        """
+        width, clouds = self.unet.sensor.width, self.unet.clouds(tactile_images)
+        flags = np.array([len(cloud) > 0 for cloud in clouds]) if touched is None else touched
+        given = [cloud if flag else cloud[:0] for cloud, flag in zip(clouds, flags, strict=True)]
+        generators = [torch_generator(self.seed, "predict", name, number) for number in range(len(given))]
+        fits = fit_charts(given, width, generators, options=self._chart_settings().fit_options(width))
+        vertices = [sensor_to_world(pose, *chart.T) for pose, chart in zip(poses, fits.vertices, strict=True)]
+        return np.array(vertices, np.float32), flags & is_surface(fits.stop_rule)
+
+    def _chart_settings(self) -> ChartSettings:
+        try:
+            settings = ChartSettings.model_validate(self.model.chart_settings)
+        except ValidationError as error:
+            raise StoreError(f"charts of model {self.model.configuration}: {invalid_entries(error)}; run train-gcn again") from error
+        if settings.side != self.model.config.side:
+            raise StoreError(
+                f"model {self.model.configuration} takes charts of side {self.model.config.side}, but its record names fit-charts.side="
+                f"{settings.side}; run train-gcn again"
+            )
+        return settings
+
+
+def open_object(data: Place, arrays: Sequence[str], object_id: str, chosen: Sequence[int], kind: str = "grasp") -> ObjectRows:
+    """Open arrays of a data directory, and check that an object with the chosen grasps or viewpoints is there.
+
+    Parameters
+    ----------
+    data
+        The data directory.
+    arrays
+        Names of the arrays.
+    object_id
+        The object.
+    chosen
+        Numbers of grasps or viewpoints, from 0.
+    kind
+        "grasp" or "viewpoint".
+
+    Raises
+    ------
+    StoreError
+        The object is missing or failed, or has no such grasp or viewpoint.
+    """
+    counted = "joint_angles" if kind == "grasp" else "rendering"  # their number
+    rows = ObjectRows(data, sorted({*arrays, counted}), split=None)
+    if object_id in rows.left_out:
+        raise StoreError(f"{object_id} failed in {rows.left_out[object_id]}")
+    if object_id not in rows.object_ids:
+        raise StoreError(f"{data.resolve()} has no object {object_id}; it has {few(rows.object_ids)}")
+    available = rows.size(counted, kind)
+    if wrong := [number for number in chosen if not 0 <= number < available]:
+        raise StoreError(f"{object_id} has no {kind} {wrong[0]}; there are {kind}s 0 to {available - 1}")
+    return rows
+
+
+def object_mask(data: Place, object_id: str, image: str | None, grasps: Sequence[int]) -> NDArray[np.bool_] | None:
+    """Read the (rows, cols) mask of the object in a stored image; None if the model takes no such image.
+
+    Parameters
+    ----------
+    data, object_id
+        A data directory, and its object.
+    image
+        The array of the image.
+    grasps
+        The occluded image is the first one's.
+    """
+    if image not in ("occluded", "unoccluded"):
+        return None
+    labels = ObjectRows(data, ["segmentation"], split=None).read("segmentation", object_id, camera=0)  # alone, then in each grasp
+    return np.asarray(labels[0 if image == "unoccluded" else 1 + grasps[0]] == Label.OBJECT)

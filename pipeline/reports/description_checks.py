@@ -1,0 +1,130 @@
+"""Checks of description files: what a hand, sensor, scene or manifest file describes, as lines and as a picture."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from matplotlib.figure import Figure
+
+from pipeline.config.manifest import SPLITS, load_manifest
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import load_scene, read_yaml, shipped_files
+from pipeline.kernels.geometry.normalise import POSITION
+from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
+from pipeline.reports.hand_check import check_hand
+from pipeline.reports.plots import save_figure
+from pipeline.reports.sensor_check import check_sensor
+
+ENTRIES = {
+    "sensor": {"w", "rows", "cols"},
+    "hand": {"urdf", "palm", "fingers"},
+    "scene": {"cameras", "background"},
+    "manifest": {"sources", "splits"},
+}
+"""Entries by which the kinds of description files are told apart."""
+
+SIZE = 0.5
+"""m, diagonal of the objects that are looked for in the images."""
+
+
+def check_file(name: str, picture: Path | None) -> list[str]:
+    """Check a description file, and draw what it describes.
+
+    Parameters
+    ----------
+    name
+        Path of a file, or the name of a shipped one.
+    picture
+        PNG to write; by default NAME.png in the current folder.
+
+    Returns
+    -------
+    Lines that describe the content of the file.
+
+    Raises
+    ------
+    InvalidInput
+        Its kind is unknown, or entries cannot be used; the message names each of them.
+    """
+    shipped = {known: file for kind in ENTRIES for known, file in shipped_files(kind).items()}  # type: ignore[arg-type]
+    path = shipped.get(name, Path(name).expanduser())
+    if not path.exists():
+        raise InvalidInput(f"{path} does not exist; shipped files are {', '.join(sorted(shipped))}")
+    checks = {"sensor": check_sensor, "hand": check_hand, "scene": check_scene, "manifest": check_manifest}
+    return checks[_kind_of(path)](path, picture or Path(f"{path.stem}.png"))
+
+
+def _kind_of(path: Path) -> str:
+    try:
+        content: Any = read_yaml(path)
+    except (ValueError, yaml.YAMLError) as error:
+        raise InvalidInput(f"{path} cannot be read as YAML: {error}") from error
+    matches = {kind: len(entries & set(content)) for kind, entries in ENTRIES.items()} if isinstance(content, dict) else {}
+    if not any(matches.values()):
+        known = "; ".join(f"a {kind} has {', '.join(sorted(entries))}" for kind, entries in ENTRIES.items())
+        raise InvalidInput(f"{path} has no entries of a description file: {known}")
+    return max(matches, key=lambda kind: matches[kind])
+
+
+def check_manifest(path: Path, picture: Path) -> list[str]:
+    """Describe a manifest, and draw it; parameters, result and errors as `check_file`."""
+    manifest = load_manifest(str(path))
+    objects = manifest.objects()
+    counts = Counter((item.category, item.split) for item in objects)
+    categories = sorted({item.category for item in objects})
+    figure = Figure((8, 1 + 0.3 * len(categories)), layout="constrained")
+    axes, left, places = figure.subplots(), np.zeros(len(categories)), np.arange(len(categories))
+    for split in SPLITS:
+        width = np.array([counts[category, split] for category in categories])
+        axes.barh(places, width, left=left, label=split)
+        left += width
+    axes.set(xlabel="objects", yticks=places, yticklabels=categories)
+    axes.legend()
+    save_figure(figure, picture)
+    unitless = sum("file" in item.source and item.source.get("metres_per_unit") is None for item in objects)
+    return [
+        f"{path}: manifest {manifest.name}, {len(objects)} objects, no faults",
+        *(f"{category}: " + ", ".join(f"{counts[category, split]} {split}" for split in SPLITS) for category in categories),
+        *(f"left out {len(files)} files ({', '.join(files[:5])}): {reason}" for reason, files in manifest.left_out().items()),
+        *([f"{unitless} objects have no unit and are scaled to one size; state metres_per_unit to keep theirs"] if unitless else []),
+        f"picture: {picture}",
+    ]
+
+
+def check_scene(path: Path, picture: Path) -> list[str]:
+    """Describe a scene file, and draw it; parameters, result and errors as `check_file`."""
+    scene = load_scene(path)
+    figure = Figure((12, 6), layout="constrained")
+    for axes, (right, up) in zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True):
+        axes.plot(POSITION[right], POSITION[up], "s", color="black", label="object")
+        axes.plot(scene.lamp.position[right], scene.lamp.position[up], "*", color="orange", markersize=14, label="lamp")
+        for camera in scene.cameras:
+            pose = camera_pose(camera)
+            axes.plot(pose[right, 3], pose[up, 3], "o")
+            ahead = pose[:3, 3] - pose[:3, 2] * 0.5
+            axes.annotate("", xy=ahead[[right, up]], xytext=pose[[right, up], 3], arrowprops={"arrowstyle": "->"})
+            axes.annotate(camera.name, pose[[right, up], 3])
+        axes.set(xlabel="xyz"[right] + ", m", ylabel="xyz"[up] + ", m", aspect="equal")
+        axes.legend()
+    save_figure(figure, picture)
+    lines = [_camera(camera.name, camera) for camera in scene.cameras]
+    return [
+        f"{path}: scene {scene.name}, {'no faults' if not any('fault' in line for line in lines) else 'faults below'}",
+        *lines,
+        f"picture: {picture}",
+    ]
+
+
+def _camera(name: str, camera: Camera) -> str:
+    rows, columns = camera.shape
+    corners = POSITION + SIZE / 2 / np.sqrt(3) * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+    pixels = project_points(projection_matrix(camera), np.concatenate([POSITION[None], corners]))
+    inside = np.all((pixels >= 0) & (pixels < [columns, rows]), axis=1)  # NaN, behind the camera, is not
+    summary = f"{name}: {columns} x {rows} pixels, {np.linalg.norm(np.subtract(camera.position, POSITION)):.2f} m from the object's middle"
+    if not inside[0]:
+        return f"fault: {summary}, which it does not see; turn it"
+    return summary + ("" if inside.all() else f"; corners of a cube with a diagonal of {SIZE} m leave the image")

@@ -1,0 +1,203 @@
+"""The check of a hand file: joints, overlaps and faults, and a picture of the hand from three sides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from pipeline.console import counted
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.physics_urdf import links_without_mass
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
+from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.hand.collision_shapes import collision_boxes
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.self_collision import LinkOverlap, fingers_clear_of_palm, frequent_overlaps
+from pipeline.reports.contact_sheet_page import finger_colors
+from pipeline.reports.plots import save_figure
+from pipeline.rng import numpy_rng
+from stages.simulate_grasps.size_warnings import opening, sensor_places
+
+POSTURES = 512
+"""Random postures in which links are checked for overlaps."""
+
+MIN_TRAVEL = 1e-3
+"""m, least travel of a sensor along its normal as its finger closes."""
+
+FAR_PALM = 2.0
+"""A palm is far if no sensor comes nearer to its centre than this many times the greatest distance between two sensors."""
+
+VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
+"""Title, and the axes of the root link that go right, up and towards the eye."""
+
+MAX_TRIANGLES = 20_000
+"""Per link and picture; the others are left out."""
+
+STEP = 0.05
+"""Share of every joint's range by which the closing directions look ahead."""
+
+
+def check_hand(path: Path, picture: Path) -> list[str]:
+    """Describe a hand file and the links that collide, and draw it; parameters, result and errors as `check_file`."""
+    hand = load_hand(path)
+    sensors = load_worn_sensors(sensor_names(hand))
+    angles = numpy_rng(0, "check", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
+    frames, boxes = forward_kinematics(hand, np.eye(4), angles), collision_boxes(hand)
+    overlaps = frequent_overlaps(hand, boxes, frames)
+    draw_hand(hand, [sensor.width for sensor in sensors], [(overlap.first, overlap.second) for overlap in overlaps], picture)
+    free = fingers_clear_of_palm(hand, boxes, frames, 0.0).mean(axis=0)
+    fingers = ", ".join(
+        f"{finger.name} ({counted(len(finger.joints), 'joint')}, {counted(len(finger.sensors), 'sensor')})" for finger in hand.fingers
+    )
+    faults = _faults(hand, free)
+    return [
+        f"{path}: hand {hand.name}, {len(hand.links)} links, {'faults below' if faults else 'no faults'}",
+        f"moves: {fingers}; joints that follow another: {len(hand.followers)}, frozen: {len(hand.frozen)}",
+        f"motors {hand.torque:g} N m (N), friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
+        *faults,
+        *(_overlap_line(hand, overlap) for overlap in overlaps),
+        *_notes(hand),
+        f"picture: {picture}",
+    ]
+
+
+def _faults(hand: Hand, free: np.ndarray) -> list[str]:
+    """List the faults that keep the hand from grasping."""
+    stuck = [
+        f"fault: {finger.name} is free of the palm and its own links in no posture; see the overlaps below"
+        for finger, share in zip(hand.fingers, free, strict=True)
+        if share == 0
+    ]
+    bare = [
+        f"fault: no link of {finger.name} has a collision shape"
+        for finger in hand.fingers
+        if not any(hand.links[link].collisions for link in finger.links)
+    ]
+    rest = np.clip(0.0, hand.lower, hand.upper)
+    way = closing_directions(hand, rest)
+    on_fingers = {sensor for finger in hand.fingers for sensor in finger.sensors}
+    still = [
+        f"fault: the sensor {mount.name} hardly moves along its normal as its finger closes; is the normal outward, and the link the tip?"
+        for number, mount in enumerate(hand.sensors)
+        if number in on_fingers and np.linalg.norm(way[number]) < MIN_TRAVEL
+    ]
+    return [*stuck, *bare, *still, *_far_palm(hand)]
+
+
+def _far_palm(hand: Hand) -> list[str]:
+    """Detect a palm far from the fingers, such as the base of an arm."""
+    places = sensor_places(hand)
+    away = np.linalg.norm(places - hand.palm_centre, axis=-1).min()
+    apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1).max()
+    if len(hand.sensors) < 2 or away <= FAR_PALM * apart:
+        return []
+    return [
+        f"fault: no sensor comes nearer to the palm's centre than {1e3 * away:.0f} mm, and sensors are at most {1e3 * apart:.0f} mm apart; "
+        f"is palm.link, {hand.links[0].name}, the link that the fingers grow from, and palm.centre in its frame?"
+    ]
+
+
+def _overlap_line(hand: Hand, overlap: LinkOverlap) -> str:
+    names = f"{hand.links[overlap.first].name}, {hand.links[overlap.second].name}"
+    return (
+        f"overlap: [{names}] in {100 * overlap.share:.0f} % of random postures, by {1e3 * overlap.depth:.1f} mm: list the pair under "
+        "allowed_contacts, or split a mesh with convex_parts"
+    )
+
+
+def _notes(hand: Hand) -> list[str]:
+    notes = []
+    if massless := links_without_mass(hand):
+        notes.append(f"mass estimated from collision shapes at 1000 kg/m³: {', '.join(massless)}")
+    if hand.allowed_contacts:
+        pairs = sorted(f"[{hand.links[first].name}, {hand.links[second].name}]" for first, second in hand.allowed_contacts)
+        notes.append(f"let overlap, as stated or as neighbours that do at rest: {', '.join(pairs)}")
+    return notes
+
+
+def draw_hand(hand: Hand, widths: Sequence[float], overlaps: Sequence[tuple[int, int]], path: Path) -> None:
+    """Draw a hand at rest: every joint at 0, or at its limit nearest to 0.
+
+    Parameters
+    ----------
+    hand
+        Its collision shapes are drawn.
+    widths
+        (S,) side of every sensor plane, m.
+    overlaps
+        Pairs of links that are drawn in red.
+    path
+        PNG file.
+    """
+    rest = np.clip(0.0, hand.lower, hand.upper)
+    frames = forward_kinematics(hand, np.eye(4), rest)
+    sensors, closing = sensor_poses_from_links(hand, frames), closing_directions(hand, rest)
+    red = {link for pair in overlaps for link in pair}
+    colors = np.array(finger_colors(len(sensors))) / 255
+    figure = Figure(figsize=(18, 7), layout="constrained")
+    for axes, (title, (right, up, eye)) in zip(figure.subplots(1, 3), VIEWS.items(), strict=True):
+        triangles, shades = _triangles(hand, frames, eye, red)
+        order = np.argsort(triangles[:, :, eye].mean(axis=1))
+        axes.add_collection(
+            PolyCollection(list(triangles[order][:, :, [right, up]]), facecolors=shades[order], edgecolors="none", alpha=0.6)
+        )
+        _arrow(axes, hand.palm_centre[[right, up]], hand.palm_facing[[right, up]] * 0.04, "black", "palm")
+        for number, (pose, color) in enumerate(zip(sensors, colors, strict=True)):
+            corners = widths[number] / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0]])
+            square = transform_points(pose, corners)[:, [right, up]]
+            axes.plot(square[:, 0], square[:, 1], color=color)
+            _arrow(axes, pose[[right, up], 3], pose[[right, up], 0] * widths[number], color, "+x")
+            _arrow(axes, pose[[right, up], 3], closing[number][[right, up]], color, hand.sensors[number].name, dashed=True)
+        axes.set(title=title, xlabel="xyz"[right] + ", m", ylabel="xyz"[up] + ", m", aspect="equal")
+        axes.autoscale_view()
+    figure.suptitle(f"{hand.name}: sensor planes with their +x, dashed: where a sensor moves as its finger closes, red: links that overlap")
+    save_figure(figure, path, dpi=90)
+
+
+def closing_directions(hand: Hand, joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute how far each sensor goes along its normal, by its finger's joints together.
+
+    Parameters
+    ----------
+    hand, joint_angles
+        (J,) rad: the posture to close from.
+
+    Returns
+    -------
+    (S, 3) float64, m: every joint moves by a share of its range in the sense that carries the sensor forwards.
+    """
+    rest = sensor_poses_from_links(hand, forward_kinematics(hand, np.eye(4), joint_angles))
+    steps = STEP * (hand.upper - hand.lower)
+    moved = sensor_poses_from_links(hand, forward_kinematics(hand, np.eye(4), joint_angles + np.diag(steps)))  # (J, S, 4, 4)
+    shift = moved[..., :3, 3] - rest[:, :3, 3]  # (J, S, 3)
+    forwards = np.einsum("jsi,si->js", shift, rest[:, :3, 2])
+    return np.asarray(np.einsum("jsi,js->si", shift, np.sign(forwards)))
+
+
+def _triangles(hand: Hand, frames: NDArray[np.float64], eye: int, red: set[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Collect the triangles of all collision shapes (T, 3, 3), root frame, m, and their colours (T, 3), lighter if they face the eye."""
+    triangles, colors = [], []
+    for number, link in enumerate(hand.links):
+        for shape in link.collisions:
+            faces = shape.mesh.faces[:: 1 + len(shape.mesh.faces) // MAX_TRIANGLES]
+            corners = transform_points(frames[number], shape.mesh.vertices)[faces]
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            facing = np.abs(normals[:, eye]) / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
+            base = np.array([0.9, 0.2, 0.2]) if number in red else np.array([0.6, 0.65, 0.7])
+            triangles.append(corners)
+            colors.append(base * (0.5 + 0.5 * facing[:, None]))
+    return np.concatenate(triangles or [np.empty((0, 3, 3))]), np.concatenate(colors or [np.empty((0, 3))])
+
+
+def _arrow(axes: Any, start: NDArray[np.float64], by: NDArray[np.float64], color: Any, label: str, dashed: bool = False) -> None:
+    style = {"arrowstyle": "->", "color": color, "linestyle": "--" if dashed else "-", "linewidth": 1.5}
+    axes.annotate("", xy=start + by, xytext=start, arrowprops=style)
+    axes.text(*(start + by), label, color=color, fontsize=7)
+    axes.update_datalim([start, start + by])  # annotations alone do not widen the view

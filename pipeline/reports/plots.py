@@ -1,0 +1,180 @@
+"""Plots, drawn with matplotlib: bars, distributions, learning curves and calibrations, as SVG or PNG files."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.console import visible
+from pipeline.errors import InvalidInput
+from pipeline.kernels.touch.calibration_fit import RING, Photograph
+from pipeline.reports.contact_sheet_page import COLORS, spread_evenly
+from pipeline.store.atomic import write_at_once
+
+INK = "#010203"
+"""Stands for the colour of text and lines, which the file takes from the theme."""
+
+THEME = "<style>svg{--ink:#1b1f24}@media (prefers-color-scheme:dark){svg{--ink:#e8eaed}}</style>"
+HATCHES = ("", "//")
+"""Of bars, so that colours are not needed to tell them apart."""
+LINES = ("-", "--", "-.", ":")
+
+PHOTOGRAPHS, GAIN = 3, 4
+"""Photographs shown of a calibration, spread evenly, and the factor by which differences are enlarged."""
+
+
+def save_figure(figure: Figure, path: Path, **options: Any) -> None:
+    """Write a figure in the format of the suffix, its texts as they are: a `$` does not begin a formula.
+
+    Parameters
+    ----------
+    figure
+        The figure.
+    path
+        The file, which is replaced at once.
+    options
+        Of `Figure.savefig`.
+
+    Raises
+    ------
+    InvalidInput
+        Matplotlib does not write that format.
+    """
+    known = figure.canvas.get_supported_filetypes()
+    if path.suffix[1:] not in known:
+        raise InvalidInput(f"{path}: the suffix {path.suffix or '(none)'} names no picture format; use {', '.join(known)}")
+    for text in figure.findobj(Text):
+        if text.get_text():  # not the labels of ticks, which are written when the figure is drawn
+            text.set_text(visible(text.get_text()))
+            text.set_parse_math(False)
+    written = io.BytesIO()
+    figure.savefig(written, format=path.suffix[1:], **options)
+    write_at_once(path, written.getvalue())
+
+
+@contextmanager
+def themed_svg(path: Path, size: tuple[float, float] = (4.6, 2.8), font_size: int = 9) -> Iterator[Figure]:
+    """Open a figure of a size in inches, and write it at the end as an SVG that follows the page's light or dark theme."""
+    inks = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
+    style: Any = dict.fromkeys(inks, INK) | {
+        "font.size": font_size,
+        "svg.fonttype": "none",
+        "svg.hashsalt": path.stem,
+        "figure.facecolor": "none",
+        "axes.facecolor": "none",
+        "savefig.facecolor": "none",
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+    }
+    with matplotlib.rc_context(style):
+        figure = Figure(size, layout="constrained")
+        yield figure
+        save_figure(figure, path, metadata={"Date": None})
+    svg = path.read_text().replace(INK, "var(--ink)")
+    end_of_tag = svg.index(">", svg.index("<svg")) + 1
+    path.write_text(svg[:end_of_tag] + THEME + svg[end_of_tag:])
+
+
+def draw_bars(path: Path, bars: Mapping[str, ArrayLike], labels: Sequence[object], *, x: str, y: str) -> None:
+    """Draw bars in groups as an SVG.
+
+    Parameters
+    ----------
+    path
+        The SVG file.
+    bars
+        Heights by series, one per label.
+    labels
+        Of the groups.
+    x, y
+        Labels of the axes.
+    """
+    with themed_svg(path) as figure:
+        axes, width = figure.subplots(), 0.8 / len(bars)
+        for number, (name, values) in enumerate(bars.items()):
+            places = np.arange(len(labels)) + (number - (len(bars) - 1) / 2) * width
+            axes.bar(places, values, width, label=name, color=_color(number), hatch=HATCHES[number % 2], edgecolor=INK, linewidth=0.6)
+        axes.set(xlabel=x, ylabel=y, xticks=range(len(labels)), xticklabels=labels)
+        axes.legend(frameon=False)
+
+
+def draw_histogram(path: Path, values: Mapping[str, NDArray[np.floating]], *, x: str, y: str) -> None:
+    """Draw distributions as lines over common bins, as an SVG.
+
+    Parameters
+    ----------
+    path
+        The SVG file.
+    values
+        (N,) by series.
+    x, y
+        Labels of the axes.
+    """
+    with themed_svg(path) as figure:
+        axes = figure.subplots()
+        highest = max((float(np.max(series, initial=0)) for series in values.values()), default=0.0) or 1.0
+        bins = np.linspace(0, highest, 25)
+        for number, (name, series) in enumerate(values.items()):
+            shares = 100 * np.histogram(series, bins)[0] / max(len(series), 1)
+            axes.stairs(shares, bins, label=name, color=_color(number), linewidth=1.6, linestyle=LINES[number % len(LINES)])
+        axes.set(xlabel=x, ylabel=y)
+        axes.legend(frameon=False)
+
+
+def draw_curves(losses: Mapping[str, tuple[Sequence[float], Sequence[float]]], path: Path) -> None:
+    """Draw the training and validation losses of each model by epoch as an SVG, with a dot at the epoch that was kept."""
+    columns = min(4, len(losses))
+    rows = -(-len(losses) // columns)
+    with themed_svg(path, (3.4 * columns, 2.6 * rows), font_size=8) as figure:
+        for number, (name, (train, valid)) in enumerate(losses.items(), start=1):
+            axes = figure.add_subplot(rows, columns, number)
+            epochs = range(1, len(valid) + 1)
+            axes.semilogy(epochs, train, label="training", linewidth=1)
+            axes.semilogy(epochs, valid, label="validation", linewidth=1)
+            axes.plot([1 + valid.index(min(valid))], [min(valid)], "o", markersize=4, color=INK)
+            axes.set(title=name, xlabel="epoch", ylabel="loss")
+            axes.legend(frameon=False)
+
+
+def _color(number: int) -> tuple[float, ...]:
+    return tuple(channel / 255 for channel in COLORS[number % len(COLORS)])
+
+
+def draw_calibration(photographs: Sequence[Photograph], models: Sequence[NDArray[np.uint8]], path: Path) -> None:
+    """Draw a row per photograph: the photograph, the model, and their difference × `GAIN` around grey, as a PNG.
+
+    Parameters
+    ----------
+    photographs, models
+        Photographs, and the model's image of each, (rows, cols, 3) uint8.
+    path
+        The PNG.
+    """
+    chosen = spread_evenly(list(zip(photographs, models, strict=True)), PHOTOGRAPHS)
+    figure = Figure((9, 3 * len(chosen)), dpi=72, layout="constrained")
+    panels = figure.subplots(len(chosen), 3, squeeze=False)
+    for row, (photograph, model) in zip(panels, chosen, strict=True):
+        difference = np.clip(128 + GAIN * (model.astype(int) - photograph.image), 0, 255).astype(np.uint8)
+        part = _around(photograph)
+        panels_of_row = {f"photograph {photograph.name}": photograph.image, "model": model, f"model - photograph, × {GAIN}": difference}
+        for axes, (title, image) in zip(row, panels_of_row.items(), strict=True):
+            axes.imshow(image[part])
+            axes.set(xticks=[], yticks=[])
+            axes.set_title(title, fontsize=9)
+    save_figure(figure, path)
+
+
+def _around(photograph: Photograph) -> tuple[slice, slice]:
+    """Find the part of an image that the ring around its contact takes up."""
+    contact, reach = photograph.contact, RING * photograph.contact.radius
+    row, col = (slice(max(0, int(at - reach)), int(at + reach) + 1) for at in (contact.y, contact.x))
+    return row, col
