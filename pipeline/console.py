@@ -19,7 +19,7 @@ from rich.table import Table as RichTable
 SECONDS_PER_LINE = 15.0
 NAMED = 5
 """Objects or files named in one line."""
-WIDE = 200
+REDIRECTED_WIDTH = 200
 """Columns where no terminal says how many it has: a table in a log is not squeezed."""
 
 
@@ -42,24 +42,24 @@ class _VisibleConsole(Console):
 
 def console_on(stream: TextIO) -> Console:
     """Make a console on standard output or standard error."""
-    width = None if stream.isatty() else WIDE
+    width = None if stream.isatty() else REDIRECTED_WIDTH
     return _VisibleConsole(stderr=stream is sys.stderr, highlight=False, emoji=False, soft_wrap=True, width=width)
 
 
 console, errors = console_on(sys.stdout), console_on(sys.stderr)
 
 
-def say(line: str) -> None:
+def print_line(line: str) -> None:
     """Print a line as it is."""
     console.print(escape(line))
 
 
-def counted(number: int, what: str = "object") -> str:
+def pluralise(number: int, what: str = "object") -> str:
     """Write a number of things: 1 object, 2 objects."""
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
-def few(names: Sequence[str]) -> str:
+def abbreviate(names: Sequence[str]) -> str:
     """List the first `NAMED` names."""
     return ", ".join(names[:NAMED]) + (", …" if len(names) > NAMED else "")
 

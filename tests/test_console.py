@@ -9,7 +9,7 @@ import pytest
 import typer
 
 from pipeline.cli.failures import failures_as_words
-from pipeline.console import Meter, console_on, print_table, say
+from pipeline.console import Meter, console_on, print_line, print_table
 from pipeline.errors import InvalidInput
 
 
@@ -34,7 +34,7 @@ def test_control_characters_are_printed_as_their_codes(capsys):
     meter = Meter(console_on(sys.stdout), "a\x1b]0;owned\x07b", 1, "steps")
     meter._bar.console.print(meter._bar)
     print_table(console_on(sys.stdout), ["\x9b2J"], [["\u202etxt.exe"]])
-    say("é [bold] :smile: \x1b[31mred\n\udcff\x00\u2028")
+    print_line("é [bold] :smile: \x1b[31mred\n\udcff\x00\u2028")
     shown = capsys.readouterr().out
     assert all(one.isprintable() or one == "\n" for one in shown)
     for expected in (r"a\x1b]0;", r"\x9b2J", r"\u202et", r"é [bold] :smile: \x1b[31mred" + "\n" + r"\udcff\x00\u2028"):

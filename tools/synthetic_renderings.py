@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.manifest import load_manifest
 from pipeline.config.sources import ShapeNet
-from pipeline.console import Meter, errors, say
+from pipeline.console import Meter, errors, print_line
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.errors import StageError
 from pipeline.formats.description_file import load_scene
@@ -127,7 +127,7 @@ def render(renderer: Renderer, mesh: Mesh, viewpoint: Viewpoint) -> NDArray[np.u
 def main() -> None:
     """Write the folder of the command line."""
     data, folder = sys.argv[1:]
-    say(f"{folder}: {write_dataset(data, Path(folder))} objects, {VIEWS} renderings each")
+    print_line(f"{folder}: {write_dataset(data, Path(folder))} objects, {VIEWS} renderings each")
 
 
 if __name__ == "__main__":

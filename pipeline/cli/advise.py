@@ -9,7 +9,7 @@ import typer
 
 from pipeline.cli.failures import fail
 from pipeline.cli.request import ManifestOption, ObjectsOption, UnitsOption, UpOption
-from pipeline.console import console, errors, say
+from pipeline.console import console, errors, print_line
 from pipeline.tradeoff.advice import STAGES_OF, Question
 from pipeline.tradeoff.advice import advise as advise_settings
 from pipeline.tradeoff.choice import Limit, duration, error_limit
@@ -50,7 +50,7 @@ def advise(
         return
     console.print(advice.table())
     for line in advice.sources():
-        say(line)
+        print_line(line)
     apart = " and what the contact sheets take" if target == "dataset" else ""
-    say(f"{advice.objects} objects in about {advice.seconds / 60:.1f} min{apart}:")
-    say(f"  {advice.command}")
+    print_line(f"{advice.objects} objects in about {advice.seconds / 60:.1f} min{apart}:")
+    print_line(f"  {advice.command}")

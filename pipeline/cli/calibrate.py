@@ -11,7 +11,7 @@ import typer
 from pydantic import ValidationError
 from rich.table import Table
 
-from pipeline.console import console, errors, say
+from pipeline.console import console, errors, print_line
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import invalid_entries
 
@@ -69,7 +69,9 @@ def calibrate_sensor(
         table.add_row(title, str(len(image_errors)), *(f"{mean:.1f}" for mean in means))
     console.print(table)
     worst = max(found.tested_errors, key=lambda one: one.contact)
-    say(f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact; membrane {1e3 * found.sensor.membrane:.2f} mm")
+    print_line(
+        f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact; membrane {1e3 * found.sensor.membrane:.2f} mm"
+    )
     shown = [render_contact(found.sensor, found.calibration, one, image, radius) for one in found.tested]
     draw_calibration(found.tested, shown, out.with_suffix(".png"))
-    say(f"{out}, {out.with_suffix('.png')}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")
+    print_line(f"{out}, {out.with_suffix('.png')}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")

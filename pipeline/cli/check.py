@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.console import say
+from pipeline.console import print_line
 
 
 def check(
@@ -21,4 +21,4 @@ def check(
     from pipeline.reports.description_checks import check_file
 
     for line in check_file(file, picture):
-        say(line)
+        print_line(line)

@@ -9,7 +9,7 @@ import typer
 
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
-from pipeline.console import say
+from pipeline.console import print_line
 from pipeline.store.atomic import UNFINISHED, written_to
 from pipeline.store.storage import names_in, place
 
@@ -30,7 +30,7 @@ def view(
 
     shown = view_grasps(place(data), object_id, grasp, save)
     if save:
-        say(f"{save}: {len(shown)} grasps of {object_id}; `rerun {save}` shows them")
+        print_line(f"{save}: {len(shown)} grasps of {object_id}; `rerun {save}` shows them")
 
 
 def export(
@@ -56,7 +56,7 @@ def export(
     if there and UNFINISHED not in there:  # an export that was killed is begun again
         fail(f"{out} is not empty; name a folder that is not there yet")
     if to == "mesh":
-        say(f"{out}: {write_scenes(ReportSource(place(data)), out, objects or [])} scenes")
+        print_line(f"{out}: {write_scenes(ReportSource(place(data)), out, objects or [])} scenes")
         return
     if objects:
         fail(f"--object is for --to mesh; --to {to} writes the whole dataset")
@@ -64,4 +64,4 @@ def export(
     frames = GraspFrames(place(data))
     with written_to(out) as folder:
         count = write(frames, folder)
-    say(f"{out}: {count} grasps")
+    print_line(f"{out}: {count} grasps")

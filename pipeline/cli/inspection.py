@@ -10,7 +10,7 @@ from rich.table import Table
 
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
-from pipeline.console import console, say, show_tables
+from pipeline.console import console, print_line, show_tables
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import on_disk, place
 from schemas.catalogue import ARTIFACTS
@@ -38,7 +38,7 @@ def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", h
     if as_json:
         typer.echo(account.to_json())
     elif not (account.artifacts or account.folders or account.damaged or account.jobs):
-        say(f"{place(data).resolve()}: nothing has been made here")
+        print_line(f"{place(data).resolve()}: nothing has been made here")
     else:
         report.show(account, console)
     if account.damaged:
@@ -56,7 +56,7 @@ def reshard(
     from pipeline.store.reshard import reshard as split
 
     written = sum(1 for _ in split(DataDirectory(data), shards))
-    say(f"{data}: {shards} shards per artifact, {written} groups written")
+    print_line(f"{data}: {shards} shards per artifact, {written} groups written")
 
 
 def collect_garbage(
@@ -74,10 +74,10 @@ def collect_garbage(
         fail(f"{data} is no data directory")
     removed = collect_everything(directory, 60 * older_than)
     for path in removed:
-        say(f"removed {path}")
+        print_line(f"removed {path}")
     for link in links(directory):
-        say(f"{link} is a symbolic link: nothing is removed from {link.resolve()}; move that folder here, or remove there by hand")
-    say(f"{data}: {len(removed)} removed")
+        print_line(f"{link} is a symbolic link: nothing is removed from {link.resolve()}; move that folder here, or remove there by hand")
+    print_line(f"{data}: {len(removed)} removed")
 
 
 def validate(
@@ -97,7 +97,7 @@ def validate(
     for path, lines in found.items():
         console.print(f"{escape(str(path))}: {'[green]valid[/]' if not lines else '[red]not valid[/]'}")
         for line in lines:
-            say(f"  {line}")
+            print_line(f"  {line}")
     if not found:
         fail(f"{place(data).resolve()} holds no records; looked for ARTIFACT/NNNN-of-NNNN.json")
     if any(found.values()):
@@ -112,7 +112,7 @@ def doctor() -> None:
     for check in examine():
         console.print(f"[{'green' if check.ok else 'red'}]{'ok' if check.ok else 'missing':8}[/]{escape(check.what)}")
         if not check.ok:
-            say(f"        {check.remedy}")
+            print_line(f"        {check.remedy}")
             healthy = False
     if not healthy:
         raise typer.Exit(1)
@@ -128,11 +128,11 @@ def summary(
     from pipeline.reports.touch_tables import touch_tables
 
     directory = place(data)
-    say(str(directory.resolve()))
+    print_line(str(directory.resolve()))
     show_tables(console, touch_tables(tally(directory), sensors_of(directory)))
     lacking = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
     if lacking:
-        say(f"no contact sheets: {' and '.join(lacking)} {'have' if len(lacking) > 1 else 'has'} not been made")
+        print_line(f"no contact sheets: {' and '.join(lacking)} {'have' if len(lacking) > 1 else 'has'} not been made")
         return
     for path in contact_sheets(directory, most):
-        say(f"contact sheet: {path}")
+        print_line(f"contact sheet: {path}")

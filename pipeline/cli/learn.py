@@ -22,7 +22,7 @@ from pipeline.cli.request import (
     make_request,
 )
 from pipeline.cli.run import run_plan
-from pipeline.console import console, errors, say, show_tables
+from pipeline.console import console, errors, print_line, show_tables
 from pipeline.engine.run import make_plans
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StageError
@@ -65,7 +65,7 @@ def sweep(
         settings = resolve(stage, preset, [*(assignments or ()), *varied])
         folder = sweeps.point_folder(stage, loaded.writes(settings), point)
         if dry_run:
-            say(f"{plain.data / folder}")
+            print_line(f"{plain.data / folder}")
             continue
         try:
             (plan,) = make_plans(replace(plain, settings=settings, folder=folder))
@@ -128,11 +128,11 @@ def predict(
     touches = f"{made.touched.sum()} touches" if made.touched.any() else "no touch, so that no place of it is certain"
     if (mesh := made.closed) is not None:
         color = f"{mesh.seen.mean():.0%} coloured by the image" if mesh.seen.any() else "no colour: no image shows any of it"
-        say(f"{made.files[0]}: closed, {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {touches}; {color}")
+        print_line(f"{made.files[0]}: closed, {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {touches}; {color}")
         return
     size = f"{len(made.reconstruction.vertices)} vertices, {len(made.reconstruction.faces)} faces, {touches}"
     for path in made.files:
-        say(f"{path}: {size}")
+        print_line(f"{path}: {size}")
 
 
 def report(
@@ -159,8 +159,8 @@ def report(
         directory.check_origins(evaluated)
         show_tables(console, results_tables(directory, evaluated))
     else:
-        say("no network has been evaluated: the report shows the dataset alone; `make report`, with the same variables, trains some")
-    say(f"report: {write_report(directory.root, console, most)}")
+        print_line("no network has been evaluated: the report shows the dataset alone; `make report`, with the same variables, trains some")
+    print_line(f"report: {write_report(directory.root, console, most)}")
 
 
 def _grid(options: list[str]) -> dict[str, list[Any]]:

@@ -29,7 +29,7 @@ from pipeline.cli.request import (
     make_request,
 )
 from pipeline.config.manifest import load_manifest
-from pipeline.console import NAMED, console, counted, errors, few, say
+from pipeline.console import NAMED, abbreviate, console, errors, pluralise, print_line
 from pipeline.engine.plan import Forecast, Plan
 from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.shard import failures as failures_of
@@ -94,9 +94,9 @@ def run(
     if isinstance(request.stage, ObjectStage):
         left_out = {} if request.stage.inputs(request.settings) else load_manifest(manifest).left_out(objects)
         for reason, files in left_out.items():
-            say(f"left out {counted(len(files), 'file')} ({few(files)}): {reason}")
+            print_line(f"left out {pluralise(len(files), 'file')} ({abbreviate(files)}): {reason}")
         for line in request.stage.notes(request.settings, request.objects):
-            say(line)
+            print_line(line)
     with processes:
         if dry_run:
             for path, foreseen in forecast(request, shard):
@@ -113,13 +113,13 @@ NO_OBJECT_LEFT = "none of its objects is in the manifest any more"
 
 def _print_forecast(stage: str, path: Place, foreseen: Forecast) -> None:
     if foreseen.up_to_date:
-        say(f"{stage} {path}: up to date, {counted(foreseen.total)}")
+        print_line(f"{stage} {path}: up to date, {pluralise(foreseen.total)}")
         return
     if not foreseen.total:
-        say(f"{stage} {path}: would be removed, {NO_OBJECT_LEFT}")
+        print_line(f"{stage} {path}: would be removed, {NO_OBJECT_LEFT}")
         return
     size = f"about {foreseen.seconds / 60:.1f} min and {foreseen.kilobytes / 1e3:.0f} MB"
-    say(f"{stage} {path}: would make {foreseen.missing} of {counted(foreseen.total)}, {size}")
+    print_line(f"{stage} {path}: would make {foreseen.missing} of {pluralise(foreseen.total)}, {size}")
 
 
 def run_plan(plan: Plan[Any]) -> None:
@@ -127,27 +127,27 @@ def run_plan(plan: Plan[Any]) -> None:
     stage, request = plan.stage.name, plan.request
     failures: dict[str, Failure] = {}
     if plan.up_to_date():
-        say(f"{stage} {plan.path}: up to date, {counted(len(plan.units)) if plan.missing else counted(plan.total)}")
+        print_line(f"{stage} {plan.path}: up to date, {pluralise(len(plan.units)) if plan.missing else pluralise(plan.total)}")
     elif not plan.total:
         run_together(plan, console)
-        say(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
+        print_line(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
     else:
         for line in _warnings(plan) if isinstance(plan.output, ShardOutput) else ():
-            say(line)
+            print_line(line)
         result = run_together(plan, console)
-        what = f"made {counted(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {counted(plan.total)}"
-        left = f"; {counted(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
+        what = f"made {pluralise(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {pluralise(plan.total)}"
+        left = f"; {pluralise(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
         if result.held_back:
             left = "; not published, because other objects of the shard have to be made again first: run without --object"
         failures = failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
-        say(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + left)
+        print_line(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + left)
         if isinstance(plan.output, ShardOutput) and plan.output.shard is not None:
             for line in plan.stage.remarks(plan.settings, plan.output.shard):
-                say(line)
+                print_line(line)
     failures = failures or (failures_of(plan) if isinstance(plan.output, ShardOutput) else {})
     _print_failures({name: failure for name, failure in failures.items() if request.only in (None, name)})
     if failures and request.strict:
-        fail(f"{counted(len(failures))} failed, and --strict was asked for")
+        fail(f"{pluralise(len(failures))} failed, and --strict was asked for")
 
 
 def _warnings(plan: Plan[ShardOutput]) -> Iterator[str]:
@@ -164,7 +164,7 @@ def _print_failures(failures: Mapping[str, Failure]) -> None:
         alike.setdefault(re.sub(rf"^{re.escape(object_id)}\b", "…", failure.reason), []).append(object_id)
     for shared, names in alike.items():
         reason = shared if len(names) > 1 else failures[names[0]].reason
-        listed = few(names) + (f" ({len(names)} objects)" if len(names) > NAMED else "")
+        listed = abbreviate(names) + (f" ({len(names)} objects)" if len(names) > NAMED else "")
         errors.print(f"  [yellow]failed[/] {escape(listed)}: {escape(reason)}")
 
 
@@ -172,9 +172,9 @@ def _print_explanation(plan: Plan[Any]) -> None:
     """Explain what has just been made, or was up to date."""
     explanation, request = explain_plan(plan), plan.request
     if explanation is not None:
-        say(explanation.title)
+        print_line(explanation.title)
         console.print(explanation.table())
         if known := quote(plan.stage.name, request.settings):
-            say(f"error, {known}")
+            print_line(f"error, {known}")
     elif request.only is None:  # else it is in another shard, or failed, and that has been said
-        say(f"{plan.stage.name} {plan.path}: {'every object failed' if plan.total else 'no objects'}, there is nothing to explain")
+        print_line(f"{plan.stage.name} {plan.path}: {'every object failed' if plan.total else 'no objects'}, there is nothing to explain")

@@ -24,7 +24,7 @@ from pipeline.cli.request import (
 from pipeline.cluster import slurm
 from pipeline.cluster.cluster_profile import load_cluster
 from pipeline.cluster.slurm_jobs import Submission, plan_jobs, script_of
-from pipeline.console import say
+from pipeline.console import print_line
 from pipeline.store.directory import DataDirectory
 from stages.registry import STAGES, load_stage
 
@@ -69,9 +69,9 @@ def submit(
     jobs = plan_jobs((request.stage, request.settings) for request in requests)
     if dry_run:
         for job in jobs:
-            say(f"# {job.name}" + (f", after {', '.join(job.waits_for)}" if job.waits_for else ""))
+            print_line(f"# {job.name}" + (f", after {', '.join(job.waits_for)}" if job.waits_for else ""))
             typer.echo(script_of(job, submission))
         return
     for made in slurm.submit(jobs, submission):
-        say(f"{made.name}: job {made.number}" + (f", {made.tasks} tasks" if made.tasks else ""))
-    say(f"`vt-pipeline status {shlex.quote(str(where))}` shows their states; scripts and logs are in {submission.folder}")
+        print_line(f"{made.name}: job {made.number}" + (f", {made.tasks} tasks" if made.tasks else ""))
+    print_line(f"`vt-pipeline status {shlex.quote(str(where))}` shows their states; scripts and logs are in {submission.folder}")

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings
-from pipeline.console import Meter, counted, few
+from pipeline.console import Meter, abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.plan import Forecast, Plan, Request, Summary, description_errors
 from pipeline.engine.session import Work
@@ -186,13 +186,13 @@ def _check_same_manifest(plan: Plan[ShardOutput]) -> None:
         asked = {unit.name for unit in plan.units}
         if lost := [row.object_id for row in record.rows if row.object_id not in asked]:
             raise StoreError(
-                f"{plan.path} is of manifest {record.manifest}; {request.manifest} lacks {counted(len(lost))} of it "
-                f"({few(lost)}); name that --manifest (make: MANIFEST=), or another --data (make: DATA=)"
+                f"{plan.path} is of manifest {record.manifest}; {request.manifest} lacks {pluralise(len(lost))} of it "
+                f"({abbreviate(lost)}); name that --manifest (make: MANIFEST=), or another --data (make: DATA=)"
             )
     there = published_before(plan)
     if len(there) and not any(item.object_id in there for item in request.objects):
         raise StoreError(
-            f"{plan.path.parent} holds other objects ({few(list(there))}), and none of manifest "
+            f"{plan.path.parent} holds other objects ({abbreviate(list(there))}), and none of manifest "
             f"{request.manifest}; name another --data (make: DATA=), or delete it"
         )
 

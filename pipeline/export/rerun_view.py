@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.console import few
+from pipeline.console import abbreviate
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import InvalidInput
 from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS, Y_UP
@@ -56,7 +56,7 @@ def view_grasps(data: Place, object_id: str, grasp: int | None, save: Path | Non
     source = ReportSource(data)
     if object_id not in source.object_ids:
         failed = f", where it failed: {source.failures[object_id][1]}" if object_id in source.failures else ""
-        raise InvalidInput(f"{object_id} is not a usable object of {data}{failed}; it has {few(source.object_ids)}")
+        raise InvalidInput(f"{object_id} is not a usable object of {data}{failed}; it has {abbreviate(source.object_ids)}")
     rows = source.rows(object_id)
     grasps = len(rows["grasps"]["hand_pose"])
     if grasp is not None and grasp >= grasps:

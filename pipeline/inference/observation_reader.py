@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from pipeline.console import few
+from pipeline.console import abbreviate
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError, StoreError
@@ -177,7 +177,7 @@ def open_object(data: Place, arrays: Sequence[str], object_id: str, chosen: Sequ
     if object_id in rows.left_out:
         raise StoreError(f"{object_id} failed in {rows.left_out[object_id]}")
     if object_id not in rows.object_ids:
-        raise StoreError(f"{data.resolve()} has no object {object_id}; it has {few(rows.object_ids)}")
+        raise StoreError(f"{data.resolve()} has no object {object_id}; it has {abbreviate(rows.object_ids)}")
     available = rows.size(counted, kind)
     if wrong := [number for number in chosen if not 0 <= number < available]:
         raise StoreError(f"{object_id} has no {kind} {wrong[0]}; there are {kind}s 0 to {available - 1}")

@@ -11,7 +11,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.console import counted
+from pipeline.console import pluralise
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.physics_urdf import links_without_mass
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
@@ -54,7 +54,7 @@ def check_hand(path: Path, picture: Path) -> list[str]:
     draw_hand(hand, [sensor.width for sensor in sensors], [(overlap.first, overlap.second) for overlap in overlaps], picture)
     free = fingers_clear_of_palm(hand, boxes, frames, 0.0).mean(axis=0)
     fingers = ", ".join(
-        f"{finger.name} ({counted(len(finger.joints), 'joint')}, {counted(len(finger.sensors), 'sensor')})" for finger in hand.fingers
+        f"{finger.name} ({pluralise(len(finger.joints), 'joint')}, {pluralise(len(finger.sensors), 'sensor')})" for finger in hand.fingers
     )
     faults = _faults(hand, free)
     return [

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from pipeline.cluster.slurm import JobState, State, slurm_folder, states_of, submitted_jobs
-from pipeline.console import Cell, Row, Table, counted, few, show_tables
+from pipeline.console import Cell, Row, Table, abbreviate, pluralise, show_tables
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import everything_unnamed
@@ -172,7 +172,9 @@ def show(account: Account, console: Console) -> None:
         )
     for entry in account.artifacts:
         if entry.missing:
-            lines.append(("yellow", "incomplete", f"{entry.artifact}: {counted(len(entry.missing))} not made yet ({few(entry.missing)})"))
+            lines.append(
+                ("yellow", "incomplete", f"{entry.artifact}: {pluralise(len(entry.missing))} not made yet ({abbreviate(entry.missing)})")
+            )
     lines += [("red", "damaged", line) for line in account.damaged]
     if account.garbage > 1:
         lines.append(("default", "garbage", f"{account.garbage:.0f} MB are named by no record; `vt-pipeline collect-garbage` removes them"))

@@ -8,7 +8,7 @@ from contextlib import suppress
 import numpy as np
 from pydantic_zarr.v3 import GroupSpec
 
-from pipeline.console import counted, few
+from pipeline.console import abbreviate, pluralise
 from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.digest import files_of
@@ -139,7 +139,8 @@ def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:
     collection = directory.collection(ARTIFACTS[name])
     collection.first  # noqa: B018 (an error where shards were made with different scenes or sensors)
     if lacking := list(collection.missing):
-        yield f"{counted(len(lacking))} of the manifest not made yet ({few(lacking)}); run {collection.first.record.stage} without --object"
+        stage = collection.first.record.stage
+        yield f"{pluralise(len(lacking))} of the manifest not made yet ({abbreviate(lacking)}); run {stage} without --object"
     for origin in {origin for shard in collection.shards for row in shard.record.rows for origin in row.inputs}:
         if missing := [object_id for object_id in directory.collection(ARTIFACTS[origin]) if object_id not in collection]:
             yield f"{len(missing)} objects of {origin} are missing, {missing[0]} first; run {collection.first.record.stage}"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.console import counted, few
+from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
@@ -82,7 +82,7 @@ class RenderVision(ObjectStage):
                     names.setdefault((fault, *views), []).append(name)
         remedy = f"move it or change its focal length in a scene file ({settings.scene}), or scale the objects"
         for (fault, *views), objects_named in names.items():
-            yield f"{counted(len(objects_named))} {fault} {', '.join(views)} ({few(objects_named)}): {remedy}"
+            yield f"{pluralise(len(objects_named))} {fault} {', '.join(views)} ({abbreviate(objects_named)}): {remedy}"
 
     def constants(self, settings: VisionSettings) -> Row:
         """Name the cameras, and compute their projection matrices."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.config.manifest import Object
-from pipeline.console import counted, few
+from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
@@ -40,13 +40,13 @@ class SampleSurfaces(ObjectStage):
         unitless = sum("file" in item.source and item.source.get("metres_per_unit") is None for item in objects)
         if unitless:
             size = f"{settings.diagonal:g} m; --units mm (make: UNITS=mm), or another unit, keeps real sizes"
-            yield f"{counted(unitless)} scaled to a diagonal of {size}"
+            yield f"{pluralise(unitless)} scaled to a diagonal of {size}"
 
     def remarks(self, settings: SurfaceSettings, shard: Shard) -> Iterator[str]:
         """Name the objects whose textures or materials are missing: they are rendered without."""
         counts = shard.read("missing_files")
         if names := [name for name, row in shard.position.items() if counts[row]]:
-            yield f"{counted(len(names))} drawn without textures or materials that are not below their folder ({few(names)})"
+            yield f"{pluralise(len(names))} drawn without textures or materials that are not below their folder ({abbreviate(names)})"
 
     def cost(self, settings: SurfaceSettings) -> Cost:
         """One mesh and its points."""

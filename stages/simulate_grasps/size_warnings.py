@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.console import counted, few
+from pipeline.console import abbreviate, pluralise
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.model import Hand
 from pipeline.rng import numpy_rng
@@ -36,12 +36,12 @@ def size_warnings(extents: Mapping[str, np.ndarray], *, smallest: float, largest
     large = [name for name, sides in extents.items() if sides.min() > largest]
     if small:
         yield (
-            f"{counted(len(small))} smaller than two sensors of {hand} side by side, {1e3 * smallest:.0f} mm ({few(small)}): "
+            f"{pluralise(len(small))} smaller than two sensors of {hand} side by side, {1e3 * smallest:.0f} mm ({abbreviate(small)}): "
             "is the unit right?"
         )
     if large:
         yield (
-            f"{counted(len(large))} wider on every side than {hand} opens, {1e3 * largest:.0f} mm ({few(large)}): fingers touch "
+            f"{pluralise(len(large))} wider on every side than {hand} opens, {1e3 * largest:.0f} mm ({abbreviate(large)}): fingers touch "
             "one side only, if any; is the unit right?"
         )
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.console import few
+from pipeline.console import abbreviate
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
@@ -75,7 +75,7 @@ class SimulateGrasps(ObjectStage):
         """Name links without mass, and objects that do not fit the hand."""
         hand = load_hand(settings.hand)
         if massless := links_without_mass(hand):
-            yield f"hand {hand.name}: its URDF states no mass for {few(massless)}; estimated from collision shapes at 1000 kg/m³"
+            yield f"hand {hand.name}: its URDF states no mass for {abbreviate(massless)}; estimated from collision shapes at 1000 kg/m³"
         widest = max(sensor.width for sensor in load_worn_sensors(sensor_names(hand, settings.sensor)))
         extents = {name: np.ptp(inputs["surfaces"]["points"], axis=0) for name, inputs in objects}
         yield from size_warnings(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
