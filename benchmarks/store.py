@@ -58,8 +58,12 @@ def formats(table: Table) -> dict[str, Format]:
     def open_npy(folder: Path) -> AbstractContextManager[Mapping[str, Any]]:
         return nullcontext({path.stem: np.load(path, mmap_mode="r") for path in folder.glob("*.npy")})
 
+    def open_zarr(folder: Path) -> AbstractContextManager[Mapping[str, Any]]:
+        group: Any = zarr.open_group(str(folder / "touch.zarr"), mode="r")
+        return nullcontext(group)
+
     found: dict[str, Format] = {
-        OURS: (_write_zarr, lambda folder: nullcontext(zarr.open_group(str(folder / "touch.zarr"), mode="r"))),
+        OURS: (_write_zarr, open_zarr),
         NPY: (_write_npy, open_npy),
     }
     with table.peer(HDF5):
@@ -114,7 +118,7 @@ def _read(_write: object, opened: Any, folder: Path, names: Sequence[str], index
 
 def _write_zarr(folder: Path, arrays: Arrays) -> None:
     spec = group_spec(TOUCH, {name: array.shape for name, array in arrays.items()}, {})
-    group = spec.to_zarr(LocalStore(folder / "touch.zarr"), path="", overwrite=True)
+    group: Any = spec.to_zarr(LocalStore(folder / "touch.zarr"), path="", overwrite=True)
     for name, array in arrays.items():
         group[name][...] = array
 

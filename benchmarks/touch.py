@@ -130,7 +130,7 @@ def tacto(cases: Sequence[Case], sensor: Sensor, turns: int) -> dict[str, tuple[
         raise RuntimeError(f"{TACTO} is missing; `make bench-peers` installs it")
     with tempfile.TemporaryDirectory() as folder:
         for number, case in enumerate(cases):
-            arrays = {"vertices": case.mesh.vertices, "faces": case.mesh.faces, "poses": case.poses, "w": sensor.w}
+            arrays: dict[str, Any] = {"vertices": case.mesh.vertices, "faces": case.mesh.faces, "poses": case.poses, "w": sensor.w}
             np.savez(Path(folder) / f"{number}.npz", **arrays)
         command = [str(TACTO), "-m", "benchmarks.peers.tacto_worker", folder, str(turns), json.dumps(list(SIZES.values()))]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)

@@ -176,7 +176,7 @@ def touch(made: Made, reference: Path) -> Errors:
 def unet(made: Made, reference: Path) -> Errors:
     """Compare the predicted depths of test objects with the true ones, where the sensors touched."""
     touches = load_touches(made.data, "test")
-    model = load_touch_model(DataDirectory(made.data).folder_path("models/unet"), "cpu")
+    model = load_touch_model(DataDirectory(made.data).whole_folder("models/unet"), "cpu")
     tactile_images, depth = (tensor.numpy() for tensor in touches.read(range(len(touches))))
     contact = depth < touches.sensor.w
     mask = model.mask(tactile_images)
@@ -235,7 +235,7 @@ def evaluation(made: Made, reference: Path) -> Errors:
 
 def table_3(data: Path) -> NDArray[np.float64]:
     """(grasps given, object) Chamfer distances of the first network that feels, mean over first grasps."""
-    folder = DataDirectory(data).folder_path("evaluation")
+    folder = DataDirectory(data).whole_folder("evaluation")
     felt = next(name for name, given in read_root(folder)["configurations"].items() if given["touch"])
     figures = read_figures(folder)[felt]
     return np.stack([figures.per_object("chamfer", number) for number in figures.grasps])

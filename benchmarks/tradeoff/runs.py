@@ -14,6 +14,7 @@ from pipeline.config.manifest import load_manifest
 from pipeline.engine.keys import code_hash
 from pipeline.engine.stage import DatasetStage
 from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import Place
 from pipeline.tradeoff.measurements import Measurement, Provenance, Study
 from pipeline.tradeoff.sweep import file_name
 from schemas.catalogue import ARTIFACTS
@@ -105,7 +106,7 @@ def _of_folder(data: Path, plan: StudyPlan, variant: Variant) -> Made:
     return Made(data, float(record.facts.get("training_seconds", record.seconds)), (weights or _bytes(folder)) / 1e3, dict(record.facts))
 
 
-def _bytes(folder: Path) -> int:
+def _bytes(folder: Place) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 

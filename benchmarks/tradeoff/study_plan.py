@@ -114,8 +114,8 @@ class StudyPlan:
         for name, values in self.settings.items():
             for value in values:
                 yield Variant("setting", _label({name: value}), self.base, {**self.fixed, **self.varied_at, name: value})
-        for values in self.combinations:
-            yield Variant("combination", _label(values), self.base, {**self.fixed, **values})
+        for combination in self.combinations:
+            yield Variant("combination", _label(combination), self.base, {**self.fixed, **combination})
         for seed in self.seeds:
             yield Variant("seed", f"seed {seed}", self.base, self.fixed, seed)
 

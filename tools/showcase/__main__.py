@@ -73,7 +73,8 @@ def _grasps(source: ReportSource, chosen: Iterable[str], out: Path, pixels: int)
     scenes = GraspScenes(source.hand(), source.sensors(), small=False)
     vision = source.collections.get("vision")
     scene = load_scene(str(vision.first.attributes["settings"]["scene"]) if vision else SCENE)
-    jobs, masks, ours = [], [], {}
+    jobs, masks = [], []
+    ours: dict[str, Any] = {}
     for object_id in chosen:
         rows = source.rows(object_id)
         path = out / "scenes" / f"{object_id}.glb"
@@ -126,7 +127,7 @@ def _turntable(job: dict[str, Any], out: Path) -> list[dict[str, Any]]:
         turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
         turn[:3, 3] = target - turn[:3, :3] @ target
         scale = FRAME_PIXELS / job["camera"]["resolution"]
-        camera = {name: [scale * one for one in job["camera"][name]] for name in ("focal", "centre")}
+        camera: dict[str, Any] = {name: [scale * one for one in job["camera"][name]] for name in ("focal", "centre")}
         camera |= {"pose": (turn @ np.array(job["camera"]["pose"])).tolist(), "resolution": FRAME_PIXELS}
         frames.append(job | {"camera": camera, "samples": FRAME_SAMPLES, "picture": str(out / f"turn-{number:02d}.png")})
     return frames
