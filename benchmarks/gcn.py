@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from benchmarks.timing import Table
-from pipeline.formats.description_file import load_scene
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.networks.chart_graph import chart_graph
 from pipeline.kernels.networks.deformation_network import VISION, DeformationNetwork
 from pipeline.kernels.networks.graph_convolution import ZeroNeighbourLayer

@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.cases import touched_objects
 from benchmarks.timing import Table, each, side_by_side
-from pipeline.formats.description_file import load_scene
 from pipeline.formats.hand_file import load_hand
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.vision.labels import Label
 from stages.render_vision.renderer import Renderer

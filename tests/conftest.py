@@ -6,6 +6,8 @@ follow from the test alone, and no clock decides.
 
 from __future__ import annotations
 
+import signal
+
 import numpy as np
 import pytest
 import trimesh
@@ -16,6 +18,10 @@ from pipeline.kernels.geometry.mesh import Mesh
 settings.register_profile("quick", max_examples=15, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("thorough", settings.get_profile("quick"), max_examples=500)
 settings.load_profile("quick")
+
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # of a shell's background job: the programs that tests interrupt inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

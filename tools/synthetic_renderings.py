@@ -18,8 +18,8 @@ from pipeline.config.sources import ShapeNet
 from pipeline.console import Meter, errors, print_line
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.errors import StageError
-from pipeline.formats.description_file import load_scene
 from pipeline.formats.rendering_folder import PIXELS, VIEWS, write_renderings
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import POSITION
 from pipeline.kernels.vision.camera import Camera, look_at

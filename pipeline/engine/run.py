@@ -14,8 +14,8 @@ from pipeline.engine.plan import Forecast, Plan, Request, Summary, description_e
 from pipeline.engine.shard import forecast_shard, make_shard, plan_shard
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError, first_line
-from pipeline.formats.description_file import load_scene
 from pipeline.formats.hand_file import load_hand
+from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory

@@ -14,7 +14,6 @@ from pydantic import BaseModel, ValidationError
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import read_file
-from pipeline.kernels.vision.scene import Scene
 
 Kind = Literal["manifest", "hand", "sensor", "scene", "cluster"]
 Model = TypeVar("Model", bound=BaseModel)
@@ -68,11 +67,6 @@ def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
         raise InvalidInput(f"{kind} file {path}: {invalid_entries(error, entry_names(model))}. Its entries are {entries}") from error
     except (ValueError, yaml.YAMLError) as error:
         raise InvalidInput(f"{kind} file {path} cannot be read as YAML: {error}") from error
-
-
-def load_scene(name: str | Path) -> Scene:
-    """Read a scene by the name of a shipped scene or by path; an `InvalidInput` names the file and what is wrong with it."""
-    return read_description("scene", description_path("scene", name), Scene)
 
 
 def read_yaml(path: Path) -> Any:

@@ -15,7 +15,7 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
-from pipeline.formats.description_file import load_scene
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 
 from pipeline.config.manifest import SPLITS, load_manifest
 from pipeline.errors import InvalidInput
-from pipeline.formats.description_file import load_scene, read_yaml, shipped_files
+from pipeline.formats.description_file import read_yaml, shipped_files
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.normalise import POSITION
 from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
 from pipeline.reports.hand_check import check_hand

@@ -45,7 +45,7 @@ def _version(name: str) -> str:
 
 
 def _render() -> str:
-    from pipeline.formats.description_file import load_scene
+    from pipeline.formats.scene_file import load_scene
     from pipeline.kernels.vision.camera import projection_matrix  # only here: they need what is being checked
     from stages.render_vision.renderer import Renderer
 

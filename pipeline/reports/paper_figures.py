@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.dataset.touch_charts import is_surface
-from pipeline.formats.description_file import load_scene
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, VisionCharts, vision_charts
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.kinematics import forward_kinematics

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_charts import is_surface
-from pipeline.formats.description_file import load_scene
+from pipeline.formats.scene_file import load_scene
 from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR

@@ -15,8 +15,9 @@ from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
-from pipeline.formats.description_file import description_path, load_scene
+from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.vision.camera import Camera, projection_matrix

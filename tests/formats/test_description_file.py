@@ -7,7 +7,8 @@ import pytest
 import yaml
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.description_file import description_path, load_scene
+from pipeline.formats.description_file import description_path
+from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.sensor import ray_origins
 

@@ -19,10 +19,10 @@ from pipeline.cluster.slurm_jobs import Submission, plan_jobs, script_of
 from pipeline.config import sources
 from pipeline.config.manifest import load_manifest
 from pipeline.config.sources import fingerprint
-from pipeline.formats.description_file import load_scene
 from pipeline.formats.file_units import MODEL, stated_units
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from stages.registry import load_stage, resolve
 from tests.fuzz.make_target import MakeVariables

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.formats.description_file import load_scene
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.camera import Camera, camera_pose, look_at
 from pipeline.kernels.vision.labels import Label
 from pipeline.reports.contact_sheet import BandMaker

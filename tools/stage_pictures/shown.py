@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.formats.description_file import load_scene
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.scene import Scene
 from pipeline.models.families import FAMILIES, load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from pipeline.formats.description_file import load_scene
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import camera_pose
 

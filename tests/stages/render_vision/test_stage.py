@@ -10,8 +10,9 @@ from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
-from pipeline.formats.description_file import description_path, load_scene
+from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.camera import project_points
 from pipeline.store.rows import Row
 from schemas.base import COMMON
