@@ -1,4 +1,4 @@
-"""Tactile images inside a PyBullet loop: a ball rolls over a sensor, both moving; `--show` opens a window that shows the image live.
+"""Compute tactile images in a PyBullet loop while a ball rolls over a moving sensor. `--show` opens a live window.
 
 Usage: python examples/touch_in_pybullet.py [--show] [SENSOR [STEPS]]
 """
