@@ -1,4 +1,4 @@
-"""Read a dataset as PyTorch tensors, one item per grasp, in batches.
+"""Read batches of grasps from a dataset as PyTorch tensors.
 
 Usage: python examples/read_with_torch.py [DATA [SPLIT]]
 """
@@ -12,7 +12,7 @@ from pipeline.dataset.grasp_dataset import GraspDataset
 data = sys.argv[1] if len(sys.argv) > 1 else "data/toy/draft"
 split = sys.argv[2] if len(sys.argv) > 2 else "train"
 
-# Any arrays of docs/data-format.md. Only the artifacts that hold them are opened.
+# docs/data-format.md lists the arrays. The dataset opens only the artifacts that hold the requested ones.
 grasps = GraspDataset(data, ["tactile_image", "depth", "touch_success", "sensor_pose", "occluded", "points"], split)
 print(f"{len(grasps)} grasps of {len(grasps.rows)} objects in split {split}; left out: {grasps.left_out or 'none'}")
 
@@ -21,7 +21,7 @@ print(f"{item['object_id']}, grasp {item['grasp']}:")
 for name in grasps.arrays:
     print(f"  {name:14}{tuple(item[name].shape)} {item[name].dtype}")
 
-# Items are dicts of tensors of equal shapes, which the default collate function stacks. Memory does not grow with the dataset.
+# Items are dicts of tensors with equal shapes, so the default collate function stacks them. Memory does not grow with the dataset.
 for batch in DataLoader(grasps, batch_size=4):
     touched = batch["touch_success"]  # (B, sensor) bool
     nearest = batch["depth"].amin(dim=(-2, -1))  # (B, sensor), m

@@ -1,4 +1,4 @@
-"""Read a dataset with xarray: arrays with labels, units and descriptions.
+"""Read a dataset with xarray, as arrays with labels, units and descriptions.
 
 Usage: python examples/read_with_xarray.py [DATA]
 """
@@ -9,11 +9,11 @@ from pipeline.dataset.labelled import open_artifact
 
 data = sys.argv[1] if len(sys.argv) > 1 else "data/toy/draft"
 
-touch = open_artifact(data, "touch")  # all shards; values are read when they are used
+touch = open_artifact(data, "touch")  # all shards; xarray reads values on access
 grasps = open_artifact(data, "grasps")
 print(touch)
 
-# Select by the names of objects and sensors; dimensions have names, not numbers.
+# Select by the names of objects and sensors. Dimensions have names too.
 name, sensor = str(touch.object[0].item()), str(touch.sensor[0].item())
 depth = touch.depth.sel(object=name, sensor=sensor)  # (grasp, row, col)
 print(f"{depth.attrs['description']} In {depth.attrs['units']}.")
@@ -22,6 +22,6 @@ for grasp in depth.grasp.values:
     succeeded = bool(grasps.touch_success.sel(object=name, sensor=sensor, grasp=grasp))
     print(f"{name}, {sensor}, grasp {grasp}: min D = {1e3 * nearest:.2f} mm, {'touch' if succeeded else 'no touch'}")
 
-# Statistics over the dataset: artifacts share their coordinates. Rows of objects that failed are zeros, and left out here.
+# Compute statistics over the dataset. Artifacts share their coordinates. Failed objects have rows of zeros; drop them.
 rate = grasps.touch_success.where(grasps.ok).groupby("category").mean(("object", "grasp"))
 print((100 * rate).round(1).to_pandas())

@@ -1,4 +1,4 @@
-"""Tactile images inside a PyBullet loop: a ball rolls over a sensor, both moving; `--show` opens a window that shows the image live.
+"""Compute tactile images in a PyBullet loop while a ball rolls over a moving sensor. `--show` opens a live window.
 
 Usage: python examples/touch_in_pybullet.py [--show] [SENSOR [STEPS]]
 """
@@ -30,11 +30,11 @@ for step in range(steps):
     place, turn = pybullet.getBasePositionAndOrientation(body)
     ball_pose = np.eye(4)
     ball_pose[:3, :3], ball_pose[:3, 3] = np.reshape(pybullet.getMatrixFromQuaternion(turn), (3, 3)), place
-    sensor_pose = np.eye(4)  # its gel looks up through the floor, and it sways
+    sensor_pose = np.eye(4)  # the gel faces up through the floor; the sensor sways
     sensor_pose[:3, 3] = 0.001 * np.sin(step / 50), 0, 0.001 - sensor.w
     began = time.perf_counter()
     touch = vt.touch(ball, sensor, sensor_pose, object_pose=ball_pose)
-    spent += (time.perf_counter() - began) * (step > 0)  # what the first call compiles is not counted
+    spent += (time.perf_counter() - began) * (step > 0)  # skip the first call, which compiles
     felt += touch.success
     if "--show" in sys.argv:
         import matplotlib.pyplot as plt

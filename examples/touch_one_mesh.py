@@ -1,4 +1,4 @@
-"""Press one sensor on one mesh, and write the tactile image as a PNG: no dataset, no physics.
+"""Press a sensor on a mesh and write the tactile image as a PNG, without a dataset or physics.
 
 Usage: python examples/touch_one_mesh.py [IMAGE.png [MESH]]
 """
@@ -19,12 +19,12 @@ path = sys.argv[1] if len(sys.argv) > 1 else "tactile.png"
 mesh = trimesh.load_mesh(sys.argv[2]) if len(sys.argv) > 2 else trimesh.creation.icosphere(subdivisions=5, radius=0.02)
 sensor = load_sensor("gel_16mm")  # or the path of a sensor file
 
-# The sensor hangs above the highest vertex and looks down: its +z (outward normal) is the world's -z.
+# The sensor is above the highest vertex and faces down: its +z (outward normal) is the world's -z.
 # Its plane is 5 mm from the vertex, so the mesh presses w - 5 mm = 1.8 mm into the gel.
 pose = np.diag([1.0, -1.0, -1.0, 1.0])  # sensor frame to world frame
 pose[:3, 3] = mesh.vertices[np.argmax(mesh.vertices[:, 2])] + (0, 0, 0.005)
 
-depth = ray_depth(box_faces(np.asarray(mesh.triangles, np.float64)), pose, sensor)  # (rows, cols), m, +inf where nothing is met
+depth = ray_depth(box_faces(np.asarray(mesh.triangles, np.float64)), pose, sensor)  # (rows, cols), m, +inf where no surface is in range
 image = tactile_image(depth, sensor)  # (rows, cols, 3) uint8
 Image.fromarray(image).save(path)
 print(f"nearest {1e3 * depth.min():.2f} mm, gel {1e3 * sensor.w:.1f} mm, success {bool(touch_success(depth, sensor))}; {path}")

@@ -1,6 +1,6 @@
-"""Train a small U-Net that predicts depth from tactile images, in a loop of one's own; about a minute on the toy dataset.
+"""Train a small U-Net that predicts depth from tactile images, in your own loop. It takes about a minute on the toy dataset.
 
-The stage `train-unet` does the same with checkpoints, early stopping and a record of how the weights were made.
+The stage `train-unet` adds checkpoints, early stopping and a record of the inputs and settings.
 
 Usage: python examples/train_one_network.py [DATA [SPLIT [EPOCHS]]]
 """
@@ -20,7 +20,7 @@ from pipeline.kernels.touch.gel_surface import gel_surface
 data, split, epochs = (*sys.argv[1:], *("data/toy/draft", "train", "2")[len(sys.argv) - 1 :])
 grasps = GraspDataset(data, ["tactile_image", "depth", "touch_success", "untouched"], split)
 sensor = grasps.rows.sensor()
-gel = torch.tensor(gel_surface(sensor))  # its thickness, or where it is curved, its height at each pixel
+gel = torch.tensor(gel_surface(sensor))  # thickness of the gel or, if it is curved, its height at each pixel
 torch.manual_seed(0)
 network = UNet(width=4)
 optimiser = torch.optim.Adam(network.parameters(), lr=3e-3)

@@ -27,7 +27,6 @@ GUIDES = (
     "hand-sensor-camera",
     "speed-and-accuracy",
     "installing",
-    "first-steps",
     "objects",
     "library",
     "reading",
