@@ -57,11 +57,11 @@ NEEDS_MOUNT = ("disk full", "disk read-only")
 CACHES = ("inductor", "dask-scratch-space")
 """Folders that torch and Dask keep among temporary files for all runs; Dask clears its own when it starts."""
 
-INTRODUCTION = """# What became of faults
+INTRODUCTION = """# Faults
 
-Written by the command below. Every fault hits a copy of a small dataset (three objects, all eight stages) at a random moment or place; then
-the stages are run again, and whatever a message says to do is done. All is well where every digest is that of the undisturbed dataset,
-`validate` finds nothing, and nothing is left in the work area. [Reliability](reliability.md) says what is promised.
+The command below wrote this page. Each fault hits a copy of a small dataset (three objects, all eight stages) at a random moment or place. Then
+the stages run again, and the remedy of each message is followed. A fault passes if every digest equals that of the undisturbed dataset,
+`validate` finds nothing, and nothing is left in the work area. [Reliability](reliability.md) lists the guarantees.
 """
 
 
@@ -137,7 +137,7 @@ def _lane(asked: Sequence[tuple[str, int]], trial: Trial, seed: int) -> None:
 
 
 def _page(verdicts: dict[str, list[Verdict]], seconds: float, missing: Sequence[str]) -> str:
-    """The table; `missing` are kinds that could not be injected."""
+    """Write the table; `missing` are kinds that could not be injected."""
     outcomes = sorted({one.outcome for found in verdicts.values() for one in found if one.outcome})
     rows = []
     for kind, found in verdicts.items():

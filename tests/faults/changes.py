@@ -61,7 +61,7 @@ def description_changed(trial: Trial) -> Verdict:
         return Verdict(what, fault_of_ours=f"run again: {again.output.strip()[-300:]} {fresh.output.strip()[-300:]}")
     if answer(lambda: digests(trial.data), trial.log) != answer(lambda: digests(trial.folder / "fresh"), trial.log):
         return Verdict(what, fault_of_ours="run again: other digests than a dataset made of the new files alone")
-    said = "nothing, as the mesh is stored" if changed == "object" else "told in words"
+    said = "no effect: the mesh is stored" if changed == "object" else "error in words"
     return Verdict(what, outcome=f"{said}; equal digests")
 
 

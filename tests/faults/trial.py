@@ -78,7 +78,7 @@ class Trial:
         """Do as the messages say until all is well; the verdict on it."""
         if first.status not in (OK, IN_WORDS):
             return Verdict(what, fault_of_ours=f"ended with status {first.status}: {first.output.strip()[-600:]}")
-        did = "told in words; " if first.status == IN_WORDS else ""
+        did = "error in words; " if first.status == IN_WORDS else ""
         sandbox = self.sandbox.only(*stages)
         for attempt in range(ATTEMPTS):
             end = self.run(partial(sandbox.make, self.data, check=check, retry=retry or attempt > 0))
@@ -86,9 +86,9 @@ class Trial:
                 break
             if end.status != IN_WORDS:
                 return Verdict(what, fault_of_ours=f"run again: status {end.status}: {end.output.strip()[-600:]}")
-            did = "told in words; "
+            did = "error in words; "
             if follow(end.output):
-                did = "told in words, and did as they say; "
+                did = "error in words, its remedy followed; "
         else:
             return Verdict(what, fault_of_ours=f"not mended in {ATTEMPTS} runs: {end.output.strip()[-600:]}")
         return self.compared(what, did, {sandbox.output(stage) for stage in stages})
