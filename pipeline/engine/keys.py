@@ -56,7 +56,7 @@ def sources_hash(module: str) -> str:
 
 
 def _source(path: Path) -> tuple[str, tuple[str, ...]]:
-    """The hash of a source file, and the modules that it may import."""
+    """Return the hash of a source file, and the modules that it may import."""
     return _parsed(path, path.stat().st_mtime_ns)
 
 
@@ -78,7 +78,7 @@ def _imports(tree: ast.Module) -> Iterable[str]:
 
 @cache
 def _file_of(module: str) -> Path | None:
-    """The source of one of our modules; None for every other, and for names that are not modules."""
+    """Find the source of one of our modules; None for every other, and for names that are not modules."""
     if module.partition(".")[0] not in OURS:
         return None
     try:
@@ -94,7 +94,7 @@ def assets_digest(paths: Iterable[Path]) -> str:
 
 
 def source_key(source: dict[str, Any]) -> dict[str, Any]:
-    """What an object's source amounts to: the content of its files, or the code that makes it.
+    """Describe what an object's source consists of: the content of its files, or the code that makes it.
 
     Raises
     ------

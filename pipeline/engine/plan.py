@@ -159,7 +159,7 @@ class Plan(Generic[Output]):
         )
 
     def provenance(self) -> dict[str, Any]:
-        """The fields that every record has; `location` is filled in on publishing."""
+        """Return the fields that every record has; `location` is filled in on publishing."""
         return {
             "location": "unpublished",
             "stage": self.stage.name,
@@ -177,7 +177,7 @@ class Plan(Generic[Output]):
 
 @contextmanager
 def description_errors(stage: Stage) -> Iterator[None]:
-    """A hand, sensor or scene that cannot be used, or is not that of the inputs, is nobody's failure but ends the run."""
+    """End the run where a hand, sensor or scene cannot be used, or is not that of the inputs: no object has failed."""
     try:
         yield
     except InvalidInput as error:
