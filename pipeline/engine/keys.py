@@ -50,8 +50,10 @@ def sources_hash(module: str) -> str:
             continue
         found[name] = path
         waiting += _source(path)[1]
-    packages = {name.rpartition(".")[0] for name in found} - found.keys()  # they run too; what they import decides for others
-    found |= {name: path for name in packages if (path := _file_of(name))}
+    for name in list(found):
+        package = name.rpartition(".")[0]  # it runs too; what it imports decides for others
+        if package not in found and (path := _file_of(package)):
+            found[package] = path
     return digest.of_json(sorted((name, _source(path)[0]) for name, path in found.items()))
 
 
@@ -70,10 +72,12 @@ def _parsed(path: Path, changed: int) -> tuple[str, tuple[str, ...]]:
 def _imports(tree: ast.Module) -> Iterable[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            for alias in node.names:
+                yield alias.name
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
             yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            for alias in node.names:
+                yield f"{node.module}.{alias.name}"
 
 
 @cache

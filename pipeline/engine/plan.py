@@ -99,6 +99,8 @@ class Plan(Generic[Output]):
     ----------
     output
         The shard or folder, with what is published of it.
+    path
+        The path of the output, as messages name it.
     units
         The objects' rows that a shard will consist of; or a folder, alone.
     total
@@ -109,6 +111,7 @@ class Plan(Generic[Output]):
 
     def __init__(self, request: Request[Any], directory: DataDirectory, output: Output, schema: Sequence[object] = ()) -> None:
         self.request, self.stage, self.settings, self.directory, self.output = request, request.stage, request.settings, directory, output
+        self.path: Place = output.path
         self.models = {name: self.directory.whole_folder(name) for name in self.stage.models(self.settings)}
         self.model_digests = {name: self.directory.folder(name).digest() for name in self.models}
         self.inputs = [self.directory.collection(artifact) for artifact in self.stage.inputs(self.settings)]
@@ -116,11 +119,6 @@ class Plan(Generic[Output]):
         self.units: list[Unit] = []
         self.key, self.total = "", 0
         self.missing: tuple[str, ...] = ()
-
-    @property
-    def path(self) -> Place:
-        """The path of the output, as messages name it."""
-        return self.output.path
 
     def up_to_date(self) -> bool:
         """Whether the output is there, complete, made under the same key, with no failure that is to be tried again."""
