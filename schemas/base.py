@@ -67,9 +67,9 @@ class Artifact(BaseModel):
 
     name: str
     stage: str = "STAGE"
-    """The stage that makes it: messages name the command."""
+    """The stage that makes it: where nothing has been made, no record names the stage, and readers cannot import stages to ask them."""
     order: int = 100
-    """Its position among the artifacts; of a label that several have, the first one's is read."""
+    """Its position among the artifacts; of a label that several have, the first one's is read, by readers that cannot import stages."""
     version: int
     summary: str
     arrays: Annotated[dict[str, Array], AfterValidator(lambda arrays: {**COMMON, **arrays})]

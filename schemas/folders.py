@@ -13,7 +13,10 @@ _MODEL = re.compile(r"models/(?:seed-(\d+)/)?([^/]+)(?:/([^/]+))?")
 
 
 def maker_of(folder: str) -> str:
-    """Name what makes a folder: `models/seed-1/gcn/touch` comes from `train-gcn` with its network and seed."""
+    """Name what makes a folder: `models/seed-1/gcn/touch` comes from `train-gcn` with its network and seed.
+
+    It repeats what trainings declare, because a folder that has not been made has no record, and readers cannot import stages.
+    """
     if not (match := _MODEL.fullmatch(folder)):
         return "the stage that makes it"
     seed, family, network = match.groups()

@@ -44,7 +44,7 @@ class SubmittedJob(BaseModel):
         return [self.number] if self.tasks is None else [f"{self.number}_{index}" for index in range(self.tasks)]
 
     def log(self, folder: Path, task: str) -> Path:
-        """What a task printed."""
+        """Return the path of what a task printed."""
         return folder / f"{self.name}-{task}.log"
 
 
@@ -181,7 +181,7 @@ def _state_of(folder: Path, job: SubmittedJob, task: str, said: dict[str, tuple[
 
 
 def _exit_status(path: Path) -> int | None:
-    """The exit status that a task left; None where it left none."""
+    """Read the exit status that a task left; None where it left none."""
     try:
         return int(read_bytes(path))
     except (OSError, ValueError):
@@ -207,7 +207,7 @@ def _sacct(jobs: Sequence[SubmittedJob]) -> dict[str, tuple[str, str]]:
 
 
 def _complaint(done: subprocess.CompletedProcess[str]) -> str:
-    """The first line of what a command says of its failure."""
+    """Return the first line of what a command reports of its failure."""
     return next(iter((done.stderr or done.stdout).splitlines()), f"status {done.returncode}").rstrip(".")
 
 

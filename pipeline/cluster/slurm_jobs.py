@@ -82,7 +82,7 @@ def _reads(job: Job) -> list[str]:
 
 
 def _job_for(stage: Stage, settings: Settings, folder: str) -> Job | None:
-    """The job in which a stage writes this folder, if necessary with another value of the setting that the folder is named by."""
+    """Find the job in which a stage writes this folder, if necessary with another value of the setting that the folder is named by."""
     own, value = stage.writes(settings), Path(folder).name
     if own == folder:
         return Job(stage, settings)

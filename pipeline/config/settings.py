@@ -19,15 +19,15 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     def results(self) -> dict[str, Any]:
-        """The settings that a result depends on, as plain values: they belong to a stage's key."""
+        """Return the settings that a result depends on, as plain values: they belong to a stage's key."""
         return self._that_change("definition", "results")
 
     def accuracy(self) -> dict[str, Any]:
-        """Of these, the settings that have more and less accurate values, and hence a measured error."""
+        """Return those of them that have more and less accurate values, and hence a measured error."""
         return self._that_change("results")
 
     def speed(self) -> dict[str, Any]:
-        """The settings that change nothing but speed."""
+        """Return the settings that change speed alone."""
         return self._that_change("speed")
 
     def _that_change(self, *what: Change) -> dict[str, Any]:
@@ -35,13 +35,13 @@ class Settings(BaseModel):
 
     @classmethod
     def changes(cls, name: str) -> str:
-        """What the setting called `name` changes."""
+        """Name what a setting changes."""
         extra = cls.model_fields[name].json_schema_extra
         return str(extra["changes"]) if isinstance(extra, dict) else "results"
 
 
 def setting(default: Any, reason: str, *, changes: Change = "results", **limits: Any) -> Any:
-    """A settings field: its default, why that is the default, what it changes, and limits as pydantic's `Field` takes them."""
+    """Declare a setting: its default, why that is the default, what it changes, and limits as pydantic's `Field` takes them."""
     return Field(default, description=reason, json_schema_extra={"changes": changes}, **limits)
 
 

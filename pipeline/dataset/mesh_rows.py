@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Mapping
 
 import numpy as np
@@ -11,14 +12,15 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 
 def read_mesh(view: Mapping[str, np.ndarray]) -> Mesh:
     """Read the normalised mesh from a row of `surfaces`."""
-    textures = sum(name.startswith("meshes/texture_") for name in view)
+    names = list(view)
+    textures = fnmatch.filter(names, "meshes/texture_*")
     look = Look(
         uv=view["meshes/uv"],
         face_material=view["meshes/face_material"],
         base_color=view["meshes/base_color"],
         material_texture=view["meshes/material_texture"],
-        textures=tuple(view[f"meshes/texture_{number}"] for number in range(textures)),
-        vertex_color=view["meshes/vertex_color"] if "meshes/vertex_color" in set(view) else None,
+        textures=tuple(view[f"meshes/texture_{number}"] for number in range(len(textures))),
+        vertex_color=view["meshes/vertex_color"] if "meshes/vertex_color" in names else None,
     )
     return Mesh(view["meshes/vertices"], view["meshes/faces"], look)
 

@@ -25,7 +25,7 @@ class LocalWorker(WorkerPlugin):  # type: ignore[misc]  # which has no types
     """Readies each worker, those that are started in place of others too."""
 
     def setup(self, worker: Worker) -> None:
-        """Called in the main thread of each worker."""
+        """Prepare a worker; Dask calls this in its main thread."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that ends the workers
         tempfile.tempdir = worker.local_directory  # Dask clears those of workers that were killed
 

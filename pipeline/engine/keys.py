@@ -50,13 +50,15 @@ def sources_hash(module: str) -> str:
             continue
         found[name] = path
         waiting += _source(path)[1]
-    packages = {name.rpartition(".")[0] for name in found} - found.keys()  # they run too; what they import decides for others
-    found |= {name: path for name in packages if (path := _file_of(name))}
+    for name in list(found):
+        package = name.rpartition(".")[0]  # it runs too; what it imports decides for others
+        if package not in found and (path := _file_of(package)):
+            found[package] = path
     return digest.of_json(sorted((name, _source(path)[0]) for name, path in found.items()))
 
 
 def _source(path: Path) -> tuple[str, tuple[str, ...]]:
-    """The hash of a source file, and the modules that it may import."""
+    """Return the hash of a source file, and the modules that it may import."""
     return _parsed(path, path.stat().st_mtime_ns)
 
 
@@ -70,15 +72,17 @@ def _parsed(path: Path, changed: int) -> tuple[str, tuple[str, ...]]:
 def _imports(tree: ast.Module) -> Iterable[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            for alias in node.names:
+                yield alias.name
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
             yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            for alias in node.names:
+                yield f"{node.module}.{alias.name}"
 
 
 @cache
 def _file_of(module: str) -> Path | None:
-    """The source of one of our modules; None for every other, and for names that are not modules."""
+    """Find the source of one of our modules; None for every other, and for names that are not modules."""
     if module.partition(".")[0] not in OURS:
         return None
     try:
@@ -94,7 +98,7 @@ def assets_digest(paths: Iterable[Path]) -> str:
 
 
 def source_key(source: dict[str, Any]) -> dict[str, Any]:
-    """What an object's source amounts to: the content of its files, or the code that makes it.
+    """Describe what an object's source consists of: the content of its files, or the code that makes it.
 
     Raises
     ------

@@ -46,11 +46,11 @@ class OneRunSecurity(Security):  # type: ignore[misc]  # which has no types
     """Certificates of one run: the key is in the memory of its processes alone, and whoever lacks it can connect to none of them."""
 
     def get_connection_args(self, role: str) -> dict[str, Any]:
-        """What a process connects with."""
+        """Return the options that a process connects with."""
         return _at_any_time(super().get_connection_args(role))
 
     def get_listen_args(self, role: str) -> dict[str, Any]:
-        """What a process listens with."""
+        """Return the options that a process listens with."""
         return _at_any_time(super().get_listen_args(role))
 
 

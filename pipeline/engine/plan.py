@@ -99,6 +99,8 @@ class Plan(Generic[Output]):
     ----------
     output
         The shard or folder, with what is published of it.
+    path
+        The path of the output, as messages name it.
     units
         The objects' rows that a shard will consist of; or a folder, alone.
     total
@@ -109,6 +111,7 @@ class Plan(Generic[Output]):
 
     def __init__(self, request: Request[Any], directory: DataDirectory, output: Output, schema: Sequence[object] = ()) -> None:
         self.request, self.stage, self.settings, self.directory, self.output = request, request.stage, request.settings, directory, output
+        self.path: Place = output.path
         self.models = {name: self.directory.whole_folder(name) for name in self.stage.models(self.settings)}
         self.model_digests = {name: self.directory.folder(name).digest() for name in self.models}
         self.inputs = [self.directory.collection(artifact) for artifact in self.stage.inputs(self.settings)]
@@ -116,11 +119,6 @@ class Plan(Generic[Output]):
         self.units: list[Unit] = []
         self.key, self.total = "", 0
         self.missing: tuple[str, ...] = ()
-
-    @property
-    def path(self) -> Place:
-        """The path of the output, as messages name it."""
-        return self.output.path
 
     def up_to_date(self) -> bool:
         """Whether the output is there, complete, made under the same key, with no failure that is to be tried again."""
@@ -159,7 +157,7 @@ class Plan(Generic[Output]):
         )
 
     def provenance(self) -> dict[str, Any]:
-        """The fields that every record has; `location` is filled in on publishing."""
+        """Return the fields that every record has; `location` is filled in on publishing."""
         return {
             "location": "unpublished",
             "stage": self.stage.name,
@@ -177,7 +175,7 @@ class Plan(Generic[Output]):
 
 @contextmanager
 def description_errors(stage: Stage) -> Iterator[None]:
-    """A hand, sensor or scene that cannot be used, or is not that of the inputs, is nobody's failure but ends the run."""
+    """End the run where a hand, sensor or scene cannot be used, or is not that of the inputs: no object has failed."""
     try:
         yield
     except InvalidInput as error:

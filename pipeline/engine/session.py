@@ -106,8 +106,10 @@ def verified_inputs(unit: Unit, collections: list[Collection]) -> dict[str, RowV
     StoreError
         An input is damaged, or was replaced since.
     """
-    views = {collection.artifact.name: collection.view(unit.name) for collection in collections}
-    for name, view in views.items():
+    views: dict[str, RowView] = {}
+    for collection in collections:
+        name = collection.artifact.name
+        view = views[name] = collection.view(unit.name)
         if view.record.digest != unit.inputs[name]:
             raise StoreError(f"{view.shard.path}: {name} of {unit.name} was replaced meanwhile; run again")
         view.verify()

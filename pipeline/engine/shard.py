@@ -67,9 +67,10 @@ def _unit(plan: Plan[ShardOutput], item: Object) -> Unit:
     failure: Failure | None = None
     origin: dict[str, Any] = inputs
     if plan.inputs:
-        rows = {collection.artifact.name: collection.row(item.object_id) for collection in plan.inputs}
-        inputs |= {name: row.digest for name, row in rows.items()}
-        failure = next((row.failure for row in rows.values() if row.failure), None)
+        for collection in plan.inputs:
+            row = collection.row(item.object_id)
+            inputs[collection.artifact.name] = row.digest
+            failure = failure or row.failure
         if files := [path for path in plan.stage.files(item.source) if path.is_file()]:  # of one that is missing the stage says so
             origin = {**inputs, "files": keys.assets_digest(files)}
     else:
@@ -113,8 +114,12 @@ def missing(plan: Plan[ShardOutput]) -> list[Unit]:
 
 def failures(plan: Plan[ShardOutput]) -> dict[str, Failure]:
     """List the objects that failed in this stage as it is now, published or not, with their reasons."""
-    states = {unit.name: finished(plan, unit) or published(plan, unit) for unit in plan.units}
-    return {name: state.failure for name, state in states.items() if state and state.failure and plan.is_own(state.failure)}
+    failed: dict[str, Failure] = {}
+    for unit in plan.units:
+        state = finished(plan, unit) or published(plan, unit)
+        if state and state.failure and plan.is_own(state.failure):
+            failed[unit.name] = state.failure
+    return failed
 
 
 def read_row(plan: Plan[ShardOutput], unit: Unit) -> Mapping[str, np.ndarray] | None:
@@ -157,14 +162,19 @@ def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
     if not plan.units:  # the objects that it had are gone
         plan.output.withdraw()
         return Summary()
-    results = {unit.name: result for unit in plan.units if (result := _kept(plan, unit))}
-    for result in results.values():
-        _check_strictness(plan, result)
+    results: dict[str, Result] = {}
+    for unit in plan.units:
+        if result := _kept(plan, unit):
+            _check_strictness(plan, result)
+            results[unit.name] = result
     asked = [unit for unit in plan.units if unit.name not in results and plan.request.only in (None, unit.name)]
     began = time.perf_counter()
-    made = list(_process(plan, asked, console))
-    summary = Summary(len(made), sum(result.failure is not None for result in made), time.perf_counter() - began)
-    results |= {result.name: result for result in made}
+    made = failed = 0
+    for result in _process(plan, asked, console):
+        results[result.name] = result
+        made += 1
+        failed += result.failure is not None
+    summary = Summary(made, failed, time.perf_counter() - began)
     if plan.request.only is not None and _loses_rows(plan, results):
         return replace(summary, held_back=True)
     began = time.perf_counter()
@@ -236,6 +246,23 @@ def _check_strictness(plan: Plan[ShardOutput], result: Result) -> None:
 
 def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
     stage, output = plan.stage, plan.output
+    rows, failed = [], {}
+    for unit, result in zip(plan.units, results, strict=True):
+        rows.append(
+            RowRecord(
+                object_id=unit.name,
+                category=unit.category,
+                split=unit.split,
+                key=unit.key,
+                digest=result.digest,
+                inputs=unit.inputs,
+                seconds=round(result.seconds, 4),
+                processor=result.processor,
+                failure=result.failure,
+            )
+        )
+        if result.failure:
+            failed[unit.name] = result.failure.model_dump()
     attributes = {
         "schema": output.artifact.name,
         "schema_version": output.artifact.version,
@@ -243,14 +270,14 @@ def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
         "settings": plan.settings.results(),
         "seed": plan.request.seed,
         "manifest": plan.request.manifest,
-        "failures": {result.name: result.failure.model_dump() for result in results if result.failure},
+        "failures": failed,
         **stage.attributes(plan.settings),
     }
     constants = conform(output.artifact, _labels(plan) | stage.constants(plan.settings), constants=True)
     record = ShardRecord(
         **plan.provenance(),
         schema_version=output.artifact.version,
-        rows=tuple(_row_record(unit, result) for unit, result in zip(plan.units, results, strict=True)),
+        rows=tuple(rows),
         missing=plan.missing,
         constants_digest=digest.of_arrays(constants),
         metadata={},
@@ -266,20 +293,10 @@ def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
 
 def _labels(plan: Plan[ShardOutput]) -> Row:
     """Labels of dimensions that the inputs have too."""
-    wanted = [name for name, array in plan.output.artifact.arrays.items() if array.is_coordinate]
-    shards = [collection.first for collection in plan.inputs]
-    return {name: shard.read(name) for name in wanted for shard in shards if shard.has(name)}
-
-
-def _row_record(unit: Unit, result: Result) -> RowRecord:
-    return RowRecord(
-        object_id=unit.name,
-        category=unit.category,
-        split=unit.split,
-        key=unit.key,
-        digest=result.digest,
-        inputs=unit.inputs,
-        seconds=round(result.seconds, 4),
-        processor=result.processor,
-        failure=result.failure,
-    )
+    labels: Row = {}
+    for collection in plan.inputs:
+        shard = collection.first
+        for name, array in plan.output.artifact.arrays.items():
+            if array.is_coordinate and shard.has(name):
+                labels[name] = shard.read(name)
+    return labels

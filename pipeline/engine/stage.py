@@ -40,20 +40,20 @@ class Stage(ABC):
     settings_type: ClassVar[type[Settings]]
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
-        """The artifacts that are read; by default none."""
+        """Return the artifacts that are read; by default none."""
         return ()
 
     def models(self, settings: Any) -> tuple[str, ...]:
-        """The folders below the data directory that dataset stages filled and this one reads, such as `models/unet`; by default none."""
+        """Name the folders below the data directory that are read, such as `models/unet`; by default none."""
         return ()
 
     def assets(self, settings: Any) -> list[Path]:
-        """Data files whose content belongs to the key (a hand, a sensor, a scene); by default none."""
+        """List data files whose content belongs to the key (a hand, a sensor, a scene); by default none."""
         return []
 
     @abstractmethod
     def writes(self, settings: Any) -> str:
-        """The artifact or folder that is made, below the data directory."""
+        """Name the artifact or folder that is made, below the data directory."""
 
     @abstractmethod
     def cost_of(self, settings: Any, items: Sequence[Object]) -> tuple[int, Cost]:
@@ -89,23 +89,23 @@ class ObjectStage(Stage):
         return []
 
     def constants(self, settings: Any) -> Row:
-        """The output's arrays that have no object dimension; labels of dimensions that an input has need not be given."""
+        """Compute the output's arrays that have no object dimension; labels of dimensions that an input has need not be given."""
         return {}
 
     def attributes(self, settings: Any) -> dict[str, Any]:
-        """What the output's root says beyond what every output says (a sensor's description), as JSON."""
+        """Return further attributes of the output's root (a sensor's description), as JSON."""
         return {}
 
     def writes(self, settings: Any) -> str:
-        """The artifact's name."""
+        """Return the artifact's name."""
         return self.output.name
 
     @abstractmethod
     def cost(self, settings: Any) -> Cost:
-        """What an object typically takes."""
+        """Estimate what an object takes."""
 
     def cost_of(self, settings: Any, items: Sequence[Object]) -> tuple[int, Cost]:
-        """All of them."""
+        """Add up the estimates of all of them."""
         each = self.cost(settings)
         return len(items), Cost(each.seconds * len(items), each.kilobytes * len(items))
 
@@ -142,18 +142,18 @@ class DatasetStage(Stage):
 
     @abstractmethod
     def splits(self, settings: Any) -> tuple[str, ...]:
-        """The splits whose objects are looked at; the others change nothing."""
+        """Name the splits whose objects are looked at; the others change nothing."""
 
     def grid(self, settings: Any) -> Mapping[str, Sequence[Any]]:
-        """The supplement's grid of hyperparameters, by setting; by default there is none."""
+        """Return the supplement's grid of hyperparameters, by setting; by default there is none."""
         return {}
 
     @abstractmethod
     def cost(self, settings: Any, objects: int) -> Cost:
-        """What it takes altogether, roughly, with that number of objects in its splits."""
+        """Estimate what it takes altogether with that number of objects in its splits."""
 
     def cost_of(self, settings: Any, items: Sequence[Object]) -> tuple[int, Cost]:
-        """Those of its splits."""
+        """Count those of its splits, and estimate what they take."""
         number = sum(item.split in self.splits(settings) for item in items)
         return number, self.cost(settings, number)
 

@@ -39,7 +39,7 @@ def processor() -> dict[str, Any]:
 
 
 def _model() -> str:
-    """The processor's name as Linux gives it, else as Python does."""
+    """Return the processor's name as Linux gives it, else as Python does."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
     return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.processor())

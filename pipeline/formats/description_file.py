@@ -115,6 +115,8 @@ def _meant(name: object, names: Collection[str]) -> str | None:
 
 def _describe(kind: str, name: str, message: str, meant: str | None) -> str:
     if kind == "extra_forbidden":
+        if (name, meant) == ("camera", "cameras"):  # of files that were written when scenes had one
+            return "there is no entry camera: scenes now list `cameras`; write `cameras:` and the camera below it as `- name: front`, …"
         return f"there is no entry {name}" + (f", did you mean {meant}?" if meant else "")
     if kind == "missing":
         return f"entry {name} is missing"

@@ -66,9 +66,8 @@ def load_worn_sensors(names: Sequence[str]) -> tuple[Sensor, ...]:
     InvalidInput
         One cannot be read, or their images differ in rows or columns: one array holds those of all fingers.
     """
-    known = {name: load_sensor(name) for name in names}
-    sizes = {name: sensor.shape for name, sensor in known.items()}
-    if len(set(sizes.values())) > 1:
-        listed = ", ".join(f"{name} has {rows} x {cols}" for name, (rows, cols) in sizes.items())
+    known = {name: load_sensor(name) for name in dict.fromkeys(names)}
+    if len({sensor.shape for sensor in known.values()}) > 1:
+        listed = ", ".join(f"{name} has {sensor.rows} x {sensor.cols}" for name, sensor in known.items())
         raise InvalidInput(f"the sensors of one hand need the same rows and columns of pixels, but {listed}; change them in copies")
-    return tuple(known[name] for name in names)
+    return tuple(map(known.__getitem__, names))

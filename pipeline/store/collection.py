@@ -45,9 +45,10 @@ class Collection:
         except KeyError:
             if not self.shards:
                 raise StoreError(self._not_made) from None
+            record = self.shards[0].record
             raise StoreError(
-                f"{self.folder}, of manifest {self.shards[0].record.manifest}, has no object {object_id}; name that manifest, or "
-                f"run `vt-pipeline run {self.artifact.stage}` first, for all objects"
+                f"{self.folder}, of manifest {record.manifest}, has no object {object_id}; name that manifest, or "
+                f"run `vt-pipeline run {record.stage}` first, for all objects"
             ) from None
 
     def row(self, object_id: str) -> RowRecord:
@@ -84,9 +85,8 @@ class Collection:
         if not self.shards:
             raise StoreError(self._not_made)
         if len({shard.record.constants_digest for shard in self.shards}) > 1:
-            raise StoreError(
-                f"{self.folder} has shards of different scenes or sensors; run `vt-pipeline run {self.artifact.stage}` for all shards"
-            )
+            stage = self.shards[0].record.stage
+            raise StoreError(f"{self.folder} has shards of different scenes or sensors; run `vt-pipeline run {stage}` for all shards")
         return self.shards[0]
 
     def processors(self) -> Counter[str]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import fnmatch
 import re
 import shlex
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import suppress
-from fnmatch import fnmatch
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -123,17 +123,17 @@ class DataDirectory:
         records: list[Place] = []
         for artifact in artifacts or sorted(name for name, is_folder in names_in(self.root).items() if is_folder):
             folder = self.root / artifact
-            records += [folder / name for name in sorted(names_in(folder)) if fnmatch(name, SHARD_RECORD)]
+            records += map(folder.joinpath, fnmatch.filter(sorted(names_in(folder)), SHARD_RECORD))
         return records
 
     def collection(self, artifact: Artifact) -> Collection:
         """Open the published shards of an artifact."""
         if artifact.name not in self._collections:
-            self._collections[artifact.name] = self._steadily(lambda: self._collection(artifact))
+            self._collections[artifact.name] = self._steadily(partial(self._collection, artifact))
         return self._collections[artifact.name]
 
     def _collection(self, artifact: Artifact) -> Collection:
-        folder, shards = self.root / artifact.name, self.shards()
+        folder, shards = self.root / artifact.name, self._shards()
         records = [path for path in self.shard_records(artifact.name) if is_of(path, shards)]
         read_one = partial(read_record, kind=ShardRecord)
         read = list(map(read_one, records)) if isinstance(folder, Path) else in_threads(read_one, records)

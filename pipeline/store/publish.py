@@ -34,6 +34,8 @@ class ShardOutput:
         The file that whoever makes the shard locks.
     shard
         The shard that readers see; None where there is none that can be used.
+    record
+        Its record.
     """
 
     def __init__(self, directory: DataDirectory, artifact: Artifact, number: int, shards: int) -> None:
@@ -50,11 +52,7 @@ class ShardOutput:
             self.shard: Shard | None = Shard(self.record_path.parent, self.artifact, read_record(self.record_path, ShardRecord))
         except StoreError:
             self.shard = None
-
-    @property
-    def record(self) -> ShardRecord | None:
-        """The record of what is published."""
-        return None if self.shard is None else self.shard.record
+        self.record = None if self.shard is None else self.shard.record
 
     def is_complete(self) -> bool:
         """Whether every file of the published shard is there and holds something."""

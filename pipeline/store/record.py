@@ -6,6 +6,7 @@ A record is replaced at once. What no record names is garbage.
 from __future__ import annotations
 
 import json
+import operator
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal, TypeVar
 
@@ -110,7 +111,8 @@ class ShardRecord(Provenance):
     rows
         In order.
     missing
-        Objects of the manifest that belong here and have not been made yet: runs with `--object` named others.
+        Objects of the manifest that belong here and have not been made yet: runs with `--object` named others. Left out of the file
+        where there are none, so that versions without it read records of complete shards.
     constants_digest
         The digest of the arrays without an object dimension.
     metadata
@@ -119,7 +121,7 @@ class ShardRecord(Provenance):
 
     schema_version: int
     rows: tuple[RowRecord, ...]
-    missing: tuple[Name, ...] = ()
+    missing: tuple[Name, ...] = Field((), exclude_if=operator.not_)
     constants_digest: Sha256
     metadata: dict[str, Sha256]
 

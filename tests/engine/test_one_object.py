@@ -85,6 +85,8 @@ def test_an_object_that_left_the_manifest_is_not_missing_any_more(tmp_path):
         run(request(tmp_path, items=objects(3), only=name))
     run(request(tmp_path, items=objects(2)))
     assert not published(tmp_path).missing
+    record = (tmp_path / "noise" / "0000-of-0001.json").read_text()
+    assert '"missing"' not in record  # versions that do not know it read records of complete shards
 
 
 def test_resharding_keeps_what_is_missing(tmp_path):

@@ -303,7 +303,7 @@ def test_an_input_that_was_not_made_is_named(tmp_path):
         plan_of(request(tmp_path, stage=TakeMean()))
     run(request(tmp_path, items=objects(1)))
     with pytest.raises(
-        StoreError, match="noise, of manifest tiny, has no object b; name that manifest, or run `vt-pipeline run STAGE` first, for all"
+        StoreError, match="noise, of manifest tiny, has no object b; name that manifest, or run `vt-pipeline run make-noise` first, for all"
     ):
         plan_of(request(tmp_path, stage=TakeMean()))
 

@@ -72,6 +72,14 @@ def test_unknown_scene_entry_is_named_with_its_file(tmp_path: Path) -> None:
         load_scene(path)
 
 
+def test_scene_file_with_one_camera_says_that_scenes_list_cameras(tmp_path: Path) -> None:
+    entries = yaml.safe_load(description_path("scene", "supplement").read_text())
+    (camera,) = entries.pop("cameras")
+    (tmp_path / "old.yaml").write_text(yaml.safe_dump({**entries, "camera": camera}))
+    with pytest.raises(InvalidInput, match=r"old\.yaml: there is no entry camera: scenes now list `cameras`"):
+        load_scene(tmp_path / "old.yaml")
+
+
 def test_file_that_is_no_yaml_is_named(tmp_path: Path) -> None:
     path = tmp_path / "torn.yaml"
     path.write_text("name: [")
