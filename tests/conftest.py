@@ -20,8 +20,10 @@ settings.register_profile("thorough", settings.get_profile("quick"), max_example
 settings.load_profile("quick")
 
 
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # of a shell's background job: the programs that tests interrupt inherit it
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+def pytest_configure() -> None:
+    """Let Ctrl-C through where a shell's background job ignores it: the programs that tests interrupt inherit that."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
