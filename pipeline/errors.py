@@ -30,5 +30,5 @@ class BugFound(PipelineError):
 
 
 def first_line(error: Exception) -> str:
-    """The first line of an error's message, or its type where there is none."""
+    """Return the first line of an error's message, or its type if the message is empty."""
     return next(iter(str(error).splitlines()), type(error).__name__)

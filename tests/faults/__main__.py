@@ -137,7 +137,7 @@ def _lane(asked: Sequence[tuple[str, int]], trial: Trial, seed: int) -> None:
 
 
 def _page(verdicts: dict[str, list[Verdict]], seconds: float, missing: Sequence[str]) -> str:
-    """The table; `missing` are kinds that could not be injected."""
+    """Lay out the table; `missing` are kinds that could not be injected."""
     outcomes = sorted({one.outcome for found in verdicts.values() for one in found if one.outcome})
     rows = []
     for kind, found in verdicts.items():

@@ -120,7 +120,7 @@ def test_an_object_that_nothing_touches_is_fine() -> None:
 
 
 def trained(folder: Path, sensor: Sensor = SENSOR, constant: float = 0.6) -> dict[str, Path]:
-    """A U-Net's folder whose network says one depth, `constant` of the gel, wherever something touches."""
+    """Save a U-Net that predicts one depth, `constant` of the gel, wherever something touches."""
     network = UNet(1)
     with torch.no_grad():
         for parameter in network.parameters():

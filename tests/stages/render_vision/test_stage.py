@@ -25,7 +25,7 @@ GRASPS = 3
 
 
 def task(name: str, radius: float) -> tuple[Unit, dict[str, Any]]:
-    """A ball with the hand at three distances on the camera's side of it."""
+    """Make a ball with the hand at three distances on the camera's side of it."""
     hand = load_hand("allegro_right")
     poses = np.tile(np.eye(4), (GRASPS, 1, 1))
     poses[:, :3, 3] = [[0.2, 0.1, 0.7], [0.3, 0.1, 0.7], [3.0, 3.0, 3.0]]  # the last out of sight, behind the camera
