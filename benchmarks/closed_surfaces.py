@@ -17,7 +17,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.inference.predict import predict
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.surface_quality import intersection_over_union
-from pipeline.models.closed_reconstruction import closed
+from pipeline.models.reconstruction import close_reconstruction
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 
@@ -48,7 +48,7 @@ def measure(data: Path, configuration: str, name: str, resolution: int, truth: M
         made = predict(path, data / "models", configuration, data=data, object_id=name, surface="closed", resolution=resolution)
         mesh = trimesh.load_scene(path).to_mesh()  # equal vertices become one
     began = time.process_time()
-    closed(made.reconstruction, resolution)
+    close_reconstruction(made.reconstruction, resolution)
     seconds = time.process_time() - began
     vertices, faces = np.ascontiguousarray(mesh.vertices[:, [0, 2, 1]] * [1, -1, 1]), np.asarray(mesh.faces)  # glTF is y up
     felt = np.asarray(made.reconstruction.vertices[made.reconstruction.vision :])

@@ -73,7 +73,7 @@ def draw_gallery(directory: DataDirectory, folder: Path, path: Path, most: int) 
             for axes, (name, case) in zip(grid[row, 1:], columns, strict=True):
                 given, first = (int(predictions[name][key][case]) for key in ("grasps_given", "first_grasp"))
                 title = name + (f"\n{given} grasp{'s' * (given > 1)}" if given else "\n")
-                error = TABLE_3_FACTOR * figures[name].of("chamfer", max(given, 1))[objects.index(object_id), first]
+                error = TABLE_3_FACTOR * figures[name].per_case("chamfer", max(given, 1))[objects.index(object_id), first]
                 mesh = predicted_mesh(charts, object_id, predictions[name], case)
                 _show(axes, render_mesh(renderer, mesh), "" if row else title, f"{error:.2f}")
         save_figure(figure, path)
