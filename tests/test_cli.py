@@ -61,7 +61,7 @@ def test_doctor_finds_everything_here():
         ([*RUN, "--manifest", "moon"], "there is no manifest 'moon'; built in are"),
         ([*RUN, "--preset", "best"], "there is no preset best; there are draft, standard, paper"),
         ([*RUN, "--set", "points=many"], "points: Input should be a valid integer"),
-        *(([*RUN, "--set", f"points={one}"], "is no value: ") for one in ("2001-99-99", "!!float x", "9" * 5000, "[" * 3000)),
+        *(([*RUN, "--set", f"points={one}"], "is not valid YAML: ") for one in ("2001-99-99", "!!float x", "9" * 5000, "[" * 3000)),
         (["sweep", "train-gcn", "--grid", "epochs=2001-99-99"], "--grid epochs=2001-99-99: write SETTING=VALUE,VALUE"),
         ([*RUN, "--set", "pionts=5"], "there is no entry pionts. Its settings are object_seconds, points"),
         ([*RUN, "--set", "points"], "write STAGE.SETTING=VALUE"),

@@ -18,7 +18,7 @@ from pipeline.kernels.tensor_checks import network_input
 from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.storage import Place
-from pipeline.training.augmentation import varied_image
+from pipeline.training.augmentation import vary_image
 from pipeline.training.learner import Learner
 from stages.train_unet.settings import UnetSettings
 
@@ -100,7 +100,7 @@ class UnetLearner(Learner):
         """Read training touches: tactile images, depths, and the images varied as the settings say."""
         tactile_images, depth = self.train.read(items)
         drawn = zip(tactile_images.numpy(), generators, strict=True)
-        return tactile_images, depth, torch.from_numpy(np.stack([varied_image(image, self.settings, one) for image, one in drawn]))
+        return tactile_images, depth, torch.from_numpy(np.stack([vary_image(image, self.settings, one) for image, one in drawn]))
 
     def loss(self, network: nn.Module, batch: tuple[Tensor, Tensor, Tensor]) -> Tensor:
         """Compute the chosen loss of some training touches, in sensor widths squared."""

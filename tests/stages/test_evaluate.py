@@ -381,7 +381,7 @@ def test_an_evaluation_that_is_not_as_its_schema_says_is_refused(evaluation, tmp
     with pytest.raises(StoreError, match=r"objects/.* has shape"):
         read_table(folder, "objects")
     root["objects"].create_array("floor", shape=(COUNT,), dtype="string", overwrite=True)
-    with pytest.raises(StoreError, match="an array of objects is not of the type"):
+    with pytest.raises(StoreError, match="an array of objects has another type"):
         read_table(folder, "objects")
     root["objects"].create_array("floor", shape=(COUNT,), dtype="float64", overwrite=True)
     root.attrs["configurations"] = {"moon": {"touch": True}}
