@@ -124,7 +124,7 @@ def touch(
     Raises
     ------
     InvalidInput
-        A pose is no rigid motion.
+        A pose is not a rigid motion.
     """
     pose = check_pose(pose)
     seen_from = pose if object_pose is None else invert_pose(check_pose(object_pose)) @ pose
@@ -151,7 +151,7 @@ def touch_many(object_: TouchObject, sensor: Sensor, poses: np.ndarray, *, worke
     Raises
     ------
     InvalidInput
-        A pose is no rigid motion.
+        A pose is not a rigid motion.
     """
     checked = np.stack([check_pose(pose) for pose in poses]) if len(poses) else np.zeros((0, 4, 4))
     depth: NDArray[np.float32] = _shared((len(checked), *sensor.shape), np.float32)

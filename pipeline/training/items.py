@@ -129,7 +129,7 @@ class Items:
         return self.rows.size("occluded", "grasp") if self.config.image == "occluded" else 1
 
     def description(self, configuration: str, config: BaseModel) -> dict[str, Any]:
-        """Describe a network that was trained on these items, for its folder: what `Reconstructor` reads."""
+        """Describe a network that was trained on these items, in the form that `Reconstructor` reads from its folder."""
         return {
             "configuration": configuration,
             "network": config.model_dump(mode="json", exclude={"checkpointing"}),

@@ -142,7 +142,7 @@ def lost_peers_as_words(fabric: Fabric, name: str) -> Iterator[None]:
         time.sleep(LET_GO_FIRST)
         reason = str(error).strip().splitlines()[0]
         raise StageError(
-            f"{name}: process {fabric.global_rank} of {fabric.world_size} lost the others ({reason}); see what they say, and {GO_ON}"
+            f"{name}: process {fabric.global_rank} of {fabric.world_size} lost the others ({reason}); see their messages, and {GO_ON}"
         ) from error
 
 

@@ -36,7 +36,7 @@ IMAGES = {"occluded": VISION, "unoccluded": VISION, "rendering": RENDERINGS}
 class Batch:
     """Hold items for a training step: inputs, targets, and the generators that draw the points of the loss.
 
-    `generators` has one per item; `validates` tells whether they are validation items.
+    `generators` has one per item; `validates` is whether they are validation items.
     """
 
     observations: Sequence[Observation]
@@ -55,7 +55,7 @@ class ReconstructionLearner(Learner):
     arrays
         Its arrays that are read.
     seeded_as
-        Names the generator of what validation draws.
+        Names the generator of validation.
     """
 
     target: ClassVar[Artifact]
@@ -109,7 +109,7 @@ class ReconstructionLearner(Learner):
         return Batch(seen, self.targets(self._train, items, generators, validates=False), generators, validates=False)
 
     def validate(self, network: Any) -> dict[str, float]:
-        """Compute the mean error with 1, 2, … grasps in turn; what is drawn is the same in each epoch."""
+        """Compute the mean error with 1, 2, … grasps in turn; draws are the same in each epoch."""
         generator, size = torch_generator(self._seed, self.seeded_as, "validate"), self.settings.batch_size
         errors = []
         for start in range(0, len(self._valid), size):

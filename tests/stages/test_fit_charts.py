@@ -155,7 +155,7 @@ def test_faults_are_the_object_s_and_named(tmp_path: Path) -> None:
         run(ChartSettings(), task(), trained(tmp_path / "unet", SENSOR.model_copy(update={"name": "other"})))
     bent = task()
     bent[1]["grasps"]["sensor_pose"][0, 1, 0, 0] += 1
-    with pytest.raises(InvalidInput, match="no rigid motion"):
+    with pytest.raises(InvalidInput, match="not a rigid motion"):
         run(ChartSettings(cloud="true", max_iterations=1), bent)
 
 
