@@ -81,7 +81,7 @@ def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
     """
     presets, settings = load_presets(), load_settings_type(stage)
     if preset not in presets:
-        raise InvalidInput(f"there is no preset {preset}; there are {', '.join(presets)}")
+        raise InvalidInput(f"unknown preset {preset}; choose from {', '.join(presets)}")
     values = dict(presets[preset].get(stage, {}))
     for assignment in assignments:
         name, separator, text = assignment.partition("=")
@@ -89,7 +89,7 @@ def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
         if not separator or not setting:
             raise InvalidInput(f"--set {assignment}: write STAGE.SETTING=VALUE")
         if owner and owner not in STAGES:
-            raise InvalidInput(f"--set {assignment}: there is no stage {owner}; there are {', '.join(STAGES)}")
+            raise InvalidInput(f"--set {assignment}: unknown stage {owner}; choose from {', '.join(STAGES)}")
         if owner == stage or (not owner and (setting in settings.model_fields or not _is_known(setting, STAGES))):
             values[setting] = _value(assignment, text)
         elif owner and not _is_known(setting, [owner]):

@@ -57,15 +57,15 @@ def test_doctor_finds_everything_here():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run", "fly"], "there is no stage fly; there are sample-surfaces"),
+        (["run", "fly"], "unknown stage fly; choose from sample-surfaces"),
         ([*RUN, "--manifest", "moon"], "there is no manifest 'moon'; built in are"),
-        ([*RUN, "--preset", "best"], "there is no preset best; there are draft, standard, paper"),
+        ([*RUN, "--preset", "best"], "unknown preset best; choose from draft, standard, paper"),
         ([*RUN, "--set", "points=many"], "points: Input should be a valid integer"),
         *(([*RUN, "--set", f"points={one}"], "is not valid YAML: ") for one in ("2001-99-99", "!!float x", "9" * 5000, "[" * 3000)),
         (["sweep", "train-gcn", "--grid", "epochs=2001-99-99"], "--grid epochs=2001-99-99: write SETTING=VALUE,VALUE"),
         ([*RUN, "--set", "pionts=5"], "there is no entry pionts. Its settings are object_seconds, points"),
         ([*RUN, "--set", "points"], "write STAGE.SETTING=VALUE"),
-        ([*RUN, "--set", "fly.points=5"], "there is no stage fly"),
+        ([*RUN, "--set", "fly.points=5"], "unknown stage fly"),
         ([*RUN, "--data", "/nonexistent", "--shards", "2", "--shard", "2"], "shards are numbered 0 to 1"),
         ([*RUN, "--object", "nobody"], "has no object nobody"),
         ([*RUN, "--dry-run", "--explain"], "--dry-run makes nothing: leave one of them out"),

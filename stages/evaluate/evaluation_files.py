@@ -101,7 +101,7 @@ class Figures:
     def ring(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Compute the local Chamfer distance in a ring, the mean over the touches with points in it, and count these: (object,) each.
 
-        Where the number is 0 there is no value, and the distance is 0.
+        The distance is 0 if the count is 0.
         """
         places, values = self._values[f"local_chamfer_{number}", 1]
         size = len(self.object_ids)

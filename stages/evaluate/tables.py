@@ -249,7 +249,7 @@ def means_by_class(figures: NDArray[np.float64], categories: Sequence[str] | NDA
 
 
 def training_table(facts: Mapping[str, Mapping[str, Any]]) -> Table:
-    """List what each model's training took and on what, from the facts of its record, by name."""
+    """List each model's training: epochs, loss, time and hardware, from the facts of its record, by name."""
     columns = ["model", "parameters", "epochs", "best", "supplement's best", "validation loss", "seconds", "hardware"]
     rows = []
     for name, row in facts.items():

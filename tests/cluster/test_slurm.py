@@ -336,7 +336,7 @@ def test_a_dry_run_prints_the_scripts_and_submits_nothing(programs, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["fly"], "there is no stage fly; there are sample-surfaces"),
+        (["fly"], "unknown stage fly; choose from sample-surfaces"),
         (["sample-surfaces", "--set", "points=many"], "points: Input should be a valid integer"),
         (["sample-surfaces", "--cluster", "moon"], "there is no cluster 'moon'"),
         (["sample-surfaces"], "sbatch is not installed here; submit on a machine of the cluster, or print the scripts with --dry-run"),

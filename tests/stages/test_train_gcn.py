@@ -242,5 +242,5 @@ def test_settings_that_make_no_network_are_refused(settings, words):
 
 
 def test_an_unknown_configuration_is_refused():
-    with pytest.raises(ValueError, match="no configuration sight; there are none, touch"):
+    with pytest.raises(ValueError, match="unknown configuration sight; choose from none, touch"):
         GcnSettings(configuration="sight")

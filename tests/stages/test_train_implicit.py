@@ -134,7 +134,7 @@ def test_objects_that_are_larger_than_what_is_meshed_are_named(data):
     assert list(stage.remarks(network, items)) == []
     network.config = network.config.model_copy(update={"radius": 0.08})
     (remark,) = stage.remarks(network, items)
-    assert re.match(r"\d of \d objects to learn from are larger than the cube .* 0.08 m from its middle: \w reaches 0.\d+ m", remark)
+    assert re.match(r"\d of \d training objects are larger than the cube .* 0.08 m from its middle: \w reaches 0.\d+ m", remark)
 
 
 def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
@@ -146,7 +146,7 @@ def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
 
 @pytest.mark.parametrize(
     ("assignment", "words"),
-    [("configuration=touch", "no configuration touch; there are implicit-touch"), ("min_grasps=6", "min_grasps is 6, max_grasps 5")],
+    [("configuration=touch", "unknown configuration touch; choose from implicit-touch"), ("min_grasps=6", "min_grasps is 6, max_grasps 5")],
 )
 def test_settings_that_make_no_network_are_refused(assignment, words):
     with pytest.raises(InvalidInput, match=words):

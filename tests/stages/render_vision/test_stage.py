@@ -104,7 +104,7 @@ def test_images_show_object_and_hand() -> None:
 
 
 def test_another_hand_than_that_of_the_grasps_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"with hand other, render-vision.hand is allegro_right; leave it out, or say --set hand=other"):
+    with pytest.raises(InvalidInput, match=r"with hand other, render-vision.hand is allegro_right; leave it out, or set --set hand=other"):
         STAGE.check_inputs(VisionSettings(hand=HAND), {"grasps": {"settings": {"hand": "other"}, "hand": {"digest": "0" * 64}}})
 
 
