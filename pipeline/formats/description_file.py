@@ -55,10 +55,19 @@ def description_path(kind: Kind, name: str | Path) -> Path:
 def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
     """Read and validate a description file.
 
+    Parameters
+    ----------
+    kind
+        Of description, for messages.
+    path
+        The YAML file.
+    model
+        Its type.
+
     Raises
     ------
     InvalidInput
-        The file cannot be read, is no YAML, lacks an entry, or has an unknown or unusable one; the message names the file and every
+        The file cannot be read, is not YAML, lacks an entry, or has an unknown or unusable one; the message names the file and every
         such entry.
     """
     try:
@@ -71,7 +80,7 @@ def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
 
 
 def load_scene(name: str | Path) -> Scene:
-    """Read a scene by the name of a shipped scene or by path; an `InvalidInput` names the file and what is wrong with it."""
+    """Read a scene by the name of a shipped scene or by path; raise an `InvalidInput` that names the file and its errors."""
     return read_description("scene", description_path("scene", name), Scene)
 
 
@@ -81,7 +90,7 @@ def read_yaml(path: Path) -> Any:
     Raises
     ------
     ValueError, yaml.YAMLError
-        It cannot be read, is too large or too deep, has aliases, or is no YAML.
+        It cannot be read, is too large or too deep, has aliases, or is not YAML.
     """
     text, depth = read_file(path, MAX_BYTES).decode(), 0
     for event in yaml.parse(text, Loader=yaml.CSafeLoader):

@@ -87,11 +87,23 @@ def _cases(table: Arrays) -> list[int]:
 
 
 def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, case: int) -> Mesh:
-    """Make a mesh of a prediction, an entry of a group `predictions`: in grey, with the touch charts that it was given in orange."""
+    """Make a mesh of a prediction: in grey, with the touch charts of its input in orange.
+
+    Parameters
+    ----------
+    fitted
+        The artifact `charts`.
+    object_id
+        The object.
+    table
+        The group of the network, below `predictions` or `meshes`.
+    case
+        Number of the choice of grasps.
+    """
     number = table["object_id"].tolist().index(object_id)
     vertices, faces = ([part] for part in surface_of(table, number, case))
     given, first = int(table["grasps_given"][case]), int(table["first_grasp"][case])
-    if given and "position" in table:  # touch charts are no part of a mesh
+    if given and "position" in table:  # touch charts are not part of a mesh
         row = fitted.view(object_id)
         charts, touched = row["vertices"], is_surface(row["stop_rule"])  # (grasp, sensor, S, 3), (grasp, sensor)
         grasps = [(first + step) % len(charts) for step in range(given)]
@@ -102,7 +114,15 @@ def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, case: int)
 
 
 def two_coloured(vertices: NDArray[np.floating], faces: NDArray[np.integer], grey: int) -> Mesh:
-    """Make a mesh whose first `grey` faces are grey and whose others, those of touch charts, are orange."""
+    """Make a mesh in grey, with touch charts in orange.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3) m, and (F, 3).
+    grey
+        Number of grey faces; the others are of touch charts.
+    """
     return painted_mesh(vertices, faces, np.arange(len(faces)) >= grey, [VISION_COLORS[0], TOUCH_COLOR])
 
 

@@ -48,7 +48,7 @@ def test_no_pipe_device_or_outer_file_is_opened(tmp_path: Path, name: str, kind:
 
 def test_mesh_file_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.obj")
-    with pytest.raises(InvalidInput, match=r"a\.obj is no regular file"):
+    with pytest.raises(InvalidInput, match=r"a\.obj is not a regular file"):
         fingerprint({"file": str(tmp_path / "a.obj"), "root": str(tmp_path)})
 
 
