@@ -183,8 +183,7 @@ class ObjectRows:
         """Subtract each sensor's untouched image."""
         return np.asarray(self.read("tactile_image", object_id, grasp).astype(np.int16) - self.read("untouched", object_id))
 
-
-class _Cache:
+    """Cache arrays, up to a number of bytes; the least recently used goes first."""
     """Arrays that were read, up to a number of bytes; the one that was not asked for longest goes first."""
 
     def __init__(self, limit: int) -> None:
