@@ -1,6 +1,6 @@
 """Every error that a person can do something about; the message names the thing, its value, the limit and the way out.
 
-What is not one of these is a fault of the project and keeps its traceback.
+Any other error is a fault of the project and keeps its traceback.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ class StageError(PipelineError):
 
 
 class StoreError(PipelineError):
-    """A stored artifact is missing, incomplete, damaged or not what its schema says."""
+    """A stored artifact is missing, incomplete, damaged, or differs from its schema."""
 
 
 class BugFound(PipelineError):
-    """Something was raised that no stage is meant to raise: a fault of the project, told with its traceback."""
+    """A stage raised an unexpected error: a fault of the project, reported with its traceback."""
 
 
 def first_line(error: Exception) -> str:
-    """The first line of an error's message, or its type where there is none."""
+    """Return the first line of an error's message, or its type if the message is empty."""
     return next(iter(str(error).splitlines()), type(error).__name__)

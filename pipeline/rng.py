@@ -24,7 +24,7 @@ def numpy_rng(seed: int, *identity: str | int) -> np.random.Generator:
 
 def torch_generator(seed: int, *identity: str | int) -> torch.Generator:
     """Make torch's generator of an identity, on the CPU."""
-    import torch  # takes a second, which what draws nothing from it need not spend
+    import torch  # takes a second, which callers without torch save
 
     return torch.Generator().manual_seed(_torch_seed(seed, *identity))
 

@@ -1,6 +1,6 @@
 """Every stage by name, in the order of the pipeline, and the settings that a user chooses for it.
 
-A stage's modules are imported when the stage is asked for.
+`load_stage` imports a stage's modules.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pipeline.formats.description_file import invalid_entries
 
 
 class Entry(NamedTuple):
-    """Where a stage is: its folder, the class in the folder's `stage`, and that in its `settings`."""
+    """Locate a stage: its folder, and the classes in the modules `stage` and `settings` of the folder."""
 
     folder: str
     stage: str
@@ -44,7 +44,7 @@ STAGES = {
 }
 
 GRASP_STAGES = [name for name in STAGES if "single-image" not in name and name != "read-renderings"]
-"""Those that any manifest can be run through; the others need one that names renderings."""
+"""Stages for any manifest; the others need a manifest that names renderings."""
 
 
 def load_stage(name: str) -> ObjectStage | DatasetStage:
@@ -55,25 +55,33 @@ def load_stage(name: str) -> ObjectStage | DatasetStage:
 
 
 def load_settings_type(name: str) -> type[Settings]:
-    """Load the type of its settings, without the stage and the libraries that it needs."""
+    """Load the settings type of the stage called `name`, without the libraries that the stage needs."""
     entry = STAGES[name]
     settings: type[Settings] = getattr(import_module(f"{entry.folder}.settings"), entry.settings)
     return settings
 
 
 def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
-    """Resolve a stage's settings: defaults, then the preset, then `STAGE.SETTING=VALUE`, or `SETTING=VALUE` where a stage has that setting.
+    """Resolve a stage's settings from defaults, preset and assignments; each overrides those before it.
 
-    Assignments to other stages are left alone, so that one list serves all of them.
+    Parameters
+    ----------
+    stage
+        A key of `STAGES`.
+    preset
+        A preset's name.
+    assignments
+        `STAGE.SETTING=VALUE`, or `SETTING=VALUE` for every stage with that setting. Those to other stages change nothing,
+        hence one list serves all stages.
 
     Raises
     ------
     InvalidInput
-        Unknown preset, stage or setting, or a value that is not allowed; the message lists what there is.
+        A preset, stage or setting is unknown, or a value not allowed; the message lists the known ones.
     """
     presets, settings = load_presets(), load_settings_type(stage)
     if preset not in presets:
-        raise InvalidInput(f"there is no preset {preset}; there are {', '.join(presets)}")
+        raise InvalidInput(f"unknown preset {preset}; choose from {', '.join(presets)}")
     values = dict(presets[preset].get(stage, {}))
     for assignment in assignments:
         name, separator, text = assignment.partition("=")
@@ -81,7 +89,7 @@ def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
         if not separator or not setting:
             raise InvalidInput(f"--set {assignment}: write STAGE.SETTING=VALUE")
         if owner and owner not in STAGES:
-            raise InvalidInput(f"--set {assignment}: there is no stage {owner}; there are {', '.join(STAGES)}")
+            raise InvalidInput(f"--set {assignment}: unknown stage {owner}; choose from {', '.join(STAGES)}")
         if owner == stage or (not owner and (setting in settings.model_fields or not _is_known(setting, STAGES))):
             values[setting] = _value(assignment, text)
         elif owner and not _is_known(setting, [owner]):
@@ -101,4 +109,4 @@ def _value(assignment: str, text: str) -> Any:
     try:
         return yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # a date of month 99 is a ValueError
-        raise InvalidInput(f"--set {assignment}: {text!r} is no value: {error}") from error
+        raise InvalidInput(f"--set {assignment}: {text!r} is not valid YAML: {error}") from error

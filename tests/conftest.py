@@ -32,7 +32,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def mesh_of(*parts: trimesh.Trimesh) -> Mesh:
-    """Some of trimesh's shapes as one mesh."""
+    """Join some of trimesh's shapes into one mesh."""
     whole = trimesh.util.concatenate(parts)
     return Mesh.bare(whole.vertices, whole.faces)
 

@@ -90,7 +90,7 @@ def run(work: Callable[[], object], log: Path) -> End:
 
 
 def answer(work: Callable[[], Any], log: Path) -> Any:
-    """What a function returns, as JSON, in a process of its own: no thread of Zarr's is there when the next one is forked."""
+    """Return a function's result, as JSON, from a separate process: Zarr's threads are absent from the next fork."""
     end = run(lambda: print(json.dumps(work())), log)
     if end.status != OK:
         raise RuntimeError(end.output.strip()[-600:])

@@ -30,7 +30,7 @@ PROFILES = {
 
 
 def environment(profile: str) -> dict[str, str]:
-    """The variables of a profile, with those of numpy's features that this processor has and the imitated one has not.
+    """Return a profile's variables, and numpy's features that only this processor has, not the imitated one.
 
     numpy warns of a name that is not among its own or that the processor has not, and the tests take warnings as errors.
     """

@@ -25,7 +25,7 @@ PLACEHOLDER = re.compile(r"[A-Z]{3,}|…|~|^data/|^(my_|\.work|touch/0000|out\.|
 
 
 def shell_of(page: Path) -> str:
-    """The commands of a page: its shell blocks and inline code."""
+    """Join the commands of a page: its shell blocks and inline code."""
     text = page.read_text().replace("\\\n", " ")
     return "\n".join([*re.findall(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL), *re.findall(r"`([^`\n]+)`", text)])
 

@@ -20,13 +20,13 @@ ROOT = Path(__file__).parents[1]
 
 
 def make(*arguments: str) -> str:
-    """What make would run, and the rules it works by."""
+    """Return the output of a dry run of make: commands, and the rules that it works by."""
     command = ["make", "--dry-run", "--print-data-base", *arguments]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
 
 
 def stages_before(start: str, prerequisites: Mapping[str, Iterable[str]]) -> set[str]:
-    """The stages among everything that must be made before a target."""
+    """Find the stages among all direct and indirect prerequisites of a target."""
     found: set[str] = set()
     waiting = list(prerequisites.get(start, ()))
     while waiting:
@@ -44,7 +44,7 @@ def rules_of_makefile(*arguments: str) -> dict[str, list[str]]:
 
 
 def rules_of_stages(settings: Mapping[str, dict[str, Any]]) -> dict[str, list[str]]:
-    """The stages that make what each stage reads, with these settings."""
+    """Find the stages that make what each stage reads, with these settings."""
     loaded = {name: load_stage(name) for name in STAGES}
     chosen = {name: load_settings_type(name)(**settings.get(name, {})) for name in STAGES}
     makers = {stage.writes(chosen[name]): name for name, stage in loaded.items()}

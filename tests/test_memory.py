@@ -26,7 +26,7 @@ GROWTH_MB = 30
 
 
 def children() -> dict[str, float]:
-    """The resident memory of this process's children, in MB, and how many files they have open."""
+    """Measure the resident memory of this process's children, in MB, and count their open files."""
     megabytes, files = 0.0, 0
     for status in Path("/proc").glob("[0-9]*/status"):
         try:

@@ -63,13 +63,13 @@ def manifest(tmp_path_factory) -> Path:
 
 
 def run_of(stage: str, manifest: Path, data: Path, *more: str) -> list[str]:
-    """The arguments that run a stage."""
+    """Return the arguments that run a stage."""
     sets = [part for assignment in ASSIGNMENTS for part in ("--set", assignment)]
     return ["run", stage, "--manifest", str(manifest), "--data", str(data), *sets, *more]
 
 
 def vt(*arguments: str | Path) -> str:
-    """What a command of `vt-pipeline` prints, run in this process: torch is imported once."""
+    """Run a command of `vt-pipeline` in this process, where torch is imported once, and return its output."""
     done = CliRunner().invoke(app, [*map(str, arguments)])
     assert done.exit_code == 0, done.output
     return done.output
@@ -271,7 +271,7 @@ def test_a_scene_of_one_object_becomes_a_file(made, tmp_path):
 
 
 def scene_of(script: Path) -> bytes:
-    """The glTF scene that a page loads as a script."""
+    """Decode the glTF scene that a page loads as a script."""
     return gzip.decompress(base64.b64decode(script.read_text().split('"')[3]))
 
 

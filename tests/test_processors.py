@@ -31,7 +31,7 @@ app(["status", data, "--json"], standalone_mode=False)
 
 
 def digests(folder: Path, **variables: str) -> dict[str, str]:
-    """The digest of each artifact of a small dataset, made in a process with these environment variables."""
+    """Compute the digest of each artifact of a small dataset, made in a process with these environment variables."""
     manifest = folder / "manifest.yaml"
     splits = {"train": 1.0, "valid": 0.0, "test": 0.0}
     manifest.write_text(yaml.safe_dump({"name": "small", "description": "d", "seed": 0, "splits": splits, "sources": OBJECTS}))
@@ -47,7 +47,7 @@ def digests(folder: Path, **variables: str) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def here(tmp_path_factory) -> dict[str, str]:
-    """The digests with all that this processor has."""
+    """Compute the digests with all of this processor's features."""
     return digests(tmp_path_factory.mktemp("here"))
 
 

@@ -70,9 +70,9 @@ def test_many_touches_are_those_of_one_at_a_time_for_any_number_of_processes() -
 
 
 def test_a_pose_that_is_no_motion_and_a_file_that_is_no_mesh_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(vt.InvalidInput, match="no rigid motion"):
+    with pytest.raises(vt.InvalidInput, match="not a rigid motion"):
         vt.touch(BALL, SENSOR, 2 * np.eye(4))
-    with pytest.raises(vt.InvalidInput, match="no rigid motion"):
+    with pytest.raises(vt.InvalidInput, match="not a rigid motion"):
         vt.touch_many(BALL, SENSOR, np.stack([np.eye(4), 2 * np.eye(4)]))
     (tmp_path / "mug.glb").write_text("no mesh")
     with pytest.raises(vt.InvalidInput, match=r"mug\.glb"):

@@ -28,13 +28,13 @@ class Grasps:
     Attributes
     ----------
     fingers, sensors
-        Names of the sensors, those of the fingers that wear them, and what they are.
+        Names of the fingers' sensors, and the sensors.
     hand_pose
         (G, 4, 4) float64, the hand's root link in the object's frame, m.
     joint_angles
         (G, J) float64, rad; m of a joint that slides.
     sensor_pose
-        (G, S, 4, 4) float64, sensor frames in the object's frame, m: what `touch` takes.
+        (G, S, 4, 4) float64, sensor frames in the object's frame, m, for `touch`.
     touched
         (G, S) bool, whether each sensor touches.
     penetration
@@ -61,9 +61,9 @@ def grasp(
     Parameters
     ----------
     object_
-        From `load_object`, about as large as what the hand can hold or larger.
+        From `load_object`, about as large as the hand can hold, or larger.
     hand
-        Name of a shipped hand, or the path of a hand file, which says what sensors the fingers wear.
+        Name of a shipped hand, or the path of a hand file, which names the sensors that the fingers wear.
     attempts
         Poses of the palm that are tried at most.
     grasps
@@ -80,7 +80,7 @@ def grasp(
     Raises
     ------
     InvalidInput
-        The hand file cannot be used, the object has no exterior, or the hand finds too few grasps: the message says what to change.
+        The hand file cannot be used, the object has no exterior, or the hand finds too few grasps: the message names the remedy.
     """
     from stages.simulate_grasps.settings import GraspSettings  # with physics, which a user of `touch` does without
     from stages.simulate_grasps.stage import SimulateGrasps

@@ -1,4 +1,4 @@
-"""Touches: what a sensor at a pose feels of an object."""
+"""Touches: the measurements of a sensor pressed onto an object."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ WORTH_A_PROCESS = 32
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """What one sensor feels.
+    """Hold the measurement of one sensor.
 
     Attributes
     ----------
     sensor, pose
         The sensor, and its frame in the world, (4, 4) float64, m.
     depth
-        (rows, cols) float32, m: distance D from the sensor plane along its normal; +inf where nothing is met within range.
+        (rows, cols) float32, m: distance D from the sensor plane along its normal; +inf without a surface within range.
     image
         (rows, cols, 3) uint8, the tactile image.
     """
@@ -80,7 +80,7 @@ class Touch:
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """What a sensor feels at N poses: (N, rows, cols) depth, (N, rows, cols, 3) image, else as `Touch`, which `[n]` gives."""
+    """Hold the measurements of a sensor at N poses: (N, rows, cols) depth, (N, rows, cols, 3) image; `[n]` gives a `Touch`."""
 
     sensor: Sensor
     poses: NDArray[np.float64]
@@ -115,7 +115,7 @@ def touch(
     object_pose
         (4, 4) object frame to world frame; by default they are the same.
     rng
-        Draws the pixel noise of a sensor that has some; without it there is none.
+        Draws the pixel noise of a sensor that has some; None for an image without noise.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def touch(
     Raises
     ------
     InvalidInput
-        A pose is no rigid motion.
+        A pose is not a rigid motion.
     """
     pose = check_pose(pose)
     seen_from = pose if object_pose is None else invert_pose(check_pose(object_pose)) @ pose
@@ -151,7 +151,7 @@ def touch_many(object_: TouchObject, sensor: Sensor, poses: np.ndarray, *, worke
     Raises
     ------
     InvalidInput
-        A pose is no rigid motion.
+        A pose is not a rigid motion.
     """
     checked = np.stack([check_pose(pose) for pose in poses]) if len(poses) else np.zeros((0, 4, 4))
     depth: NDArray[np.float32] = _shared((len(checked), *sensor.shape), np.float32)
@@ -169,7 +169,7 @@ def touch_many(object_: TouchObject, sensor: Sensor, poses: np.ndarray, *, worke
 
 def _in_processes(fill: Callable[[range], None], count: int, workers: int) -> None:
     """Call `fill` for every number below `count`, in forked processes that write to shared memory."""
-    fill(range(min(count, 1)))  # here: what it compiles or caches, the processes inherit
+    fill(range(min(count, 1)))  # here: the processes inherit compiled and cached functions
     if workers <= 1:
         return fill(range(1, count))
     context: Any = multiprocessing.get_context("fork")

@@ -95,7 +95,7 @@ def measure(source: Path, out: Path, configuration: str, choice: str, seed: int)
         "seconds": facts["training_seconds"],
         "mean": chamfer.mean(),
         "median": float(np.median(chamfer)),
-        **{name: float(np.mean(figures.some(name))) for name in QUALITY},
+        **{name: float(np.mean(figures.available(name))) for name in QUALITY},
     }
 
 

@@ -71,7 +71,7 @@ def collect_garbage(
 
     directory = DataDirectory(data)
     if (folder := on_disk(directory.root)) and not folder.is_dir():
-        fail(f"{data} is no data directory")
+        fail(f"{data} is not a data directory")
     removed = collect_everything(directory, 60 * older_than)
     for path in removed:
         print_line(f"removed {path}")

@@ -79,7 +79,7 @@ def run(
     """
     console.quiet = (together := process_group()) is not None and together.rank > 0  # one of several processes speaks
     if stage not in STAGES:
-        fail(f"there is no stage {stage}; there are {', '.join(STAGES)}")
+        fail(f"unknown stage {stage}; choose from {', '.join(STAGES)}")
     if explain and dry_run:
         fail("--explain counts what was made, and --dry-run makes nothing: leave one of them out")
     shared = make_request(

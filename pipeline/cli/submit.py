@@ -48,7 +48,7 @@ def submit(
     Each object stage is an array with one task per shard, and each job waits for those whose outputs it reads.
     """
     if unknown := [stage for stage in stages if stage not in STAGES]:
-        fail(f"there is no stage {unknown[0]}; there are {', '.join(STAGES)}")
+        fail(f"unknown stage {unknown[0]}; choose from {', '.join(STAGES)}")
     requests = [
         make_request(load_stage(name), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed, units=units, up=up)
         for name in STAGES

@@ -30,7 +30,7 @@ class GraspDataset(Dataset[Item]):
     """
 
     def __init__(self, data: str | Place, arrays: Sequence[str], split: str | None = "train") -> None:
-        self.rows = ObjectRows(data, [*arrays, "joint_angles"], split)  # which says how many grasps there are
+        self.rows = ObjectRows(data, [*arrays, "joint_angles"], split)  # whose shape gives the number of grasps
         self.arrays = tuple(arrays)
         self.left_out = self.rows.left_out
         grasps = self.rows.size("joint_angles", "grasp")

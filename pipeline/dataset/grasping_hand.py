@@ -19,6 +19,6 @@ def grasping_hand(attributes: Mapping[str, Mapping[str, Any]]) -> Hand:
 
     Notes
     -----
-    The file may have been moved since the grasps were made: `render-vision` was told where it was, and drew no other one.
+    The file may have been moved since the grasps were made: `render-vision` took its path as a setting, and drew no other one.
     """
     return load_hand(attributes.get("vision", attributes["grasps"])["settings"]["hand"])

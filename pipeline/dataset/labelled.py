@@ -30,13 +30,13 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     Returns
     -------
     Arrays with the dimensions, units and descriptions of the schemas, and coordinates `object`, `grasp`, `sensor` and `joint`
-    where they apply; ragged meshes are left out. Rows of objects that failed are zeros: `ok` tells them apart. Where objects have not
+    where they apply; ragged meshes are left out. Rows of objects that failed are zeros: `ok` marks them. Where objects have not
     been made yet, the attribute `missing` names them.
 
     Raises
     ------
     StoreError
-        There is no such artifact, or it has not been made; later, where values are used, one of its files is missing or damaged.
+        The artifact is unknown or has not been made; later, on access to values, one of its files is missing or damaged.
 
     Examples
     --------
@@ -44,9 +44,9 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     >>> touch.depth.sel(object="duck", sensor="thumb").min(("row", "col"))  # doctest: +SKIP
     """
     if artifact not in ARTIFACTS:
-        raise StoreError(f"there is no artifact {artifact}; there are {', '.join(ARTIFACTS)}")
+        raise StoreError(f"unknown artifact {artifact}; choose from {', '.join(ARTIFACTS)}")
     collection = DataDirectory(place(data)).collection(ARTIFACTS[artifact])
-    collection.first  # noqa: B018 (an error where there is none)
+    collection.first  # noqa: B018 (raises an error without shards)
     shards = [_opened(shard) for shard in collection.shards]
     if collection.missing:
         shards[0].attrs["missing"] = list(collection.missing)
@@ -65,7 +65,7 @@ def _lazy(array: xarray.DataArray) -> xarray.DataArray:
 def _opened(shard: Shard) -> xarray.Dataset:
     shard.check_arrays()
     with shard.errors_as_damage("it cannot be opened"):
-        plain = xarray.open_dataset(shard, engine=_ShardReader)  # type: ignore[arg-type]  # our reader takes what it is given
+        plain = xarray.open_dataset(shard, engine=_ShardReader)  # type: ignore[arg-type]  # our reader takes a Shard
         named: xarray.Dataset = plain.set_coords(["category", "split", "ok"]).set_index(object="object_id")
         for name in named.coords:
             named[name].load()

@@ -1,4 +1,4 @@
-"""The arrays of a dataset's objects, read when they are asked for: what training, evaluation, prediction and users read through."""
+"""The arrays of a dataset's objects, read on demand, for training, evaluation, prediction and users."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DIFFERENCE = "difference"
 """Not stored: the tactile image minus that of the untouched sensor, (grasp, sensor, row, col, rgb) int16, levels."""
 
 DERIVED = {**dict.fromkeys(POINTS, ("depth", "sensor_pose")), DIFFERENCE: ("tactile_image", "untouched")}
-"""What arrays follow from that need not be stored."""
+"""Arrays that are derived on reading, and the stored arrays that they need."""
 
 Described = TypeVar("Described")
 
@@ -50,7 +50,7 @@ class ObjectRows:
     split
         train, valid or test; None for all objects.
     cache_bytes
-        How much of what was read is kept.
+        Limit of the cache of arrays, bytes.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class ObjectRows:
         self.data, self.arrays, self.split = place(data), tuple(arrays), split
         if (folder := on_disk(self.data)) and not folder.is_dir():
             raise StoreError(
-                f"there is no folder {self.data.resolve()}; give a data directory, which `vt-pipeline run` or `make dataset` makes"
+                f"folder {self.data.resolve()} does not exist; give a data directory, which `vt-pipeline run` or `make dataset` makes"
             )
         directory = DataDirectory(self.data)
         self._owner = {name: _owner(name) for name in self._needed()}
@@ -80,14 +80,15 @@ class ObjectRows:
         self._cache = _Cache(cache_bytes)
         first = next(iter(self._collections.values()))
         members = [*(name for name in first if split in (None, first.row(name).split)), *first.missing]
-        failures = {name: failure for name in members for one in self._collections.values() if (failure := one.failure(name))}
+        artifacts = self._collections.values()
+        failures = {name: failure for name in members for artifact in artifacts if (failure := artifact.failure(name))}
         self.left_out = {name: f"{failure.stage}: {failure.reason}" for name, failure in failures.items()}
         self.object_ids = [name for name in members if name not in failures]
         self.categories = [first.row(name).category for name in self.object_ids]
         if not self.object_ids:
             failed = f"; {len(failures)} have failed or are not made yet, see `vt-pipeline status {self.data}`" if failures else ""
             raise StoreError(
-                f"{self.data.resolve()} has no usable object in split {split}{failed}; the manifest's `splits` say how many there are"
+                f"{self.data.resolve()} has no usable object in split {split}{failed}; the manifest's `splits` define their numbers"
             )
 
     def __len__(self) -> int:
@@ -142,7 +143,7 @@ class ObjectRows:
 
         Returns
         -------
-        What is left of the schema's dimensions. Other readers share it: copy it to change it.
+        The remaining dimensions of the schema. Other readers share the array: copy it before changing it.
 
         Raises
         ------
@@ -175,8 +176,8 @@ class ObjectRows:
         sensors = self.sensors()
         depth, pose = (self.read(name, object_id, grasp) for name in ("depth", "sensor_pose"))
         sites = depth.shape[:-2]  # ([grasp,] sensor)
-        found = [local_points(depth[site], pose[site], sensors[site[-1]])[POINTS.index(array)] for site in np.ndindex(sites)]
-        return np.stack(found).reshape(*sites, *np.shape(found[0]))
+        values = [local_points(depth[site], pose[site], sensors[site[-1]])[POINTS.index(array)] for site in np.ndindex(sites)]
+        return np.stack(values).reshape(*sites, *np.shape(values[0]))
 
     def _difference(self, object_id: str, grasp: int | None) -> np.ndarray:
         """Subtract each sensor's untouched image."""
@@ -184,7 +185,7 @@ class ObjectRows:
 
 
 class _Cache:
-    """Arrays that were read, up to a number of bytes; the one that was not asked for longest goes first."""
+    """Cache arrays, up to a number of bytes; the least recently used goes first."""
 
     def __init__(self, limit: int) -> None:
         self._limit, self._bytes = limit, 0
@@ -214,5 +215,5 @@ def _owner(array: str) -> Artifact:
 
 
 def first_shard(data: Place, artifact: Artifact) -> Shard:
-    """Find a shard of an artifact, for what all of them share; a `StoreError` if none has been made."""
+    """Find a shard of an artifact, for metadata that all of them share; raise a `StoreError` if none has been made."""
     return DataDirectory(data).collection(artifact).first

@@ -23,7 +23,7 @@ def touch_sensor(attributes: Mapping[str, Any]) -> Sensor:
     first, *others = touch_sensors(attributes)
     if different := {sensor.name for sensor in others if sensor != first}:
         raise InvalidInput(
-            f"the fingers wear different sensors ({', '.join(sorted(different | {first.name}))}); what learns from touches needs "
+            f"the fingers wear different sensors ({', '.join(sorted(different | {first.name}))}); training on touches needs "
             "a hand that wears one: see `sensor` in its hand file"
         )
     return first

@@ -16,7 +16,7 @@ SUPPLEMENT_SUCCESS = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle":
 
 
 HELD = ("contact_area", "opposition", "closure")
-"""The arrays that say how well a grasp holds."""
+"""The arrays that measure how well a grasp holds."""
 
 
 @dataclass
@@ -45,9 +45,9 @@ def tally(data: Place) -> dict[str, Tally]:
     judged = HELD if shard.has("closure") else ()  # older datasets have none
     lifted = ("held",) if shard.has("held") else ()
     rows = ObjectRows(data, ["touch_success", "attempt_success", "attempts", *judged, *lifted], split=None)
-    found: dict[str, Tally] = defaultdict(Tally)
+    tallies: dict[str, Tally] = defaultdict(Tally)
     for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
-        entry = found[category]
+        entry = tallies[category]
         entry.touched.append(rows.read("touch_success", object_id))
         entry.tried.append(rows.read("attempt_success", object_id))
         entry.attempts += int(rows.read("attempts", object_id))
@@ -56,7 +56,7 @@ def tally(data: Place) -> dict[str, Tally]:
             entry.held.append(np.stack([1e6 * area.sum(axis=1), angle, margin], axis=1))
         if lifted:
             entry.lifted.append(rows.read("held", object_id))
-    return dict(sorted(found.items()))
+    return dict(sorted(tallies.items()))
 
 
 def sensors_of(data: Place) -> list[str]:

@@ -48,11 +48,11 @@ def view_grasps(data: Place, object_id: str, grasp: int | None, save: Path | Non
     Raises
     ------
     InvalidInput
-        Rerun is not installed; there is no screen, and no file to save; there is no such object or grasp.
+        Rerun is not installed; the machine has no screen and `save` is None; or the object or grasp is unknown.
     """
     rerun = _rerun()
     if save is None and sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
-        raise InvalidInput("there is no screen for the viewer; --save FILE.rrd writes what it would show")  # it would never come up
+        raise InvalidInput("the viewer needs a screen; write a file with --save FILE.rrd instead")  # it would never come up
     source = ReportSource(data)
     if object_id not in source.object_ids:
         failed = f", where it failed: {source.failures[object_id][1]}" if object_id in source.failures else ""

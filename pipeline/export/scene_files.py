@@ -13,14 +13,27 @@ from pipeline.store.atomic import write_at_once, written_to
 
 
 def write_scenes(source: ReportSource, out: Path, objects: Sequence[str]) -> int:
-    """Write `OBJECT.glb` into a folder, or the file `out` if that ends in .glb and one object is asked for.
+    """Write each object's scene as glTF.
 
     Meshes are as stored. Lengths are m; glTF is y up: each top node turns the world, z up.
+
+    Parameters
+    ----------
+    source
+        The data directory.
+    out
+        A folder for `OBJECT.glb`, or a .glb file for one object.
+    objects
+        Their names; empty for all.
+
+    Returns
+    -------
+    The number of objects.
 
     Raises
     ------
     InvalidInput
-        There is no such object, or one file for several.
+        An object is unknown, or `out` is one file for several.
     """
     chosen = list(objects) or source.object_ids
     if unknown := [name for name in chosen if name not in source.object_ids]:

@@ -54,10 +54,19 @@ def description_path(kind: Kind, name: str | Path) -> Path:
 def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
     """Read and validate a description file.
 
+    Parameters
+    ----------
+    kind
+        Of description, for messages.
+    path
+        The YAML file.
+    model
+        Its type.
+
     Raises
     ------
     InvalidInput
-        The file cannot be read, is no YAML, lacks an entry, or has an unknown or unusable one; the message names the file and every
+        The file cannot be read, is not YAML, lacks an entry, or has an unknown or unusable one; the message names the file and every
         such entry.
     """
     try:
@@ -75,7 +84,7 @@ def read_yaml(path: Path) -> Any:
     Raises
     ------
     ValueError, yaml.YAMLError
-        It cannot be read, is too large or too deep, has aliases, or is no YAML.
+        It cannot be read, is too large or too deep, has aliases, or is not YAML.
     """
     text, depth = read_file(path, MAX_BYTES).decode(), 0
     for event in yaml.parse(text, Loader=yaml.CSafeLoader):

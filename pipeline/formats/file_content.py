@@ -29,7 +29,7 @@ def regular_stat(path: Path | str) -> os.stat_result:
             raise
         regular = False
     if not regular:
-        raise IsADirectoryError(errno.EISDIR, "it is no regular file", str(path))
+        raise IsADirectoryError(errno.EISDIR, "it is not a regular file", str(path))
     return found
 
 

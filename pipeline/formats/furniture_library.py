@@ -55,7 +55,7 @@ def unpack(libraries: Sequence[Path], folder: Path) -> tuple[int, list[str]]:
                     archive.extractall(folder, [name for name in archive.namelist() if PurePosixPath(name).is_relative_to(file.parent)])
                     models.append(model)
         except (OSError, KeyError, zipfile.BadZipFile) as error:
-            raise InvalidInput(f"{library} is no furniture library ({error}); give .sh3f files of Sweet Home 3D") from error
+            raise InvalidInput(f"{library} is not a furniture library ({error}); give .sh3f files of Sweet Home 3D") from error
     with (folder / "catalogue.csv").open("w", newline="", encoding="utf-8") as file_opened:
         writer = csv.DictWriter(file_opened, COLUMNS)
         writer.writeheader()

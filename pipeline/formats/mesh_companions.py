@@ -50,7 +50,7 @@ class Companions(Mapping[str, bytes]):
     Raises
     ------
     InvalidInput
-        The mesh file is no regular file, too large, or names too many or too large files.
+        The mesh file is not a regular file, too large, or names too many or too large files.
     """
 
     def __init__(self, file: Path, root: Path | None = None) -> None:
@@ -76,7 +76,7 @@ class Companions(Mapping[str, bytes]):
 
     def __getitem__(self, name: str) -> bytes:
         if name not in self.paths:
-            raise FileNotFoundError(f"it names {name!r}, which is no file below {self._root}")
+            raise FileNotFoundError(f"it names {name!r}, which is not a file below {self._root}")
         path = self.paths[name]
         if path not in self._contents:
             self._contents[path] = path.read_bytes()
@@ -130,7 +130,7 @@ def check_file(file: Path) -> None:
     try:
         size = regular_stat(file).st_size
     except OSError as error:
-        problem = "is no regular file" if os.path.lexists(file) else "is not there"
+        problem = "is not a regular file" if os.path.lexists(file) else "is not there"
         raise InvalidInput(f"{file.name} {problem} ({file}); put it back, or mend the file that names it") from error
     if size == 0:
         raise InvalidInput(f"{file.name} is an empty file")
@@ -152,7 +152,7 @@ def _read_gltf(file: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: {error}") from error
     if not isinstance(tree, dict):
-        raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: its JSON is no object")
+        raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: its JSON is not an object")
     return tree
 
 

@@ -63,7 +63,7 @@ def _read_metadata(path: Path) -> list[Viewpoint]:
     try:
         lines = read_file(path, MAX_BYTES).decode().split("\n")
     except UnicodeDecodeError as error:
-        raise InvalidInput(f"{path} is no text ({error}); download the model's renderings again") from error
+        raise InvalidInput(f"{path} is not text ({error}); download the model's renderings again") from error
     lines = [line for line in lines if line.strip()]
     if len(lines) != VIEWS:
         raise InvalidInput(f"{path} has {len(lines)} lines; there must be {VIEWS}, one per image")
@@ -98,7 +98,17 @@ def _read_image(path: Path) -> NDArray[np.uint8]:
 
 
 def write_renderings(folder: Path, images: NDArray[np.uint8], viewpoints: Sequence[Viewpoint]) -> None:
-    """Write a model's images, (24, 137, 137, 4) uint8, and viewpoints as `read_renderings` reads them."""
+    """Write a model's renderings in the form that `read_renderings` reads.
+
+    Parameters
+    ----------
+    folder
+        Made if missing.
+    images
+        (24, 137, 137, 4) uint8, RGBA.
+    viewpoints
+        (24,), of the images.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for number, image in enumerate(images):
         Image.fromarray(image).save(folder / image_name(number))

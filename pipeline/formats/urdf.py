@@ -80,7 +80,7 @@ def _check_size(content: bytes) -> None:
     if len(content) > MAX_BYTES:
         raise InvalidInput(f"it has {len(content)} bytes, {MAX_BYTES} are the most")
     if b"\0" in content or b"<!" in content.replace(b"<!--", b""):
-        raise InvalidInput("it declares a document type or entities, or is no UTF-8; write out what they stand for")
+        raise InvalidInput("it declares a document type or entities, or is not UTF-8; write out their content")
     if (parts := sum(content.count(tag) for tag in (b"<link", b"<joint", b"<visual", b"<collision"))) > MAX_PARTS:
         raise InvalidInput(f"it has {parts} links, joints and shapes, {MAX_PARTS} are the most")
 
@@ -170,7 +170,7 @@ def _in_tree_order(links: tuple[Link, ...], joints: list[Joint]) -> tuple[tuple[
             order += [joint.child for joint in below]
     if len(order) != len(links):
         names = ", ".join(links[i].name for i in roots)
-        raise InvalidInput(f"{len(links)} links with {len(joints)} joints are no tree with one root (roots: {names})")
+        raise InvalidInput(f"{len(links)} links with {len(joints)} joints are not a tree with one root (roots: {names})")
     new = {old: i for i, old in enumerate(order)}
     renumbered = tuple(replace(joint, parent=new[joint.parent], child=new[joint.child]) for joint in sequence)
     return tuple(links[i] for i in order), renumbered

@@ -120,7 +120,7 @@ def _is_below(path: Path, root: Path) -> bool:
     try:
         return path.resolve().is_relative_to(root.resolve())
     except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, a link to itself
-        raise InvalidInput(f"{str(path)!r} is no path of a file ({error}); give that of a mesh file") from error
+        raise InvalidInput(f"{str(path)!r} is not the path of a file ({error}); give that of a mesh file") from error
 
 
 def named_color(material: Element | None, known: Mapping[str, Color]) -> Color:
@@ -135,7 +135,22 @@ def named_color(material: Element | None, known: Mapping[str, Color]) -> Color:
 
 
 def numbers_of(element: Element | None, key: str, default: tuple[float, ...]) -> NDArray[np.float64]:
-    """Read the finite numbers of an attribute, as many as its default has; blanks or commas separate them."""
+    """Read the finite numbers of an attribute; blanks or commas separate them.
+
+    Parameters
+    ----------
+    element
+        An element; None gives the default.
+    key
+        The attribute's name.
+    default
+        (n,) numbers for a missing attribute; n is also the count to read.
+
+    Raises
+    ------
+    InvalidInput
+        The attribute holds another count, or a number that is not finite or too large.
+    """
     if element is None or (text := element.get(key)) is None:
         return np.array(default, np.float64)
     try:

@@ -80,11 +80,11 @@ def read_photographs(folder: Path, untouched_path: Path) -> tuple[list[Photograp
     Raises
     ------
     InvalidInput
-        There is no folder, the untouched photograph or `CIRCLES` cannot be read, `CIRCLES` names another file,
+        The folder does not exist, the untouched photograph or `CIRCLES` cannot be read, `CIRCLES` names another file,
         or fewer than `MIN_PHOTOGRAPHS` can be used.
     """
     if not folder.is_dir():
-        raise InvalidInput(f"there is no folder {folder}; give one with photographs of a ball in the gel")
+        raise InvalidInput(f"folder {folder} does not exist; give one with photographs of a ball in the gel")
     untouched, circles = read_image(untouched_path), _read_circles(folder / CIRCLES)
     photographs: list[Photograph] = []
     left_out: dict[str, str] = {}
@@ -198,7 +198,23 @@ def calibrate(
 def image_errors(
     sensor: Sensor, calibration: Calibration, photograph: Photograph, untouched: NDArray[np.uint8], ball_radius: float
 ) -> ImageErrors:
-    """Compare a photograph with the model's image of the same contact; parameters as `render_contact`."""
+    """Compare a photograph with the model's image of the same contact.
+
+    Parameters
+    ----------
+    sensor, calibration
+        From `calibrate`.
+    photograph
+        The photograph and its contact.
+    untouched
+        (rows, cols, 3) uint8.
+    ball_radius
+        m.
+
+    Returns
+    -------
+    Mean errors in the contact and in the ring around it, of the model's image and of the untouched one, levels.
+    """
     model = render_contact(sensor, calibration, photograph, untouched, ball_radius)
     distance = distance_from(sensor, photograph.contact) / (photograph.contact.radius * sensor.pitch[1])
     contact, ring = distance < 1, (distance >= 1) & (distance < RING)

@@ -57,7 +57,22 @@ class ObservationReader:
     seed: int
 
     def of_object(self, data: Place, object_id: str, grasps: Sequence[int]) -> Observation:
-        """Read an object of a data directory, in some grasps or, for a model of renderings, from a viewpoint."""
+        """Read an object of a data directory.
+
+        Parameters
+        ----------
+        data
+            The data directory.
+        object_id
+            The object.
+        grasps
+            Its grasps, from 0; for a model of renderings, one viewpoint.
+
+        Raises
+        ------
+        StageError
+            `grasps` is empty, or touch charts have another size than the model takes.
+        """
         if not grasps:
             raise StageError(f"{object_id}: name at least one grasp")
         config = self.model.config
@@ -78,7 +93,22 @@ class ObservationReader:
         return Observation(image, *self._charts(tactile_images, poses, touched, object_id))
 
     def of_files(self, image: Path | None, tactile_images: Sequence[Path], poses: Path | None) -> Observation:
-        """Read an image, tactile images and the poses of their sensors from files."""
+        """Read an observation from files.
+
+        Parameters
+        ----------
+        image
+            A photograph; None for a model without images.
+        tactile_images
+            (T) images, empty for a model without touch.
+        poses
+            See `read_poses`; None for a model without touch.
+
+        Raises
+        ------
+        StageError
+            The model needs a file that is missing, does not take a given one, or images and poses differ in number.
+        """
         model = self.model
         if model.image == "rendering":
             raise StageError(f"model {model.configuration} needs the camera of its image: name a data directory, an object and a viewpoint")

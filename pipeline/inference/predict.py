@@ -101,7 +101,7 @@ def predict(
         there are taken as they are. The single-image model is given the rendering from this viewpoint, in place of grasps.
     image, tactile_images, poses
         From files: an image from the camera that the network was trained with; tactile images, one per sensor; and their sensors'
-        poses in that camera's world, see `read_poses`. Where the poses' file does not say which sensors touched, those did whose
+        poses in that camera's world, see `read_poses`. If the poses' file does not state which sensors touched, those did whose
         tactile image differs from an untouched one.
     surface
         "charts", "joined" or "both"; or "closed": one closed, smooth mesh within 0.5 mm of the touch charts, coloured where the image shows

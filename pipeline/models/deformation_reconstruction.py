@@ -44,7 +44,16 @@ class SingleImageReconstructor(DeformationReconstructor):
 
 
 def assemble_surfaces(network: DeformationNetwork, deformed: Tensor, batch: NetworkBatch) -> Iterator[tuple[Tensor, Tensor]]:
-    """Join each item's vision charts, `deformed` (B, V, 3), and the charts of its successful touches.
+    """Join the vision charts of each item and the charts of its successful touches.
+
+    Parameters
+    ----------
+    network
+        Gives the faces.
+    deformed
+        (B, V, 3) vertices of the vision charts, world, m.
+    batch
+        Gives the touch charts.
 
     Yields
     ------

@@ -30,7 +30,7 @@ GRASP_CONFIGURATIONS = {name: config for name, config in EVERY_CONFIGURATION.ite
 
 
 def family_of(configuration: str) -> str:
-    """Name the family of a configuration's network; a `KeyError` where there is no such configuration."""
+    """Name the family of a configuration's network; raise a `KeyError` for an unknown configuration."""
     families = {name: folder for folder, family in FAMILIES.items() for name in family.configurations}
     return families[configuration]
 

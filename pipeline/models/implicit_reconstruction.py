@@ -1,4 +1,4 @@
-"""Trained implicit networks: from what is seen and felt of an object to a closed mesh."""
+"""Trained implicit networks: from images and touches of an object to a closed mesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A trained network on disk: weights as safetensors (no pickles), and beside them, as JSON, what it takes to use them."""
+"""A trained network on disk: weights as safetensors (no pickles), and beside them, as JSON, the description that their use needs."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def save_model(folder: Path, module: nn.Module, description: Mapping[str, Any]) 
 
 
 def read_description(folder: Path, kind: type[D]) -> D:
-    """Read the description that `save_model` wrote; a `StoreError` where there is none, or an entry of it cannot be used."""
+    """Read the description that `save_model` wrote; raise a `StoreError` if it is missing or an entry invalid."""
     try:
         return kind.model_validate_json(read_file(folder / DESCRIPTION, MAX_BYTES))
     except ValidationError as error:
@@ -75,7 +75,7 @@ def load_network(folder: Path, make: Callable[[], N], device: torch.device | str
     Raises
     ------
     StoreError
-        There are no weights, or they are not those of such a network.
+        The weights are missing, or those of another network.
     """
     weights = read_weights(folder)
     with torch.device("meta"):  # shapes without memory
@@ -85,7 +85,7 @@ def load_network(folder: Path, make: Callable[[], N], device: torch.device | str
         name = differing[0]
         raise unusable(
             folder,
-            f"{len(differing)} arrays of {WEIGHTS} differ from what {DESCRIPTION} says, {name} first: "
+            f"{len(differing)} arrays of {WEIGHTS} differ from {DESCRIPTION}, {name} first: "
             f"{stored.get(name, 'missing')}, not {wanted.get(name, 'there')}",
         )
     network = network.to_empty(device=device)

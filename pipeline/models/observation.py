@@ -18,14 +18,14 @@ from pipeline.kernels.tensor_checks import network_input
 
 @dataclass(frozen=True)
 class Observation:
-    """What is seen and felt of one object.
+    """Hold the image and touches of one object.
 
     Attributes
     ----------
     image
         (rows, cols, 3) uint8, None for networks without image.
     touch_vertices
-        (T, S, 3) float32 touch charts of all sensors of all grasps given, world, m; by default there is none.
+        (T, S, 3) float32 touch charts of all sensors of all grasps given, world, m; by default none.
     touched
         (T,) bool: whether the chart is that of a successful touch.
     camera
@@ -102,10 +102,10 @@ def stack_observations(observations: Sequence[Observation], config: NetworkInput
     InvalidInput
         An image that the network takes is missing, or the images differ in size.
     ValueError
-        There is no observation, or charts differ in their number of vertices.
+        `observations` is empty, or charts differ in their number of vertices.
     """
     if not observations:
-        raise ValueError("there is no observation to reconstruct from; give one at least")
+        raise ValueError("observations is empty; give at least one")
     images = None
     if config.image is not None:
         pictures = [seen.image for seen in observations if seen.image is not None]

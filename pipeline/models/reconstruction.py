@@ -1,4 +1,4 @@
-"""Trained networks of any family: from what is seen and felt of an object to its surface."""
+"""Trained networks of any family: from images and touches of an object to its surface."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Reconstruction:
     ----------
     vertices
         (V, 3) float64 in the world, m: vision charts first, then the charts of successful touches; charts of touches that
-        failed are no part of the surface.
+        failed are not part of the surface.
     faces
         (F, 3) int64.
     vision
@@ -56,7 +56,7 @@ class Reconstruction:
 
 
 class Description(BaseModel):
-    """What a trained network's folder says of it; `network` is read as the family's type of configuration."""
+    """Describe a trained network in its folder; `network` has the family's type of configuration."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -108,13 +108,13 @@ class Reconstructor(ABC):
 
     def __init__(self, folder: Path, device: torch.device | str = "cpu") -> None:
         config_type = type(next(iter(self.configurations.values())))
-        said = read_description(folder, create_model("Description", __base__=Description, network=config_type))
-        self.network = load_network(folder, lambda: self.network_type(said.network), device)
-        self.configuration, self.config, self.chart_settings = said.configuration, said.network, said.charts
+        description = read_description(folder, create_model("Description", __base__=Description, network=config_type))
+        self.network = load_network(folder, lambda: self.network_type(description.network), device)
+        self.configuration, self.config, self.chart_settings = description.configuration, description.network, description.charts
         self.image, self.touch = self.config.image, self.config.touch
-        self.camera = None if said.camera is None else np.array(said.camera)
-        self._camera = None if said.camera is None else torch.tensor(said.camera, dtype=torch.float64, device=device)
-        self._resolution = said.resolution and list(said.resolution)
+        self.camera = None if description.camera is None else np.array(description.camera)
+        self._camera = None if description.camera is None else torch.tensor(description.camera, dtype=torch.float64, device=device)
+        self._resolution = description.resolution and list(description.resolution)
 
     @torch.no_grad()
     def reconstruct(self, observations: Sequence[Observation]) -> list[Reconstruction]:
@@ -125,13 +125,13 @@ class Reconstructor(ABC):
         InvalidInput
             An image is missing or has another size than the network was trained on, or an observation holds NaN.
         ValueError
-            There is no observation, or its arrays have other shapes or types than the network takes.
+            `observations` is empty, or an array has another shape or type than the network takes.
         """
         return self._surfaces(observations)
 
     @abstractmethod
     def _surfaces(self, observations: Sequence[Observation]) -> list[Reconstruction]:
-        """Compute what `reconstruct` returns."""
+        """Compute the reconstructions of a batch."""
 
     def _batch(self, observations: Sequence[Observation]) -> NetworkBatch:
         """Stack observations, whose images must be as large as those of the training."""

@@ -51,7 +51,7 @@ def save_touch_model(folder: Path, network: UNet, *, sensor: Sensor, untouched: 
 
 
 def load_touch_model(folder: Path, device: torch.device | str) -> TouchModel:
-    """Load the U-Net that `train-unet` left in `folder`; a `StoreError` where there is none."""
+    """Load the U-Net that `train-unet` saved in `folder`; raise a `StoreError` if it is missing."""
     described = read_description(folder, _Description)
     network = load_network(folder, lambda: UNet(described.width), device)
     try:

@@ -105,7 +105,19 @@ class GraspScenes:
                 self.add(scene, f"chart-{grasp}-{sensor}", part, f"grasp-{grasp}-charts")
 
     def add(self, scene: Scene, name: str, mesh: trimesh.Trimesh, group: str, pose: NDArray[np.float64] | None = None) -> None:
-        """Add a mesh below the node `group`; a mesh that is there by its name is shared."""
+        """Add a mesh to a scene; a mesh of the same name is shared.
+
+        Parameters
+        ----------
+        scene
+            Changed in place.
+        name, mesh
+            The mesh.
+        group
+            The node above it, made if missing.
+        pose
+            (4, 4) mesh to group, m; by default the identity.
+        """
         if group not in scene.graph.nodes:
             scene.graph.update(frame_from="world", frame_to=group, matrix=Y_UP)
         node, matrix = f"{group}-{name}", np.eye(4) if pose is None else pose

@@ -46,7 +46,21 @@ class ObjectPages:
         self.scenes = GraspScenes(source.hand(), self.sensors, small=True)
 
     def write(self, object_id: str, before: str | None, after: str | None, common: Mapping[str, Any]) -> dict[str, Any]:
-        """Write an object's page and what it shows; returns its `ObjectCard`, without the key."""
+        """Write an object's page and its files.
+
+        Parameters
+        ----------
+        object_id
+            The object.
+        before, after
+            The objects of the previous and the next page.
+        common
+            Entries of the template that all pages share.
+
+        Returns
+        -------
+        Its `ObjectCard`, without the key.
+        """
         rows = self.source.rows(object_id)
         grasps = [self._grasp(rows, number) for number in range(len(rows["grasps"]["hand_pose"]))]
         (self.folder / f"{object_id}.webp").write_bytes(_webp(_thumbnail(rows)))

@@ -111,7 +111,21 @@ def _procedure(source: ReportSource, renderer: Renderer, scene: Scene, folder: P
 def procedure_steps(
     source: ReportSource, renderer: Renderer, scene: Scene, object_id: str, grasp: int
 ) -> list[tuple[str, NDArray[np.uint8]]]:
-    """Render the steps of a grasp, `PIXELS` a side, with captions: hand, fingers drawn back, fingers closed, touched surface."""
+    """Render the steps of a grasp: hand, fingers drawn back, fingers closed, touched surface.
+
+    Parameters
+    ----------
+    source
+        The data directory.
+    renderer, scene
+        For the images.
+    object_id, grasp
+        The grasp, from 0.
+
+    Returns
+    -------
+    Captions, and images (`PIXELS`, `PIXELS`, 3) uint8.
+    """
     rows, hand = source.rows(object_id), source.hand()
     pose, angles = rows["grasps"]["hand_pose"][grasp], rows["grasps"]["joint_angles"][grasp]
     postures = [
@@ -173,7 +187,19 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
 
 
 def draw_local_points(axes: Any, rows: Any, true: NDArray[Any], cloud: NDArray[Any], grasp: int, sensor: int) -> None:
-    """Draw true points (world), predicted ones (sensor frame) and the chart of a touch into 3D axes, in the sensor's frame, mm."""
+    """Draw true points, predicted points and the chart of a touch, in the sensor's frame, mm.
+
+    Parameters
+    ----------
+    axes
+        3D axes.
+    rows
+        The object's rows of grasps and charts.
+    true, cloud
+        (N, 3) true points, world, m; (M, 3) predicted ones, sensor frame, m.
+    grasp, sensor
+        The touch, from 0.
+    """
     to_sensor = np.linalg.inv(rows["grasps"]["sensor_pose"][grasp, sensor])
     for points, color in ((_local(true, to_sensor), COLORS[0]), (1e3 * cloud, COLORS[1])):
         axes.scatter(*points[:: max(1, len(points) // POINTS)].T, s=0.6, color=tuple(channel / 255 for channel in color))

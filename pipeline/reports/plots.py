@@ -63,7 +63,17 @@ def save_figure(figure: Figure, path: Path, **options: Any) -> None:
 
 @contextmanager
 def themed_svg(path: Path, size: tuple[float, float] = (4.6, 2.8), font_size: int = 9) -> Iterator[Figure]:
-    """Open a figure of a size in inches, and write it at the end as an SVG that follows the page's light or dark theme."""
+    """Open a figure, and write it at the end as an SVG that follows the page's light or dark theme.
+
+    Parameters
+    ----------
+    path
+        The file.
+    size
+        Width and height, inches.
+    font_size
+        Points.
+    """
     inks = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
     style: Any = dict.fromkeys(inks, INK) | {
         "font.size": font_size,

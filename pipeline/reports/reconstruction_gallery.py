@@ -73,7 +73,7 @@ def draw_gallery(directory: DataDirectory, folder: Path, path: Path, most: int) 
             for axes, (name, case) in zip(grid[row, 1:], columns, strict=True):
                 given, first = (int(predictions[name][key][case]) for key in ("grasps_given", "first_grasp"))
                 title = name + (f"\n{given} grasp{'s' * (given > 1)}" if given else "\n")
-                error = TABLE_3_FACTOR * figures[name].of("chamfer", max(given, 1))[objects.index(object_id), first]
+                error = TABLE_3_FACTOR * figures[name].per_case("chamfer", max(given, 1))[objects.index(object_id), first]
                 mesh = predicted_mesh(charts, object_id, predictions[name], case)
                 _show(axes, render_mesh(renderer, mesh), "" if row else title, f"{error:.2f}")
         save_figure(figure, path)
@@ -87,11 +87,23 @@ def _cases(table: Arrays) -> list[int]:
 
 
 def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, case: int) -> Mesh:
-    """Make a mesh of a prediction, an entry of a group `predictions`: in grey, with the touch charts that it was given in orange."""
+    """Make a mesh of a prediction: in grey, with the touch charts of its input in orange.
+
+    Parameters
+    ----------
+    fitted
+        The artifact `charts`.
+    object_id
+        The object.
+    table
+        The group of the network, below `predictions` or `meshes`.
+    case
+        Number of the choice of grasps.
+    """
     number = table["object_id"].tolist().index(object_id)
     vertices, faces = ([part] for part in surface_of(table, number, case))
     given, first = int(table["grasps_given"][case]), int(table["first_grasp"][case])
-    if given and "position" in table:  # touch charts are no part of a mesh
+    if given and "position" in table:  # touch charts are not part of a mesh
         row = fitted.view(object_id)
         charts, touched = row["vertices"], is_surface(row["stop_rule"])  # (grasp, sensor, S, 3), (grasp, sensor)
         grasps = [(first + step) % len(charts) for step in range(given)]
@@ -102,7 +114,15 @@ def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, case: int)
 
 
 def two_coloured(vertices: NDArray[np.floating], faces: NDArray[np.integer], grey: int) -> Mesh:
-    """Make a mesh whose first `grey` faces are grey and whose others, those of touch charts, are orange."""
+    """Make a mesh in grey, with touch charts in orange.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3) m, and (F, 3).
+    grey
+        Number of grey faces; the others are of touch charts.
+    """
     return painted_mesh(vertices, faces, np.arange(len(faces)) >= grey, [VISION_COLORS[0], TOUCH_COLOR])
 
 

@@ -118,10 +118,10 @@ class Evaluation:
         if object_id not in self.object_ids:
             return None
         row, given = self.object_ids.index(object_id), max((figures.grasps for figures in self._figures.values()), key=len)
-        rows = [
-            Row([name, *(TABLE_3_FACTOR * figures.of("chamfer", number)[row, 0] if number in figures.grasps else "" for number in given)])
-            for name, figures in self._figures.items()
-        ]
+        rows = []
+        for name, figures in self._figures.items():
+            first = {number: TABLE_3_FACTOR * figures.per_case("chamfer", number)[row, 0] for number in figures.grasps}
+            rows.append(Row([name, *(first.get(number, "") for number in given)]))
         title = f"Chamfer distance × {TABLE_3_FACTOR:.0f} by the number of grasps given"
         return Table(title, ["network", *map(str, given)], rows, ["", *[".3f"] * len(given)])
 

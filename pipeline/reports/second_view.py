@@ -75,7 +75,23 @@ class GraspView:
 
 
 def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> tuple[Camera, Camera]:
-    """Choose the camera that looks at the hand from another side, close by, and one in its direction that sees the whole object."""
+    """Choose the cameras of a second view of a grasp.
+
+    Parameters
+    ----------
+    renderer
+        Renders the trials.
+    scene
+        Gives the first camera.
+    resolution
+        Rows and columns.
+    grasp
+        Hand, object and touches.
+
+    Returns
+    -------
+    A camera close to the hand, from another side, and one in its direction that sees the whole object.
+    """
     camera = scene.camera.with_resolution(resolution)
     handle, mesh = grasp.object_mesh
     whole: PosedMesh = (handle, np.eye(4))
@@ -91,7 +107,7 @@ def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: Gras
 
 
 def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Render a grasp from another side, with the lamp moved along with the camera.
+    """Render a grasp from another side, with the lamp moved along with the camera; parameters as `grasp_cameras`.
 
     Returns
     -------

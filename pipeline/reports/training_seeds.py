@@ -85,7 +85,7 @@ def _rows(values: Values, folder: Path) -> Iterator[Row]:
         median, given = float(np.median(chamfer, axis=1).mean()), trainings[0].grasps[-1]
         most = TABLE_3_FACTOR * float(chamfer_of(trainings, given).mean()) if config.touch and given > 1 else None
         looks = (
-            factor * float(np.mean([np.median(figures.some(measure)) for figures in trainings]))
+            factor * float(np.mean([np.median(figures.available(measure)) for figures in trainings]))
             for measure, (_, factor) in QUALITY_UNITS.items()
         )
         looked_up = figures_of.get(LOOKED_UP + ("by silhouette" if config.image else "by touch" if config.touch else "typical"))

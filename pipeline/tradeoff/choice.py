@@ -114,7 +114,7 @@ def duration(text: str) -> float:
     """
     match = re.fullmatch(rf"{_NUMBER} *(s|min|h)", text.strip())
     if not match or not (value := float(match[1])):
-        raise InvalidInput(f"{text!r} is no time; write 90s, 10min or 1.5h")
+        raise InvalidInput(f"{text!r} is not a time; write 90s, 10min or 1.5h")
     return value * _UNITS[match[2]]
 
 
@@ -138,7 +138,7 @@ def error_limit(text: str) -> Limit:
     """
     match = re.fullmatch(rf"(?:([a-z-]+) *= *)?({_NUMBER}(?:[eE][-+]?[0-9]+)?) *([^0-9. ].*)?", text.strip())
     if not match or not (match[1] or match[4]):
-        raise InvalidInput(f"{text!r} is no error; write a number and the unit it is measured in, as 5um, 2% or fit-charts=200um")
+        raise InvalidInput(f"{text!r} is not an error; write a number and the unit it is measured in, as 5um, 2% or fit-charts=200um")
     return Limit(float(match[2]), (match[4] or "").replace("µm", "um"), match[1])
 
 

@@ -26,9 +26,16 @@ def assignment(name: str, value: Any) -> str:
 
 
 def point_folder(stage: str, folder: str, point: Mapping[str, Any]) -> str:
-    """Name the folder of a point, below the data directory, by what it varies.
+    """Name the folder of a point of a sweep, below the data directory.
 
-    `folder` is where the model would go otherwise, `models[/seed-N][/FAMILY]/NETWORK`; a stage trains networks of one family.
+    Parameters
+    ----------
+    stage
+        Trains networks of one family.
+    folder
+        The model's folder outside sweeps, `models[/seed-N][/FAMILY]/NETWORK`.
+    point
+        Values of the settings that vary.
     """
     name = ",".join(f"{setting}={value}" for setting, value in point.items())
     *above, network = folder.split("/")

@@ -1,4 +1,4 @@
-"""Training items varied by chance, so that a network does not learn the training set's colours and sensors by heart."""
+"""Random variation of training items, against overfitting to the training set's colours and sensors."""
 
 from __future__ import annotations
 
@@ -12,8 +12,18 @@ from pipeline.models.observation import Observation
 from pipeline.training.settings import ReconstructionSettings, TrainingSettings
 
 
-def varied_image(image: np.ndarray, settings: TrainingSettings, generator: torch.Generator) -> np.ndarray:
-    """Scale and shift the colours of an image (H, W, 3) uint8, and add noise to its pixels, as the settings say."""
+def vary_image(image: np.ndarray, settings: TrainingSettings, generator: torch.Generator) -> np.ndarray:
+    """Scale and shift the colours of an image, and add noise to its pixels.
+
+    Parameters
+    ----------
+    image
+        (H, W, 3) uint8; the result has the same shape and type.
+    settings
+        Give `image_gain`, `image_shift` and `image_noise`; with all at 0 the image is returned unchanged.
+    generator
+        Draws the variation.
+    """
     if not (settings.image_gain or settings.image_shift or settings.image_noise):
         return image
     scale = 1 + settings.image_gain * _within_one(3, generator)
@@ -23,10 +33,20 @@ def varied_image(image: np.ndarray, settings: TrainingSettings, generator: torch
     return np.asarray(levels.round_().clamp_(0, 255).to(torch.uint8).numpy())
 
 
-def varied_observation(seen: Observation, settings: ReconstructionSettings, generator: torch.Generator) -> Observation:
-    """Vary the image of an observation, and leave out some of its touch charts, as the settings say."""
+def vary_observation(seen: Observation, settings: ReconstructionSettings, generator: torch.Generator) -> Observation:
+    """Vary the image of an observation, and leave out some of its touch charts.
+
+    Parameters
+    ----------
+    seen
+        The observation.
+    settings
+        As `vary_image` takes them; and `dropped_touches`, the probability that a touch is left out.
+    generator
+        Draws the variation.
+    """
     if seen.image is not None:
-        seen = replace(seen, image=varied_image(seen.image, settings, generator))
+        seen = replace(seen, image=vary_image(seen.image, settings, generator))
     if settings.dropped_touches:
         kept = (torch.rand(len(seen.touched), generator=generator, dtype=torch.float32) >= settings.dropped_touches).numpy()
         seen = replace(seen, touch_vertices=seen.touch_vertices[kept], touched=seen.touched[kept])

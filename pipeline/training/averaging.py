@@ -14,7 +14,7 @@ def running_average(module: nn.Module, decay: float | None) -> AveragedModel | N
     """Begin an exponential average of weights and of batch normalisation's statistics; None where `decay` is."""
     if decay is None:
         return None
-    exponential: Any = get_ema_multi_avg_fn  # torch does not say its type
+    exponential: Any = get_ema_multi_avg_fn  # torch does not declare its type
     return AveragedModel(module, multi_avg_fn=exponential(decay), use_buffers=True)
 
 

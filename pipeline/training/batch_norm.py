@@ -30,7 +30,7 @@ class SharedBatchNorm(_BatchNorm):
     Attributes
     ----------
     share
-        1, or 0 where this process has no items of the batch: what it computes instead counts nothing.
+        1, or 0 if this process has no items of the batch: its results then have no weight.
     """
 
     share = 1.0
@@ -64,19 +64,19 @@ class SharedBatchNorm(_BatchNorm):
 
 
 def _sum(own: Tensor) -> Tensor:
-    apply: Any = _Sum.apply  # torch does not say its type
+    apply: Any = _Sum.apply  # torch does not declare its type
     total: Tensor = apply(own)
     return total
 
 
 def share_batch_norm(module: nn.Module) -> list[SharedBatchNorm]:
-    """Replace each batch normalisation inside a network by one that processes share; returns these."""
-    found = []
+    """Replace each batch normalisation inside a network by one that processes share; return the replacements."""
+    replaced = []
     for parent in list(module.modules()):
         for name, child in parent.named_children():
             if isinstance(child, _BatchNorm):
                 shared = SharedBatchNorm(child.num_features, child.eps, child.momentum)
                 shared.load_state_dict(child.state_dict())
                 setattr(parent, name, shared)
-                found.append(shared)
-    return found
+                replaced.append(shared)
+    return replaced

@@ -1,4 +1,4 @@
-"""Checkpoints: everything a killed training needs to go on to the same weights, in one file that is there whole or not at all."""
+"""Checkpoints: all that a killed training needs to continue to the same weights, in one file that is written atomically."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ FILE = "checkpoint.safetensors"
 
 @dataclass
 class Progress:
-    """How far a training is.
+    """Hold the progress of a training.
 
-    `epoch` and `step` are the next to be done; `sums` adds up the losses of the epoch's finished steps; `history` has the
+    `epoch` and `step` are the next ones; `sums` adds up the losses of the epoch's finished steps; `history` has the
     metrics of every finished epoch; `best` is the number of the best one.
     """
 
@@ -38,7 +38,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class State:
-    """What a training changes beside its progress: the network, Adam, and the running average of the weights, where one is taken."""
+    """Hold the tensors that a training changes: the network, Adam and, if the settings ask for it, the running average of the weights."""
 
     module: nn.Module
     optimizer: torch.optim.Optimizer
@@ -51,7 +51,19 @@ class State:
 
 
 def save(folder: Path, state: State, best: Mapping[str, Tensor], progress: Progress) -> None:
-    """Write the weights, the optimizer's moments, the best weights so far and the progress."""
+    """Write a checkpoint.
+
+    Parameters
+    ----------
+    folder
+        Of the model.
+    state
+        The weights, and the moments of the optimizer.
+    best
+        The best weights so far, by name.
+    progress
+        The training's progress.
+    """
     tensors = {f"{part}/{name}": value for part, module in state.modules.items() for name, value in module.state_dict().items()}
     tensors |= {f"best/{name}": value for name, value in best.items()}
     for index, moments in state.optimizer.state_dict()["state"].items():
@@ -61,10 +73,10 @@ def save(folder: Path, state: State, best: Mapping[str, Tensor], progress: Progr
 
 
 def load(folder: Path, state: State) -> tuple[dict[str, Tensor], Progress]:
-    """Bring the state to where the checkpoint in `folder` left it; return the best weights and the progress.
+    """Restore the state from the checkpoint in `folder`; return the best weights and the progress.
 
-    The modules must have the type and device they are trained with: moments are brought to those of their parameters. Without a
-    checkpoint, or with one that a crash of the machine cut short, everything stays as it is: a fresh start.
+    The modules must have the type and device that they are trained with: the moments take those of their parameters. Without a
+    checkpoint, or with one that a crash of the machine cut short, nothing changes: the training starts from the beginning.
     """
     try:
         regular_stat(folder / FILE)
@@ -93,6 +105,6 @@ def _below(part: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
 
 
 def discard(folder: Path) -> None:
-    """Forget the checkpoint of a training that has ended, and what a killed one left of another."""
+    """Remove the checkpoint of a finished training, and the unfinished files of killed ones."""
     for path in folder.glob(f"{FILE}*"):
         path.unlink()

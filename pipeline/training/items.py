@@ -21,14 +21,14 @@ TARGETS = 128
 
 
 class Items:
-    """The objects of a split as a network is given them; only the arrays it looks at are read.
+    """Read the objects of a split as a network's inputs; read only the arrays that it takes.
 
     Parameters
     ----------
     data, split
         A data directory, and a split of it.
     config
-        Says which image is seen, and whether touch is felt.
+        Gives the image and whether the network takes touch.
     each
         Items per object, each beginning with another grasp.
     learned
@@ -45,12 +45,12 @@ class Items:
 
     @property
     def side(self) -> int:
-        """Read the vertices along a side of the touch charts; the supplement's where they are not felt."""
+        """Read the vertices along a side of the touch charts; the supplement's number for a network without touch."""
         return isqrt(self.rows.size("vertices", "vertex")) if self.config.touch else SIDE
 
     @property
     def camera(self) -> torch.Tensor | None:
-        """Read the (3, 4) projection matrix of the first camera; None without them, or where each has its own."""
+        """Read the (3, 4) projection matrix of the first camera; None without images, or if each has its own camera."""
         return None if self.config.image in (None, "rendering") else torch.tensor(self.rows.read("projection", self.rows.object_ids[0])[0])
 
     @property
@@ -72,20 +72,48 @@ class Items:
         return self.rows.object_ids[item // self.each]
 
     def view(self, item: int, count: int, others: np.ndarray) -> Observation:
-        """Read what the network is given: the item's own grasp, then `count` - 1 of the others in the order of `others`, a permutation."""
+        """Read the network's input: the item's own grasp, then further ones.
+
+        Parameters
+        ----------
+        item
+            Its number, from 0.
+        count
+            Number of grasps.
+        others
+            Permutation of all grasps, the order of the further ones.
+        """
         return stored_observation(self.rows, self.object_of(item), self.grasps_of(item, count, others), self.config)
 
     def drawn_view(self, item: int, fewest: int, most: int, generator: torch.Generator) -> Observation:
-        """Read what the network is given, with `fewest` to `most` grasps: how many, and which beside the item's own, is drawn."""
+        """Read the network's input with a random choice of grasps, the item's own first.
+
+        Parameters
+        ----------
+        item
+            Its number, from 0.
+        fewest, most
+            Limits of the number of grasps.
+        generator
+            Draws the number and the further grasps.
+        """
         count = int(torch.randint(fewest, most + 1, (), generator=generator))
         return self.view(item, count, torch.randperm(self.grasps, generator=generator).numpy())
 
     def view_in_turn(self, item: int, fewest: int, most: int) -> Observation:
-        """Read what the network is given: an object's items have `fewest` to `most` grasps in turn, in the order of the dataset."""
+        """Read the network's input with a fixed choice of grasps, in the order of the dataset.
+
+        Parameters
+        ----------
+        item
+            Its number, from 0.
+        fewest, most
+            An object's items have `fewest` to `most` grasps in turn.
+        """
         return self.view(item, fewest + item % self.each % (most - fewest + 1), np.arange(self.grasps))
 
     def grasps_of(self, item: int, count: int, others: np.ndarray) -> list[int]:
-        """Choose the grasps of an item, see `view`; or its viewpoint."""
+        """Choose the grasps, or the viewpoint, of an item; parameters as `view`."""
         first = item % self.each % len(others)
         if self.each < len(others):  # fewer items than grasps, or viewpoints: they begin with each of them in time
             first = int(others[first])
@@ -93,7 +121,7 @@ class Items:
 
     @property
     def grasps(self) -> int:
-        """Count the grasps, or viewpoints, of an object, as far as the network can tell."""
+        """Count the grasps, or viewpoints, of an object that differ for the network."""
         if self.config.touch:
             return self.rows.size("vertices", "grasp")
         if self.config.image == "rendering":
@@ -101,7 +129,7 @@ class Items:
         return self.rows.size("occluded", "grasp") if self.config.image == "occluded" else 1
 
     def description(self, configuration: str, config: BaseModel) -> dict[str, Any]:
-        """Describe a network that was trained on these items, for its folder: what `Reconstructor` reads."""
+        """Describe a network that was trained on these items, in the form that `Reconstructor` reads from its folder."""
         return {
             "configuration": configuration,
             "network": config.model_dump(mode="json", exclude={"checkpointing"}),

@@ -1,4 +1,4 @@
-"""What the training loop trains: a network, its items and its loss."""
+"""Learner: a network with its items and its loss, for the training loop."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Learner(ABC):
     Attributes
     ----------
     network
-        What is trained. The loop may train it in a wrapper: `loss` and `validate` compute with the network that they are given.
+        The network. The loop may train it in a wrapper: `loss` and `validate` take the network as an argument.
     """
 
     def __init__(self, network: nn.Module) -> None:
@@ -28,15 +28,15 @@ class Learner(ABC):
 
     @abstractmethod
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Any:
-        """Read what the loss of some items is computed from: it depends on the items and on one (CPU) generator each, and on nothing else.
+        """Read a batch for `loss`, from the items and one (CPU) generator each, and nothing else.
 
-        The loop calls it in a thread of its own, while the batch before is learned from. There torch's default type is not to be relied
-        on: name the type of what is drawn.
+        The loop calls it in a separate thread, during the training step of the previous batch. torch's default type is undefined there:
+        state the type of each draw.
         """
 
     @abstractmethod
     def loss(self, network: nn.Module, batch: Any) -> Tensor:
-        """Compute the training loss of what was read: a scalar, the mean over its items."""
+        """Compute the training loss of a batch: a scalar, the mean over its items."""
 
     @abstractmethod
     def validate(self, network: nn.Module) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The training loop: one for each network, on whatever device, to the same weights however often it is killed."""
+"""The training loop of every network and device: it ends with the same weights, however often it is killed."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
     Parameters
     ----------
     learner
-        What is trained.
+        Network, items and loss.
     settings
-        How.
+        Of the training.
     folder
         Gets the checkpoint, `metrics.json` with the losses of each epoch, and the curves in `tensorboard`.
     seed, name
-        Key the order of items and whatever is drawn.
+        Key the order of items and all random draws.
 
     Returns
     -------
@@ -66,19 +66,19 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
     HelpDone
         In each process but the first of those that were started together: the first one saves the model.
     StageError
-        There is nothing to train on; processes are others than asked for, or one was killed; or a loss is no number, is refused by a
-        kernel, or explodes: with epoch, step, and the items of the batch.
+        There are no items; the number of processes differs from the settings, or a process was killed; or a loss is NaN, raises in a
+        kernel, or explodes: the message names epoch, step, and the items of the batch.
     """
     if (group := process_group()) and group.rank == 0:
         group.broadcast(HELP)
     if not len(learner):
-        raise StageError(f"{name}: there are no items to train on; take more objects, or look at why theirs failed")
+        raise StageError(f"{name}: there are no items to train on; take more objects, or see `vt-pipeline status` for those that failed")
     fabric = make_fabric(settings, folder, name)
     begin: Any = _begin  # Fabric's signature leaves out the arguments that it passes on
     try:
         with no_process_left():
             facts: dict[str, Any] = fabric.launch(begin, learner, settings, folder=folder, seed=seed, name=name)
-    except ProcessRaisedException as error:  # what one of several processes raised, as text
+    except ProcessRaisedException as error:  # the error of one of several processes, as text
         raise StageError(re.sub(r"^pipeline\.errors\.\w+: ", "", str(error).strip().splitlines()[-1])) from error
     except ProcessExitedException as error:
         raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {GO_ON}") from error
@@ -100,7 +100,7 @@ def _begin(fabric: Fabric, learner: Learner, settings: TrainingSettings, *, fold
 
 @dataclass(frozen=True)
 class Part:
-    """What one process learns of a batch: the items, and which share of the batch they are; 0 where they do not count."""
+    """Hold the part of a batch that one process learns from: its items, and their share of the batch, 0 for mere placeholders."""
 
     items: list[int]
     share: float
@@ -181,7 +181,7 @@ class _Training:
         return Part(own or batch[:1], len(own) / len(batch))
 
     def read(self, part: Part) -> Any:
-        """Read the items of a part; what is drawn for an item is keyed by it, and the same in whatever process."""
+        """Read the items of a part; random draws are keyed by the item, hence the same in every process."""
         generators = [torch_generator(self.seed, self.name, self.progress.epoch, item) for item in part.items]
         return self.learner.read(part.items, generators)
 
@@ -226,7 +226,7 @@ class _Training:
             raise self.failure(f"the {what} is {value:g} (limit {limit:g})", items)
 
     def failure(self, reason: str, items: Sequence[int]) -> StageError:
-        """Make the error that says in which step and with which items."""
+        """Make the error that names the step and the items."""
         step = f"in epoch {self.progress.epoch + 1}, step {self.progress.step + 1}"
         advice = f"lower learning_rate ({self.settings.learning_rate:g}), or look at the items of its batch"
         return StageError(f"{self.name}: {reason}, {step}; {advice}: {', '.join(map(self.learner.describe, items))}")

@@ -1,4 +1,4 @@
-"""Processes that torchrun or srun started together, each with the same command: the first makes what is made once, the others help it."""
+"""Processes that torchrun or srun started together, each with the same command: the first does the work, the others help it train."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ProcessGroup:
     Attributes
     ----------
     launcher
-        What started them.
+        The program that started them.
     rank, count
         The number of this process, from 0, and how many there are.
     on_node
@@ -85,7 +85,7 @@ def run_together(plan: Plan[Any], console: Console) -> Summary:
 
 @cache
 def process_group() -> ProcessGroup | None:
-    """Find out what started this process with others; None where it was started alone.
+    """Find the group that this process was started in; None if it was started alone.
 
     Slurm's names are translated to those of torchrun, which torch and Fabric read.
     """

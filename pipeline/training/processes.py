@@ -1,4 +1,4 @@
-"""The processes of a training: those that are started here, and those that torchrun or srun started."""
+"""The processes of a training, started by this program, by torchrun or by srun."""
 
 from __future__ import annotations
 
@@ -31,18 +31,27 @@ if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date 
 GO_ON = "run the same command again: it goes on from its last checkpoint"
 
 SILENCE = timedelta(minutes=10)
-"""After which a process that is there but does not answer is given up: longer than a checkpoint or the reading of a list of items takes.
-One that was killed is noticed at once."""
+"""Time limit for an answer of a running process: longer than a checkpoint or the reading of a list of items takes.
+A killed process is noticed at once."""
 
 WORD = 4096
-"""Bytes of what a process tells the others, at most."""
+"""Maximum number of bytes that a process broadcasts."""
 
 LET_GO_FIRST = 3.0
-"""Seconds for which the other processes hold back their end after one was killed: what started them then tells of that one."""
+"""Seconds for which the other processes delay their end after one was killed: their launcher then reports that one."""
 
 
 def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
-    """Make what runs a training in the processes that the settings ask for.
+    """Make the `Fabric` that runs a training in the processes that the settings ask for.
+
+    Parameters
+    ----------
+    settings
+        Give accelerator, devices, nodes and precision.
+    folder
+        Of the model; TensorBoard logs go below it.
+    name
+        Of the training, for messages.
 
     Raises
     ------
@@ -92,7 +101,7 @@ def _check_count(settings: TrainingSettings, name: str) -> None:
 
 @contextmanager
 def no_process_left() -> Iterator[None]:
-    """End the processes that were started meanwhile when this one is told to stop: it would wait for them.
+    """End the processes that were started meanwhile when this one is interrupted: it would wait for them.
 
     Their temporary files are in a folder that other users cannot reach: torch unpickles one of them when a process has failed.
     """
@@ -124,7 +133,7 @@ def end_with_parent() -> None:
 
 @contextmanager
 def lost_peers_as_words(fabric: Fabric, name: str) -> Iterator[None]:
-    """Say that another process of the training is gone, once what started it has had time to tell why."""
+    """Raise a `StageError` if another process of the training ended, after its launcher had time to report why."""
     try:
         yield
     except RuntimeError as error:
@@ -133,23 +142,23 @@ def lost_peers_as_words(fabric: Fabric, name: str) -> Iterator[None]:
         time.sleep(LET_GO_FIRST)
         reason = str(error).strip().splitlines()[0]
         raise StageError(
-            f"{name}: process {fabric.global_rank} of {fabric.world_size} lost the others ({reason}); see what they say, and {GO_ON}"
+            f"{name}: process {fabric.global_rank} of {fabric.world_size} lost the others ({reason}); see their messages, and {GO_ON}"
         ) from error
 
 
 def is_lost_connection(error: RuntimeError) -> bool:
-    """Whether an error is that of a connection between processes, which gloo raises without a type of its own."""
+    """Return whether an error is a lost connection between processes, for which gloo has no error type."""
     words = ("onnection closed", "onnection reset", "roken pipe", "imed out", "onnection refused")
     return isinstance(error, torch.distributed.DistError) or ("gloo" in str(error) and any(word in str(error) for word in words))
 
 
 def gathered(fabric: Fabric, word: str) -> list[str]:
-    """Gather a word of each process, as bytes: torch would unpickle it, from whoever has joined on the network."""
+    """Gather a word of each process, as bytes: torch would unpickle it, although any machine of the network may have sent it."""
     padded = torch.tensor(list(word.encode().ljust(WORD)), dtype=torch.uint8, device=fabric.device)
     rows: Any = fabric.all_gather(padded)
     return [bytes(row).decode(errors="replace").rstrip() for row in rows.reshape(-1, WORD).tolist()]
 
 
 def processors_of(fabric: Fabric) -> list[str]:
-    """Name the kinds of processors that take part."""
+    """List the kinds of processors that take part."""
     return sorted(set(gathered(fabric, processor_kind(processor()))))

@@ -11,7 +11,7 @@ R = TypeVar("R")
 
 
 def read_ahead(read: Callable[[T], R], parts: Iterable[T]) -> Iterator[tuple[T, Callable[[], R]]]:
-    """Yield each part with what waits for its content, and raises what reading it raised; two parts are held at most."""
+    """Yield each part with a function that waits for its content, or raises the error of reading it; hold at most two parts."""
     with ThreadPoolExecutor(1, "read") as reader:
         begun = ((part, reader.submit(read, part)) for part in parts)
         here = next(begun, None)

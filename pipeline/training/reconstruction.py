@@ -1,4 +1,4 @@
-"""The training of networks that reconstruct objects, whatever their family."""
+"""The training of networks that reconstruct objects, for every family."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pipeline.models.observation import NetworkBatch, Observation, stack_observa
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.rng import torch_generator
 from pipeline.training import checkpoint
-from pipeline.training.augmentation import varied_observation
+from pipeline.training.augmentation import vary_observation
 from pipeline.training.items import Items
 from pipeline.training.learner import Learner
 from pipeline.training.loop import train
@@ -34,9 +34,9 @@ IMAGES = {"occluded": VISION, "unoccluded": VISION, "rendering": RENDERINGS}
 
 @dataclass(frozen=True)
 class Batch:
-    """Items that were read: what the network is given of each, what it should find, and what draws the points of the loss.
+    """Hold items for a training step: inputs, targets, and the generators that draw the points of the loss.
 
-    `generators` has one per item; `validates` tells whether they are validation items.
+    `generators` has one per item; `validates` is whether they are validation items.
     """
 
     observations: Sequence[Observation]
@@ -46,16 +46,16 @@ class Batch:
 
 
 class ReconstructionLearner(Learner):
-    """A network that reconstructs, with its items; a family says what its targets are, and its error.
+    """Train a network that reconstructs; a family defines its targets and error.
 
     Attributes
     ----------
     target
-        The artifact that is learned from.
+        The artifact of the targets.
     arrays
-        The arrays of it that are read.
+        Its arrays that are read.
     seeded_as
-        Names the generator of what validation draws.
+        Names the generator of validation.
     """
 
     target: ClassVar[Artifact]
@@ -73,7 +73,23 @@ class ReconstructionLearner(Learner):
 
     @abstractmethod
     def targets(self, items: Items, chosen: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> Any:
-        """Read what the network should find of the chosen items."""
+        """Read the targets of items.
+
+        Parameters
+        ----------
+        items
+            Training or validation items.
+        chosen
+            (B,) numbers of items.
+        generators
+            (B,), for targets that are drawn.
+        validates
+            Whether these are validation items.
+
+        Returns
+        -------
+        Targets as the family's loss takes them.
+        """
 
     @abstractmethod
     def errors(self, network: Any, batch: Batch) -> Tensor:
@@ -87,21 +103,22 @@ class ReconstructionLearner(Learner):
         return self._train.name(item)
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
-        """Read items, each with as many grasps as are drawn for it, varied as the settings say."""
-        drawn = [(self._train.drawn_view(item, self._fewest, self._most, one), one) for item, one in zip(items, generators, strict=True)]
-        seen = [varied_observation(observation, self.settings, one) for observation, one in drawn]
+        """Read items, each with as many grasps as are drawn for it, varied as the settings ask."""
+        drawn = [self._train.drawn_view(item, self._fewest, self._most, rng) for item, rng in zip(items, generators, strict=True)]
+        seen = [vary_observation(observation, self.settings, rng) for observation, rng in zip(drawn, generators, strict=True)]
         return Batch(seen, self.targets(self._train, items, generators, validates=False), generators, validates=False)
 
     def validate(self, network: Any) -> dict[str, float]:
-        """Compute the mean error with 1, 2, … grasps in turn; what is drawn is the same in each epoch."""
+        """Compute the mean error with 1, 2, … grasps in turn; draws are the same in each epoch."""
         generator, size = torch_generator(self._seed, self.seeded_as, "validate"), self.settings.batch_size
-        found = []
+        errors = []
         for start in range(0, len(self._valid), size):
             chosen = range(len(self._valid))[start : start + size]
             seen = [self._valid.view_in_turn(item, self._fewest, self._most) for item in chosen]
             generators = [generator] * len(chosen)
-            found.append(self.errors(network, Batch(seen, self.targets(self._valid, chosen, generators, validates=True), generators, True)))
-        return {"loss": float(torch.cat(found).double().mean())}
+            targets = self.targets(self._valid, chosen, generators, validates=True)
+            errors.append(self.errors(network, Batch(seen, targets, generators, True)))
+        return {"loss": float(torch.cat(errors).double().mean())}
 
     def stack(self, network: Any, batch: Batch) -> NetworkBatch:
         """Stack a batch's observations as the network takes them, on its device."""
@@ -109,7 +126,7 @@ class ReconstructionLearner(Learner):
 
 
 class ReconstructionTraining(DatasetStage):
-    """Trains a network of one configuration; each subclass is the training of a family.
+    """Train a network of one configuration; each subclass trains a family.
 
     Attributes
     ----------
@@ -124,7 +141,7 @@ class ReconstructionTraining(DatasetStage):
     learner: ClassVar[type[ReconstructionLearner]]
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
-        """Name what is read: the target, and what the configuration sees and feels."""
+        """Name the artifacts of the target, the image and the touch charts, as far as the configuration takes them."""
         named = settings.named
         return (self.learner.target, *([IMAGES[named.image]] if named.image else []), *([CHARTS] if named.touch else []))
 
@@ -137,13 +154,13 @@ class ReconstructionTraining(DatasetStage):
         return model_name(settings.configuration, settings.training_seed)
 
     def remarks(self, network: Any, items: Items) -> Iterator[str]:
-        """Say what of the items a network is not made for, though it learns from them."""
+        """Warn of properties of the items that the network is not designed for."""
         made_for = ENCODER_PLANS[network.config.encoder_layers].resolution
         if network.config.image and items.resolution != [made_for, made_for]:
             yield f"images are of {items.resolution} pixels, the encoder's table is for {made_for}: see render-vision.resolution"
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
-        """Train, and keep the best epoch's weights with what it takes to use them."""
+        """Train, and save the best epoch's weights with the description of the model."""
         settings = job.settings
         splits = (("train", settings.samples_per_object), ("valid", settings.validation_items))
         learning, validation = (Items(job.data, split, settings.named, each, learned=self.learner.arrays) for split, each in splits)

@@ -1,4 +1,4 @@
-"""How fast a training learns at each of its steps."""
+"""Schedules of the learning rate."""
 
 from __future__ import annotations
 
@@ -8,11 +8,19 @@ from typing import Literal
 Schedule = Literal["constant", "cosine"]
 
 WARM_UP = 0.05
-"""Share of all steps in which a cosine schedule rises to the full rate: Adam knows little of the gradients yet."""
+"""Share of all steps in which a cosine schedule rises to the full rate: Adam has seen few gradients."""
 
 
 def rate_at(step: int, steps: int, schedule: Schedule) -> float:
-    """Compute the share of the learning rate at a step, from 0, of that many: 1, or up a ramp and down half a cosine to nearly 0."""
+    """Compute the share of the learning rate at a step.
+
+    Parameters
+    ----------
+    step, steps
+        The step, from 0, and the number of steps.
+    schedule
+        `constant` is 1; `cosine` rises linearly, then falls along half a cosine to nearly 0.
+    """
     if schedule == "constant":
         return 1.0
     rising = max(1, round(WARM_UP * steps))

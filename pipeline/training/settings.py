@@ -89,7 +89,7 @@ class ReconstructionSettings(TrainingSettings):
     @model_validator(mode="after")
     def _known_configuration(self) -> ReconstructionSettings:
         if self.configuration not in self.configurations:
-            raise ValueError(f"there is no configuration {self.configuration}; there are {', '.join(self.configurations)}")
+            raise ValueError(f"unknown configuration {self.configuration}; choose from {', '.join(self.configurations)}")
         return self
 
     @property

@@ -1,4 +1,4 @@
-"""What a network has to beat: a training object that is looked up, in place of a reconstruction."""
+"""Baselines: a training object retrieved in place of a reconstruction."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ from stages.evaluate.evaluation_files import Figure, Figures
 from stages.evaluate.ground_truth import TestObjects
 
 POINTS = 1000
-"""Per object by which one is looked up; what is found is measured on all of them."""
+"""Points per object by which it is retrieved; the retrieved object is measured on all of its points."""
 LOOKED_UP = "training object, "
-"""How baselines are called begins with it."""
+"""Begins the name of each baseline."""
 
 Silhouettes = Callable[[str], NDArray[np.bool_]]
 """Reads the silhouettes of an object, (view, pixel)."""
 
 
-def retrieved(
+def retrieve(
     objects: TestObjects,
-    known: ObjectRows,
+    training: ObjectRows,
     most: int,
     figures: Callable[[CloudDistances, int], Mapping[str, float]],
     *,
     silhouettes: Silhouettes | None = None,
     touched: Sequence[NDArray[np.float64]] | None = None,
 ) -> dict[str, Figures]:
-    """Look a training object up for each test object, and measure it as a reconstruction is.
+    """Retrieve a training object for each test object, and measure it as a reconstruction.
 
     Parameters
     ----------
-    objects, known
+    objects, training
         The test objects, and the training objects.
     most
-        Training objects among which is looked, spread evenly.
+        Number of training objects to choose from, spread evenly.
     figures
-        Measures distances between points, of the test object with that number.
+        Makes figures of the distances between points, given the number of the test object.
     silhouettes
-        Where the networks are shown images.
+        For networks that take images.
     touched
-        (N, 3) points that were touched of each test object, where there are touches.
+        (N, 3) touched points of each test object, m, if there are touches.
 
     Returns
     -------
@@ -60,8 +60,8 @@ def retrieved(
     by truth
         The nearest one: no retrieval is better.
     """
-    names = [known.object_ids[at] for at in np.linspace(0, len(known) - 1, min(len(known), most)).astype(int)]
-    clouds = [known.read("points", name).astype(np.float64) for name in names]
+    names = [training.object_ids[at] for at in np.linspace(0, len(training) - 1, min(len(training), most)).astype(int)]
+    clouds = [training.read("points", name).astype(np.float64) for name in names]
     few, asked = [cloud[:POINTS] for cloud in clouds], [objects.points(row)[:POINTS] for row in range(len(objects))]
     chosen: dict[str, NDArray[np.intp]] = {"typical": np.full(len(objects), np.argmin(chamfer_matrix(few, few).mean(axis=0)))}
     if silhouettes is not None:
@@ -72,8 +72,8 @@ def retrieved(
         trees = [cKDTree(cloud) for cloud in few]
         chosen["by touch"] = np.array([np.argmin([mean_squared_distance(tree, points) for tree in trees]) for points in touched])
     chosen["by truth"] = chamfer_matrix(asked, few).argmin(axis=1)
-    views, ids = max(found[0].size for found in chosen.values()), objects.rows.object_ids
-    return {LOOKED_UP + how: Figures(ids, _measured(objects, clouds, found, views, figures)) for how, found in chosen.items()}
+    views, ids = max(matches[0].size for matches in chosen.values()), objects.rows.object_ids
+    return {LOOKED_UP + how: Figures(ids, _measured(objects, clouds, matches, views, figures)) for how, matches in chosen.items()}
 
 
 def _measured(
@@ -86,6 +86,6 @@ def _measured(
     rows = []
     for row, object_id in enumerate(objects.rows.object_ids):
         places = np.broadcast_to(chosen[row], views).tolist()
-        found = {at: figures(cloud_distances(clouds[at][: objects.count], objects.points(row)), row) for at in set(places)}
-        rows += [Figure(object_id, view, 1, metric, value) for view, at in enumerate(places) for metric, value in found[at].items()]
+        measured = {at: figures(cloud_distances(clouds[at][: objects.count], objects.points(row)), row) for at in set(places)}
+        rows += [Figure(object_id, view, 1, metric, value) for view, at in enumerate(places) for metric, value in measured[at].items()]
     return rows

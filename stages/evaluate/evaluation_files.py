@@ -27,7 +27,7 @@ METRICS = "metrics.json"
 Arrays = dict[str, np.ndarray]
 
 
-class _Measured(BaseModel):
+class _MeasuringSettings(BaseModel):
     points: int
     scale: float
 
@@ -39,7 +39,7 @@ class _Configuration(BaseModel):
 class _Root(BaseModel):
     """The attributes that are printed."""
 
-    settings: _Measured
+    settings: _MeasuringSettings
     seed: int
     split: str
     configurations: Annotated[dict[str, _Configuration], Field(min_length=1)]
@@ -86,22 +86,22 @@ class Figures:
         """List the rings in which a touch has points, from 1."""
         return sorted(int(metric.rpartition("_")[2]) for metric, _ in self._values if metric.startswith("local_chamfer_"))
 
-    def of(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
+    def per_case(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
         """Take a metric of every object and choice of grasps: (object, first)."""
         return np.reshape(self._values[metric, grasps][1], (len(self.object_ids), -1))
 
     def per_object(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
         """Compute the mean over the choices of grasps: (object,)."""
-        return np.asarray(self.of(metric, grasps).mean(axis=1))
+        return np.asarray(self.per_case(metric, grasps).mean(axis=1))
 
-    def some(self, metric: str) -> NDArray[np.float64]:
-        """List a metric of the objects that have it."""
+    def available(self, metric: str) -> NDArray[np.float64]:
+        """List a metric, with one grasp, of the objects that have it: (object,)."""
         return np.array(self._values[metric, 1][1])
 
     def ring(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Compute the local Chamfer distance in a ring, the mean over the touches with points in it, and count these: (object,) each.
 
-        Where the number is 0 there is no value, and the distance is 0.
+        The distance is 0 if the count is 0.
         """
         places, values = self._values[f"local_chamfer_{number}", 1]
         size = len(self.object_ids)
@@ -158,7 +158,7 @@ def _conform(name: str, arrays: Mapping[str, Any]) -> Arrays:
     try:
         conformed = {key: np.asarray(value, numpy_dtype(declared[key])) for key, value in arrays.items()}
     except (TypeError, ValueError) as error:
-        raise StoreError(f"evaluation: an array of {name} is not of the type that its schema declares ({error})") from error
+        raise StoreError(f"evaluation: an array of {name} has another type than its schema declares ({error})") from error
     sizes: dict[str, int] = {}
     for key, value in conformed.items():
         dims = declared[key].dims
@@ -181,7 +181,7 @@ def _root(folder: Path) -> zarr.Group:
 
 
 def read_root(folder: Path) -> dict[str, Any]:
-    """Read the attributes of an evaluation folder: settings, seed, configurations; a `StoreError` where there is no finished one."""
+    """Read the attributes of an evaluation folder: settings, seed, configurations; raise a `StoreError` if it is incomplete."""
     attributes = dict(_root(folder).attrs.asdict())
     try:
         _Root.model_validate(attributes)
@@ -191,14 +191,12 @@ def read_root(folder: Path) -> dict[str, Any]:
 
 
 def has_table(folder: Path, name: str) -> bool:
-    """Whether an evaluation folder has a group of that name; a `StoreError` where there is no finished one."""
+    """Return whether an evaluation folder has a group of that name; raise a `StoreError` if no evaluation is complete."""
     return name in _root(folder)
 
 
 def read_table(folder: Path, name: str) -> Arrays:
-    """Read the arrays of one group of an evaluation folder; a `StoreError` where there is no finished one, no such group, or one that
-    is not as its schema says.
-    """
+    """Read the arrays of one group; raise a `StoreError` if the evaluation is incomplete or the group missing or invalid."""
     root = _root(folder)
     group = root.get(name)
     if not isinstance(group, zarr.Group):
@@ -207,7 +205,7 @@ def read_table(folder: Path, name: str) -> Arrays:
 
 
 def read_figures(folder: Path) -> dict[str, Figures]:
-    """Read the figures of an evaluation folder by network; a `StoreError` where there is no finished one."""
+    """Read the figures of an evaluation folder by network; raise a `StoreError` if it is incomplete."""
     table, object_ids = read_table(folder, "figures"), read_table(folder, "objects")["object_id"].tolist()
     rows: dict[str, list[Figure]] = {}
     for network, *figure in zip(*(table[name].tolist() for name in GROUPS["figures"].arrays), strict=True):

@@ -32,10 +32,10 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
 from schemas.charts import STOP_RULES
 from schemas.surfaces import SURFACES
-from stages.evaluate.baselines import retrieved
+from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
 from stages.evaluate.ground_truth import TestObjects
-from stages.evaluate.measure import Case, Measured, Protocol
+from stages.evaluate.measure import Case, MeasuredCase, Protocol
 from stages.evaluate.settings import EvaluationSettings
 
 ALL = "all"
@@ -45,7 +45,7 @@ POINTS_IN_BOX = 20_000
 
 
 class GraspProtocol(Protocol):
-    """Measure reconstructions from grasps. Of images and charts only those are read that a model is shown."""
+    """Measure reconstructions from grasps. It reads only the images and charts that the models take."""
 
     stage = "evaluate"
     keeps_surfaces = True
@@ -66,64 +66,78 @@ class GraspProtocol(Protocol):
         """Name the draw of points by object, model and grasps."""
         return object_id, name, case.first, len(case.grasps)
 
-    def figures(self, name: str, model: Reconstructor, one: Measured) -> Iterator[tuple[int, str, float]]:
-        """Measure the distances of a case; of the first one how it looks, too, and with one grasp the rings around its touches."""
-        settings, case = self.settings, one.case
-        distances = {"chamfer": one.apart.chamfer}
+    def figures(self, name: str, model: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+        """Measure the distances of a case; add its appearance if it is the first, and the rings around its touches if it has one grasp."""
+        settings, case = self.settings, measured.case
+        distances = {"chamfer": measured.distances.chamfer}
         for suffix, multiple in (("", 1.0), ("_2tau", 2.0)):
             tau = multiple * settings.tau
-            precision, recall = one.apart.precision_recall(tau, settings.scale)
-            figures = {"precision": precision, "recall": recall, "f1": one.apart.f1(tau, settings.scale)}
+            precision, recall = measured.distances.precision_recall(tau, settings.scale)
+            figures = {"precision": precision, "recall": recall, "f1": measured.distances.f1(tau, settings.scale)}
             distances |= {metric + suffix: figure for metric, figure in figures.items()}
         yield from ((first, metric, value) for first in case.firsts for metric, value in distances.items())
-        if one.is_first:
-            looks = self.looks(one) | (self.closed(name, model, one) if settings.closed_resolution else {})
-            yield from ((case.first, metric, value) for metric, value in looks.items())
+        if measured.is_first:
+            appearance = self.appearance(measured) | (self.closed(name, model, measured) if settings.closed_resolution else {})
+            yield from ((case.first, metric, value) for metric, value in appearance.items())
         if case.given == 1:
-            yield from self.rings(one)
+            yield from self.rings(measured)
 
-    def rings(self, one: Measured) -> Iterator[tuple[int, str, float]]:
+    def rings(self, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the points of the object in rings around each touch of a case with one grasp."""
-        points, rings = self.objects.points(one.row), self.settings.rings
-        for grasp in one.case.firsts:
-            for sensor in np.flatnonzero(self.touched[one.row, grasp]):
-                ring = ring_indices(points, self.poses[one.row, grasp, sensor], self.sensor.width, rings)
-                means, counts = ring_means(one.apart.truth, ring, rings)
+        points, rings = self.objects.points(measured.row), self.settings.rings
+        for grasp in measured.case.firsts:
+            for sensor in np.flatnonzero(self.touched[measured.row, grasp]):
+                ring = ring_indices(points, self.poses[measured.row, grasp, sensor], self.sensor.width, rings)
+                means, counts = ring_means(measured.distances.truth, ring, rings)
                 yield from ((grasp, f"local_chamfer_{at + 1}", float(means[at])) for at in np.flatnonzero(counts))
 
-    def looks(self, one: Measured) -> dict[str, float]:
-        """Measure how a reconstruction looks; see the schema's `QUALITY`."""
-        made, points, normals = one.made, self.objects.points(one.row), self.objects.normals(one.row)
+    def appearance(self, measured: MeasuredCase) -> dict[str, float]:
+        """Measure the appearance of a reconstruction; see the schema's `QUALITY`."""
+        made, points, normals = measured.reconstruction, self.objects.points(measured.row), self.objects.normals(measured.row)
         vision = made.faces[(made.faces < made.vision).all(axis=1)]
-        a, b, c = np.moveaxis(made.vertices[one.faces], 1, 0)
+        a, b, c = np.moveaxis(made.vertices[measured.faces], 1, 0)
         across = np.cross(b - a, c - a)
         drawn = across / np.linalg.norm(across, axis=1, keepdims=True)  # a face with a point on it has an area
         return {
             "area_ratio": surface_area(made.vertices, made.faces) / sampled_area(points, normals),
             "dihedral": float(np.median(dihedral_angles(made.vertices, vision))),
             "seam_gap": 0.0 if made.is_whole else float(seam_gaps(made.vertices[: made.vision], made.position).mean()),
-            "spike": float(np.sqrt(np.quantile(one.apart.predicted, 0.999))),
-            "normal_consistency": normal_consistency(one.sampled, drawn, points, normals),
+            "spike": float(np.sqrt(np.quantile(measured.distances.predicted, 0.999))),
+            "normal_consistency": normal_consistency(measured.points, drawn, points, normals),
             "crossing": float(crossing_faces(made.vertices, vision, made.position).mean()),
         }
 
-    def closed(self, name: str, model: Reconstructor, one: Measured) -> dict[str, float]:
-        """Close a reconstruction; measure the inside that it shares with the object, where that has one."""
-        object_id = self.objects.rows.object_ids[one.row]
-        vertices, faces = close_reconstruction(one.made, self.settings.closed_resolution or 0, self.observe(model, one.row, one.case))
-        found = {"watertight": float(is_watertight(faces))}
+    def closed(self, name: str, model: Reconstructor, measured: MeasuredCase) -> dict[str, float]:
+        """Close a reconstruction, and measure the inside that it shares with the object.
+
+        Parameters
+        ----------
+        name, model
+            The model.
+        measured
+            Its reconstruction of an object in a case.
+
+        Returns
+        -------
+        `watertight` (0 or 1) and, if the object's mesh is watertight, `iou`.
+        """
+        object_id = self.objects.rows.object_ids[measured.row]
+        vertices, faces = close_reconstruction(
+            measured.reconstruction, self.settings.closed_resolution or 0, self.observe(model, measured.row, measured.case)
+        )
+        closed = {"watertight": float(is_watertight(faces))}
         if not bool(self._surfaces.view(object_id)["watertight"]):
-            return found
+            return closed
         mesh = read_mesh(self._surfaces.view(object_id))
         corners = np.concatenate([vertices, mesh.vertices])
         rng = numpy_rng(self.job.seed, "evaluate", "closed", name, object_id)
         points = rng.uniform(corners.min(axis=0), corners.max(axis=0), (POINTS_IN_BOX, 3))
-        return found | {"iou": intersection_over_union((vertices, faces), (mesh.vertices, mesh.faces), points)}
+        return closed | {"iou": intersection_over_union((vertices, faces), (mesh.vertices, mesh.faces), points)}
 
     def baselines(self) -> dict[str, Figures]:
-        """Measure training objects in place of reconstructions; none where no training object came through."""
+        """Measure training objects in place of reconstructions; none if every training object failed."""
         try:
-            known = ObjectRows(self.job.data, ["points"], "train")
+            training = ObjectRows(self.job.data, ["points"], "train")
         except StoreError:
             return {}
         images = ObjectRows(self.job.data, ["segmentation"], None) if self.seen else None
@@ -137,29 +151,38 @@ class GraspProtocol(Protocol):
             return {"chamfer": apart.chamfer}
 
         touched = [self._touched_points(row) for row in range(len(self.objects))]
-        return retrieved(
-            self.objects, known, self.settings.looked_up, figures, silhouettes=silhouettes if images else None, touched=touched
+        return retrieve(
+            self.objects, training, self.settings.looked_up, figures, silhouettes=silhouettes if images else None, touched=touched
         )
 
     def _touched_points(self, row: int) -> NDArray[np.float64]:
-        """Collect the points that the sensors touched in an object's first grasp, (N, 3); the sensors' places where none touched."""
+        """Collect the points that the sensors touched in an object's first grasp, (N, 3), m; the sensors' positions if none touched."""
         depth, poses = self.objects.rows.read("depth", self.objects.rows.object_ids[row], 0), self.poses[row, 0]
         clouds = [local_points(depth[site], poses[site], self.sensor) for site in np.flatnonzero(self.touched[row, 0])]
         return np.concatenate([cloud[:count] for cloud, count in clouds] or [poses[:, :3, 3]]).astype(np.float64)
 
     def extra(self, models: Sequence[Reconstructor]) -> dict[str, Arrays]:
-        """Make Table 1 and, where a model feels, the table of touch charts."""
-        found = {"table_1": dataset(self.job.data)}
+        """Make Table 1 and, for models with touch, the table of touch charts."""
+        groups = {"table_1": dataset(self.job.data)}
         if any(model.touch for model in models):
-            found["charts"] = chart_residuals(*map(self.objects.stack, ("residual", "iterations", "stop_rule")))
-        return found
+            groups["charts"] = chart_residuals(*map(self.objects.stack, ("residual", "iterations", "stop_rule")))
+        return groups
 
 
 def make_cases(available: int, numbers: Sequence[int], *, touch: bool, occluded: bool) -> list[Case]:
-    """List the cases of a model that takes `touch` or not and the `occluded` image or not, of `available` grasps per object.
+    """List the cases of a model.
 
     A model without touch is the same for any number of grasps, without the occluded image for any grasp; all grasps are
-    the same grasps whichever comes first. Numbers beyond the available ones are left out.
+    the same grasps whichever comes first.
+
+    Parameters
+    ----------
+    available
+        Grasps per object.
+    numbers
+        Numbers of grasps to evaluate; those above `available` are left out.
+    touch, occluded
+        Whether the model takes touches, and the occluded image.
     """
     every = tuple(range(available))
     if not touch:
@@ -183,18 +206,32 @@ def arrays_of(models: Sequence[Reconstructor]) -> list[str]:
 
 def dataset(data: Place) -> Arrays:
     """Make Table 1, one row per class and one for all."""
-    found = tally(data)
-    *counts, percent = np.array([entry.row()[:4] for entry in found.values()]).T  # (class,) each
+    tallies = tally(data)
+    *counts, percent = np.array([entry.row()[:4] for entry in tallies.values()]).T  # (class,) each
     successful, touches = percent / 100, counts[-1]
     return {
-        "category": np.array([*found, ALL]),
+        "category": np.array([*tallies, ALL]),
         **{name: np.append(column, column.sum()) for name, column in zip(("objects", "grasps", "touches"), counts, strict=True)},
         "successful": np.append(successful, (successful * touches).sum() / touches.sum()),
     }
 
 
 def chart_residuals(residual: np.ndarray, iterations: np.ndarray, stop_rule: np.ndarray) -> Arrays:
-    """Summarise touch-chart residuals by stop rule, from the arrays of the artifact `charts`."""
+    """Summarise the residuals of touch charts by stop rule.
+
+    Parameters
+    ----------
+    residual
+        (object, grasp, sensor), m.
+    iterations
+        (object, grasp, sensor).
+    stop_rule
+        (object, grasp, sensor), numbers of `STOP_RULES`.
+
+    Returns
+    -------
+    The group `charts` of the schema `evaluation`.
+    """
     chosen = {name: stop_rule == code for code, name in enumerate(STOP_RULES) if name != "no_touch" and (stop_rule == code).any()}
     chosen[ALL] = is_surface(stop_rule)
     masks = chosen.values()

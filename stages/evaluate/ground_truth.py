@@ -17,12 +17,12 @@ SPLIT = "test"
 
 
 class TestObjects:
-    """Hold the objects of the test split, the same for every model: one that failed in what one of them needs is left out for all.
+    """Hold the objects of the test split that have every array which a model needs: the same for all models.
 
     Attributes
     ----------
     rows
-        Gives the arrays that were asked for.
+        Gives their arrays.
     count
         Points of S^obj per object: as many as are drawn from a reconstruction.
 

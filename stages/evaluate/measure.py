@@ -45,28 +45,41 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Measured:
-    """A reconstruction of an object (`row`) in a case, with points drawn from it and their faces, and its distances to the object.
+class MeasuredCase:
+    """Hold a reconstruction of an object in a case, and its distances to the object.
 
-    `is_first` tells whether it is the first case of its object.
+    Attributes
+    ----------
+    row
+        The object's number.
+    case, is_first
+        The case; whether it is the first of its object.
+    reconstruction
+        The surface.
+    points
+        (N, 3) points drawn from it, m.
+    faces
+        (N, 3) vertices of the face of each point.
+    distances
+        Between these points and the object's.
     """
 
     row: int
     case: Case
-    made: Reconstruction
-    sampled: NDArray[np.float64]
+    reconstruction: Reconstruction
+    points: NDArray[np.float64]
     faces: NDArray[np.int64]
-    apart: CloudDistances
+    distances: CloudDistances
     is_first: bool
 
 
 class Protocol(ABC):
-    """What is measured of reconstructions, and what models are shown.
+    """Choose the inputs of models and the figures of their reconstructions.
 
     Attributes
     ----------
     stage
-        The stage that measures by it.
+        The name of its stage.
     objects
         The test objects.
     """
@@ -81,11 +94,31 @@ class Protocol(ABC):
 
     @abstractmethod
     def identity(self, name: str, object_id: str, case: Case) -> tuple[str | int, ...]:
-        """Name the draw of points from a reconstruction."""
+        """Name the draw of points from a reconstruction, for the random generator.
+
+        Parameters
+        ----------
+        name
+            The model's.
+        object_id, case
+            The reconstruction's.
+        """
 
     @abstractmethod
-    def figures(self, name: str, model: Reconstructor, one: Measured) -> Iterator[tuple[int, str, float]]:
-        """Measure a reconstruction: the first grasp or view that a figure is of, its metric and its value."""
+    def figures(self, name: str, model: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+        """Measure a reconstruction.
+
+        Parameters
+        ----------
+        name, model
+            The model.
+        measured
+            Its reconstruction of an object in a case.
+
+        Returns
+        -------
+        The first grasp or the view, the metric and the value of each figure.
+        """
 
     @abstractmethod
     def baselines(self) -> dict[str, Figures]:
@@ -96,16 +129,35 @@ class Protocol(ABC):
         """Make further groups of the schema."""
 
     def observe(self, model: Reconstructor, row: int, case: Case) -> Observation:
-        """Read what a model is shown of an object."""
+        """Read a model's input.
+
+        Parameters
+        ----------
+        model
+            The model.
+        row
+            The object's number.
+        case
+            Its grasps or view.
+        """
         return stored_observation(self.objects.rows, self.objects.rows.object_ids[row], case.grasps or (case.first,), model.config)
 
 
 def measure(name: str, model: Reconstructor, protocol: Protocol, job: DatasetJob) -> tuple[list[Figure], Arrays]:
-    """Measure the model called `name`.
+    """Measure a model on the test objects.
+
+    Parameters
+    ----------
+    name, model
+        The model.
+    protocol
+        Gives the objects, cases and figures.
+    job
+        Gives batch size, seed and console.
 
     Returns
     -------
-    Its figures, and its group below `predictions` or `meshes`; empty where the protocol keeps no surfaces.
+    Its figures, and its group below `predictions` or `meshes`; empty if the protocol keeps no surfaces.
 
     Raises
     ------
@@ -125,13 +177,15 @@ def measure(name: str, model: Reconstructor, protocol: Protocol, job: DatasetJob
                 object_id = objects.rows.object_ids[row]
                 identity = protocol.identity(name, object_id, case)
                 if not np.isfinite(made.vertices).all():
-                    what = " ".join(map(str, identity))
-                    raise StageError(f"the reconstruction of {what} holds NaN or infinity; was the model trained to the end?")
+                    case_name = " ".join(map(str, identity))
+                    raise StageError(f"the reconstruction of {case_name} holds NaN or infinity; was the model trained to the end?")
                 rng = numpy_rng(job.seed, protocol.stage, *identity)
-                sampled, face = sample_triangles(made.vertices[made.faces], objects.count, rng)
-                apart = cloud_distances(sampled, objects.points(row))
-                one = Measured(row, case, made, sampled, made.faces[face], apart, is_first=case is cases[0])
-                rows += [Figure(object_id, first, case.given, metric, value) for first, metric, value in protocol.figures(name, model, one)]
+                points, face = sample_triangles(made.vertices[made.faces], objects.count, rng)
+                distances = cloud_distances(points, objects.points(row))
+                measured = MeasuredCase(row, case, made, points, made.faces[face], distances, is_first=case is cases[0])
+                rows += [
+                    Figure(object_id, first, case.given, metric, value) for first, metric, value in protocol.figures(name, model, measured)
+                ]
                 if protocol.keeps_surfaces and case in kept_cases:
                     kept.append(made)
                 meter.advance()
@@ -153,15 +207,15 @@ def surfaces_group(model: Reconstructor) -> str:
 
 def _charts(kept: Sequence[Reconstruction], shape: tuple[int, int]) -> Mapping[str, np.ndarray]:
     made = kept[-1]
-    vertices = np.array([one.vertices[: one.vision] for one in kept], np.float32)
+    vertices = np.array([surface.vertices[: surface.vision] for surface in kept], np.float32)
     faces = made.faces[(made.faces < made.vision).all(axis=1)]
     return {"vertices": vertices.reshape(*shape, -1, 3), "faces": faces, "position": made.position}
 
 
 def _meshes(kept: Sequence[Reconstruction], shape: tuple[int, int]) -> Mapping[str, np.ndarray]:
     return {
-        "vertices": np.concatenate([one.vertices for one in kept]),
-        "faces": np.concatenate([one.faces for one in kept]),
-        "vertex_count": np.reshape([len(one.vertices) for one in kept], shape),
-        "face_count": np.reshape([len(one.faces) for one in kept], shape),
+        "vertices": np.concatenate([surface.vertices for surface in kept]),
+        "faces": np.concatenate([surface.faces for surface in kept]),
+        "vertex_count": np.reshape([len(surface.vertices) for surface in kept], shape),
+        "face_count": np.reshape([len(surface.faces) for surface in kept], shape),
     }

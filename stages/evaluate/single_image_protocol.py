@@ -15,10 +15,10 @@ from pipeline.kernels.metrics.cloud_distances import CloudDistances
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
-from stages.evaluate.baselines import retrieved
+from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
 from stages.evaluate.ground_truth import TestObjects
-from stages.evaluate.measure import Case, Measured, Protocol
+from stages.evaluate.measure import Case, MeasuredCase, Protocol
 from stages.evaluate.settings import SingleImageEvaluationSettings
 
 ARRAYS = ("points", "rendering", "rendering_camera", "silhouette")
@@ -49,18 +49,18 @@ class SingleImageProtocol(Protocol):
         """Name the draw of points by object and view."""
         return object_id, case.first
 
-    def figures(self, name: str, model: Reconstructor, one: Measured) -> Iterator[tuple[int, str, float]]:
+    def figures(self, name: str, model: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the distances of a view."""
-        yield from ((one.case.first, metric, value) for metric, value in self._figures(one.apart, one.row).items())
+        yield from ((measured.case.first, metric, value) for metric, value in self._figures(measured.distances, measured.row).items())
 
     def baselines(self) -> dict[str, Figures]:
         """Measure training objects in place of reconstructions."""
-        known, everything = ObjectRows(self.job.data, ARRAYS, "train"), ObjectRows(self.job.data, ["silhouette"], None)
+        training, everything = ObjectRows(self.job.data, ARRAYS, "train"), ObjectRows(self.job.data, ["silhouette"], None)
 
         def silhouettes(object_id: str) -> NDArray[np.bool_]:
             return everything.read("silhouette", object_id)[: self.views, ::STEP, ::STEP].reshape(self.views, -1)
 
-        return retrieved(self.objects, known, self.settings.looked_up, self._figures, silhouettes=silhouettes)
+        return retrieve(self.objects, training, self.settings.looked_up, self._figures, silhouettes=silhouettes)
 
     def extra(self, models: Sequence[Reconstructor]) -> dict[str, Arrays]:
         """Make none."""
@@ -70,7 +70,7 @@ class SingleImageProtocol(Protocol):
         return figures_of(apart, scale=self._scales[row], tau=self.settings.tau)
 
     def _scale_of(self, object_id: str) -> float:
-        """Compute the factor to the standard's size from the diagonal that objects were scaled to, or the object's own if it was not."""
+        """Compute the factor to the standard's size from the diagonal that objects were scaled to, or the object's if it was not scaled."""
         view = self._surfaces.view(object_id)
         if "metres_per_unit" in view and view["metres_per_unit"] > 0:
             return float(self.settings.scale / length(np.ptp(read_mesh(view).vertices, axis=0)))
@@ -85,7 +85,7 @@ def figures_of(apart: CloudDistances, *, scale: float, tau: float) -> dict[str, 
     apart
         Squared distances between predicted and true points, m².
     scale
-        What both clouds are multiplied by to be in the standard's unit.
+        Factor from metres to the standard's unit.
     tau
         Squared distance of F1, in that unit.
 

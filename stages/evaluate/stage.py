@@ -38,12 +38,22 @@ MEASURED = "measured"
 
 
 class NetworkEvaluation(DatasetStage):
-    """Measures trained models by a protocol."""
+    """Measure trained models by a protocol."""
 
     protocol: ClassVar[Callable[..., Protocol]]
 
     def attributes(self, job: DatasetJob, protocol: Any, models: Mapping[str, Reconstructor]) -> dict[str, Any]:
-        """Say what was evaluated, in the root of the evaluation."""
+        """Describe the evaluation, for the root of its group.
+
+        Parameters
+        ----------
+        job
+            Gives settings and seed.
+        protocol
+            Gives the objects.
+        models
+            The models, by name.
+        """
         rows = protocol.objects.rows
         given = {name: {"image": model.image, "touch": model.touch} for name, model in models.items()}
         return {
@@ -100,7 +110,7 @@ class Evaluate(NetworkEvaluation):
     protocol = GraspProtocol
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
-        """Name what the models are shown, and where the touch sites are."""
+        """Name the artifacts that the models take, and those of the touch sites."""
         networks = [GRASP_CONFIGURATIONS[name] for name in settings.configurations]
         seen, felt = any(network.image for network in networks), any(network.touch for network in networks)
         return (SURFACES, GRASPS, TOUCH, *([VISION] if seen else []), *([CHARTS] if felt else []))
@@ -110,7 +120,7 @@ class Evaluate(NetworkEvaluation):
         return tuple(model_name(name, settings.training_seed) for name in settings.configurations)
 
     def splits(self, settings: EvaluationSettings) -> tuple[str, ...]:
-        """Name all: measured are only objects that no training saw, but Table 1 counts all."""
+        """Name all: the models are measured on test objects only, but Table 1 counts all."""
         return SPLITS
 
     def writes(self, settings: EvaluationSettings) -> str:
@@ -139,7 +149,7 @@ class EvaluateSingleImage(NetworkEvaluation):
         return (model_name("single-image"),)
 
     def splits(self, settings: SingleImageEvaluationSettings) -> tuple[str, ...]:
-        """Name the objects that are measured, and those among which the baselines look."""
+        """Name the split that is measured, and the one that baselines retrieve from."""
         return ("train", "test")
 
     def writes(self, settings: SingleImageEvaluationSettings) -> str:
@@ -151,7 +161,7 @@ class EvaluateSingleImage(NetworkEvaluation):
         return Cost(seconds=0.06 * settings.views * objects, kilobytes=0.1 * objects)
 
     def attributes(self, job: DatasetJob, protocol: Any, models: Mapping[str, Reconstructor]) -> dict[str, Any]:
-        """Add what Table 4's rows are of."""
+        """Add the manifest, the number of views and of training objects, which Table 4 names."""
         manifest = DataDirectory(job.data).folder(model_name("single-image")).manifest
         learned_from = len(ObjectRows(job.data, ["rendering"], "train"))
         return super().attributes(job, protocol, models) | {"manifest": manifest, "views": protocol.views, "training_objects": learned_from}

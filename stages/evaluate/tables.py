@@ -167,14 +167,14 @@ def _by_class(figures: Figures, members: Members, metrics: Sequence[str]) -> lis
 def _quality(networks: Networks) -> list[Row]:
     rows = []
     for name, figures in networks.items():
-        values = [(factor, figures.some(measure)) for measure, (_, factor) in QUALITY_UNITS.items()]
+        values = [(factor, figures.available(measure)) for measure, (_, factor) in QUALITY_UNITS.items()]
         rows.append(Row([name, *((factor * _mean(measured), factor * _median(measured)) for factor, measured in values)]))
     return rows
 
 
 def _closed(name: str, figures: Figures) -> Row:
-    shared = figures.some("iou")
-    return Row([name, 100 * _mean(figures.some("watertight")), len(shared), (_mean(shared), _median(shared)) if len(shared) else None])
+    shared = figures.available("iou")
+    return Row([name, 100 * _mean(figures.available("watertight")), len(shared), (_mean(shared), _median(shared)) if len(shared) else None])
 
 
 def _mean(values: NDArray[np.float64]) -> float:
@@ -226,7 +226,7 @@ MEAN = "mean"
 
 def _table_4_figures(figures: Figures) -> NDArray[np.float64]:
     """Join (object, view, figure) in the units of Table 4."""
-    return np.stack([figures.of("scaled_chamfer"), 100 * figures.of("f1"), 100 * figures.of("f1_2tau")], axis=-1)
+    return np.stack([figures.per_case("scaled_chamfer"), 100 * figures.per_case("f1"), 100 * figures.per_case("f1_2tau")], axis=-1)
 
 
 def means_by_class(figures: NDArray[np.float64], categories: Sequence[str] | NDArray[Any]) -> dict[str, NDArray[np.float64]]:
@@ -249,7 +249,7 @@ def means_by_class(figures: NDArray[np.float64], categories: Sequence[str] | NDA
 
 
 def training_table(facts: Mapping[str, Mapping[str, Any]]) -> Table:
-    """List what each model's training took and on what, from the facts of its record, by name."""
+    """List each model's training: epochs, loss, time and hardware, from the facts of its record, by name."""
     columns = ["model", "parameters", "epochs", "best", "supplement's best", "validation loss", "seconds", "hardware"]
     rows = []
     for name, row in facts.items():

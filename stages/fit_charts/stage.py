@@ -28,13 +28,13 @@ from schemas.touch import TOUCH
 from stages.fit_charts.settings import ChartSettings
 
 UNET = "models/unet"
-"""Where `train-unet` leaves its network, below the data directory."""
+"""The folder of `train-unet`'s network, below the data directory."""
 TOUCHES = 18
 """Touches per object: nine of the twenty sensors in ten."""
 
 
 class FitCharts(ObjectStage):
-    """Fits charts of the surface to what the sensors feel."""
+    """Fit charts of the surface to the touches of the sensors."""
 
     name = "fit-charts"
     summary = "A touch chart for every sensor of every grasp."
@@ -42,11 +42,11 @@ class FitCharts(ObjectStage):
     settings_type = ChartSettings
 
     def inputs(self, settings: ChartSettings) -> tuple[Artifact, ...]:
-        """Name what is read: tactile images and depths, the poses of the sensors, and which of them touch."""
+        """Name the inputs: tactile images and depths, the poses of the sensors, and which of them touch."""
         return (TOUCH, GRASPS)
 
     def models(self, settings: ChartSettings) -> tuple[str, ...]:
-        """Name the U-Net's folder, where its points are asked for."""
+        """Name the U-Net's folder, if the settings ask for its points."""
         return (UNET,) if settings.cloud == "predicted" else ()
 
     def constants(self, settings: ChartSettings) -> Row:
@@ -59,7 +59,7 @@ class FitCharts(ObjectStage):
 
     @contextmanager
     def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        """Load the U-Net, if need be; compute on one thread per worker: results do not depend on how many share the machine."""
+        """Load the U-Net if the settings use it; compute on one thread per worker, for results that do not depend on their number."""
         with torch_threads(1):
             model = load_touch_model(models[UNET], settings.device) if settings.cloud == "predicted" else None
             yield lambda unit, inputs: _process(unit, inputs, settings, model)

@@ -22,7 +22,7 @@ from stages.read_renderings.settings import RenderingSettings
 
 
 class ReadRenderings(ObjectStage):
-    """Reads images of the objects that others rendered."""
+    """Read images of the objects that others rendered."""
 
     name = "read-renderings"
     summary = "Images of every object from several sides, with their cameras, from a folder laid out as ShapeNetRendering."
@@ -30,7 +30,7 @@ class ReadRenderings(ObjectStage):
     settings_type = RenderingSettings
 
     def inputs(self, settings: RenderingSettings) -> tuple[Artifact, ...]:
-        """Name the surfaces, which say how each object was placed."""
+        """Name the surfaces, which hold the placement of each object."""
         return (SURFACES,)
 
     def files(self, source: Mapping[str, Any]) -> list[Path]:
@@ -60,5 +60,7 @@ def _read(unit: Unit, inputs: Inputs, settings: RenderingSettings) -> Row:
     return {
         "rendering": np.rint(opacity * images[..., :3] + (1 - opacity) * settings.background).astype(np.uint8),
         "silhouette": opacity[..., 0] >= 0.5,
-        "rendering_camera": np.stack([placed_camera(viewpoint_camera(one, PIXELS), surface["placement"]) for one in viewpoints]),
+        "rendering_camera": np.stack(
+            [placed_camera(viewpoint_camera(viewpoint, PIXELS), surface["placement"]) for viewpoint in viewpoints]
+        ),
     }

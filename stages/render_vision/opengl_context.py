@@ -13,14 +13,14 @@ PACKAGES = "libegl1 libgl1 libxrender1 libgl1-mesa-dri"
 """Debian's and Ubuntu's names of the system libraries that headless rendering needs."""
 
 PLATFORM = "PYOPENGL_PLATFORM"
-"""The environment variable that tells PyOpenGL, when it is imported, how to find OpenGL's functions."""
+"""The environment variable from which PyOpenGL, on import, takes how to find OpenGL's functions."""
 
 SAME_ON_EVERY_PROCESSOR = {"GALLIUM_OVERRIDE_CPU_CAPS": "sse4.1", "LP_NATIVE_VECTOR_WIDTH": "128"}
-"""What Mesa's software renderer may use of a processor: what every x86-64 processor that numpy supports has. Mesa crashes at width 512."""
+"""Processor features for Mesa's software renderer: those of every x86-64 processor that numpy supports. Mesa crashes at width 512."""
 
 
 class NoOpenGL(RuntimeError):
-    """Headless OpenGL does not work on this machine; the message says what to install."""
+    """Headless OpenGL does not work on this machine; the message names the packages to install."""
 
 
 def shader_paths() -> list[Path]:
@@ -71,10 +71,22 @@ class OpenGLContext:
             ) from error
 
     def render(self, scene: Any, flags: int, shape: tuple[int, int], labels: dict[Any, int] | None = None) -> Any:
-        """Render a `pyrender.Scene` with `shape` rows and columns.
+        """Render a scene.
 
-        Returns colours (R, C, 3) uint8, or each node's label where `labels` and the flag SEG are given; and depths (R, C) float32, m, 0
-        for the background.
+        Parameters
+        ----------
+        scene
+            A `pyrender.Scene`.
+        flags
+            pyrender's `RenderFlags`.
+        shape
+            Rows and columns.
+        labels
+            Each node's label, with the flag SEG.
+
+        Returns
+        -------
+        Colours, or labels with `labels`, (R, C, 3) uint8; and depths (R, C) float32, m, 0 for the background.
         """
         self._platform.make_current()
         self.renderer.viewport_height, self.renderer.viewport_width = shape
@@ -98,7 +110,7 @@ def _load_triton() -> None:
 
 @contextmanager
 def _environment() -> Iterator[None]:
-    """Set what PyOpenGL reads when it is imported and Mesa when it opens its first context; a platform that the user chose is kept."""
+    """Set the variables that PyOpenGL reads on import and Mesa in its first context; keep the user's platform."""
     values = {PLATFORM: os.environ.get(PLATFORM, "egl"), **SAME_ON_EVERY_PROCESSOR}
     before = {name: os.environ[name] for name in values if name in os.environ}
     os.environ.update(values)

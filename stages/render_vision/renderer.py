@@ -21,7 +21,7 @@ from stages.render_vision.opengl_context import OpenGLContext
 NEAR_PLANE, FAR_PLANE = 0.05, 20.0
 """Surfaces between these distances from the camera are drawn, m: well around a hand and an object a metre away."""
 REACH = 10.0
-"""Surfaces lie within this distance of the world's origin, m: from farther away, a camera draws what is that near to it."""
+"""Surfaces lie within this distance of the world's origin, m: a camera farther away draws all surfaces that are as near to it."""
 
 
 @dataclass(frozen=True)

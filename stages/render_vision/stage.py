@@ -46,7 +46,7 @@ class RenderVision(ObjectStage):
     settings_type = VisionSettings
 
     def inputs(self, settings: VisionSettings) -> tuple[Artifact, ...]:
-        """Name what is read: the meshes and the poses of the hand."""
+        """Name the inputs: the meshes and the poses of the hand."""
         return (SURFACES, GRASPS)
 
     def assets(self, settings: VisionSettings) -> list[Path]:
@@ -64,7 +64,7 @@ class RenderVision(ObjectStage):
             return
         if used != settings.hand:
             raise InvalidInput(
-                f"the grasps were made with hand {used}, render-vision.hand is {settings.hand}; leave it out, or say --set hand={used}"
+                f"the grasps were made with hand {used}, render-vision.hand is {settings.hand}; leave it out, or set --set hand={used}"
             )
         raise InvalidInput(f"the files of hand {used} have changed since the grasps were made; run simulate-grasps again")
 

@@ -20,7 +20,7 @@ from stages.sample_distances.settings import DistanceSettings
 
 
 class SampleDistances(ObjectStage):
-    """Draws points around every object, and measures how far they are from its surface."""
+    """Draw points around every object, and measure their distance from its surface."""
 
     name = "sample-distances"
     summary = "Draw points in space and measure their signed distance to the surface: for implicit networks."

@@ -28,7 +28,7 @@ from stages.sample_surfaces.settings import SurfaceSettings
 
 
 class SampleSurfaces(ObjectStage):
-    """Cleans, normalises and samples a manifest's objects; the only stage that opens source files."""
+    """Clean, normalise and sample a manifest's objects; the only stage that opens source files."""
 
     name = "sample-surfaces"
     summary = "Clean and normalise every mesh, draw points from its exterior surface."
@@ -49,7 +49,7 @@ class SampleSurfaces(ObjectStage):
             yield f"{pluralise(len(names))} drawn without textures or materials that are not below their folder ({abbreviate(names)})"
 
     def cost(self, settings: SurfaceSettings) -> Cost:
-        """One mesh and its points."""
+        """Estimate one mesh and its points."""
         return Cost(seconds=0.15, kilobytes=400 * settings.points / 10_000)
 
     @contextmanager
@@ -74,7 +74,7 @@ def _process(unit: Unit, settings: SurfaceSettings) -> Row:
 
 
 def _origin(unit: Unit) -> Row:
-    """Where an object comes from: its file with checksum, licence and unit, or the toy object that was modelled."""
+    """Describe an object's origin: its file with checksum, licence and unit, or the toy object that was modelled."""
     source = unit.source
     if "procedural" in source:
         file, sha256, missing = f"procedural {source['procedural']} {source['variant']}, seed {source['seed']}", "", 0
@@ -92,7 +92,7 @@ def _origin(unit: Unit) -> Row:
 
 
 def normalised_mesh(unit: Unit, settings: SurfaceSettings) -> tuple[Mesh, np.ndarray, CleaningReport]:
-    """Clean and normalise an object's mesh; the matrix (4, 4) says how it was placed, the report what was removed."""
+    """Clean and normalise an object's mesh; return it with its placement (4, 4) and the report of removed faces."""
     source = unit.source
     mesh, report = clean_mesh(source_mesh(unit), settings.max_faces)
     how = {"up": source.get("up", "z"), "diagonal": settings.diagonal, "metres_per_unit": source.get("metres_per_unit")}
@@ -100,7 +100,7 @@ def normalised_mesh(unit: Unit, settings: SurfaceSettings) -> tuple[Mesh, np.nda
 
 
 def source_mesh(unit: Unit) -> Mesh:
-    """Make the mesh of a procedural object, or read that of another from its file."""
+    """Make the mesh of a procedural object, or read the mesh from its file."""
     if "procedural" not in unit.source:
         return load_mesh(Path(unit.source["file"]), Path(unit.source["root"]))
     category, variant, seed = (unit.source[name] for name in ("procedural", "variant", "seed"))

@@ -97,7 +97,7 @@ class GraspSearch:
         frames = forward_kinematics(hand, pose, angles)
         poses = sensor_poses_from_links(hand, frames)
         worn = list(zip(poses, self.prepared_hand.sensors, strict=True))
-        depths = [ray_depth(self.prepared_object.faces, *one) for one in worn]
+        depths = [ray_depth(self.prepared_object.faces, pose, sensor) for pose, sensor in worn]
         touched = np.array([touch_success(depth, sensor) for depth, (_, sensor) in zip(depths, worn, strict=True)])
         penetration = penetration_depth(self.prepared_object.field, self.prepared_hand.spheres, frames)
         sound = (
@@ -106,13 +106,13 @@ class GraspSearch:
             and hand_gap(hand, ik.boxes, frames) >= 0
             and penetration <= self.settings.penetration_limit
         )
-        contacts = [contact_from_depth(depth, *one) if touches else None for depth, one, touches in zip(depths, worn, touched, strict=True)]
+        contacts = [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, worn, touched, strict=True)]
         return Grasp(pose, angles, poses, touched, penetration, sound, contacts, self._closure(contacts) if sound else 0.0)
 
     def _closure(self, contacts: list[Contact | None]) -> float:
         points = self.prepared_object.points
         size = float(length(points.max(axis=0) - points.min(axis=0))) / 2
-        return closure_margin([one for one in contacts if one], friction=self.prepared_hand.hand.friction, size=size)
+        return closure_margin([contact for contact in contacts if contact], friction=self.prepared_hand.hand.friction, size=size)
 
     def _pregrasp(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joint angles from which the fingers close: each drawn back as far as there is room behind it."""
@@ -127,16 +127,32 @@ class GraspSearch:
         return start if apart else target
 
 
-WORTH: dict[str, Callable[[Grasp], tuple[float, ...]]] = {
+SCORES: dict[str, Callable[[Grasp], tuple[float, ...]]] = {
     "touches": lambda grasp: (int(grasp.touched.sum()),),
     "area": lambda grasp: (float(grasp.contact_area.sum()),),
     "closure": lambda grasp: (grasp.closure, int(grasp.touched.sum())),
 }
-"""What makes a grasp better than another, by the setting `prefer`."""
+"""Scores of a grasp, the greatest is best, by the setting `prefer`."""
 
 
 def keep_best(kept: list[Grasp], grasp: Grasp | None, count: int, prefer: str = "touches") -> list[Grasp]:
-    """Keep the best `count` sound grasps so far, the earlier of equals first."""
+    """Keep the best sound grasps so far.
+
+    Parameters
+    ----------
+    kept
+        The best ones before this grasp, best first.
+    grasp
+        The next one; None if the attempt failed.
+    count
+        Limit of the number kept.
+    prefer
+        A key of `SCORES`.
+
+    Returns
+    -------
+    The best ones, best first, the earlier of equals first.
+    """
     if grasp is None or not grasp.sound:
         return kept
-    return sorted([*kept, grasp], key=lambda one: tuple(-value for value in WORTH[prefer](one)))[:count]  # a stable sort
+    return sorted([*kept, grasp], key=lambda kept_grasp: tuple(-value for value in SCORES[prefer](kept_grasp)))[:count]  # a stable sort

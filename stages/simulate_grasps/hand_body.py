@@ -51,14 +51,22 @@ class HandBody:
         return joint
 
     def place(self, hand_pose: NDArray[np.float64], start: NDArray[np.float64], target: NDArray[np.float64]) -> None:
-        """Put the root link's frame (4, 4) somewhere in the world and the joints (J,) at `start`; motors drive them to `target`."""
+        """Place the hand, and set the targets of its motors.
+
+        Parameters
+        ----------
+        hand_pose
+            (4, 4), root link's frame to world, m.
+        start, target
+            (J,) joint vectors, rad: at once, and those that the motors drive to.
+        """
         client = self.client
         # PyBullet takes the pose of the root's inertial frame; the pose given is that of the URDF frame.
         offset, turn = client.getDynamicsInfo(self.body, -1)[3:5]
         quaternion = Rotation.from_matrix(hand_pose[:3, :3]).as_quat().tolist()
         base = pybullet.multiplyTransforms(hand_pose[:3, 3].tolist(), quaternion, offset, turn)
         client.resetBasePositionAndOrientation(self.body, *base)
-        following = [one.multiplier * start[one.entry] + one.offset for one in self.hand.followers]
+        following = [joint.multiplier * start[joint.entry] + joint.offset for joint in self.hand.followers]
         for motor, angle in zip([*self.motors, *self._followers], [*start.tolist(), *map(float, following)], strict=True):
             client.resetJointState(self.body, motor, angle)
         client.setJointMotorControlArray(
@@ -76,7 +84,7 @@ class HandBody:
         return np.array([state[0] for state in states]), max(abs(state[1]) for state in states)
 
     def gears_hold(self, angles: NDArray[np.float64]) -> bool:
-        """Tell whether every joint that follows another one is where that puts it."""
+        """Return whether every joint that follows another one is where that puts it."""
         for follower, joint in zip(self.hand.followers, self._followers, strict=True):
             slack = GEAR_SLACK / (10 if self.hand.joints[follower.link - 1].kind == "prismatic" else 1)
             off = self.client.getJointState(self.body, joint)[0] - (follower.multiplier * angles[follower.entry] + follower.offset)

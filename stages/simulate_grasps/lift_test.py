@@ -27,7 +27,7 @@ from stages.simulate_grasps.quiet_pybullet import PhysicsClient, pybullet
 STEPS = 240
 """Of 1/240 s: one second."""
 STAYS = 0.1
-"""m that the object's centre may move: what slides or tilts less lies in the hand, what falls is through in 0.14 s."""
+"""m that the object's centre may move: an object that slides or tilts less lies in the hand; one that falls moves so far in 0.14 s."""
 GEL_MODULUS = 1e5
 """Pa, Young's modulus of soft silicone. Pressed in by 2 mm over 60 mm², a gel of 7 mm presses back with 2 N."""
 GEL_MASS = 0.02

@@ -19,7 +19,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from stages.simulate_grasps.settings import GraspSettings
 
 SEARCH_SPACING, SEARCH_TOLERANCE = 0.006, 0.002
-"""m, of the spheres that tell postures apart: 1,000 for all fingers, right to 1 mm."""
+"""m, of the spheres that separate postures: 1,000 for all fingers, right to 1 mm."""
 MEASURE_SPACING = 0.003
 """m, of the spheres that measure penetration: right to 0.3 mm at edges, better on faces."""
 FINGER_GAP = 0.001
@@ -65,7 +65,17 @@ def prepare_hand(settings: GraspSettings) -> PreparedHand:
 
 
 def prepare_object(mesh: Mesh, points: np.ndarray, normals: np.ndarray, *, cell: float) -> PreparedObject:
-    """Prepare a mesh with exterior points and normals, world, m; `cell` is that of the distance grid."""
+    """Prepare an object for grasping.
+
+    Parameters
+    ----------
+    mesh
+        The object, world, m.
+    points, normals
+        (N, 3) exterior points, m, and outward unit normals.
+    cell
+        Of the distance grid, m.
+    """
     return PreparedObject(
         points=points.astype(np.float64),
         normals=normals.astype(np.float64),

@@ -1,4 +1,4 @@
-"""PyBullet without what it prints when it is imported and connected."""
+"""PyBullet without its output on import and connection."""
 
 from __future__ import annotations
 

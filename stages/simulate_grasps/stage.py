@@ -42,7 +42,7 @@ class SimulateGrasps(ObjectStage):
     settings_type = GraspSettings
 
     def inputs(self, settings: GraspSettings) -> tuple[Artifact, ...]:
-        """Name what is read: the normalised meshes and their surface points."""
+        """Name the inputs: the normalised meshes and their surface points."""
         return (SURFACES,)
 
     def assets(self, settings: GraspSettings) -> list[Path]:

@@ -31,7 +31,7 @@ from stages.simulate_touch.settings import TouchSettings
 
 
 class SimulateTouch(ObjectStage):
-    """Simulates what every sensor of every grasp measures."""
+    """Simulate the measurement of every sensor of every grasp."""
 
     name = "simulate-touch"
     summary = "Depth map and tactile image of every sensor of every grasp."
@@ -39,7 +39,7 @@ class SimulateTouch(ObjectStage):
     settings_type = TouchSettings
 
     def inputs(self, settings: TouchSettings) -> tuple[Artifact, ...]:
-        """Name what is read: the meshes and the poses of the sensors."""
+        """Name the inputs: the meshes and the poses of the sensors."""
         return (SURFACES, GRASPS)
 
     def assets(self, settings: TouchSettings) -> list[Path]:
@@ -55,7 +55,7 @@ class SimulateTouch(ObjectStage):
         hand, sensors = attributes["grasps"]["hand"], list(_worn(settings))
         worn = hand["sensor_files"]
         same_fingers = list(map(worn.index, worn)) == list(map(sensors.index, sensors))
-        if same_fingers and hand["sensor_digest"] == assets_digest(self.assets(settings)):  # wherever the files lie now
+        if same_fingers and hand["sensor_digest"] == assets_digest(self.assets(settings)):  # even if the files were moved
             return
         if worn != sensors:
             raise InvalidInput(

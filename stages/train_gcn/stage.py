@@ -1,4 +1,4 @@
-"""Supplement 3: learn to deform a sphere of vision charts around the touch charts, from what is seen and felt."""
+"""Supplement 3: learn to deform a sphere of vision charts around the touch charts, from images and touches."""
 
 from __future__ import annotations
 
@@ -52,18 +52,18 @@ class GcnLearner(ReconstructionLearner):
 
     def _chamfer(self, deformed: Tensor, seen: NetworkBatch, batch: Batch) -> Tensor:
         """Compute (B,) Chamfer distances, m² x `TABLE_3_FACTOR`, of `loss_points` points each way to all the object's."""
-        found, count = [], self.settings.loss_points
+        distances, count = [], self.settings.loss_points
         surfaces = assemble_surfaces(self.network, deformed, seen)
         for (vertices, faces), target, generator in zip(surfaces, batch.targets, batch.generators, strict=True):
             predicted = sample_surface(vertices, faces, count, generator)
             chosen = torch.randperm(len(target.points), generator=generator)[:count]
             true = target.points[chosen].to(predicted)
             surface = target.points.to(predicted) if predicted.is_cuda else target
-            found.append(squared_distances(predicted, surface).mean() + squared_distances(true, predicted).mean())
-        return TABLE_3_FACTOR * torch.stack(found)
+            distances.append(squared_distances(predicted, surface).mean() + squared_distances(true, predicted).mean())
+        return TABLE_3_FACTOR * torch.stack(distances)
 
     def _roughness(self, deformed: Tensor) -> Tensor:
-        """Compute the weighted regularisers of vision charts (B, V, 3), which the supplement has none of; mean over the items."""
+        """Compute the weighted regularisers of vision charts (B, V, 3), which the supplement does not have; mean over the items."""
         settings, total = self.settings, deformed.new_zeros(())
         if not (settings.edge_weight or settings.laplacian_weight or settings.bending_weight):
             return total
@@ -79,7 +79,7 @@ class GcnLearner(ReconstructionLearner):
 
 
 class TrainGcn(ReconstructionTraining):
-    """Trains a network that deforms vision charts to the whole surface."""
+    """Train a network that deforms vision charts to the whole surface."""
 
     name = "train-gcn"
     summary = "Train the graph network that deforms vision charts, in one of the supplement's configurations."
@@ -88,7 +88,7 @@ class TrainGcn(ReconstructionTraining):
     learner = GcnLearner
 
     def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
-        """Give the grid of supplement 3.4; without an image there is no encoder to vary."""
+        """Give the grid of supplement 3.4; networks without an image have no encoder to vary."""
         encoders = {"encoder_layers": (12, 15, 18)} if settings.named.image else {}
         rates, layers, features = (1e-4, 3e-5, 1e-5), (15, 20, 25), (150, 200, 250)
         return {"learning_rate": rates, **encoders, "gcn_layers": layers, "gcn_features": features}
@@ -102,7 +102,7 @@ class TrainGcn(ReconstructionTraining):
 
 
 class TrainSingleImage(TrainGcn):
-    """Trains the network of Table 11 as `train-gcn` trains the others, on renderings (supplement 3.6)."""
+    """Train the network of Table 11 as `train-gcn` trains the others, on renderings (supplement 3.6)."""
 
     name = "train-single-image"
     summary = "Train the graph network that deforms vision charts to the object of a single rendering."

@@ -1,4 +1,4 @@
-"""`train-implicit`: learn the signed distance from any point in space to the object, from what is seen and felt."""
+"""`train-implicit`: learn the signed distance from any point in space to the object, from images and touches."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class ImplicitLearner(ReconstructionLearner):
     def loss(self, network: Any, batch: Batch) -> Tensor:
         """Compute the mean absolute error of the distances within the band, as a share of the band."""
         seen, (queries, distances) = self.stack(network, batch), batch.targets
-        found: Tensor = network(queries.to(seen.touch_vertices), **vars(seen))
+        predicted: Tensor = network(queries.to(seen.touch_vertices), **vars(seen))
         band: float = self.settings.band
-        loss: Tensor = (found - distances.to(found).clamp(-band, band)).abs().mean() / band
+        loss: Tensor = (predicted - distances.to(predicted).clamp(-band, band)).abs().mean() / band
         return loss
 
     def errors(self, network: Any, batch: Batch) -> Tensor:
@@ -49,7 +49,7 @@ class ImplicitLearner(ReconstructionLearner):
 
 
 class TrainImplicit(ReconstructionTraining):
-    """Trains a network that predicts signed distances, from which marching cubes make a closed surface."""
+    """Train a network that predicts signed distances, from which marching cubes make a closed surface."""
 
     name = "train-implicit"
     summary = "Train an implicit network: signed distances at any point, from an image or touches or both."
@@ -58,12 +58,12 @@ class TrainImplicit(ReconstructionTraining):
     learner = ImplicitLearner
 
     def cost(self, settings: ImplicitSettings, objects: int) -> Cost:
-        """Estimate what an item takes on one core, in proportion to its points and the squared features."""
+        """Estimate the time per item on one core, in proportion to its points and the squared features."""
         each = 0.01 + 0.02 * settings.queries / 500 * (settings.features / 128) ** 2
         return Cost(seconds=objects * settings.samples_per_object * settings.epochs * each, kilobytes=3000)
 
     def remarks(self, network: Any, items: Items) -> Iterator[str]:
-        """Say how many objects are larger than what is meshed, and which most."""
+        """Warn of objects that are larger than the meshed cube, and name the largest."""
         yield from super().remarks(network, items)
         config, beyond = network.config, []
         for object_id in items.rows.object_ids:
@@ -73,7 +73,7 @@ class TrainImplicit(ReconstructionTraining):
         if beyond:
             reach, farthest = max(beyond)
             yield (
-                f"{len(beyond)} of {len(items.rows)} objects to learn from are larger than the cube in which surfaces are looked for, and "
-                f"such ones are cut off {MARGIN * config.radius:.2f} m from its middle: {farthest} reaches {reach:.2f} m; state a smaller "
-                "unit with --units, or leave it out where the files state none: then they are scaled"
+                f"{len(beyond)} of {len(items.rows)} training objects are larger than the cube in which surfaces are sought; their "
+                f"reconstructions end {MARGIN * config.radius:.2f} m from its middle: {farthest} reaches {reach:.2f} m; state a smaller "
+                "unit with --units, or omit it if the files state none: they are then scaled"
             )

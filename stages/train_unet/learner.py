@@ -1,4 +1,4 @@
-"""What `train-unet` trains on: the tactile images of sensors that touched, and the depths behind them."""
+"""Training data of `train-unet`: the tactile images of sensors that touched, and the depths behind them."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from pipeline.kernels.tensor_checks import network_input
 from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.storage import Place
-from pipeline.training.augmentation import varied_image
+from pipeline.training.augmentation import vary_image
 from pipeline.training.learner import Learner
 from stages.train_unet.settings import UnetSettings
 
 ARRAYS = ("tactile_image", "depth", "untouched", "touch_success")
-"""What is read of each object."""
+"""Arrays that are read of each object."""
 MICROMETRES = 1e6
 
 
 @dataclass(frozen=True)
 class Touches:
-    """The touches of a split.
+    """Hold the touches of a split.
 
     Attributes
     ----------
     rows
         Gives `tactile_image` (sensor, H, W, 3) uint8 and `depth` (sensor, H, W) float32, m, of each grasp.
     where
-        (N, 3) int64: object, grasp and sensor of each touch. Sensors that touched nothing are no items.
+        (N, 3) int64: object, grasp and sensor of each touch. Sensors without a touch are left out.
     sensor, untouched
-        What felt them, and its (H, W, 3) uint8 tactile image with nothing on it.
+        The sensor, and its (H, W, 3) uint8 tactile image without a touch.
     """
 
     rows: ObjectRows
@@ -65,7 +65,7 @@ def load_touches(data: Place, split: str) -> Touches:
     Raises
     ------
     StageError
-        There is not one.
+        The split has no touch.
     StoreError
         As `ObjectRows`.
     """
@@ -73,7 +73,7 @@ def load_touches(data: Place, split: str) -> Touches:
     success = np.stack([rows.read("touch_success", object_id) for object_id in rows.object_ids])  # (object, grasp, sensor)
     if not success.any():
         raise StageError(
-            f"none of the {success.size} sensors of split {split} ({len(rows)} objects) touches: there is nothing to learn from; "
+            f"none of the {success.size} sensors of split {split} ({len(rows)} objects) touches; "
             "take more objects, or more simulate-grasps.attempts"
         )
     sensor = rows.sensor()
@@ -97,10 +97,10 @@ class UnetLearner(Learner):
         return f"{self.train.rows.object_ids[number]} grasp {grasp} sensor {sensor}"
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> tuple[Tensor, Tensor, Tensor]:
-        """Read training touches: tactile images, depths, and the images varied as the settings say."""
+        """Read training touches: tactile images, depths, and the images varied as the settings ask."""
         tactile_images, depth = self.train.read(items)
         drawn = zip(tactile_images.numpy(), generators, strict=True)
-        return tactile_images, depth, torch.from_numpy(np.stack([varied_image(image, self.settings, one) for image, one in drawn]))
+        return tactile_images, depth, torch.from_numpy(np.stack([vary_image(image, self.settings, rng) for image, rng in drawn]))
 
     def loss(self, network: nn.Module, batch: tuple[Tensor, Tensor, Tensor]) -> Tensor:
         """Compute the chosen loss of some training touches, in sensor widths squared."""

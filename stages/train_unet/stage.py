@@ -27,7 +27,7 @@ class TrainUnet(DatasetStage):
     trains = True
 
     def inputs(self, settings: UnetSettings) -> tuple[Artifact, ...]:
-        """Name what is read: tactile images, depths, and which sensors touched; no surface, no camera image."""
+        """Name the inputs: tactile images, depths, and which sensors touched; no surface, no camera image."""
         return (TOUCH, GRASPS)
 
     def splits(self, settings: UnetSettings) -> tuple[str, ...]:
@@ -48,7 +48,7 @@ class TrainUnet(DatasetStage):
         return Cost(seconds=objects * 18 * settings.epochs * (0.006 + 0.31 * share), kilobytes=98_000 * share + 10)
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
-        """Train, and write the best epoch's weights with what their users need: width, sensor, threshold, untouched tactile image."""
+        """Train, and save the best epoch's weights with their description: width, sensor, threshold, untouched tactile image."""
         settings: UnetSettings = job.settings
         touches, valid = (load_touches(job.data, split) for split in ("train", "valid"))
         if min(touches.sensor.shape) < MIN_SIDE:

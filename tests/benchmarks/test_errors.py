@@ -64,7 +64,7 @@ def errors(stage: str, made: Path, reference: Path = Path()) -> Errors:
 
 
 def sure(found: Errors, *figures: float, each: list[float], power: int = 1, rel: float = 1e-3) -> None:
-    """These are the figures, in this order, and what each object has of the first, taken together as this power."""
+    """Check the figures, in this order, each object's value of the first, and the power at which they are averaged."""
     assert list(found.figures.values()) == pytest.approx(list(figures), rel=rel)
     assert list(found.each) == pytest.approx(each, rel=rel)
     assert found.power == power
@@ -75,7 +75,7 @@ def test_errors_are_of_stages_in_their_order() -> None:
 
 
 def lifted(unit: Unit, near: float, far: float) -> Row:
-    """A ball's points in its directions, moved outwards: most by `near` m, one in ten by `far`."""
+    """Move a ball's points outwards, along their directions: most by `near` m, one in ten by `far`."""
     row = spheres.surfaces(unit)
     off = np.where(np.arange(len(row["points"])) % 10, near, far)[:, None]
     return row | {"points": (row["points"] + off * row["normals"]).astype(np.float32)}
@@ -143,7 +143,7 @@ def test_an_object_without_grasps_has_all_its_touches_missing(tmp_path: Path, mo
 
 
 def image(level: int, size: int, columns: slice) -> Row:
-    """A grey image with an object in half of its rows and these columns, a hand beside it, and all object in the view of a grasp."""
+    """Make a grey image with an object in half of its rows and these columns, a hand beside it; a grasp's view shows only the object."""
     segmentation = np.zeros((2, size, size), np.uint8)
     segmentation[0, size // 4 : 3 * size // 4, columns] = 1
     segmentation[0, 0] = 2
@@ -183,7 +183,7 @@ PREDICTED = 3 * MM
 
 
 def pressed(unit: Unit) -> Row:
-    """A flat in the gel, 0.1 mm an object nearer than is predicted, whose image is a column wider; others than the first touch once."""
+    """Make touches of a flat object 0.1 mm nearer than predicted, in images one column wider; all but the first object touch once."""
     depth = np.full((1, 2, *SENSOR.shape), 10 * MM, np.float32)
     depth[..., 5:15, 5:15] = PREDICTED - 0.1 * MM * (1 + number(unit))
     if number(unit):

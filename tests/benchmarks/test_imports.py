@@ -16,7 +16,7 @@ FILES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path i
 
 
 def imported(module: str) -> set[str]:
-    """The modules that a file names, and those that may be in the packages that it names."""
+    """List the modules that a file imports, and possible modules of the packages that it imports from."""
     names = set()
     for node in ast.walk(ast.parse(FILES[module].read_text())):
         if isinstance(node, ast.Import):

@@ -38,7 +38,7 @@ class Work:
     size: Callable[..., int] = lambda *_: 1
 
     def done(self, way: Callable[[], Results]) -> tuple[Results, int]:
-        """What one way of a pair gives, and how much of this work it did."""
+        """Return the results of one way of a pair, and how much of this work it did."""
         sizes, genuine = [], getattr(self.owner, self.function)
 
         def counted(*given: Any, **named: Any) -> Any:

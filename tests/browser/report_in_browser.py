@@ -46,7 +46,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(params=[(size, scheme) for size in SIZES for scheme in ("light", "dark")], ids="-".join)
 def page(request, browser) -> Iterator[Page]:
-    """A page without a network that fails the test when it says an error or asks for anything outside."""
+    """Open a page without network; fail the test if the page logs an error or requests anything from outside."""
     size, scheme = request.param
     context = browser.new_context(viewport=SIZES[size], color_scheme=scheme, offline=True)
     opened, wrong = context.new_page(), []

@@ -172,7 +172,7 @@ def test_a_cluster_that_is_not_there_is_refused_with_those_that_are():
 
 @pytest.fixture
 def programs(tmp_path, monkeypatch) -> Path:
-    """A folder that is first on PATH."""
+    """Make a folder of programs, first on PATH."""
     folder = tmp_path / "programs"
     folder.mkdir()
     monkeypatch.setenv("PATH", f"{folder}:/usr/bin:/bin")
@@ -188,7 +188,7 @@ def play(folder: Path, name: str, status: int = 0, said: str = "", wrong: str = 
 
 
 def play_sbatch(folder: Path) -> None:
-    """Number jobs from 1."""
+    """Play an `sbatch` that numbers jobs from 1."""
     play(folder, "sbatch")
     count = f"grep -c ^sbatch {folder / 'asked'}"
     (folder / "sbatch").write_text(f'#!/bin/sh\necho sbatch "$@" >> {folder / "asked"}\n{count}\n')
@@ -336,7 +336,7 @@ def test_a_dry_run_prints_the_scripts_and_submits_nothing(programs, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["fly"], "there is no stage fly; there are sample-surfaces"),
+        (["fly"], "unknown stage fly; choose from sample-surfaces"),
         (["sample-surfaces", "--set", "points=many"], "points: Input should be a valid integer"),
         (["sample-surfaces", "--cluster", "moon"], "there is no cluster 'moon'"),
         (["sample-surfaces"], "sbatch is not installed here; submit on a machine of the cluster, or print the scripts with --dry-run"),

@@ -129,7 +129,7 @@ def test_objects_grasps_sensors_and_joints_are_coordinates_for_any_number_of_sha
 
 
 def test_an_artifact_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(StoreError, match="there is no artifact taste; there are surfaces"):
+    with pytest.raises(StoreError, match="unknown artifact taste; choose from surfaces"):
         open_artifact(tmp_path, "taste")
     with pytest.raises(StoreError, match="touch has not been made"):
         open_artifact(tmp_path, "touch")
@@ -164,7 +164,7 @@ def test_fingers_with_different_sensors_have_no_one_sensor(data, monkeypatch):
 
 
 def test_a_folder_that_is_not_there_is_named(tmp_path) -> None:
-    with pytest.raises(StoreError, match=r"there is no folder .*/nowhere; give a data directory"):
+    with pytest.raises(StoreError, match=r"folder .*/nowhere does not exist; give a data directory"):
         ObjectRows(tmp_path / "nowhere", ["points"])
 
 

@@ -8,6 +8,6 @@ from tests.engine.tiny_stages import MEAN, NOISE
 
 @pytest.fixture(autouse=True)
 def known_artifacts(monkeypatch):
-    """The tiny stages' artifacts belong to the catalogue."""
+    """Add the tiny stages' artifacts to the catalogue."""
     for artifact in (NOISE, MEAN):
         monkeypatch.setitem(ARTIFACTS, artifact.name, artifact)

@@ -39,7 +39,7 @@ async def _answers(address: str, arguments: dict[str, Any]) -> bool:
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
-    """A run's, whose clock was set back since, in a folder for all users where others have made what Dask would use."""
+    """Make a run's scratch folder, its clock set back since, in a shared folder where other users own Dask's default."""
     folder = tmp_path_factory.mktemp("tmp")
     tomorrow = SimpleNamespace(now=lambda tz: datetime.datetime.now(tz) + datetime.timedelta(days=1))
     (folder / "dask-scratch-space").mkdir()
@@ -78,7 +78,7 @@ def test_python_looks_for_modules_in_no_folder_that_other_users_write_to(client)
 
 
 def _children(process: int) -> list[bytes]:
-    """The commands of what a process has started."""
+    """Return the command lines of a process's children."""
     found = []
     for thread in Path(f"/proc/{process}/task").iterdir():
         found += [Path(f"/proc/{child}/cmdline") for child in (thread / "children").read_text().split()]

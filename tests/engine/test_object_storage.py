@@ -38,14 +38,14 @@ def server() -> Iterator[str]:
 
 @pytest.fixture
 def data(server, monkeypatch, tmp_path) -> Place:
-    """A prefix of its own in the bucket."""
+    """Return a fresh prefix in the bucket."""
     use(monkeypatch, server, tmp_path / "cache")
     return place(f"s3://{BUCKET}/{uuid4().hex}")
 
 
 @pytest.fixture
 def faults(data, server, monkeypatch, tmp_path) -> Iterator[Proxy]:
-    """A proxy through which `data` is reached from now on."""
+    """Put a proxy in front of `data`."""
     with proxy(server) as made:
         use(monkeypatch, made.address, tmp_path / "cache")
         monkeypatch.setattr(storage, "RETRY", storage.RETRY | {"backoff": BRIEF})

@@ -17,7 +17,7 @@ STAGES = (MakeNoise(), TakeMean())
 
 
 def contents(data: Path) -> dict[str, str]:
-    """The digests of the files of all groups that records name."""
+    """Return the digests of the files of all groups that records name."""
     groups = [shard.path for artifact in (published(data), published(data, MEAN)) for shard in artifact.shards]
     files = [file for group in groups for file in sorted(group.rglob("*")) if file.is_file()]
     return {str(file.relative_to(data)): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}

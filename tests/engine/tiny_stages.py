@@ -198,7 +198,7 @@ def objects(count: int, kind: str = "letter", split: str = "train", **troubles: 
 
 
 def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] | None = None, **changes: Any) -> Request:
-    """A request for a tiny stage, by default to make noise for five objects."""
+    """Make a request for a tiny stage, by default to make noise for five objects."""
     values = changes.pop("settings", {})
     items = objects(count) if items is None else items
     named = {"manifest": "tiny", "seed": 0, "preset": "draft"} | changes
@@ -206,7 +206,7 @@ def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] |
 
 
 def plan_of(asked: Request) -> Plan[Any]:
-    """The one plan of a request."""
+    """Make the only plan of a request."""
     (plan,) = make_plans(asked)
     return plan
 
@@ -245,10 +245,10 @@ def publish(data: Path, name: str, folder: Path, stage: str, facts: dict[str, An
 
 
 def published(data: Path, artifact: Artifact = NOISE) -> Collection:
-    """What readers see."""
+    """Open an artifact as readers see it."""
     return DataDirectory(data).collection(artifact)
 
 
 def digest(data: Path, artifact: Artifact = NOISE) -> str:
-    """The digest of what readers see."""
+    """Compute the digest of an artifact as readers see it."""
     return published(data, artifact).digest()

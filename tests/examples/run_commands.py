@@ -80,20 +80,20 @@ DRAFT = {
 
 
 def commands(page: str) -> list[str]:
-    """The commands of a page's shell blocks, without comments."""
+    """List the commands of a page's shell blocks, without comments."""
     text = re.sub(r"\s*\\\n\s*", " ", (ROOT / page).read_text())
     blocks = re.findall(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     return [line for block in blocks for line in (re.sub(r"(^|\s+)#.*", "", line) for line in block.splitlines()) if line]
 
 
 def reasons(command: str) -> list[str]:
-    """The patterns of `NOT_RUN` that a command matches."""
+    """List the patterns of `NOT_RUN` that match a command."""
     return [pattern for pattern in NOT_RUN if re.search(pattern, command)]
 
 
 @pytest.fixture(scope="module")
 def repository(tmp_path_factory) -> Path:
-    """A copy of the repository with small manifests and a small preset, and the files that the documents call one's own."""
+    """Copy the repository with small manifests, a small preset, and the user's files that the documents name."""
     copy = tmp_path_factory.mktemp("documents") / "repository"
     shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".*", "data", "site", "__pycache__"))
     (copy / ".venv").symlink_to(ROOT / ".venv")

@@ -15,7 +15,7 @@ from tests.forked import IN_WORDS, OK, answer
 
 
 def version_changed(trial: Trial) -> Verdict:
-    """A record of another version of the project: of its schema, or of records."""
+    """Write a record of another version of the project: of its schema, or of records."""
     trial.copy()
     records = sorted(path for path in trial.data.rglob("*.json") if "checksum" in path.read_text(errors="replace")[:20])
     path = records[trial.rng.integers(len(records))]
@@ -29,7 +29,7 @@ def version_changed(trial: Trial) -> Verdict:
 
 
 def description_changed(trial: Trial) -> Verdict:
-    """A hand, sensor or mesh file that changes after the grasps were made: later stages refuse it; run again, all is made of the new."""
+    """Change a hand, sensor or mesh file after the grasps: later stages refuse it; a second run makes all of the new file."""
     shutil.rmtree(trial.folder, ignore_errors=True)
     trial.folder.mkdir(parents=True)
     hand = load_hand("allegro_right")

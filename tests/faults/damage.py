@@ -17,7 +17,7 @@ from tests.forked import OK
 
 
 def kind_of(path: Path, data: Path) -> str:
-    """What a file of a data directory is."""
+    """Classify a file of a data directory."""
     parts = path.relative_to(data).parts
     if parts[0] == ".work":
         return "unfinished piece"
@@ -123,12 +123,12 @@ def row_damaged(trial: Trial) -> Verdict:
 
 
 def _is_harmless(path: Path, name: str) -> bool:
-    """What a dataset is without: `dataset.json` follows from the records."""
+    """Tell whether a dataset is complete without this file: `dataset.json` follows from the records."""
     return path.name == "dataset.json" and name == "deleted"
 
 
 def _look(data: Path) -> None:
-    """What `validate` and `status` do; a line where something is not as it should be."""
+    """Do the work of `validate` and `status`; return a line for each problem."""
     found = problems_in(data)
     account = status.read_account(data)
     with contextlib.redirect_stdout(io.StringIO()):

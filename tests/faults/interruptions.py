@@ -73,7 +73,7 @@ def _signalled(trial: Trial, number: signal.Signals, word: str) -> Verdict:
 
 
 def file_too_large(trial: Trial) -> Verdict:
-    """A limit on the size of files, as a quota sets, of 1 to 100 kB."""
+    """Limit the size of files, as a quota does, to 1 to 100 kB."""
     stage = trial.copy_without_a_stage()
     limit = int(10 ** trial.rng.uniform(3, 5))
 
@@ -85,7 +85,7 @@ def file_too_large(trial: Trial) -> Verdict:
 
 
 def disk_full(trial: Trial) -> Verdict:
-    """A disk with 4 kB to 1 MB left."""
+    """Leave 4 kB to 1 MB on the disk."""
     stage = trial.copy_without_a_stage()
     room = int(trial.rng.uniform(4096, MEGABYTE))
     with _disk(trial) as disk:
@@ -96,7 +96,7 @@ def disk_full(trial: Trial) -> Verdict:
 
 
 def read_only(trial: Trial) -> Verdict:
-    """A disk that is mounted read-only at a random moment."""
+    """Mount the disk read-only at a random moment."""
     stage = trial.copy_without_a_stage()
     moment = trial.rng.uniform(0, trial.seconds[stage])
     with _disk(trial) as disk:
@@ -112,7 +112,7 @@ def read_only(trial: Trial) -> Verdict:
 
 
 def two_at_once(trial: Trial) -> Verdict:
-    """The same stage twice, the second begun at a random moment of the first."""
+    """Run the same stage twice, the second from a random moment of the first."""
     stage = trial.copy_without_a_stage()
     moment = trial.rng.uniform(0, trial.seconds[stage])
     other = trial.folder / "other-log"
@@ -125,7 +125,7 @@ def two_at_once(trial: Trial) -> Verdict:
 
 
 def clock_jumps(trial: Trial) -> Verdict:
-    """A clock that is up to ten years wrong, and jumps while the stage runs."""
+    """Set the clock up to ten years wrong, and let it jump while the stage runs."""
     stage = trial.copy_without_a_stage()
     right = time.time
     jumps = trial.rng.uniform(-3e8, 3e8, 1000)
@@ -138,7 +138,7 @@ def clock_jumps(trial: Trial) -> Verdict:
 
 
 def short_of_memory(trial: Trial) -> Verdict:
-    """A limit on memory, 1 to 400 MB above what the process has when it begins."""
+    """Limit memory to 1 to 400 MB above the process's use at its start."""
     stage = trial.copy_without_a_stage()
     more = int(trial.rng.uniform(1, 400)) * MEGABYTE
 
@@ -154,12 +154,12 @@ def short_of_memory(trial: Trial) -> Verdict:
 
 
 def _as_meant(end: End, status: int) -> End:
-    """What was to end in this way, and has, or was finished before."""
+    """Accept a process that ended with this status, or had finished before."""
     return End(OK, end.output) if end.status in (status, OK) else end
 
 
 def _workers(process: int) -> list[int]:
-    """The worker processes of a run."""
+    """List the worker processes of a run."""
     found = []
     with suppress(OSError):  # the run, or a worker, has ended meanwhile
         for thread in Path(f"/proc/{process}/task").iterdir():  # Dask starts them from a thread of its own

@@ -72,7 +72,7 @@ class Sandbox:
             load_stage(name)
 
     def only(self, *stages: str) -> Sandbox:
-        """The same with these stages alone."""
+        """Return a sandbox of these stages alone."""
         return replace(self, stages=stages)
 
     def make(self, data: Path, *, workers: int = 0, check: bool = False, retry: bool = False) -> None:
@@ -97,17 +97,17 @@ class Sandbox:
                         run_plan(plan, Console(stderr=True))
 
     def command(self, stage: str, data: Path) -> list[str]:
-        """The arguments of `vt-pipeline` that run a stage as `make` does."""
+        """Return the arguments of `vt-pipeline` that run a stage as `make` does."""
         sets = [part for assignment in self.settings for part in ("--set", assignment)]
         return ["run", stage, "--manifest", str(self.manifest), "--data", str(data), "--workers", "1", *sets]
 
     def output(self, stage: str) -> str:
-        """The artifact or folder that a stage makes."""
+        """Return the artifact or folder that a stage makes."""
         return load_stage(stage).writes(resolve(stage, "draft", self.settings))
 
 
 def digests(data: Path) -> dict[str, str]:
-    """The digest of every artifact and folder."""
+    """Compute the digest of every artifact and folder."""
     directory = DataDirectory(data)
     artifacts = {artifact.name: directory.collection(artifact).digest() for artifact in directory.artifacts()}
     return artifacts | {name: directory.folder(name).digest() for name in directory.folders()}

@@ -94,7 +94,7 @@ class Trial:
         return self.compared(what, did, {sandbox.output(stage) for stage in stages})
 
     def compared(self, what: str, did: str, names: set[str]) -> Verdict:
-        """The verdict on a dataset that should be as if nothing had happened."""
+        """Judge a dataset that must be the same as without the fault."""
         try:
             found, problems = answer(lambda: (digests(self.data), problems_in(self.data)), self.log)
         except RuntimeError as error:
@@ -115,7 +115,7 @@ class Trial:
 
 
 def problems_in(data: Path) -> list[str]:
-    """What `validate` says."""
+    """List the problems that `validate` reports."""
     return [line for lines in problems_below(data).values() for line in lines]
 
 

@@ -14,7 +14,7 @@ from pipeline.kernels.touch.sensor import ray_origins
 
 
 def sensor_file(folder: Path, **changes: Any) -> Path:
-    """The shipped sensor's file with some entries changed."""
+    """Write the shipped sensor's file with some entries changed."""
     path = folder / "other.yaml"
     path.write_text(yaml.safe_dump(yaml.safe_load(description_path("sensor", "gel_16mm").read_text()) | changes))
     return path

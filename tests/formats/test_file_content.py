@@ -1,4 +1,4 @@
-"""What is no regular file, or too large, is not read."""
+"""What is not a regular file, or too large, is not read."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ def test_pipes_devices_folders_and_large_files_are_refused(tmp_path: Path) -> No
     os.mkfifo(tmp_path / "pipe")
     refused = {
         tmp_path / "large": "has 11 bytes; 10 are the most",
-        tmp_path / "pipe": "no regular file",
-        Path("/dev/zero"): "no regular file",
-        tmp_path: "no regular file",
+        tmp_path / "pipe": "not a regular file",
+        Path("/dev/zero"): "not a regular file",
+        tmp_path: "not a regular file",
         tmp_path / "absent": r"cannot be read \(No such file",
     }
     for path, words in refused.items():

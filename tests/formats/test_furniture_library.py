@@ -98,5 +98,5 @@ def test_what_is_no_library_is_named(tmp_path, content, why):
             archive.writestr("a.obj", CUBE)
     else:
         path.write_bytes(content)
-    with pytest.raises(InvalidInput, match=rf"other\.sh3f is no furniture library .*{why}"):
+    with pytest.raises(InvalidInput, match=rf"other\.sh3f is not a furniture library .*{why}"):
         unpack([path], tmp_path / "meshes")

@@ -90,7 +90,7 @@ def test_unknown_hand_is_refused_with_the_shipped_ones() -> None:
         (r'lower="[^"]*"', 'lower="9"', "the lower one must be the smaller"),
         (r'type="revolute"', 'type="planar"', "is of type 'planar'; supported are revolute"),
         (r'<parent link="[^"]*"', '<parent link="nowhere"', "has parent link 'nowhere'"),
-        (r'<child link="[^"]*"', '<child link="base_link"', "are no tree with one root"),
+        (r'<child link="[^"]*"', '<child link="base_link"', "are not a tree with one root"),
         (r'filename="[^"]*"', 'filename="nowhere.obj"', "nowhere.obj is not there"),
         (r'filename="[^"]*"', 'filename="odd.urdf"', "cannot be read"),
         (r"</robot>", "", "not XML"),

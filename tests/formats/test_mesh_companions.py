@@ -15,7 +15,7 @@ QUAD = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl paint\nf 1/1 2
 
 
 def textured(folder: Path, texture: str) -> Path:
-    """A mesh file in a folder of its own, with a texture of any name."""
+    """Write a mesh file in a separate folder, with a texture of any name."""
     (folder / "models").mkdir()
     (folder / "models" / "a.mtl").write_text(f"newmtl paint\nmap_Kd {texture}\n")
     (folder / "models" / "a.obj").write_text(f"mtllib a.mtl\n{QUAD}")
@@ -48,7 +48,7 @@ def test_no_pipe_device_or_outer_file_is_opened(tmp_path: Path, name: str, kind:
 
 def test_mesh_file_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.obj")
-    with pytest.raises(InvalidInput, match=r"a\.obj is no regular file"):
+    with pytest.raises(InvalidInput, match=r"a\.obj is not a regular file"):
         fingerprint({"file": str(tmp_path / "a.obj"), "root": str(tmp_path)})
 
 

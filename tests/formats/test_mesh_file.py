@@ -153,7 +153,7 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
 def gltf(folder: Path, **changes: object) -> Path:
-    """A box as glTF, with some entries of its JSON changed."""
+    """Write a box as glTF, with some entries of its JSON changed."""
     for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(BOX)).items():
         (folder / name).write_bytes(content)
     path = folder / "model.gltf"

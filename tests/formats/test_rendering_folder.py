@@ -49,7 +49,7 @@ def save_image(folder: Path, size: int, mode: str) -> None:
         (lambda folder: replace_line(folder, "1 2 5 0.7 25"), "in-plane rotation of 5; it must be 0"),
         (lambda folder: replace_line(folder, "nan 2 0 0.7 25"), "a value that is not finite"),
         (lambda folder: replace_line(folder, "1 2 0 0 25"), "a distance ratio that is not above 0"),
-        (lambda folder: (folder / "rendering_metadata.txt").write_bytes(b"\xff"), "is no text"),
+        (lambda folder: (folder / "rendering_metadata.txt").write_bytes(b"\xff"), "is not text"),
         (lambda folder: save_image(folder, 136, "RGBA"), r"07\.png has 136 x 136 pixels of RGBA; a rendering has 137 x 137 pixels of RGBA"),
         (lambda folder: save_image(folder, 137, "RGB"), "137 x 137 pixels of RGB;"),
         (lambda folder: (folder / "07.png").write_bytes((folder / "07.png").read_bytes()[:500]), r"07\.png cannot be read as PNG"),

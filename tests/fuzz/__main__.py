@@ -176,7 +176,7 @@ def _keep(folder: Path, keep: Path) -> str:
 
 
 def _peak() -> float:
-    """The bytes that this process, or one that it waited for, had at most."""
+    """Return the peak memory, in bytes, of this process and of those that it waited for."""
     return 1024.0 * max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
 

@@ -91,7 +91,7 @@ def _run(work: Path, values: Mapping[str, bytes], content: int, *asked: str) -> 
 
 
 def _arguments(values: Mapping[str, bytes], *, in_environment: bool) -> list[bytes]:
-    """What `vt-pipeline` is to be called with; on its command line, make leaves leading blanks out."""
+    """List the arguments that make must pass to `vt-pipeline`; on its command line, make drops leading blanks."""
     taken = {name: value if in_environment else value.lstrip() for name, value in values.items()}
     taken = {"MANIFEST": b"toy", "PRESET": b"draft", "WORKERS": b"0"} | taken
     called = [b"run", b"sample-surfaces"]

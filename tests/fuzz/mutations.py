@@ -100,7 +100,7 @@ WORDS = tuple(
 
 
 def mutated(content: bytes, others: list[bytes], rng: random.Random, *, tree: bool) -> bytes:
-    """A file gone wrong: one to four changes, of its tree where it is one, else of its bytes."""
+    """Damage a file by one to four changes, of its tree if it has one, else of its bytes."""
     if tree and len(content) < 10_000 and rng.random() < 0.6:
         with suppress(yaml.YAMLError, ValueError, RecursionError):  # an earlier change left no tree, or one that holds itself
             root = yaml.load(content, Loader=yaml.CSafeLoader)
@@ -114,7 +114,7 @@ def mutated(content: bytes, others: list[bytes], rng: random.Random, *, tree: bo
 
 
 def _changed(node: Any, rng: random.Random) -> Any:
-    """The tree with one of its nodes replaced, removed, doubled or wrapped."""
+    """Replace, remove, double or wrap one node of a tree."""
     if not isinstance(node, dict | list) or not node or rng.random() < 0.15:
         return rng.choice((*NASTY, [node], {"name": node}, [node] * 3))
     keys = list(node) if isinstance(node, dict) else range(len(node))
@@ -170,7 +170,7 @@ def _lines(content: bytes, others: list[bytes], rng: random.Random) -> bytes:
 
 
 def _number(content: bytes, others: list[bytes], rng: random.Random) -> bytes:
-    """A four-byte field of a binary format says something else."""
+    """Overwrite a four-byte field of a binary format."""
     at = rng.randrange(max(1, len(content) - 3))
     value = rng.choice((0, 1, 255, 65535, 2**31 - 1, 2**31, 2**32 - 1, len(content)))
     return content[:at] + value.to_bytes(4, rng.choice(("little", "big"))) + content[at + 4 :]

@@ -25,7 +25,7 @@ class Target(ABC):
 
     @abstractmethod
     def sound(self) -> list[Files]:
-        """Sets of files that are read without complaint, small ones."""
+        """Return small sets of files that are read without complaint."""
 
     @abstractmethod
     def read(self, folder: Path, files: Files) -> None:

@@ -83,7 +83,7 @@ def test_a_known_model_is_recovered(folder: Path, tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_calibrated_says_why(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="there is no folder"):
+    with pytest.raises(InvalidInput, match="does not exist"):
         read_photographs(tmp_path / "none", folder.parent / "untouched.png")
     few = tmp_path / "few"
     few.mkdir()

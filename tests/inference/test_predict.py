@@ -44,7 +44,7 @@ def data(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def files(data, tmp_path_factory):
-    """What a user has of grasp 2: an image, four tactile images, a file of poses."""
+    """Write grasp 2 as a user's files: an image, four tactile images, a file of poses."""
     folder = tmp_path_factory.mktemp("files")
     item = GraspDataset(data, ["occluded", "tactile_image", "sensor_pose", "touch_success"], "test")[2]
     Image.fromarray(item["occluded"][0].numpy()).save(folder / "image.png")

@@ -124,7 +124,7 @@ def test_an_untouched_image_that_is_not_the_sensors_is_an_error(unet: Path) -> N
     [
         ({"network": {"gcn_layers": 10**9}}, "network.gcn_layers: .* less than or equal"),
         ({"network": {"gcn_features": 10**9}}, "network.gcn_features: .* less than or equal"),
-        ({"network": {"gcn_features": 2**16, "image": "occluded", "touch": True}}, "differ from what model.json says"),
+        ({"network": {"gcn_features": 2**16, "image": "occluded", "touch": True}}, "differ from model.json"),
         ({"network": {"side": 10**9, "touch": True}}, "network.side: .* less than or equal"),
         ({"network": {"passes": 10**9}}, "network.passes: .* less than or equal"),
         ({"camera": None}, "a network with an image has camera and resolution"),

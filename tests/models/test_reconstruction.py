@@ -60,7 +60,7 @@ def test_observations_that_do_not_fit_are_refused(models: dict[str, Reconstructo
     image = np.zeros((1, 1, 3), np.uint8)
     size = spheres.CAMERA.resolution
     for name, views, message in (
-        ("touch", [], "there is no observation"),
+        ("touch", [], "observations is empty"),
         ("touch", [nowhere], "touch_vertices has values that are not finite"),
         ("unoccluded", [Observation(image)], r"unoccluded was trained on images of .* these have \[1, 1\]"),
         (

@@ -22,7 +22,7 @@ from tests.store.test_validate import resealed
 
 @pytest.fixture(scope="module", autouse=True)
 def no_figures() -> Iterator[None]:
-    """The paper's figures take seconds, and are as other files of a report."""
+    """Skip the paper's figures: they take seconds, and are files of a report like others."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("pipeline.reports.html_report.draw_figures", lambda *_: [])
         yield

@@ -39,7 +39,7 @@ def cluster() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def asked(tmp_path_factory) -> list[str]:
-    """The arguments that say what is made: five modelled objects, small settings."""
+    """Return the arguments of a run: five modelled objects, small settings."""
     folder = tmp_path_factory.mktemp("manifest with a space")
     sources = [{"kind": "procedural", "licence": "MIT", "seed": 0, "count": {"bottle": 2, "knife": 3}}]
     splits = {"train": 0.6, "valid": 0.2, "test": 0.2}
@@ -51,7 +51,7 @@ def asked(tmp_path_factory) -> list[str]:
 
 @pytest.fixture(scope="module")
 def serial(asked, tmp_path_factory) -> dict[str, str]:
-    """The digests of a run without Slurm and without shards."""
+    """Compute the digests of a run without Slurm and without shards."""
     data = tmp_path_factory.mktemp("serial")
     for stage in GRASP_STAGES:
         for more in ([], ["--set", "train-gcn.configuration=none"], ["--set", "train-gcn.configuration=touch"]):
@@ -75,7 +75,7 @@ def digests(data: Path) -> dict[str, str]:
 
 
 def wait_until(data: Path, what: Callable[[dict[str, str]], bool]) -> dict[str, str]:
-    """The state of every task, once they are as `what` says."""
+    """Wait until the tasks' states satisfy `what`, and return them."""
     deadline, folder = time.monotonic() + SECONDS, slurm.slurm_folder(data)
     while True:
         states = {task.task: task.state for one in slurm.states_of(folder, slurm.submitted_jobs(folder)) for task in one.tasks}

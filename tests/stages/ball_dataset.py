@@ -54,7 +54,7 @@ def radius_of(unit: Unit) -> float:
 
 
 def pose_of(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
-    """A sensor that looks at the ball's centre, its plane 5 mm from the ball; every fourth is too far away."""
+    """Point a sensor at the ball's centre, its plane 5 mm from the ball; every fourth is too far away."""
     outward = direction_to(unit, grasp, sensor)
     across = np.cross(outward, np.eye(3)[np.argmin(np.abs(outward))])
     across /= np.linalg.norm(across)
@@ -65,7 +65,7 @@ def pose_of(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
 
 
 def depth_of(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
-    """The ball's depth map, in closed form."""
+    """Compute the ball's depth map, in closed form."""
     radius, pose = radius_of(unit), pose_of(unit, grasp, sensor)
     gap = np.linalg.norm(pose[:3, 3] - CENTRE)
     along = (np.arange(SENSOR.cols) + 0.5) / SENSOR.cols - 0.5
@@ -137,7 +137,7 @@ def touch(unit: Unit) -> Row:
 
 
 def chart_of(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
-    """The sensor's square, laid on the ball where it touches."""
+    """Lay the sensor's square on the ball where it touches."""
     flat = chart_square(SIDE)[0].numpy() * SENSOR.width
     square = sensor_to_world(pose_of(unit, grasp, sensor), flat[:, 0], flat[:, 1], flat[:, 2])
     if not touched(unit, grasp, sensor):
@@ -225,7 +225,7 @@ def make_data(data: Path, count: int, splits: Sequence[str] = ("test",)) -> None
 
 
 def make_model(data: Path, name: str, *, still: bool = False, training_seed: int = 0) -> Path:
-    """A small network of a configuration with random weights, or one that leaves the sphere as it is, as `train-gcn` leaves one."""
+    """Save a small network of a configuration, as `train-gcn` does, with random weights or (`still`) one that leaves the sphere."""
     sizes = {"gcn_layers": 3, "gcn_features": 12, "encoder_width": 0.125, "side": SIDE, "splits": 0}
     config = CONFIGURATIONS[name].model_copy(update=sizes)
     network = DeformationNetwork(config, torch.Generator().manual_seed(len(name) + training_seed))

@@ -120,7 +120,7 @@ def test_an_object_that_nothing_touches_is_fine() -> None:
 
 
 def trained(folder: Path, sensor: Sensor = SENSOR, constant: float = 0.6) -> dict[str, Path]:
-    """A U-Net's folder whose network says one depth, `constant` of the gel, wherever something touches."""
+    """Save a U-Net that predicts one depth, `constant` of the gel, wherever something touches."""
     network = UNet(1)
     with torch.no_grad():
         for parameter in network.parameters():
@@ -155,7 +155,7 @@ def test_faults_are_the_object_s_and_named(tmp_path: Path) -> None:
         run(ChartSettings(), task(), trained(tmp_path / "unet", SENSOR.model_copy(update={"name": "other"})))
     bent = task()
     bent[1]["grasps"]["sensor_pose"][0, 1, 0, 0] += 1
-    with pytest.raises(InvalidInput, match="no rigid motion"):
+    with pytest.raises(InvalidInput, match="not a rigid motion"):
         run(ChartSettings(cloud="true", max_iterations=1), bent)
 
 

@@ -135,7 +135,7 @@ def test_evaluation_has_the_published_rows_beside_ours_and_says_of_what(data):
     assert "of the manifest single-image: 1 test objects of 1 classes, 2 views each, learned from 1 objects" in " ".join(printed.split())
     found = read_figures(evaluation)
     assert found.keys() == {"single-image", *(f"training object, {how}" for how in ("typical", "by silhouette", "by truth"))}
-    values = {metric: found["single-image"].of(metric) for metric in ("scaled_chamfer", "f1", "f1_2tau")}
+    values = {metric: found["single-image"].per_case(metric) for metric in ("scaled_chamfer", "f1", "f1_2tau")}
     assert {value.shape for value in values.values()} == {(1, 2)}
     said = json.loads((evaluation / "metrics.json").read_text())
     (row,) = (row for row in said["tables"][0]["rows"] if row[0] == "ours: single-image")

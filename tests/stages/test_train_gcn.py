@@ -86,7 +86,7 @@ def test_the_supplements_loss_edges_and_steps_are_its_own():
 
 
 def loss_of(data: Path, **changes) -> float:
-    """The loss of an untrained network."""
+    """Compute the loss of an untrained network."""
     settings = GcnSettings(
         configuration="none", gcn_layers=2, gcn_features=6, loss_points=100, samples_per_object=1, **{"edge_weight": 0.0, **changes}
     )
@@ -242,5 +242,5 @@ def test_settings_that_make_no_network_are_refused(settings, words):
 
 
 def test_an_unknown_configuration_is_refused():
-    with pytest.raises(ValueError, match="no configuration sight; there are none, touch"):
+    with pytest.raises(ValueError, match="unknown configuration sight; choose from none, touch"):
         GcnSettings(configuration="sight")

@@ -142,7 +142,7 @@ def test_images_vary_and_depths_do_not(touches: Touches) -> None:
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    """A dataset of 6 objects, the folder of a U-Net trained on it, and its facts."""
+    """Make a dataset of 6 objects, the folder of a U-Net trained on it, and its facts."""
     data = tmp_path_factory.mktemp("balls")
     for name, output in (("simulate-grasps", GRASPS), ("simulate-touch", TOUCH)):
         run(Request(Made(name, output), Settings(), manifest="balls", objects=OBJECTS, preset="draft", seed=0, data=data))
@@ -237,5 +237,5 @@ def test_a_folder_without_a_model_is_an_error(trained: tuple[Path, dict[str, Any
         load_touch_model(tmp_path, "cpu")
     description = json.loads((tmp_path / "model.json").read_text())
     (tmp_path / "model.json").write_text(json.dumps(description | {"width": 3}))
-    with pytest.raises(StoreError, match=r"arrays of model.safetensors differ from what model.json says, .* first"):
+    with pytest.raises(StoreError, match=r"arrays of model.safetensors differ from model.json, .* first"):
         load_touch_model(tmp_path, "cpu")

@@ -106,7 +106,7 @@ def test_a_chunk_that_becomes_something_else_while_it_is_open(data, put: Callabl
     path = shard.path / "points" / "c" / "0" / "0" / "0"
     path.unlink()
     put(path)
-    with pytest.raises(StoreError, match=r"points of a cannot be read \(.*it is no regular file: '.*points/c/0/0/0'\); .* --check"):
+    with pytest.raises(StoreError, match=r"points of a cannot be read \(.*it is not a regular file: '.*points/c/0/0/0'\); .* --check"):
         shard.view("a")["points"]
 
 
@@ -130,5 +130,5 @@ def test_files_that_no_record_lists(tmp_path, put: Callable[[Path], None]):
         read_weights(tmp_path)
     put(tmp_path / checkpoint.FILE)
     module = torch.nn.Linear(1, 1)
-    with pytest.raises(OSError, match="it is no regular file"):
+    with pytest.raises(OSError, match="it is not a regular file"):
         checkpoint.load(tmp_path, checkpoint.State(module, torch.optim.Adam(module.parameters())))

@@ -34,7 +34,7 @@ def made(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def shard(made, tmp_path) -> Path:
-    """The group of a copy of the dataset."""
+    """Copy the dataset and return the group of the copy."""
     return published(Path(shutil.copytree(made, tmp_path / "data"))).first.path
 
 
@@ -48,7 +48,7 @@ def rewrite(shard: Path, array: str, **changes: object) -> None:
 
 
 def resealed(record: bytes, **changes: object) -> bytes:
-    """A record of other content with the checksum of that."""
+    """Change a record's content and set its checksum to match."""
     content = {name: value for name, value in json.loads(record).items() if name != "checksum"} | changes
     return json.dumps(content | {"checksum": of_json(content)}).encode()
 

@@ -121,7 +121,7 @@ def test_meshes_are_the_same_bytes_without_vector_instructions() -> None:
 
 
 def numpy_dispatched_features() -> list[str]:
-    """The processor features for which this numpy has code of its own, as far as this processor has them."""
+    """List the features of this processor for which numpy has separate code."""
     features = np._core._multiarray_umath.__cpu_features__  # type: ignore[attr-defined]
     return [name for name in np._core._multiarray_umath.__cpu_dispatch__ if features.get(name)]  # type: ignore[attr-defined]
 

@@ -101,7 +101,7 @@ def test_too_short_a_time_is_refused_after_trying_this_machine(tmp_path):
     [
         ([], "either --budget or --error"),
         (["--budget", "1min", "--error", "1um"], "either --budget or --error"),
-        (["--budget", "soon"], "'soon' is no time"),
+        (["--budget", "soon"], "'soon' is not a time"),
         (["--budget", "1min", "--for", "glory"], "it is dataset or train"),
         (["--budget", "1min", "--manifest", "nowhere"], "nowhere"),
         (["--error", "simulate-grasps=0.1%"], "stays below"),

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from pipeline.models.observation import Observation
-from pipeline.training.augmentation import varied_image, varied_observation
+from pipeline.training.augmentation import vary_image, vary_observation
 from stages.train_gcn.settings import GcnSettings
 
 GREY = np.full((64, 64, 3), 100, np.uint8)
@@ -19,14 +19,14 @@ def chance(seed: int = 0) -> torch.Generator:
 
 
 def varied(seed: int = 0, image: np.ndarray = GREY, **settings: float) -> np.ndarray:
-    return varied_image(image, GcnSettings.model_validate(settings), chance(seed))
+    return vary_image(image, GcnSettings.model_validate(settings), chance(seed))
 
 
 def test_without_variation_nothing_is_drawn_or_copied():
     generator = chance()
     before = generator.get_state()
     seen = Observation(GREY, np.zeros((4, 9, 3), np.float32), np.ones(4, bool))
-    same = varied_observation(seen, NOTHING, generator)
+    same = vary_observation(seen, NOTHING, generator)
     assert same.image is GREY
     assert same.touched is seen.touched
     assert torch.equal(generator.get_state(), before)
@@ -56,7 +56,7 @@ def test_levels_stay_within_a_byte():
 def test_a_share_of_the_touch_charts_is_left_out():
     vertices = np.arange(1000, dtype=np.float32)[:, None, None].repeat(9, 1).repeat(3, 2)
     seen = Observation(None, vertices, np.arange(1000) % 2 == 0)
-    fewer = varied_observation(seen, GcnSettings(dropped_touches=0.3), chance())
+    fewer = vary_observation(seen, GcnSettings(dropped_touches=0.3), chance())
     kept = fewer.touch_vertices[:, 0, 0].astype(int)
     assert len(kept) == pytest.approx(700, abs=60)
     assert (fewer.touched == (kept % 2 == 0)).all()

@@ -67,7 +67,7 @@ def wait_for_checkpoint(data: Path, job: subprocess.Popen[str]) -> None:
 
 
 def ranks(data: Path) -> dict[str, int]:
-    """The processes of a training, by rank."""
+    """Find the processes of a training, by rank."""
     found = {}
     for process in Path("/proc").glob("[0-9]*"):
         try:

@@ -137,7 +137,7 @@ def sample_exterior(
         Fewer than one of `MAX_DRAWS` points is exterior, a corner is NaN or infinite, or no face has an area.
     """
     if count < 1:
-        raise ValueError(f"{count} points are no sample; ask for 1 or more")
+        raise ValueError(f"{count} points were requested; ask for 1 or more")
     triangles = mesh.triangles
     sample_triangles(triangles, 0, rng)  # refuses a mesh without a surface before its size divides anything
     vectors = face_cross_products(triangles)

@@ -14,7 +14,7 @@ from pipeline.kernels.touch.optics import POSITION_TERMS, SLOPE_TERMS, Calibrati
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 FLAT = 1e-7
-"""m: what is drawn in less, and lies less deep in the shade, is drawn as untouched."""
+"""m: pixels that are drawn in less, and lie less deep in the shade, keep the untouched colours."""
 MM = 1e3
 
 
@@ -56,11 +56,11 @@ def calibrated_change(pressed: NDArray[np.float64], sensor: Sensor, calibration:
 def polynomial_background(sensor: Sensor, coefficients: tuple[tuple[float, float, float], ...]) -> NDArray[np.float64]:
     """Compute an untouched image, (rows, cols, 3) float64 levels, read-only, from coefficients by term of the position."""
     x, y = (centres / sensor.width for centres in pixel_centres(sensor))
-    found = np.zeros((*sensor.shape, 3))
+    image = np.zeros((*sensor.shape, 3))
     for (i, j), levels in zip(powers(POSITION_TERMS[len(coefficients)]), coefficients, strict=True):
-        found += (x[None] ** i * y[:, None] ** j)[:, :, None] * np.array(levels)
-    found.flags.writeable = False
-    return found
+        image += (x[None] ** i * y[:, None] ** j)[:, :, None] * np.array(levels)
+    image.flags.writeable = False
+    return image
 
 
 def powers(degree: int) -> list[tuple[int, int]]:
@@ -70,7 +70,7 @@ def powers(degree: int) -> list[tuple[int, int]]:
 
 @compiled
 def _darken(depth: NDArray[np.float64], gain: NDArray[np.float64], change: NDArray[np.float64]) -> None:
-    """Add the change of colours of what lies in the shade."""
+    """Add the change of colours in the shade."""
     rows, cols = depth.shape
     for row in range(rows):
         for col in range(cols):

@@ -20,11 +20,11 @@ from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 RING = 3.0
 """Contact radii around a contact that are fitted."""
 CONTACT_WEIGHT = 3.0
-"""Of a pixel in the contact, where colours change more, against one in the ring around it."""
+"""Weight of a pixel in the contact, where colours change more, relative to one in the ring around it."""
 STRIDE = 3
-"""Every third row and column is fitted: neighbours tell the same."""
+"""Every third row and column is fitted: neighbours hold the same information."""
 RIDGE = 1e-6
-"""Of the mean diagonal of the normal equations, against terms that the photographs do not tell apart."""
+"""Share of the mean diagonal of the normal equations, which regularises terms that the photographs do not separate."""
 MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7)
 """Widths of the membrane that are tried, in contact radii."""
 DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)
@@ -126,10 +126,10 @@ def fit_calibration(
     -------
     The sensor with its membrane, and the optics; the background is the photograph's mean, a constant.
     """
-    radius = float(np.median([one.contact.radius for one in photographs])) * sensor.pitch[1]
-    worn = [sensor.model_copy(update={"membrane": share * radius}) for share in MEMBRANES]
-    tried = [_Fit(one, photographs, untouched, ball_radius, options) for one in worn]
-    best = min(tried, key=lambda fit: fit.residual)
+    radius = float(np.median([photograph.contact.radius for photograph in photographs])) * sensor.pitch[1]
+    candidates = [sensor.model_copy(update={"membrane": share * radius}) for share in MEMBRANES]
+    fits = [_Fit(candidate, photographs, untouched, ball_radius, options) for candidate in candidates]
+    best = min(fits, key=lambda fit: fit.residual)
     for _ in range(options.shadows):
         best = best.with_shadow()
     mean: Levels = tuple(untouched.mean(axis=(0, 1)).tolist())
@@ -144,15 +144,17 @@ class _Fit:
     ) -> None:
         self.sensor, self.options = sensor, options
         self.shadows: tuple[tuple[int, float], ...] = ()
-        self.bumps = [deformed(ball_impression(sensor, one.contact, ball_radius), sensor) for one in photographs]
-        distances = [distance_from(sensor, one.contact) / (one.contact.radius * sensor.pitch[1]) for one in photographs]
+        contacts = [photograph.contact for photograph in photographs]
+        self.bumps = [deformed(ball_impression(sensor, circle, ball_radius), sensor) for circle in contacts]
+        distances = [distance_from(sensor, circle) / (circle.radius * sensor.pitch[1]) for circle in contacts]
         grid = np.zeros(sensor.shape, bool)
         grid[::STRIDE, ::STRIDE] = True
         self.where = [np.nonzero((distance < RING) & grid) for distance in distances]
         self.inside = np.concatenate([distance[at] < 1 for distance, at in zip(distances, self.where, strict=True)])
-        rows = [normal_and_place(bump, sensor, options)[at] for bump, at in zip(self.bumps, self.where, strict=True)]
+        rows = [shading_features(bump, sensor, options)[at] for bump, at in zip(self.bumps, self.where, strict=True)]
         self.features = np.concatenate(rows)
-        self.change = np.concatenate([one.image[at].astype(float) - untouched[at] for one, at in zip(photographs, self.where, strict=True)])
+        images = [photograph.image for photograph in photographs]
+        self.change = np.concatenate([image[at].astype(float) - untouched[at] for image, at in zip(images, self.where, strict=True)])
         self._solve()
 
     def _solve(self) -> None:
@@ -166,13 +168,13 @@ class _Fit:
         self.residual = float(size[self.inside].mean() + size[~self.inside].mean())
 
     def with_shadow(self) -> _Fit:
-        """Add the shadow that explains most of what is left."""
+        """Add the shadow that explains most of the remaining error."""
 
         def gain(candidate: tuple[int, float]) -> float:
             shade = self._shade(*candidate)
             return float(np.square(shade @ self.error).sum() / max(float(shade @ shade), 1e-12))
 
-        chosen = max((one for one in product(DIRECTIONS, SLOPES) if one not in self.shadows), key=gain)
+        chosen = max((shadow for shadow in product(DIRECTIONS, SLOPES) if shadow not in self.shadows), key=gain)
         self.shadows = (*self.shadows, chosen)
         self.features = np.column_stack([self.features, self._shade(*chosen)])
         self._solve()
@@ -194,21 +196,49 @@ class _Fit:
         return Calibration(coefficients=shading.tolist(), background=background, shadows=tuple(shadows), steepest=round(steepest, 3))
 
 
-def normal_and_place(bump: NDArray[np.float64], sensor: Sensor, options: FitOptions) -> NDArray[np.float64]:
-    """Compute the features of every pixel, (rows, cols, terms of the normal × terms of the position) float64, as `Calibration` has them."""
+def shading_features(bump: NDArray[np.float64], sensor: Sensor, options: FitOptions) -> NDArray[np.float64]:
+    """Compute the features of every pixel, in the order of `Calibration.coefficients`.
+
+    Parameters
+    ----------
+    bump
+        (rows, cols), height of the gel's surface above its rest, m.
+    sensor
+        Gives the pixels.
+    options
+        Gives the degrees of the polynomials.
+
+    Returns
+    -------
+    (rows, cols, terms of the normal × terms of the position) float64.
+    """
     slope_y, slope_x = (change / size for change, size in zip(np.gradient(bump), sensor.pitch, strict=True))
     size = np.sqrt(1 + slope_x**2 + slope_y**2)
     a, b = slope_x / size, slope_y / size
     x, y = (centres / sensor.width for centres in pixel_centres(sensor))
     normal = [a**i * b**j for i, j in powers(options.normal_degree)[1:]]
     place = [x[None] ** i * y[:, None] ** j for i, j in powers(options.position_degree)]
-    return np.stack([one * other for one, other in product(normal, place)], axis=-1)
+    return np.stack([a * b for a, b in product(normal, place)], axis=-1)
 
 
 def fit_background(image: NDArray[np.uint8], sensor: Sensor, degree: int) -> tuple[Levels, ...]:
-    """Fit a polynomial of the position to an untouched image (rows, cols, 3): levels by term."""
+    """Fit a polynomial of the position to an untouched image.
+
+    Parameters
+    ----------
+    image
+        (rows, cols, 3).
+    sensor
+        Gives the pixels.
+    degree
+        Of the polynomial.
+
+    Returns
+    -------
+    Levels of red, green and blue by term.
+    """
     x, y = (centres / sensor.width for centres in pixel_centres(sensor))
     terms = np.stack([np.broadcast_to(x[None] ** i * y[:, None] ** j, sensor.shape).ravel() for i, j in powers(degree)], axis=1)
-    found = np.linalg.lstsq(terms, image.reshape(-1, 3).astype(float), rcond=None)[0]
-    red, green, blue = np.round(found.T, 3).tolist()
+    levels = np.linalg.lstsq(terms, image.reshape(-1, 3).astype(float), rcond=None)[0]
+    red, green, blue = np.round(levels.T, 3).tolist()
     return tuple(zip(red, green, blue, strict=True))

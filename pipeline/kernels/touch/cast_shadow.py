@@ -38,22 +38,22 @@ def shade_depth(bump: NDArray[np.float64], pitch: tuple[float, float], *, direct
     major, minor = (step_x, step_y) if swapped else (step_y, step_x)
     if major > 0:
         image = image[::-1].copy()
-    found = np.empty_like(image)
-    _sweep(image, minor / abs(major), slope / abs(major), found)
+    shade = np.empty_like(image)
+    _sweep(image, minor / abs(major), slope / abs(major), shade)
     if major > 0:
-        found = found[::-1]
-    return found.T if swapped else found
+        shade = shade[::-1]
+    return shade.T if swapped else shade
 
 
 @compiled
-def _sweep(image: NDArray[np.float64], shift: float, drop: float, found: NDArray[np.float64]) -> None:
+def _sweep(image: NDArray[np.float64], shift: float, drop: float, shade: NDArray[np.float64]) -> None:
     """From line 0, which is nearest to the lamp: the line before lies `shift` pixels aside, and its rays fall by `drop` per line."""
     lines, length = image.shape
     whole = math.floor(shift)
     share = shift - whole
     edge, padded = np.zeros(length), np.zeros(length + 4)
     for line in range(lines):
-        row, out = image[line], found[line]
+        row, out = image[line], shade[line]
         for i in range(length):
             out[i] = max(edge[i] - row[i], 0.0)
             padded[i + 2] = max(edge[i], row[i])

@@ -73,7 +73,7 @@ def local_points(depth: np.ndarray, pose: np.ndarray, sensor: Sensor) -> tuple[N
     ValueError
         `depth` holds NaN, or is not float32 of the sensor's shape.
     InvalidInput
-        The pose is no rigid motion; see `check_pose`.
+        The pose is not a rigid motion; see `check_pose`.
 
     Notes
     -----

@@ -33,15 +33,15 @@ def quantise_depth(depth: NDArray[np.float64], sensor: Sensor, *, gel_bits: int 
     """
     if np.isnan(depth).any():
         raise ValueError("depth holds NaN; where nothing is met it must be +inf")
-    found = np.empty(depth.shape, np.float32)
+    rounded = np.empty(depth.shape, np.float32)
     near, far = (0.0 if bits is None else 2.0**bits for bits in (gel_bits, far_bits))
-    _round(np.ascontiguousarray(depth).reshape(-1), gel_top(sensor), near, far, found.reshape(-1))
-    return found
+    _round(np.ascontiguousarray(depth).reshape(-1), gel_top(sensor), near, far, rounded.reshape(-1))
+    return rounded
 
 
 @compiled
-def _round(depth: NDArray[np.float64], gel: float, near: float, far: float, found: NDArray[np.float32]) -> None:
+def _round(depth: NDArray[np.float64], gel: float, near: float, far: float, rounded: NDArray[np.float32]) -> None:
     """Round to multiples of 1/near below `gel` and of 1/far beyond; 0 for not at all. Both are powers of two: scaling loses nothing."""
     for i in range(len(depth)):
         steps = near if depth[i] < gel else far
-        found[i] = depth[i] if steps == 0 else np.rint(depth[i] * steps) / steps
+        rounded[i] = depth[i] if steps == 0 else np.rint(depth[i] * steps) / steps

@@ -1,4 +1,4 @@
-"""The gel around a contact: it is drawn in with what presses into it, as a membrane that decays with distance."""
+"""The gel around a contact: a membrane that the contact draws in, less with distance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PASSES = 2
 
 
 def drawn_in(pressed: NDArray[np.float64], sigma: tuple[float, float]) -> NDArray[np.float64]:
-    """Compute how deep the gel is drawn in, given what presses into it.
+    """Compute the depth to which a contact draws in the gel around it.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def drawn_in(pressed: NDArray[np.float64], sigma: tuple[float, float]) -> NDArra
     Smoothing is a recursive two-sided exponential filter, `PASSES` times along each axis; the gel is flat beyond the image.
     """
     smooth = np.ascontiguousarray(pressed).copy()
-    decays = [math.exp(-math.sqrt(2 * PASSES) / one) for one in sigma]
+    decays = [math.exp(-math.sqrt(2 * PASSES) / pixels) for pixels in sigma]
     for _ in range(PASSES):
         _smooth_along_rows(smooth, decays[1])
         _smooth_along_columns(smooth, decays[0])

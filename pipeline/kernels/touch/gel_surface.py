@@ -1,4 +1,4 @@
-"""The undeformed surface of a gel: flat, curved, or a height map; and what presses into it."""
+"""The undeformed surface of a gel: flat, curved, or a height map; and the impression in it."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ def gel_surface(sensor: Sensor) -> NDArray[np.float64]:
     if sensor.surface.radius is not None:
         across = {"both": x[None] ** 2 + y[:, None] ** 2, "x": x[None] ** 2 + 0 * y[:, None], "y": 0 * x[None] + y[:, None] ** 2}
         radius = sensor.surface.radius
-        found = sensor.w - (radius - np.sqrt(radius**2 - across[sensor.surface.along]))
+        surface = sensor.w - (radius - np.sqrt(radius**2 - across[sensor.surface.along]))
     else:
         heights = np.array(sensor.surface.heights)
         grid = [np.linspace(-side / 2, side / 2, count) for side, count in zip((sensor.height, sensor.width), heights.shape, strict=True)]
-        found = RegularGridInterpolator(grid, heights)(np.stack(np.meshgrid(y, x, indexing="ij"), axis=-1))
-    found.flags.writeable = False
-    return np.asarray(found)
+        surface = RegularGridInterpolator(grid, heights)(np.stack(np.meshgrid(y, x, indexing="ij"), axis=-1))
+    surface.flags.writeable = False
+    return np.asarray(surface)
 
 
 @lru_cache(maxsize=16)
 def gel_top(sensor: Sensor) -> float:
-    """Compute the greatest height of the undeformed gel above the sensor plane, m: w, or more where a height map says so."""
+    """Compute the greatest height of the undeformed gel above the sensor plane, m: w, or more for a height map."""
     return max(sensor.w, float(gel_surface(sensor).max()))
 
 

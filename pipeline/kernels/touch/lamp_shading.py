@@ -69,7 +69,7 @@ def shade(
 
 @compiled
 def _moved(z: NDArray[np.float64], rest: NDArray[np.float64]) -> tuple[int, int]:
-    """First and last column in which one of two or three rows, or their neighbour, is not at rest; first > last where there is none."""
+    """Find the first and last column where any of two or three rows, or a neighbour, is not at rest; first > last if all are."""
     lines, cols = z.shape
     first, last = cols, -1
     for line in range(lines):

@@ -30,7 +30,7 @@ class Lights(_Entry):
 
 
 class Shadow(_Entry):
-    """What one lamp no longer lights behind a bump of the gel."""
+    """Hold the shadow of one lamp behind a bump of the gel."""
 
     direction: Annotated[float, Field(ge=-360, le=360, description="towards the lamp, degrees from +x to +y")]
     slope: Annotated[float, Field(gt=0, le=100, description="height over length of the lamp's rays")]

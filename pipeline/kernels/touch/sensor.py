@@ -20,7 +20,7 @@ MAX_PIXELS_PER_SIDE = 4096
 
 Length = Annotated[float, Field(ge=1e-6, le=10)]
 POSE_TOLERANCE = 1e-6
-"""Largest deviation of a pose's axes from orthonormal: what float32 arithmetic may leave."""
+"""Largest deviation of a pose's axes from orthonormal: the error of float32 arithmetic."""
 
 
 class Surface(BaseModel):
@@ -170,7 +170,7 @@ def check_pose(pose: np.ndarray) -> NDArray[np.float64]:
         deviation = np.abs(rotation.T @ rotation - np.eye(3)).max()
     if not deviation <= POSE_TOLERANCE or np.linalg.det(rotation) < 0:  # NaN, where squares overflow, is neither
         raise InvalidInput(
-            f"sensor pose is no rigid motion: its axes are {deviation:.3g} from orthonormal "
+            f"sensor pose is not a rigid motion: its axes are {deviation:.3g} from orthonormal "
             f"(at most {POSE_TOLERANCE:g}, determinant +1); scale belongs into the mesh, not the pose:\n{pose}"
         )
     if (pose[3] != (0, 0, 0, 1)).any():

@@ -17,7 +17,7 @@ from pipeline.kernels.touch.scan_conversion import PLANE_TOLERANCE
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 TOLERANCE = 1e-7
-"""m: greatest distance before the surface at which a ray may stop. A tenth of what is promised, for a fifth more time."""
+"""m: greatest distance before the surface at which a ray may stop. A tenth of the stated accuracy, for a fifth more time."""
 
 MAX_STEPS = 100
 """Rays that are still under way then (0.4 % on twenty real meshes, 7 % of the worst sensor) run along walls."""
@@ -64,7 +64,7 @@ def sphere_traced_depth(
 def trace_spheres(
     local: NDArray[np.float64], sensor: Sensor, *, tolerance: float, max_steps: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Trace spheres along every ray, without exact intersection of what stays unsettled.
+    """Trace spheres along every ray, without exact intersection of unsettled rays.
 
     Parameters
     ----------

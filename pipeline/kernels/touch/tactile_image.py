@@ -1,4 +1,4 @@
-"""The tactile image: what a sensor's camera sees of the impression in the gel.
+"""The tactile image: the view of a sensor's camera of the impression in the gel.
 
 Valid range: sensors of any size from 10 µm to 10 m, lamps at any position above the sensor plane, depths from 0 to +inf.
 """
@@ -60,15 +60,15 @@ def tactile_image(depth: np.ndarray, sensor: Sensor, rng: np.random.Generator | 
 
 
 def _levels(image: NDArray[np.float64]) -> NDArray[np.uint8]:
-    found = np.empty(image.shape, np.uint8)
-    _round(np.ascontiguousarray(image).reshape(-1), found.reshape(-1))
-    return found
+    levels = np.empty(image.shape, np.uint8)
+    _round(np.ascontiguousarray(image).reshape(-1), levels.reshape(-1))
+    return levels
 
 
 @compiled
-def _round(image: NDArray[np.float64], found: NDArray[np.uint8]) -> None:
+def _round(image: NDArray[np.float64], levels: NDArray[np.uint8]) -> None:
     for i in range(len(image)):
-        found[i] = np.uint8(np.rint(min(max(image[i], 0.0), float(WHITE))))
+        levels[i] = np.uint8(np.rint(min(max(image[i], 0.0), float(WHITE))))
 
 
 def untouched_image(sensor: Sensor) -> NDArray[np.uint8]:
@@ -98,10 +98,10 @@ def background(sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
         return polynomial_background(sensor, calibration.background)
     if sensor.photograph is None:
         raise ValueError(f"the background of sensor {sensor.name!r} is {calibration.background}, which was not loaded; use load_sensor")
-    found = _decoded(sensor.photograph)
-    if found.shape != (*sensor.shape, 3):
-        raise ValueError(f"{calibration.background} has the shape {found.shape}; sensor {sensor.name!r} needs {(*sensor.shape, 3)}")
-    return found
+    image = _decoded(sensor.photograph)
+    if image.shape != (*sensor.shape, 3):
+        raise ValueError(f"{calibration.background} has the shape {image.shape}; sensor {sensor.name!r} needs {(*sensor.shape, 3)}")
+    return image
 
 
 @lru_cache(maxsize=8)
@@ -110,7 +110,7 @@ def _decoded(photograph: bytes) -> NDArray[np.float64]:
 
 
 def _lit(bump: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:
-    """Shade what is pressed in by equations 2 to 5; elsewhere the image is the untouched one."""
+    """Shade the impression by equations 2 to 5; elsewhere keep the untouched image."""
     rest, image = _at_rest(sensor)
     image = image.copy()
     _shade(rest + bump / sensor.width if rest.any() else bump / sensor.width, rest, sensor, image)

@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class Label(IntEnum):
-    """What a pixel of a segmentation shows."""
+    """Label the pixels of a segmentation."""
 
     BACKGROUND = 0
     OBJECT = 1

@@ -64,7 +64,7 @@ def mesh_primitives(mesh: Mesh) -> list[Primitive]:
     Raises
     ------
     ValueError
-        A corner or texture coordinate is NaN or infinite: what a graphics card would draw is undefined.
+        A corner or texture coordinate is NaN or infinite: graphics cards do not define the result.
     """
     if not (np.isfinite(mesh.triangles).all() and np.isfinite(mesh.look.uv).all()):
         raise ValueError(f"of {len(mesh.faces)} faces some have NaN or infinite corners or texture coordinates; clean the mesh first")
@@ -77,7 +77,7 @@ def mesh_primitives(mesh: Mesh) -> list[Primitive]:
 
 
 def faces_by_material(look: Look) -> list[tuple[list[int], NDArray[np.intp]]]:
-    """Group faces by what they look like; materials of equal colour and texture are one group.
+    """Group faces by appearance; materials of equal colour and texture are one group.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def shrink_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def flatten_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Blend a texture with white by its opacity, so that the base colour shows where it is transparent.
 
-    Every surface is rendered opaque: what the fingers touch is also seen, and a segmentation has one label per pixel.
+    Every surface is rendered opaque: surfaces that the fingers touch are visible, and a segmentation has one label per pixel.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from pipeline.kernels.geometry.surface_wrapping import vertex_normals
 from pipeline.kernels.vision.camera import project_points
 
 STEEPEST = 0.1
-"""Cosine between a normal and the way to the camera, below which a vertex is on the rim, and its pixel may show what is behind it."""
+"""Cosine between a normal and the way to the camera, below which a vertex is on the rim, and its pixel may show the background."""
 OFFSET = 1e-3
 """Distance of a ray's start from the surface over the surface's extent."""
 ALIKE = 6

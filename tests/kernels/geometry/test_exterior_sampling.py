@@ -93,7 +93,7 @@ def test_single_triangle_is_sampled(rng):
 
 
 def test_sampling_needs_a_positive_count(rng) -> None:
-    with pytest.raises(ValueError, match="0 points are no sample"):
+    with pytest.raises(ValueError, match="0 points were requested"):
         sample_exterior(mesh_of(BOX), 0, rng)
 
 

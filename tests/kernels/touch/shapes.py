@@ -20,7 +20,7 @@ TWENTY = NAMED + tuple(f"random_urdfs/{k:03d}/{k:03d}.obj" for k in range(0, 100
 
 
 def coarse(pixels: int) -> Sensor:
-    """The shipped sensor with fewer pixels."""
+    """Return the shipped sensor with fewer pixels."""
     return SENSOR.model_copy(update={"rows": pixels, "cols": pixels})
 
 
@@ -42,7 +42,7 @@ def pose_at(point: np.ndarray, z: np.ndarray, distance: float, spin: float = 0.0
 
 
 def random_pose(triangles: np.ndarray, rng: np.random.Generator, tilt: float = 0.5) -> np.ndarray:
-    """A sensor pressed 0-5 mm onto a random face, its normal off the face's by a random angle of about `tilt` rad."""
+    """Press a sensor 0-5 mm onto a random face, its normal off the face's by a random angle of about `tilt` rad."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(normals, axis=1)
     face = rng.choice(len(triangles), p=area / area.sum())
@@ -85,13 +85,13 @@ def sheet(z: float, half: float = 0.1, x: float = 0, y: float = 0) -> np.ndarray
 
 
 def pressed_ball(rng: np.random.Generator, middle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A ball of 2 cm around `middle`, and a sensor pressed 2 mm onto it."""
+    """Make a ball of 2 cm around `middle`, and the pose of a sensor pressed 2 mm onto it."""
     towards = random_rotation(rng)[:, 2]
     return ball(3, 0.02) + middle, pose_at(middle - 0.02 * towards, towards, SENSOR.w - 0.002, rng.uniform(0, 6))
 
 
 def one_pixel(depth: float, sensor: Sensor) -> np.ndarray:
-    """A depth map in which one pixel, in row 3 and column 5, meets a surface."""
+    """Make a depth map in which one pixel, in row 3 and column 5, meets a surface."""
     image = np.full(sensor.shape, np.inf)
     image[3, 5] = depth
     return image

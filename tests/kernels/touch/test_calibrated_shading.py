@@ -19,7 +19,7 @@ def bump(sensor=SMALL, radius=0.003, deep=0.001) -> np.ndarray:
 
 
 def slow_change(sensor, pressed) -> np.ndarray:
-    """The polynomial, pixel by pixel, without membrane and shadows."""
+    """Evaluate the polynomial, pixel by pixel, without membrane and shadows."""
     x, y = (centres / sensor.width for centres in pixel_centres(sensor))
     found = np.zeros((*sensor.shape, 3))
     rows, cols = sensor.shape

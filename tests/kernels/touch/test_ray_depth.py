@@ -26,20 +26,20 @@ HEIGHTS = (0.001, 0.03)
 
 
 def slivers(rng: np.random.Generator) -> np.ndarray:
-    """A face 10^8 times as long as it is high, its middle on a ray."""
+    """Make a face 10^8 times as long as it is high, its middle on a ray."""
     face = 0.02 * sliver(1e8, rng)
     return face + [rng.choice(X), rng.choice(Y), 0.01] - face.mean(axis=0)
 
 
 def walls(rng: np.random.Generator) -> np.ndarray:
-    """A face all but parallel to the rays, that a ray hits."""
+    """Make a face all but parallel to the rays, that a ray hits."""
     across = random_rotation(rng)[0, :2]
     spread = np.outer(rng.uniform(-0.005, 0.005, 3), across) + rng.normal(size=(3, 2)) * 1e-10
     return np.column_stack([[rng.choice(X), rng.choice(Y)] + spread - spread.mean(axis=0), rng.uniform(*HEIGHTS, 3)])
 
 
 def cornered(rng: np.random.Generator) -> np.ndarray:
-    """A face with corners and edges on rays."""
+    """Make a face with corners and edges on rays."""
     return np.column_stack([rng.choice(X, 3), rng.choice(Y, 3), rng.uniform(*HEIGHTS, 3)])
 
 

@@ -30,7 +30,7 @@ FULL = np.zeros(SMALL.shape)
 
 
 def with_lamp(x: float, y: float, z: float) -> Sensor:
-    """The sensor whose red lamp stands there, in sensor widths."""
+    """Move the sensor's red lamp to this place, in sensor widths."""
     return SMALL.model_copy(update={"lights": Lights(red=(x, y, z), green=SMALL.lights.green, blue=SMALL.lights.blue)})
 
 

@@ -32,7 +32,7 @@ def box(extents: tuple[float, float, float] = (0.3, 0.2, 0.25), turn: tuple[floa
 
 
 def card(half: float, texture: np.ndarray | None, color: tuple[int, int, int, int] = (255, 255, 255, 255)) -> Mesh:
-    """A square before the camera, upright in its image, at the distance of the object's centre; uv runs right and up."""
+    """Make a square before the camera, upright in its image, at the distance of the object's centre; uv runs right and up."""
     frame = camera_pose(SCENE.camera)
     right, up = frame[:3, 0], frame[:3, 1]
     vertices = np.array([CENTRE + half * (x * right + y * up) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
@@ -47,12 +47,12 @@ def card(half: float, texture: np.ndarray | None, color: tuple[int, int, int, in
 
 
 def turned_over(mesh: Mesh) -> Mesh:
-    """The same mesh, inside out."""
+    """Turn a mesh inside out."""
     return Mesh(mesh.vertices, np.ascontiguousarray(mesh.faces[:, ::-1]), mesh.look)
 
 
 def half_turned(mesh: Mesh) -> Mesh:
-    """The same mesh, every other face wound the other way."""
+    """Reverse the winding of every other face."""
     faces = mesh.faces.copy()
     faces[::2] = faces[::2, ::-1]
     return Mesh(mesh.vertices, faces, mesh.look)

@@ -18,7 +18,7 @@ from tests.references.ray_cast import cast, cast_depth
 
 
 def seen(renderer: Renderer, *meshes: Mesh, camera: Camera | None = None) -> RenderedImage:
-    """The first mesh is the object, the others are the hand."""
+    """Render meshes: the first is the object, the others are the hand."""
     parts = [renderer.add(mesh, Label.HAND if k else Label.OBJECT) for k, mesh in enumerate(meshes)]
     view = renderer.render([(part, HERE) for part in parts], camera)
     for part in parts:

@@ -17,7 +17,7 @@ from tests.kernels.vision.shapes import HERE, SCENE, ball
 
 
 def seen(renderer: Renderer, *meshes: Mesh, camera: Camera | None = None) -> RenderedImage:
-    """The first mesh is the object, the others are the hand."""
+    """Render meshes: the first is the object, the others are the hand."""
     parts = [renderer.add(mesh, Label.HAND if k else Label.OBJECT) for k, mesh in enumerate(meshes)]
     view = renderer.render([(part, HERE) for part in parts], camera)
     for part in parts:
@@ -45,7 +45,7 @@ print(digest.hexdigest())
 
 
 def run(code: str, **variables: str) -> str:
-    """What a fresh process prints for `code`."""
+    """Run `code` in a fresh process and return its output."""
     environment = {
         name: value for name, value in os.environ.items() if name not in ("PYOPENGL_PLATFORM", "LP_NATIVE_VECTOR_WIDTH")
     } | variables

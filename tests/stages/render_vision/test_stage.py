@@ -26,7 +26,7 @@ GRASPS = 3
 
 
 def task(name: str, radius: float) -> tuple[Unit, dict[str, Any]]:
-    """A ball with the hand at three distances on the camera's side of it."""
+    """Make a ball with the hand at three distances on the camera's side of it."""
     hand = load_hand("allegro_right")
     poses = np.tile(np.eye(4), (GRASPS, 1, 1))
     poses[:, :3, 3] = [[0.2, 0.1, 0.7], [0.3, 0.1, 0.7], [3.0, 3.0, 3.0]]  # the last out of sight, behind the camera
@@ -105,7 +105,7 @@ def test_images_show_object_and_hand() -> None:
 
 
 def test_another_hand_than_that_of_the_grasps_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"with hand other, render-vision.hand is allegro_right; leave it out, or say --set hand=other"):
+    with pytest.raises(InvalidInput, match=r"with hand other, render-vision.hand is allegro_right; leave it out, or set --set hand=other"):
         STAGE.check_inputs(VisionSettings(hand=HAND), {"grasps": {"settings": {"hand": "other"}, "hand": {"digest": "0" * 64}}})
 
 

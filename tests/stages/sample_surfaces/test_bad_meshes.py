@@ -24,7 +24,7 @@ def write(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
 
 
 def grid(faces: int) -> tuple[np.ndarray, np.ndarray]:
-    """A bumpy square of about this number of faces."""
+    """Make a bumpy square of about this number of faces."""
     side = int(np.sqrt(faces / 2)) + 2
     x, y = np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 1, side))
     first = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).reshape(-1, 1)
