@@ -246,23 +246,20 @@ def _check_strictness(plan: Plan[ShardOutput], result: Result) -> None:
 
 def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
     stage, output = plan.stage, plan.output
-    rows, failed = [], {}
-    for unit, result in zip(plan.units, results, strict=True):
-        rows.append(
-            RowRecord(
-                object_id=unit.name,
-                category=unit.category,
-                split=unit.split,
-                key=unit.key,
-                digest=result.digest,
-                inputs=unit.inputs,
-                seconds=round(result.seconds, 4),
-                processor=result.processor,
-                failure=result.failure,
-            )
+    rows = [
+        RowRecord(
+            object_id=unit.name,
+            category=unit.category,
+            split=unit.split,
+            key=unit.key,
+            digest=result.digest,
+            inputs=unit.inputs,
+            seconds=round(result.seconds, 4),
+            processor=result.processor,
+            failure=result.failure,
         )
-        if result.failure:
-            failed[unit.name] = result.failure.model_dump()
+        for unit, result in zip(plan.units, results, strict=True)
+    ]
     attributes = {
         "schema": output.artifact.name,
         "schema_version": output.artifact.version,
@@ -270,7 +267,7 @@ def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
         "settings": plan.settings.results(),
         "seed": plan.request.seed,
         "manifest": plan.request.manifest,
-        "failures": failed,
+        "failures": {row.object_id: row.failure.model_dump() for row in rows if row.failure},
         **stage.attributes(plan.settings),
     }
     constants = conform(output.artifact, _labels(plan) | stage.constants(plan.settings), constants=True)

@@ -119,10 +119,15 @@ def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int
         verdicts[told["kind"]].append(Verdict(**told["verdict"]))
     with temporary_folder():  # as the next run does, it removes what killed ones left
         private = private_folder()
-    left = [path.name for folder in (temporary, private) for path in folder.iterdir() if path != private]
-    if left := [name for name in left if not any(cache in name for cache in CACHES)]:
+    left = [path for folder in (temporary, private) for path in folder.iterdir() if path != private]
+    if left := [path.name for path in left if not any(cache in path.name for cache in CACHES) and not _of_ctypes(path)]:
         verdicts["all of these"] = [Verdict("temporary folder", fault_of_ours=f"left behind: {', '.join(left[:5])}")]
     return verdicts
+
+
+def _of_ctypes(path: Path) -> bool:
+    """Whether it is the empty `tmp????????` that `ctypes.util.find_library` leaves when its process is killed."""
+    return path.match("tmp????????") and path.is_file() and path.stat().st_size == 0
 
 
 def _lane(asked: Sequence[tuple[str, int]], trial: Trial, seed: int) -> None:
