@@ -120,14 +120,24 @@ def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int
     with temporary_folder():  # as the next run does, it removes what killed ones left
         private = private_folder()
     left = [path for folder in (temporary, private) for path in folder.iterdir() if path != private]
-    if left := [path.name for path in left if not any(cache in path.name for cache in CACHES) and not _of_ctypes(path)]:
+    if left := [_described(path) for path in left if not any(cache in path.name for cache in CACHES) and not _of_ctypes(path)]:
         verdicts["all of these"] = [Verdict("temporary folder", fault_of_ours=f"left behind: {', '.join(left[:5])}")]
     return verdicts
 
 
 def _of_ctypes(path: Path) -> bool:
-    """Whether it is the empty `tmp????????` that `ctypes.util.find_library` leaves when its process is killed."""
-    return path.match("tmp????????") and path.is_file() and path.stat().st_size == 0
+    """Whether it is the `tmp????????` that `ctypes.util.find_library` has gcc link into: left when both are killed.
+
+    It is empty, or the start of an ELF file.
+    """
+    return path.match("tmp????????") and path.is_file() and path.read_bytes()[:4] in (b"", b"\0\0\0\0", b"\x7fELF")
+
+
+def _described(path: Path) -> str:
+    """A name with what is there, to find out who left it."""
+    if path.is_dir():
+        return f"{path.name}/ ({', '.join(sorted(inner.name for inner in path.iterdir())[:3]) or 'empty'})"
+    return f"{path.name} ({path.stat().st_size} bytes, starts with {path.read_bytes()[:8]!r})"
 
 
 def _lane(asked: Sequence[tuple[str, int]], trial: Trial, seed: int) -> None:
