@@ -134,7 +134,7 @@ def _of_ctypes(path: Path) -> bool:
 
 
 def _described(path: Path) -> str:
-    """A name with what is there, to find out who left it."""
+    """Say what is there, to find out who left it."""
     if path.is_dir():
         return f"{path.name}/ ({', '.join(sorted(inner.name for inner in path.iterdir())[:3]) or 'empty'})"
     return f"{path.name} ({path.stat().st_size} bytes, starts with {path.read_bytes()[:8]!r})"
