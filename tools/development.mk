@@ -1,6 +1,6 @@
 # Tests of other systems, and measurements: what only those need who change this project. Included by the Makefile.
 
-.PHONY: test-cpus test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-peers \
+.PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-peers \
         tradeoff tradeoff-missing showcase
 
 PEERS_PYTHON := .venv-peers/bin/python
@@ -12,6 +12,9 @@ test-cpus: lint  ## run the tests as on older processors: without AVX-512, and w
 
 test-slow: lint  ## run the same tests at full size
 	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
+
+test-extremes: installed-dev  ## feed kernels with the extremes of their ranges, against exact arithmetic; writes docs/extremes.md (5 minutes)
+	@$(BIN)/python -m tests.extremes --write docs/extremes.md
 
 test-report: installed-browser  ## click through a report in headless Chromium, with an accessibility checker; as root (4 minutes on 2 cores)
 	@$(BIN)/pytest -n 0 tests/browser/report_in_browser.py

@@ -22,6 +22,6 @@ def slow_corner_normals(vertices: np.ndarray, faces: np.ndarray, crease: float) 
                         u, v = (ahead - at) / np.linalg.norm(ahead - at), (behind - at) / np.linalg.norm(behind - at)
                         cosine = normals[f] @ normals[g]
                         if abs(cosine) > np.cos(crease):
-                            total += np.sign(cosine) * np.arccos(np.clip(u @ v, -1, 1)) * normals[g]
+                            total += np.sign(cosine) * 2 * np.arctan2(np.linalg.norm(u - v), np.linalg.norm(u + v)) * normals[g]
             out[f, k] = total / np.linalg.norm(total)
     return out

@@ -14,6 +14,41 @@ Points = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 
+FARTHEST = 1e18
+"""Largest coordinate that kernels take, any unit: its square fits into float32 too."""
+SLIVER_FLATNESS = 3e-6
+"""A flatter face counts as its longest edge, 3e-6 of its length beside it at most. libigl's distance to it would err by more."""
+SMALLEST = 1e-100
+"""Coordinates that are all smaller, and not 0, are refused: their products vanish in float64."""
+
+
+def check_coordinates(points: NDArray[np.floating], what: str) -> None:
+    """Refuse points that are NaN, infinite, farther than `FARTHEST` from the origin along an axis, or all nearer than `SMALLEST`.
+
+    Parameters
+    ----------
+    points
+        (N, 3), any unit.
+    what
+        What they are, in the plural.
+
+    Raises
+    ------
+    InvalidInput
+        With the number of such points.
+    """
+    if not points.size:
+        return
+    largest = max(-points.min(), points.max())  # NaN where there is one
+    if 0 < largest < SMALLEST:
+        raise InvalidInput(f"all {what} are less than {SMALLEST:g} from the origin; scale the mesh")
+    if not largest <= FARTHEST:
+        bad = np.count_nonzero(~(np.abs(points) <= FARTHEST).all(axis=1))
+        raise InvalidInput(
+            f"{bad} of {len(points)} {what} are NaN, infinite or more than {FARTHEST:g} from the origin; repair the mesh or leave them out"
+        )
+
+
 def directed_edges(faces: NDArray[np.integer]) -> NDArray[np.integer]:
     """List the edges of (F, 3) faces in the direction of each face: (3 F, 2) vertices."""
     return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
@@ -131,6 +166,27 @@ def flatness(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.norm(np.cross(edges[:, 1], edges[:, 2]), axis=1))
 
 
+def without_slivers(vertices: Points, faces: Faces) -> Faces:
+    """Replace faces flatter than `SLIVER_FLATNESS` by their longest edges, for libigl's distances.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3), any unit; (F, 3).
+
+    Returns
+    -------
+    (F, 3) faces; those of slivers name a vertex twice.
+    """
+    sliver = np.flatnonzero(flatness(vertices[faces]) < SLIVER_FLATNESS)
+    corners = vertices[faces[sliver]]
+    opposite = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1), axis=2)  # each corner's opposite edge
+    middle = opposite.argmax(axis=1)
+    edges = faces.copy()
+    edges[sliver, middle] = faces[sliver, (middle + 1) % 3]
+    return edges
+
+
 def sample_triangles(triangles: NDArray[np.float64], count: int, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Draw points area-uniformly from triangles.
 
@@ -154,16 +210,14 @@ def sample_triangles(triangles: NDArray[np.float64], count: int, rng: np.random.
     Raises
     ------
     InvalidInput
-        A corner is NaN or infinite, or no triangle has an area.
+        A corner is NaN or too far away (`check_coordinates`), or no triangle has an area.
 
     Notes
     -----
     A face is drawn with its share of the area, then a point in it by folding the unit square over its diagonal (Osada et al., Shape
     Distributions, 2002, with the fold in place of their square root).
     """
-    if not np.isfinite(triangles).all():
-        bad = (~np.isfinite(triangles)).any(axis=(1, 2)).sum()
-        raise InvalidInput(f"{bad} of {len(triangles)} triangles have NaN or infinite corners; repair the mesh")
+    check_coordinates(triangles.reshape(-1, 3), "corners of faces")
     cumulative = np.cumsum(np.linalg.norm(face_cross_products(triangles), axis=1))
     if not (len(cumulative) and cumulative[-1] > 0):
         raise InvalidInput(f"none of the {len(triangles)} triangles has an area to draw points from")

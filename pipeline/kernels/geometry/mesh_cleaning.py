@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trimesh.grouping import unique_ordered
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.mesh import Look, Mesh, flatness, is_watertight
+from pipeline.kernels.geometry.mesh import Look, Mesh, check_coordinates, flatness, is_watertight
 
 MIN_FLATNESS = 1e-14
 """A face is degenerate when its height over its longest edge is at most this: zero, but for rounding."""
@@ -45,8 +45,8 @@ def clean_mesh(mesh: Mesh, max_faces: int) -> tuple[Mesh, CleaningReport]:
     Raises
     ------
     InvalidInput
-        No faces, too many, faces that name missing vertices, vertices that are not finite, or no area; the message has the numbers
-        and the remedy.
+        No faces, too many, faces that name missing vertices, vertices that are NaN or too far away (`check_coordinates`), or no area; the
+        message has the numbers and the remedy.
     """
     faces = len(mesh.faces)
     if faces == 0:
@@ -55,9 +55,7 @@ def clean_mesh(mesh: Mesh, max_faces: int) -> tuple[Mesh, CleaningReport]:
         raise InvalidInput(f"{faces} faces exceed max_faces = {max_faces}; decimate the mesh or raise sample-surfaces.max_faces")
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
         raise InvalidInput(f"a face names a vertex outside 0..{len(mesh.vertices) - 1}; the file is damaged")
-    used = mesh.vertices[np.unique(mesh.faces)]
-    if bad := int((~np.isfinite(used)).any(axis=1).sum()):
-        raise InvalidInput(f"{bad} of {len(used)} vertices are not finite (NaN or infinite); repair the file")
+    check_coordinates(mesh.vertices[np.unique(mesh.faces)], "vertices")
 
     degenerate = flatness(mesh.triangles) <= MIN_FLATNESS
     mesh = _keep_faces(mesh, ~degenerate)

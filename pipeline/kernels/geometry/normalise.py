@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.mesh import Mesh, check_coordinates
 from pipeline.kernels.geometry.transforms import length
 
 POSITION = np.array([0.0, 0.0, 0.6])
@@ -42,7 +42,7 @@ def normalise_mesh(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: flo
     Raises
     ------
     InvalidInput
-        There are no vertices, some are not finite, or all have one position.
+        There are no vertices, some are NaN or too far away (`check_coordinates`), or all have one position.
     """
     upright, centre, scale = _upright(mesh, up, diagonal, metres_per_unit)
     vertices: NDArray[np.float64] = (upright - centre) * scale + POSITION
@@ -70,9 +70,9 @@ def normalising_transform(mesh: Mesh, *, up: str, diagonal: float, metres_per_un
 
 def _upright(mesh: Mesh, up: str, diagonal: float, metres_per_unit: float | None) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Turn the vertices upright; return them, the centre of their bounding box, and the scale."""
-    finite: NDArray[np.bool_] = np.asarray(np.isfinite(mesh.vertices).all(axis=1))
-    if not (len(finite) and finite.all()):
-        raise InvalidInput(f"{np.count_nonzero(finite)} of {len(finite)} vertices are finite; clean the mesh first")
+    if not len(mesh.vertices):
+        raise InvalidInput("the mesh has no vertices, so it cannot be scaled to a size")
+    check_coordinates(mesh.vertices, "vertices")
     upright = mesh.vertices @ _TO_Z_UP[up].T
     low, high = upright.min(axis=0), upright.max(axis=0)
     size = float(length(high - low))

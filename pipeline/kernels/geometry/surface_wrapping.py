@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.level_set import level_set_mesh
-from pipeline.kernels.geometry.mesh import Faces, Points, face_cross_products
+from pipeline.kernels.geometry.mesh import Faces, Points, check_coordinates, face_cross_products, without_slivers
 from pipeline.kernels.geometry.signed_distance import is_inside
 from pipeline.kernels.geometry.transforms import unit_vectors
 
@@ -39,20 +38,21 @@ def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points
     Raises
     ------
     InvalidInput
-        A vertex is NaN or infinite, or the surface is larger than a grid of this spacing can be.
+        A vertex is NaN or too far away (`check_coordinates`), or the surface is larger than a grid of this spacing can be.
 
     Notes
     -----
     The level set of the distance at `spacing`, without what is enclosed, is closed and has a body wherever there are triangles, however
-    thin. Its vertices are then moved to the nearest points of the triangles, but for a fifth of their distance.
+    thin. Its vertices are then moved to the nearest points of the triangles, but for a fifth of their distance. Open sheets behind each
+    other, wound alike, enclose what is between them and as much before them.
     """
-    if not np.isfinite(vertices).all():
-        raise InvalidInput(f"{np.count_nonzero(~np.isfinite(vertices))} coordinates are NaN or infinite, so the surface cannot be closed")
+    check_coordinates(vertices, "vertices")
     vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
+    near = without_slivers(vertices, faces)
 
     def distance(points: Points) -> Points:
         """Compute the distance from the shell of the triangles, negative in it and inside."""
-        apart: Points = np.sqrt(igl.point_mesh_squared_distance(points, vertices, faces)[0]) - spacing
+        apart: Points = np.sqrt(igl.point_mesh_squared_distance(points, vertices, near)[0]) - spacing
         if (free := apart > 0).any():
             apart[free] = np.where(is_inside(points[free], vertices, faces), -apart[free], apart[free])
         return apart
@@ -60,7 +60,7 @@ def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points
     margin = 2 * spacing
     used = vertices[np.unique(faces)]
     shell, sides = largest_part(*level_set_mesh(distance, used.min(axis=0) - margin, used.max(axis=0) + margin, spacing))
-    squared, _, nearest = igl.point_mesh_squared_distance(shell, vertices, faces)
+    squared, _, nearest = igl.point_mesh_squared_distance(shell, vertices, near)
     onto = squared < (1.5 * spacing) ** 2  # others close a hole
     shell[onto] = nearest[onto] + REMAINING_SHARE * (shell - nearest)[onto]
     return shell, sides

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from pipeline.errors import InvalidInput
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.geometry.mesh import face_cross_products, flatness
+from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, without_slivers
 from pipeline.kernels.geometry.transforms import unit_vectors
 
 Float32Array = NDArray[np.float32]
@@ -22,8 +23,6 @@ MAX_CELLS = 6_000_000
 """Cells of the largest grid (16 bytes each); a larger object gets larger cells."""
 SIDE_PROBE_CELLS = 1.5
 """Cells from the surface at which a point's side is looked up: just beyond the cells that the surface itself may cross."""
-SLIVER_FLATNESS = 3e-6
-"""A flatter face counts as its longest edge, 3e-6 of its length beside it at most. libigl's distance to it would err by more."""
 ON_SURFACE_CELLS = 1e-6
 """Cells from the surface below which rounding may decide on which side of it a point lies."""
 MAX_STEPS = 4
@@ -163,13 +162,14 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
 
     Raises
     ------
-    ValueError
-        There are no faces, or a corner is NaN or infinite.
+    InvalidInput
+        There are no faces, or a corner is NaN or too far away (`check_coordinates`).
     """
     vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
-    if not len(faces) or not np.isfinite(vertices[faces]).all():
-        raise ValueError(f"a mesh needs faces with finite corners; this one has {len(faces)} faces, or NaN or infinite corners")
-    faces = _without_slivers(vertices, faces)
+    if not len(faces):
+        raise InvalidInput("a mesh of 0 faces has no distance from anything")
+    check_coordinates(vertices[faces].reshape(-1, 3), "corners of faces")
+    faces = without_slivers(vertices, faces)
     tree = igl.AABB()
     tree.init(vertices, faces)
     low, high = vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))
@@ -198,17 +198,6 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
     records[..., 0] = distance * sign
     records[near, 1:] = away * sign[near][:, None]
     return field
-
-
-def _without_slivers(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Replace the flattest faces by the edge opposite their middle corner."""
-    sliver = np.flatnonzero(flatness(vertices[faces]) < SLIVER_FLATNESS)
-    corners = vertices[faces[sliver]]
-    opposite = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1), axis=2)  # each corner's opposite edge
-    middle = opposite.argmax(axis=1)
-    edges = faces.copy()
-    edges[sliver, middle] = faces[sliver, (middle + 1) % 3]
-    return edges
 
 
 def _grid_layout(extent: NDArray[np.float64], cell: float, band: float) -> tuple[float, float, NDArray[np.int64]]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.mesh import check_coordinates
 
 TABLE_3_FACTOR = 9000.0
 """Table 3's values are consistent with this multiple of the Chamfer distance in m² (anything from 5,000 to 12,000 would be)."""
@@ -178,7 +179,5 @@ def _cloud(name: str, points: NDArray[np.floating]) -> NDArray[np.float64]:
         raise ValueError(f"{name} has shape {cloud.shape}; a cloud is (number, 3)")
     if not len(cloud):
         raise InvalidInput(f"{name} is an empty cloud and holds no nearest point; check the surface it was drawn from")
-    finite = np.isfinite(cloud).all(axis=1)
-    if not finite.all():
-        raise InvalidInput(f"{name} holds {np.count_nonzero(~finite)} points with NaN or infinity")
+    check_coordinates(cloud, f"points of {name}")
     return cloud

@@ -11,14 +11,21 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.mesh import Points, face_cross_products
+from pipeline.kernels.geometry.mesh import Points, check_coordinates, face_cross_products
 from pipeline.kernels.geometry.signed_distance import is_inside
 
 Faces = NDArray[np.integer]
 
 
 def surface_area(vertices: Points, faces: Faces) -> float:
-    """Compute the area of a surface, m²; parts that overlap count each."""
+    """Compute the area of a surface, m²; parts that overlap count each.
+
+    Raises
+    ------
+    InvalidInput
+        A vertex is NaN or too far away (`check_coordinates`).
+    """
+    check_coordinates(vertices, "vertices")
     return float(np.linalg.norm(face_cross_products(vertices[faces]), axis=1).sum() / 2)
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.mesh import check_coordinates
 from pipeline.kernels.touch.sensor import Sensor, check_pose
 
 SLACK = 1e-9
@@ -51,13 +51,12 @@ def box_faces(triangles: np.ndarray) -> BoxedFaces:
     ValueError
         The shape is not (F, 3, 3).
     InvalidInput
-        A corner is NaN or infinite.
+        A corner is NaN or too far away (`check_coordinates`).
     """
     triangles = np.asarray(triangles, np.float64)
     if triangles.ndim != 3 or triangles.shape[1:] != (3, 3):
         raise ValueError(f"triangles have shape {triangles.shape}; they must be (F, 3, 3): face, corner, xyz")
-    if not np.isfinite(triangles).all():
-        raise InvalidInput("triangles hold NaN or infinity; drop such faces before tracing")
+    check_coordinates(triangles.reshape(-1, 3), "corners of faces")
     corners = np.ascontiguousarray(triangles.transpose(2, 1, 0))
     low, high = corners.min(axis=1), corners.max(axis=1)  # (3, F)
     return BoxedFaces(corners, (low + high) / 2, (high - low) / 2)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.geometry.mesh import face_cross_products
+from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products
 from pipeline.kernels.geometry.mesh_cleaning import number_positions
 from pipeline.kernels.geometry.transforms import unit_vectors
 
@@ -38,12 +38,18 @@ def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32], crea
     -------
     (F, 3, 3) float64 unit normals (face, corner, xyz), on the side to which the face is wound.
 
+    Raises
+    ------
+    InvalidInput
+        A vertex is NaN or too far away (`check_coordinates`).
+
     Notes
     -----
     A corner's normal is the mean, weighted by the angle at the vertex, of the normals of those faces around it that make less than
     `crease` with its own face. Faces wound the other way count as if turned over. A face without area has the normal +z and no
     influence on its neighbours. The normal of a sliver of aspect a has an error of up to 8 a units in the last place.
     """
+    check_coordinates(vertices, "vertices")
     triangles = vertices[faces]  # (F, 3, 3)
     normal = unit_vectors(face_cross_products(triangles))
     has_area = normal.any(axis=1, keepdims=True)

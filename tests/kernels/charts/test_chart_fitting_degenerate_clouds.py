@@ -85,7 +85,7 @@ def test_far_points_draw_the_chart_towards_them(kind: str) -> None:
         (np.zeros((0, 3)), [[0, 1, 2]], "0 points and 1 faces"),
         (np.zeros((2, 3)), np.zeros((0, 3), int), "2 points and 0 faces"),
         (np.full((2, 3), np.nan), [[0, 1, 2]], "NaN"),
-        (np.full((2, 3), np.inf), [[0, 1, 2]], "infinity"),
+        (np.full((2, 3), np.inf), [[0, 1, 2]], "infinite"),
     ],
 )
 def test_rms_distance_rejects_no_points_or_faces(points: np.ndarray, faces: list[list[int]], message: str) -> None:
@@ -94,7 +94,7 @@ def test_rms_distance_rejects_no_points_or_faces(points: np.ndarray, faces: list
 
 
 def test_rms_distance_rejects_infinite_coordinates() -> None:
-    with pytest.raises(ValueError, match="vertices hold NaN"):
+    with pytest.raises(ValueError, match="vertices are NaN"):
         rms_distance_to_surface(np.zeros((2, 3)), np.full((3, 3), np.nan), np.array([[0, 1, 2]]))
 
 

@@ -9,9 +9,9 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.mesh import SLIVER_FLATNESS, Mesh
 from pipeline.kernels.hand import distance_field
-from pipeline.kernels.hand.distance_field import SLIVER_FLATNESS, DistanceField, build_distance_field
+from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
 from tests.kernels.hand.meshes import centred, mug
 from tests.references.box_distance import box_distance
 from tests.strategies import EPS, aspects, random_rotation, scales, seeds, sliver
@@ -203,7 +203,7 @@ def test_distance_field_accepts_no_points_and_rejects_infinite_ones() -> None:
     for bad in (np.nan, np.inf):
         with pytest.raises(ValueError, match="NaN or infinite"):
             field.exact(np.array([[0, bad, 0]]))
-        with pytest.raises(ValueError, match="NaN or infinite corners"):
+        with pytest.raises(ValueError, match="corners of faces are NaN"):
             build_distance_field(BOX.vertices + bad, BOX.faces, cell=CELL, band=BAND)
     with pytest.raises(ValueError, match="0 faces"):
         build_distance_field(BOX.vertices, np.zeros((0, 3)), cell=CELL, band=BAND)

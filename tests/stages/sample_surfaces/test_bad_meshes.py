@@ -67,7 +67,7 @@ def bad(folder: Path) -> None:
 REASONS = {
     "bad-empty": "is an empty file",
     "bad-text": "text.obj",
-    "bad-nan": "1 of 162 vertices are not finite",
+    "bad-nan": "1 of 162 vertices are NaN",
     "bad-faceless": "no triangle mesh",
     "bad-areafree": "zero area",
     "bad-many": "faces exceed max_faces = 10000; decimate the mesh or raise sample-surfaces.max_faces",

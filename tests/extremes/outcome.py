@@ -1,0 +1,38 @@
+"""What a kernel makes of a shape: an error, or a refusal in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pydantic import ValidationError
+
+from pipeline.errors import InvalidInput
+from tests.extremes.kernels import Kernel
+from tests.extremes.shapes import Shape
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of feeding a shape to a kernel.
+
+    Attributes
+    ----------
+    text
+        The error, or `refused`.
+    wrong
+        What is wrong with that; empty where nothing is.
+    """
+
+    text: str
+    wrong: str = ""
+
+
+def feed(kernel: Kernel, shape: Shape) -> Outcome:
+    """Feed a shape to a kernel."""
+    try:
+        error = kernel.error(shape)
+    except (InvalidInput, ValueError, ValidationError) as refusal:
+        words = len(str(refusal).split()) > 3
+        return Outcome("refused", "" if shape.refused and words else f"refused: {refusal}")
+    bound = kernel.bound_for(shape)
+    return Outcome(f"{error:.0e}" if error else "0", "" if error <= bound else f"the error is {error:.2g}; at most {bound:.2g} is promised")

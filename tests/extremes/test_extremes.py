@@ -1,0 +1,21 @@
+"""No kernel is wrong without a word; shapes within the ranges are taken. `make test-extremes` feeds the large ones too."""
+
+from __future__ import annotations
+
+import warnings
+
+import pytest
+
+from tests.extremes.kernels import KERNELS, Kernel
+from tests.extremes.outcome import feed
+from tests.extremes.shapes import SHAPES, Shape
+
+SIZES = [pytest.param(shape, id=shape.name, marks=[pytest.mark.slow] if shape.large else []) for shape in SHAPES]
+
+
+@pytest.mark.parametrize("shape", SIZES)
+@pytest.mark.parametrize("kernel", [pytest.param(kernel, id=kernel.name.split(": ")[1]) for kernel in KERNELS])
+def test_kernel_is_right_or_refuses(kernel: Kernel, shape: Shape) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of overflows in what is refused
+        assert not feed(kernel, shape).wrong
