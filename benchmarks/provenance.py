@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-SOURCES = ("pipeline", "stages", "schemas", "benchmarks", ":!pipeline/tradeoff/tradeoff.json")
+SOURCES = ("pipeline", "stages", "schemas", "benchmarks")
 """What figures depend on."""
 
 

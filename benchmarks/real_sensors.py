@@ -40,8 +40,7 @@ Written by `make test-sensors`: {}.
 Mean |model - photograph|, levels of 255, on the odd photographs of two sets in the package taxim 1.4.1 (MIT licence, copyright 2021
 CMURoboTouch), in the contact and in the ring from 1 to 3 contact radii.
 What ships was fitted to the even ones alone; contacts are as annotated there, those of the Mini as `calibrate-sensor` finds them. Images
-are added to the untouched photograph; milliseconds are an image's, depth not counted, at 480 × 640 on one core. What each setting of a
-sensor file costs and gains is in [tradeoff.md](tradeoff.md#settings-of-a-sensor-file).
+are added to the untouched photograph; milliseconds are an image's, depth not counted, at 480 × 640 on one core.
 """
 PAGE_END = """- One core, processor time, the least of nine. [peers.md](peers.md) has the times of depth and image together, and of Taxim's.
 - The GelSight's circles are annotated about 6 pixels inside the rim that the photographs show: the ring of colour in the differences.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import yaml
@@ -15,6 +16,7 @@ from pydantic import ValidationError
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import DatasetStage, ObjectStage
+from pipeline.engine.trade import Trade
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import invalid_entries
 
@@ -59,6 +61,13 @@ def load_settings_type(name: str) -> type[Settings]:
     entry = STAGES[name]
     settings: type[Settings] = getattr(import_module(f"{entry.folder}.settings"), entry.settings)
     return settings
+
+
+def load_trade(name: str) -> Trade | None:
+    """Load what the stage called `name` trades between speed and accuracy; None where it declares nothing."""
+    module = f"{STAGES[name].folder}.trade"
+    trade: Trade | None = import_module(module).TRADE if name in GRASP_STAGES and find_spec(module) else None
+    return trade
 
 
 def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:

@@ -68,7 +68,6 @@ def test_doctor_finds_everything_here():
         ([*RUN, "--set", "fly.points=5"], "unknown stage fly"),
         ([*RUN, "--data", "/nonexistent", "--shards", "2", "--shard", "2"], "shards are numbered 0 to 1"),
         ([*RUN, "--object", "nobody"], "has no object nobody"),
-        ([*RUN, "--dry-run", "--explain"], "--dry-run makes nothing: leave one of them out"),
         (["run", "simulate-touch", "--data", "/nonexistent"], "vt-pipeline run sample-surfaces"),
         (["status", "/nonexistent"], "is not a data directory"),
         (["sweep", "evaluate", "--grid", "points=100,200"], "evaluate trains nothing: sweep over settings of train-unet"),

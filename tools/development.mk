@@ -1,7 +1,7 @@
 # Tests of other systems, and measurements: what only those need who change this project. Included by the Makefile.
 
 .PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-peers \
-        tradeoff tradeoff-missing showcase
+        tradeoff showcase
 
 PEERS_PYTHON := .venv-peers/bin/python
 installed-browser installed-exports installed-peers: installed-dev
@@ -54,12 +54,8 @@ bench: installed-dev simulate-touch.0  ## measure every stage beside its raw lim
 bench-peers: installed-peers installed-tacto simulate-touch.0  ## measure TACTO, Taxim, KeOps, HDF5 … beside ours; writes docs/peers.md
 	@KEOPS_CACHE_FOLDER="$$PWD/.venv-peers/keops" OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks --data $(call quoted,$(DATA)) --write docs/peers.md
 
-tradeoff: installed-peers  ## measure what every setting costs and how wrong it is; writes docs/tradeoff.md (about two hours)
-	@$(BIN)/python -m benchmarks.tradeoff
-	@OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks.tradeoff --only sensors
-
-tradeoff-missing: installed-dev  ## list the settings that make tradeoff has not measured, or on older code
-	@$(BIN)/python -m benchmarks.tradeoff.missing
+tradeoff: installed-dev  ## measure what settings cost and how wrong they are; writes docs/tradeoff.md (40 minutes on 2 cores)
+	@$(BIN)/python -m benchmarks.tradeoff --write docs/tradeoff.md
 
 # Blender has an environment of its own, which is given scenes and gives pictures.
 showcase: installed-blender  ## render ten grasps, a turntable and touch to shape with Blender: data/showcase (15 minutes on 2 cores)

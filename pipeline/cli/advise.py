@@ -2,55 +2,81 @@
 
 from __future__ import annotations
 
-import json
+import os
+import shlex
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from pipeline.cli.failures import fail
-from pipeline.cli.request import ManifestOption, ObjectsOption, UnitsOption, UpOption
-from pipeline.console import console, errors, print_line
-from pipeline.tradeoff.advice import STAGES_OF, Question
-from pipeline.tradeoff.advice import advise as advise_settings
-from pipeline.tradeoff.choice import Limit, duration, error_limit
+from pipeline.cli.request import DataOption, ManifestOption, PresetOption, SetOption, default_place
+from pipeline.config.manifest import load_manifest
+from pipeline.console import Row, Table, console, pluralise, print_line, show_tables
+from pipeline.tradeoff.advice import Choice, Workload, parse_duration, parse_limit, within_error, within_time
+from pipeline.tradeoff.measure import DATASET, TRADED, Setup, trade_key
+from pipeline.tradeoff.measured import MeasuredTrade, read_trade
 
 
 def advise(
     manifest: ManifestOption = "toy",
-    target: Annotated[str, typer.Option("--for", help="dataset, or train: the data and the network with touch alone.")] = "dataset",
-    budget: Annotated[str | None, typer.Option(help="Time for all of it, as 90s, 10min or 1.5h.")] = None,
+    preset: PresetOption = "draft",
+    data: DataOption = None,
+    assignments: SetOption = None,
+    within: Annotated[str | None, typer.Option(help="Time for all stages, as 90s, 10min, 3h or 2d.")] = None,
     error: Annotated[
-        str | None, typer.Option(help="Limit on a stage's error, as 5um, 2% or simulate-touch=1um: see docs/tradeoff.md.")
+        str | None, typer.Option(help="Limit on every error of the kind, as 0.1mm or 5%, or on one stage's: train-gcn=12.")
     ] = None,
-    objects: ObjectsOption = None,
-    units: UnitsOption = None,
-    up: UpOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    objects: Annotated[int | None, typer.Option(min=1, help="How many objects; by default those of the sample.")] = None,
+    cores: Annotated[int | None, typer.Option(min=1, help="How many cores; by default this machine's.")] = None,
 ) -> None:
     """Advise settings for a time or for an error.
 
-    With `--budget`: the most accurate within that time; with `--error`: the fastest within that error. A few of the manifest's objects are
-    made first, so that times are those of this machine and these objects.
+    It chooses among what `vt-pipeline tradeoff` measured. With --within: the most accurate within that time; with --error: the fastest
+    within that error.
     """
-    if target not in STAGES_OF:
-        fail(f"--for {target}: it is {' or '.join(STAGES_OF)}")
-    if budget is not None and error is None:
-        goal: float | Limit = duration(budget)
-    elif error is not None and budget is None:
-        goal = error_limit(error)
-    else:
-        fail("give either --budget or --error")
-    try:
-        advice = advise_settings(Question(target, manifest, objects, goal, units, up), errors)
-    except KeyboardInterrupt as stop:
-        stop.args = ("what was tried out is removed",)
-        raise
-    if as_json:
-        typer.echo(json.dumps(advice.as_json(), indent=2))
-        return
-    console.print(advice.table())
-    for line in advice.sources():
-        print_line(line)
-    apart = " and what the contact sheets take" if target == "dataset" else ""
-    print_line(f"{advice.objects} objects in about {advice.seconds / 60:.1f} min{apart}:")
-    print_line(f"  {advice.command}")
+    if (within is None) == (error is None):
+        fail("give either --within or --error")
+    if data is not None and "://" in data:
+        fail(f"--data {data}: give the folder that `vt-pipeline tradeoff` measured into")
+    described, place = load_manifest(manifest), Path(data or default_place(manifest, None) / preset)
+    trades = _current(Setup(place, described.name, (), described.seed, preset, tuple(assignments or ())))
+    workload = Workload(objects or len(trades[0].objects), cores or len(os.sched_getaffinity(0)))
+    chosen = within_error(trades, workload, parse_limit(error)) if error else within_time(trades, workload, parse_duration(str(within)))
+    show_tables(console, [_table(chosen, workload)])
+    print_line(f"measured on {pluralise(len(trades[0].objects))}, {', '.join(sorted({trade.machine for trade in trades}))}")
+    seconds = sum(choice.seconds for choice in chosen)
+    work = f"{pluralise(workload.objects)} on {pluralise(workload.cores, 'core')}"
+    print_line(f"{work}: {_duration(seconds)}, and seconds to start each stage, with these settings:")
+    changed = [*(assignments or ()), *(line for choice in chosen for line in choice.assignments())]
+    print_line(f"  --preset {preset}" + "".join(f" --set {shlex.quote(line)}" for line in changed))
+
+
+def _current(setup: Setup) -> list[MeasuredTrade]:
+    """Read the trades that were measured under these settings and this code; those that make a dataset are needed."""
+    found = []
+    for stage in TRADED:
+        trade = read_trade(setup.data, stage)
+        if trade is not None and trade.points and trade.key == trade_key(stage, setup):
+            found.append(trade)
+        elif trade is not None or stage in DATASET:
+            how = "not measured yet" if trade is None else "measured with other settings or other code"
+            options = "".join(f" --set {shlex.quote(line)}" for line in setup.assignments)
+            command = f"vt-pipeline tradeoff {stage} --data {setup.data} --preset {setup.preset}{options}"
+            fail(f"{stage}: {how}; run `{command}`, with your manifest and objects")
+    return found
+
+
+def _table(chosen: list[Choice], workload: Workload) -> Table:
+    rows = []
+    for choice in chosen:
+        point, trade = choice.point, choice.trade
+        megabytes = point.kilobytes * (1 if trade.trained else workload.objects) / 1e3
+        rows.append(
+            Row([trade.stage, point.label, choice.seconds, megabytes, point.error, choice.bound, f"{trade.unit} {trade.metric}".strip()])
+        )
+    return Table("", ["stage", "settings", "s", "MB", "error", "at most", ""], rows, ["", "", ".3g", ".3g", ".3g", ".3g", ""])
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli import advise, calibrate, check, export, inspection, learn, run, submit
+from pipeline.cli import advise, calibrate, check, export, inspection, learn, run, submit, tradeoff
 from pipeline.cli.failures import failures_as_words
 
 PANELS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Make": (run.run, submit.submit, advise.advise),
+    "Make": (run.run, submit.submit, tradeoff.tradeoff, advise.advise),
     "Learn": (learn.sweep, learn.report, learn.predict),
     "Describe": (check.check, calibrate.calibrate_sensor, inspection.stages),
     "Look and export": (inspection.status, inspection.summary, export.view, export.export),

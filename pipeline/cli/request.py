@@ -102,7 +102,7 @@ def make_request(
     up: str | None = None,
 ) -> Request[S]:
     """Turn what the shared options say into a request."""
-    where = place(data or _default_place(manifest, objects) / preset)
+    where = place(data or default_place(manifest, objects) / preset)
     if (file := on_disk(where)) and file.is_file():
         fail(f"--data {where} is a file; name a folder")
     objects = objects and objects.expanduser()
@@ -140,6 +140,6 @@ def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Ex
     return Deferred(dask)
 
 
-def _default_place(manifest: str, objects: Path | None) -> Path:
+def default_place(manifest: str, objects: Path | None) -> Path:
     """Name a data directory; a folder of meshes goes by its name: two of them do not share one."""
     return Path("data") / (Path(manifest).stem + (f"-{objects.absolute().name}" if objects else ""))

@@ -37,8 +37,6 @@ from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.store.publish import ShardOutput
 from pipeline.store.record import Failure
 from pipeline.store.storage import Place
-from pipeline.tradeoff.explain import explain_plan
-from pipeline.tradeoff.quote import quote
 from pipeline.training.process_group import process_group, run_together
 from stages.registry import STAGES, load_stage
 
@@ -71,7 +69,6 @@ def run(
     retry: Annotated[bool, typer.Option(help="Try objects again that failed in this stage.", rich_help_panel=RUN)] = False,
     check: Annotated[bool, typer.Option(help="Verify published rows first, and make damaged ones again.", rich_help_panel=RUN)] = False,
     dry_run: Annotated[bool, typer.Option(help="Print what a run would do, and do nothing.", rich_help_panel=RUN)] = False,
-    explain: Annotated[bool, typer.Option(help="Then explain what was modelled and what was left out.", rich_help_panel=RUN)] = False,
 ) -> None:
     """Run one stage.
 
@@ -80,8 +77,6 @@ def run(
     console.quiet = (together := process_group()) is not None and together.rank > 0  # one of several processes speaks
     if stage not in STAGES:
         fail(f"unknown stage {stage}; choose from {', '.join(STAGES)}")
-    if explain and dry_run:
-        fail("--explain counts what was made, and --dry-run makes nothing: leave one of them out")
     shared = make_request(
         load_stage(stage), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed, units=units, up=up
     )
@@ -104,8 +99,6 @@ def run(
             return
         for plan in make_plans(request, shard):
             run_plan(plan)
-            if explain:
-                _print_explanation(plan)
 
 
 NO_OBJECT_LEFT = "none of its objects is in the manifest any more"
@@ -166,15 +159,3 @@ def _print_failures(failures: Mapping[str, Failure]) -> None:
         reason = shared if len(names) > 1 else failures[names[0]].reason
         listed = abbreviate(names) + (f" ({len(names)} objects)" if len(names) > NAMED else "")
         errors.print(f"  [yellow]failed[/] {escape(listed)}: {escape(reason)}")
-
-
-def _print_explanation(plan: Plan[Any]) -> None:
-    """Explain what has just been made, or was up to date."""
-    explanation, request = explain_plan(plan), plan.request
-    if explanation is not None:
-        print_line(explanation.title)
-        console.print(explanation.table())
-        if known := quote(plan.stage.name, request.settings):
-            print_line(f"error, {known}")
-    elif request.only is None:  # else it is in another shard, or failed, and that has been said
-        print_line(f"{plan.stage.name} {plan.path}: {'every object failed' if plan.total else 'no objects'}, there is nothing to explain")

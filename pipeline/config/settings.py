@@ -22,10 +22,6 @@ class Settings(BaseModel):
         """Return the settings that a result depends on, as plain values: they belong to a stage's key."""
         return self._that_change("definition", "results")
 
-    def accuracy(self) -> dict[str, Any]:
-        """Return those of them that have more and less accurate values, and hence a measured error."""
-        return self._that_change("results")
-
     def speed(self) -> dict[str, Any]:
         """Return the settings that change speed alone."""
         return self._that_change("speed")

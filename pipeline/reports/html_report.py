@@ -21,6 +21,7 @@ from pipeline.dataset.touch_statistics import sensors_of, tally
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
 from pipeline.reports.contact_sheet_page import spread_evenly
+from pipeline.reports.left_out import left_out_table
 from pipeline.reports.object_page import ObjectPages
 from pipeline.reports.paper_figures import draw_figures
 from pipeline.reports.plots import draw_bars, draw_curves, draw_histogram
@@ -29,6 +30,7 @@ from pipeline.reports.report_pages import WRITTEN, ObjectCard, Pages, read_pages
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.results import results_tables, trained_models, training_losses
 from pipeline.reports.touch_tables import supplement_touches, touch_tables, touches_per_grasp
+from pipeline.reports.trade_pictures import report_trades
 from pipeline.store import digest
 from pipeline.store.atomic import written_to
 from pipeline.store.digest import hashes_of
@@ -83,7 +85,7 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
         categories, splits = (sorted({card[key] for card in cards}) for key in ("category", "split"))
         _write(source, folder, "gallery.html", cards=cards, categories=categories, splits=splits)
         _write(source, folder, "figures.html", figures=draw_figures(source, folder / "figures", most))
-        _write(source, folder, "results.html", **_results(source, folder))
+        _write(source, folder, "results.html", **_results(source, folder), trades=_trades(source, folder))
         _write(source, folder, "about.html", **_about(source))
         others = {name: written for name, written in hashes_of(folder).items() if not name.startswith("objects/")}
         pages = Pages(objects=objects, files=others)
@@ -196,11 +198,18 @@ def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
     return {"tables": tables, "curves": curves}
 
 
+def _trades(source: ReportSource, folder: Path) -> list[dict[str, str]]:
+    """Draw the measured trades of speed for accuracy, which lie on this machine's disk if anywhere."""
+    settings = {origin.stage: origin.settings for origin in records(source.directory).values()}
+    return report_trades(source.directory.root, settings, folder / "figures") if isinstance(source.directory.root, Path) else []
+
+
 def _about(source: ReportSource) -> dict[str, Any]:
     """Collect the failures by reason, and the origin of all artifacts and folders."""
     origins = records(source.directory)
     return {
         "failures": _failures(source.failures),
+        "left_out": left_out_table(source),
         "contents": contents_table(origins),
         "commands": commands(source.directory, origins),
         "settings": settings_tables(origins),

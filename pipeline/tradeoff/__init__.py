@@ -1,1 +1,1 @@
-"""Which settings to choose, and what a run left out: above the stages, which do not know it."""
+"""The trade of speed for accuracy: measured on the user's objects, and advice by it. Above the stages, which declare what they trade."""

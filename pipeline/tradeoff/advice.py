@@ -1,187 +1,147 @@
-"""Advise settings for a time or an error: choose among measured settings, try the choice on this machine, choose again."""
+"""Choose settings for a time or an error, among those that were measured on the user's objects."""
 
 from __future__ import annotations
 
-import os
-import shlex
-import sys
-import time
+import itertools
+import math
+import re
 from collections.abc import Sequence
-from contextlib import redirect_stdout
-from dataclasses import dataclass, replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
+from dataclasses import dataclass
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
-from pipeline.config.manifest import load_manifest
-from pipeline.config.settings import Settings
-from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput
-from pipeline.tradeoff.choice import PRESET, Choice, Limit, Workload, within_error, within_time
-from pipeline.tradeoff.measurements import load_studies
-from pipeline.tradeoff.trial import measure_speed, trial_objects
-from stages.registry import load_stage, resolve
+from pipeline.tradeoff.measured import MeasuredTrade, Point
+from pipeline.tradeoff.sweep import assignment
 
-STAGES_OF = {
-    "dataset": ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch"),
-    "train": ("sample-surfaces", "simulate-grasps", "simulate-touch", "train-unet", "fit-charts", "train-gcn"),
-}
-"""Stages that settings are chosen for, by target of make. The network that is trained has touch alone as input."""
-TOUCH_NETWORK = "train-gcn.configuration=touch"
-TRIAL_OBJECTS_PER_WORKER = 3
-MOST_TRIALS = 3
-"""Choices that are tried at most; the second already differs little from the first."""
+NUMBER = r"([0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?|\.[0-9]+)"
+DURATIONS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 
 
 @dataclass(frozen=True)
-class Question:
-    """What advice is asked for.
+class Workload:
+    """How many objects are to be made, on how many cores."""
 
-    Attributes
-    ----------
-    target
-        A key of `STAGES_OF`.
-    manifest, meshes
-        The objects: a manifest, and a folder of meshes for manifests that name none.
-    units, up
-        Unit and up-axis of the mesh files, where they are stated.
-    goal
-        Seconds that all stages together may take, or the limit on one stage's error.
-    """
-
-    target: str
-    manifest: str
-    meshes: Path | None
-    goal: float | Limit
-    units: str | None = None
-    up: str | None = None
-
-
-@dataclass(frozen=True)
-class Advice:
-    """The chosen settings, one per stage, for `objects` objects."""
-
-    question: Question
     objects: int
-    choices: Sequence[Choice]
+    cores: int
 
-    @property
+    def seconds(self, trade: MeasuredTrade, point: Point) -> float:
+        """Predict what a stage takes; a training has one core, as measured, and its time grows with the objects that it learns from."""
+        if trade.trained:
+            return point.seconds * self.objects * trade.trained / len(trade.objects)
+        return point.seconds * math.ceil(self.objects / self.cores)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A measured setting of a stage, and what it takes: `seconds` for all objects, and the bound of the mean error of them."""
+
+    trade: MeasuredTrade
+    point: Point
+    seconds: float
+    bound: float
+
     def assignments(self) -> list[str]:
-        """What differs from `PRESET`, as `--set` takes it."""
-        return [line for choice in self.choices for line in choice.assignments()]
-
-    @property
-    def seconds(self) -> float:
-        """Predicted time of all stages."""
-        return sum(choice.seconds for choice in self.choices)
-
-    @property
-    def command(self) -> str:
-        """The command that does what is advised."""
-        question = self.question
-        stated = {"MANIFEST": question.manifest, "OBJECTS": question.meshes, "UNITS": question.units, "UP": question.up, "PRESET": PRESET}
-        stated |= {"CONFIGURATIONS": "touch" if question.target == "train" else None, "SET": " ".join(self.assignments)}
-        return " ".join(["make", question.target, *(f"{name}={shlex.quote(str(value))}" for name, value in stated.items() if value)])
-
-    def settings(self, stage: str) -> Settings:
-        """Resolve all settings of a stage."""
-        return resolve(stage, PRESET, [*self.assignments, TOUCH_NETWORK])
-
-    def table(self) -> Table:
-        """Lay out the choices for a console."""
-        table = Table("stage", "setting", "s", "MB", "error", "at most", "", box=None, padding=(0, 2))
-        for stage, entry in self.as_json()["stages"].items():
-            numbers = (f"{entry['seconds']:.0f}", *(f"{entry[name]:.3g}" for name in ("megabytes", "error", "bound")))
-            table.add_row(stage, escape(entry["setting"]), *numbers, escape(entry["metric"]))
-        return table
-
-    def sources(self) -> list[str]:
-        """Say on which commits the figures were measured, one line per commit."""
-        stages: dict[str, list[str]] = {}
-        for choice in self.choices:
-            stages.setdefault(choice.study.source(), []).append(choice.study.stage)
-        return [f"{', '.join(names)}: measured at {source}" for source, names in stages.items()]
-
-    def as_json(self) -> dict[str, Any]:
-        """Collect everything as plain values."""
-        return {
-            "objects": self.objects,
-            "seconds": round(self.seconds, 1),
-            "stages": {choice.study.stage: self._entry(choice) for choice in self.choices},
-            "set": [*self.assignments, *([TOUCH_NETWORK] if self.question.target == "train" else [])],
-            "command": self.command,
-        }
-
-    def _entry(self, choice: Choice) -> dict[str, Any]:
-        study, measured = choice.study, choice.measurement
-        return {
-            "setting": measured.label,
-            "seconds": round(choice.seconds, 1),
-            "megabytes": round(measured.kilobytes * (1 if study.whole_dataset else self.objects) / 1e3, 2),
-            "error": measured.error,
-            "bound": measured.bound,
-            "metric": study.metric + study.fixed_otherwise(self.settings(study.stage)),
-            "measured": study.source(),
-        }
+        """Write what differs from the user's settings as `--set` takes it."""
+        return [f"{self.trade.stage}.{assignment(name, value)}" for name, value in self.point.changes.items()]
 
 
-def advise(question: Question, log: Console) -> Advice:
-    """Choose settings, and try them on a few of the objects, so that times are this machine's and these objects'.
+@dataclass(frozen=True)
+class Limit:
+    """An upper limit on an error: on that of one stage, or on every error of the same kind of unit."""
 
-    Parameters
-    ----------
-    question
-        What advice is asked for.
-    log
-        Shows what is tried.
+    value: float
+    unit: str
+    stage: str | None = None
 
-    Returns
-    -------
-    Advice
-        With the times predicted for this machine.
+    def of(self, trade: MeasuredTrade) -> float | None:
+        """Convert to the unit of a trade; None where it does not apply."""
+        if self.stage not in (None, trade.stage):
+            return None
+        if self.unit in LENGTHS and trade.unit in LENGTHS:
+            return self.value * LENGTHS[self.unit] / LENGTHS[trade.unit]
+        return self.value if self.unit == trade.unit else None
+
+
+def parse_duration(text: str) -> float:
+    """Parse a duration, such as "90s", "10min", "1.5h" or "2d": seconds.
 
     Raises
     ------
     InvalidInput
-        No measured settings reach the goal, or the objects are too few to try a training.
+        It is something else, or 0.
     """
-    started = time.process_time()  # the imports, which every command pays for
-    known, wanted = load_studies(), STAGES_OF[question.target]
-    if missing := [stage for stage in wanted if stage not in known]:
-        raise InvalidInput(f"{', '.join(missing)}: not measured; run make tradeoff")
-    studies = [known[stage] for stage in wanted]
-    manifest = load_manifest(question.manifest).with_units(question.units, question.up)
-    objects = manifest.objects(question.meshes)
-    if question.target == "train" and len(objects) < 2:
-        raise InvalidInput(f"{question.manifest} has {len(objects)} object; a training needs two, one of them for validation")
-    workers = len(os.sched_getaffinity(0))
-    some = trial_objects(objects, TRIAL_OBJECTS_PER_WORKER * workers)
-    from pipeline.engine.dask_executor import Dask  # takes a second, and every command imports this module
+    match = re.fullmatch(rf"{NUMBER} *(s|min|h|d)", text.strip())
+    if not match or not (value := float(match[1])):
+        raise InvalidInput(f"{text!r} is not a time; write 90s, 10min, 1.5h or 2d")
+    return value * DURATIONS[match[2]]
 
-    learned = sum(item.split == "train" for item in objects)
-    workload = Workload({study.stage: learned if study.whole_dataset else len(objects) for study in studies}, workers)
-    goal = question.goal
-    tried: list[list[str]] = []
-    with TemporaryDirectory() as folder, redirect_stdout(sys.stderr):  # standard output is for the advice
-        while True:
-            choices = within_error(studies, workload, goal) if isinstance(goal, Limit) else within_time(studies, workload, goal)
-            advice = Advice(question, len(objects), choices)
-            labels = [f"{choice.study.stage} {choice.measurement.label}" for choice in choices]
-            if labels in tried or len(tried) == MOST_TRIALS:
-                return advice
-            log.print(escape(f"trying out {', '.join(labels)} on {len(some)} objects"))
-            data, speeds = Path(folder) / str(len(tried)), {}
-            for choice in choices:
-                stage = load_stage(choice.study.stage)
-                with Dask(workers) as executor:
-                    request = Request(
-                        stage, advice.settings(stage.name), manifest.name, some, PRESET, manifest.seed, data, executor=executor
-                    )
-                    speed = measure_speed(request, choice, log)
-                speeds[stage.name] = replace(speed, startup=speed.startup + started)
-            workload = replace(workload, speeds=speeds)
-            tried.append(labels)
+
+def parse_limit(text: str) -> Limit:
+    """Parse a limit on an error, such as "0.1mm", "5%" or "train-gcn=12".
+
+    Raises
+    ------
+    InvalidInput
+        It is something else.
+    """
+    match = re.fullmatch(rf"(?:([a-z-]+) *= *)?{NUMBER} *([^0-9. ].*)?", text.strip())
+    if not match or not (match[1] or match[3]):
+        raise InvalidInput(f"{text!r} is not an error; write a number and its unit, as 0.1mm, 5% or train-gcn=12")
+    return Limit(float(match[2]), match[3] or "", match[1])
+
+
+def choices(trade: MeasuredTrade, workload: Workload) -> list[Choice]:
+    """Predict the time and the bound of every measured setting of a stage."""
+    objects = max(1, round(workload.objects * trade.trained / len(trade.objects))) if trade.trained else workload.objects
+    return [Choice(trade, point, workload.seconds(trade, point), point.bound(objects, trade.trials)) for point in trade.points]
+
+
+def within_time(trades: Sequence[MeasuredTrade], workload: Workload, seconds: float) -> list[Choice]:
+    """Choose one setting per stage, all together within a time, such that the product of the errors' bounds is least.
+
+    Errors have different units, so they are compared by ratios: halving one counts as much as halving another.
+
+    Raises
+    ------
+    InvalidInput
+        Even the fastest settings take longer; the message says how long.
+    """
+    plans: list[tuple[float, float, tuple[Choice, ...]]] = [(0.0, 0.0, ())]  # seconds, logarithm of the product, choices
+    for trade in trades:
+        options = choices(trade, workload)
+        least = min((one.bound for one in options if one.bound > 0), default=1.0)  # stands for a bound of 0, that of the reference
+        longer = [
+            (t + one.seconds, e + math.log(one.bound or least), (*chosen, one)) for (t, e, chosen), one in itertools.product(plans, options)
+        ]
+        plans = []
+        for plan in sorted(longer, key=lambda plan: plan[:2]):
+            if not plans or plan[1] < plans[-1][1]:  # no other is both faster and more accurate
+                plans.append(plan)
+    fitting = [plan for plan in plans if plan[0] <= seconds]
+    if not fitting:
+        raise InvalidInput(
+            f"the fastest measured settings take {plans[0][0]:.0f} s, {seconds:.0f} s were given; take more cores or fewer objects"
+        )
+    return list(fitting[-1][2])
+
+
+def within_error(trades: Sequence[MeasuredTrade], workload: Workload, limit: Limit) -> list[Choice]:
+    """Choose the fastest setting of each stage whose error stays within a limit, and the user's for stages without such an error.
+
+    Raises
+    ------
+    InvalidInput
+        The limit is on no measured error, or no setting keeps to it; the message says what there is.
+    """
+    if all(limit.of(trade) is None for trade in trades):
+        units = ", ".join(f"{trade.stage} in {trade.unit or 'a number without unit'}" for trade in trades)
+        raise InvalidInput(f"no error is measured so; there are {units}")
+    chosen = []
+    for trade in trades:
+        options, most = choices(trade, workload), limit.of(trade)
+        fits = [one for one in options if (most is None and not one.point.changes) or (most is not None and one.bound <= most)]
+        if not fits:
+            best = min(one.bound for one in options)
+            raise InvalidInput(f"{trade.stage}: {trade.metric}: at best {best:.3g} {trade.unit} is kept to, not {most:g}")
+        chosen.append(min(fits, key=lambda one: (one.seconds, one.bound)))
+    return chosen

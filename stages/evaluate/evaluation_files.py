@@ -17,6 +17,7 @@ from zarr.storage import LocalStore
 
 from pipeline.errors import StoreError
 from pipeline.formats.description_file import invalid_entries
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.spec import array_spec, numpy_dtype
 from pipeline.store.storage import zarr_store
 from schemas.evaluation import GROUPS, VERSION
@@ -107,6 +108,14 @@ class Figures:
         size = len(self.object_ids)
         sites = np.bincount(np.array(places, int), minlength=size)
         return np.bincount(np.array(places, int), weights=values, minlength=size) / np.maximum(sites, 1), sites
+
+
+def chamfer_by_object(folder: Path) -> dict[str, float]:
+    """Read the Chamfer distances of the first network of an evaluation, in Table 3's unit: mean over numbers of grasps, by object."""
+    name = next(iter(read_root(folder)["configurations"]))
+    figures = read_figures(folder)[name]
+    values = np.mean([figures.per_object("chamfer", number) for number in figures.grasps], axis=0)
+    return dict(zip(figures.object_ids, (TABLE_3_FACTOR * values).tolist(), strict=True))
 
 
 def evaluation_name(training_seed: int = 0) -> str:

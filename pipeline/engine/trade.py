@@ -1,0 +1,41 @@
+"""What a stage trades between speed and accuracy, as it declares beside its settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+Changes = Mapping[str, Any]
+"""Settings of a stage that differ from those a user has, by name."""
+
+
+@dataclass(frozen=True)
+class Trade:
+    """The settings of a stage that are worth varying, and how their error is measured.
+
+    Attributes
+    ----------
+    metric, unit
+        What the error is, and its unit: "mm", "um" (micrometres), "%" or another.
+    candidates
+        Settings to measure, beside the user's own and those of the presets. Few and good: each takes time.
+    errors
+        (data, reference) -> error by object, `unit`: compares what a candidate made with what the reference made; both are data
+        directories, the same one where there is no reference.
+    reference
+        The finest settings, which the others are compared with; None where the truth is known or nothing is compared.
+    trials
+        Of how many things per object the error is a share, where it is one.
+    evaluated_by
+        A stage to run on what the stage made before errors can be read.
+    """
+
+    metric: str
+    unit: str
+    candidates: tuple[Changes, ...]
+    errors: Callable[[Path, Path], Mapping[str, float]]
+    reference: Changes | None = None
+    trials: int = 0
+    evaluated_by: str | None = None

@@ -1,0 +1,65 @@
+"""What of each scene was not computed, because nothing in the dataset depends on it."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from pipeline.console import Row, Table
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.kernels.touch.face_culling import box_faces, cull_faces
+from pipeline.kernels.vision.primitives import faces_by_material, shrink_texture
+from pipeline.reports.report_source import ReportSource
+
+OBJECTS = 4
+"""Objects that are counted, spread evenly: a fraction of a second each."""
+
+
+def left_out_table(source: ReportSource) -> Table:
+    """Count faces, sensors, attempts, materials and texels of a few objects, and how many of them were left out.
+
+    Parameters
+    ----------
+    source
+        A dataset.
+
+    Returns
+    -------
+    A row for each kind of thing: how many there are, how many were left out, in %, and why.
+    """
+    names = source.object_ids
+    chosen = [names[number] for number in np.unique(np.linspace(0, len(names) - 1, OBJECTS).astype(int))]
+    there, used = Counter[str](), Counter[str]()
+    for name in chosen:
+        rows, sensors = source.rows(name), source.sensors()
+        mesh = read_mesh(rows["surfaces"])
+        faces = box_faces(mesh.triangles)
+        near = [
+            cull_faces(faces, pose, sensor).shape[2]
+            for grasp in rows["grasps"]["sensor_pose"]
+            for pose, sensor in zip(grasp, sensors, strict=True)
+        ]
+        there["faces before a sensor"] += len(near) * len(mesh.faces)
+        used["faces before a sensor"] += sum(near)
+        there["sensors"] += len(near)
+        used["sensors"] += sum(count > 0 for count in near)
+        there["attempts at a grasp"] += max(
+            int(source.attributes("grasps")["settings"].get("attempts", 0)), made := int(rows["grasps"]["attempts"])
+        )
+        used["attempts at a grasp"] += made
+        there["materials"] += len(mesh.look.base_color)
+        used["materials"] += len(faces_by_material(mesh.look))
+        there["texels"] += sum(texture.shape[0] * texture.shape[1] for texture in mesh.look.textures)
+        used["texels"] += sum(small.shape[0] * small.shape[1] for small in map(shrink_texture, mesh.look.textures))
+    rows_ = [Row([what, there[what], 100 * (1 - used[what] / there[what]) if there[what] else 0.0, why]) for what, why in REASONS.items()]
+    return Table(f"counted on {', '.join(chosen)}", ["", "there are", "left out, %", "because"], rows_, ["", ",", ".3g", ""])
+
+
+REASONS = {
+    "faces before a sensor": "no ray of the sensor can meet them",
+    "sensors": "no face is within their range",
+    "attempts at a grasp": "no further one could be kept",
+    "materials": "they look like another one, and are drawn with it",
+    "texels": "finer than any image shows",
+}

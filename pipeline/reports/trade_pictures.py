@@ -1,0 +1,122 @@
+"""Pictures and tables of measured trades: error over cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from pipeline.console import Row, Table
+from pipeline.reports.plots import INK, themed_svg
+from pipeline.tradeoff.measure import TRADED
+from pipeline.tradeoff.measured import END_TO_END, MeasuredTrade, Point, read_trades
+from stages.registry import resolve
+
+
+def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> None:
+    """Draw error over seconds per object, logarithmic, as an SVG.
+
+    Parameters
+    ----------
+    trade
+        Its front is a line, its presets are labelled.
+    path
+        The SVG file.
+    used
+        The point to mark.
+    """
+    with themed_svg(path, size=(5.6, 3.4), font_size=8) as figure:
+        axes = figure.subplots()
+        drawn = [point for point in trade.points if point.error > 0]  # the reference has no place on a logarithmic axis
+        front = [point for point in trade.front() if point.error > 0]
+        axes.plot(
+            [one.seconds for one in front], [one.error for one in front], "-", color="#4477aa", zorder=1, label="no other is better in both"
+        )
+        for point in drawn:
+            ends = np.abs(np.array([[point.interval.low], [point.interval.high]]) - point.error)
+            finite = np.where(np.isfinite(ends), ends, 0)
+            own = used is not None and point.label == used.label
+            axes.errorbar(
+                point.seconds,
+                point.error,
+                finite,
+                fmt="s" if own else "o",
+                color="#cc3311" if own else "#4477aa",
+                ms=6 if own else 4,
+                lw=0.8,
+            )
+            axes.annotate(point.label, (point.seconds, point.error), xytext=(5, 3), textcoords="offset points", fontsize=7, color=INK)
+        _scale(axes, [one.seconds for one in drawn], [one.error for one in drawn])
+        unit = f", {trade.unit}" if trade.unit else ""
+        axes.set(xlabel=trade.cost, ylabel=f"error{unit}")
+        axes.set_title(f"{trade.stage}: {trade.metric}", loc="left", fontsize=8)
+        axes.margins(0.2, 0.15)
+
+
+def _scale(axes: Axes, *values: list[float]) -> None:
+    """Make an axis logarithmic where its values are positive and differ by a third or more."""
+    for name, axis, along in zip(("x", "y"), (axes.xaxis, axes.yaxis), values, strict=True):
+        if along and min(along) > 0 and max(along) > 1.3 * min(along):
+            getattr(axes, f"set_{name}scale")("log")
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5) if max(along) > 10 * min(along) else (1, 1.5, 2, 3, 5, 7)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+            axis.set_minor_formatter(NullFormatter())
+
+
+def trade_table(trade: MeasuredTrade) -> Table:
+    """Lay out the points, the fastest first; * marks those that no other beats, and the user's settings are named."""
+    best, own = {point.label for point in trade.front()}, trade.own()
+    rows = []
+    for point in sorted(trade.points, key=lambda point: (point.seconds, point.error)):
+        marks = "*" * (point.label in best) + (" used" if own is not None and point.label == own.label else "")
+        rows.append(Row([point.label, point.seconds, point.kilobytes, point.interval, marks]))
+    unit = f", {trade.unit}" if trade.unit else ""
+    count = f"{len(trade.objects)} objects" + (f", {trade.trained} to learn from" if trade.trained else "")
+    title = f"{trade.stage}: {trade.metric}{unit}; {count}, {trade.machine}"
+    return Table(title, ["settings", trade.cost, "kB", "error", ""], rows, ["", ".3g", ".3g", ".3g", ""])
+
+
+def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | None:
+    """Find the point with the settings that an output was made with; None where they were not measured.
+
+    Parameters
+    ----------
+    trade
+        Of the output's stage.
+    settings
+        As the output's record has them.
+    """
+    own = resolve(trade.stage, trade.preset, trade.assignments).results()
+    varied = {name for point in trade.points for name in point.changes}
+    return next((point for point in trade.points if all({**own, **point.changes}[name] == settings.get(name) for name in varied)), None)
+
+
+def report_trades(data: Path, settings: Mapping[str, Mapping[str, Any]], folder: Path) -> list[dict[str, str]]:
+    """Draw the trades of a data directory, with the place of the settings that were used, for a report.
+
+    Parameters
+    ----------
+    data
+        A data directory.
+    settings
+        Those that its outputs were made with, by stage.
+    folder
+        Where the SVG files are written, `trade-STAGE.svg`.
+
+    Returns
+    -------
+    File, alternative text and caption of each picture.
+    """
+    pictures = []
+    for trade in read_trades(data, (*TRADED, END_TO_END)):
+        used = used_point(trade, settings[trade.stage]) if trade.stage in settings else None
+        draw_trade(trade, folder / f"trade-{trade.stage}.svg", used)
+        points = "; ".join(f"{point.label}: {point.seconds:.3g} s, {point.error:.3g} {trade.unit}".strip() for point in trade.points)
+        place = f"used here: {used.label}" if used else "the settings used here were not measured"
+        caption = f"{trade.stage}, on {len(trade.objects)} objects; {place}."
+        pictures.append({"file": f"figures/trade-{trade.stage}.svg", "alt": f"{trade.metric}: {points}", "caption": caption})
+    return pictures

@@ -1,0 +1,252 @@
+"""Measure what settings cost and how wrong they are: on a sample of the user's objects, on this machine."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from pipeline.config.presets import load_presets
+from pipeline.config.settings import Settings
+from pipeline.config.sources import Object
+from pipeline.engine import keys
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.engine.stage import DatasetStage, ObjectStage
+from pipeline.engine.trade import Changes, Trade
+from pipeline.engine.versions import processor
+from pipeline.errors import InvalidInput
+from pipeline.store import digest
+from pipeline.store.directory import DataDirectory
+from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, Point, read_trade
+from pipeline.tradeoff.sample import FEWEST
+from pipeline.tradeoff.sweep import assignment, file_name
+from schemas.catalogue import ARTIFACTS
+from stages.registry import GRASP_STAGES, load_stage, load_trade, resolve
+
+DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
+TRADED = (*DATASET, "train-unet", "fit-charts", "train-gcn")
+"""Stages that declare a trade, in the order of the pipeline."""
+TOUCH_ALONE = ("train-gcn.configuration=touch", "evaluate.configurations=[touch]")
+"""The network whose trade is measured: it needs no images."""
+LONGEST = 0.25
+"""Share of the given time that one candidate may take; the paper's trainings take days."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is measured on, and what the user's settings are.
+
+    Attributes
+    ----------
+    data
+        The data directory; everything is made below its folder `tradeoff`.
+    manifest, objects, seed
+        The manifest's name, the sample of its objects, the root seed.
+    preset, assignments
+        The user's settings.
+    network
+        Further assignments: which network is trained and evaluated.
+    """
+
+    data: Path
+    manifest: str
+    objects: Sequence[Object]
+    seed: int
+    preset: str
+    assignments: tuple[str, ...] = ()
+    network: tuple[str, ...] = TOUCH_ALONE
+
+    def with_objects(self, objects: Sequence[Object]) -> Setup:
+        """Return the same with other objects."""
+        return replace(self, objects=objects)
+
+    def settings(self, stage: str, changes: Changes | None = None, preset: str | None = None) -> Settings:
+        """Resolve a stage's settings, with changes to the user's."""
+        changed = (f"{stage}.{assignment(name, value)}" for name, value in (changes or {}).items())
+        return resolve(stage, preset or self.preset, [*self.assignments, *self.network, *changed])
+
+    def make(self, stage: str, settings: Settings, data: Path, console: Console) -> None:
+        """Make a stage's output in a data directory, one object after the other in this process."""
+        request = Request(load_stage(stage), settings, self.manifest, self.objects, self.preset, self.seed, data)
+        for plan in make_plans(request):
+            run(plan, console)
+
+    def seconds(self, stage: str, settings: Settings) -> float:
+        """Foresee the seconds that a stage takes for the sample on one core."""
+        return load_stage(stage).cost_of(settings, self.objects)[1].seconds
+
+
+def stages_before(stage: str, setup: Setup) -> list[str]:
+    """List the stages whose outputs a stage needs, directly and by way of others, in the order of the pipeline."""
+    makers = {load_stage(name).writes(setup.settings(name)): name for name in GRASP_STAGES}
+    needed: set[str] = set()
+    waiting = [stage]
+    while waiting:
+        loaded, settings = load_stage(name := waiting.pop()), setup.settings(name)
+        read = [*(artifact.name for artifact in loaded.inputs(settings)), *loaded.models(settings)]
+        found = {makers[output] for output in read} - needed
+        needed |= found
+        waiting += found
+    return [name for name in GRASP_STAGES if name in needed]
+
+
+def trade_key(stage: str, setup: Setup) -> str:
+    """Hash what a stage's figures depend on, apart from the machine and the sample: code, settings and description files."""
+    declaration = f"{type(load_stage(stage)).__module__.rpartition('.')[0]}.trade"
+    attributes: dict[str, Any] = {}
+    parts: dict[str, Any] = {"seed": setup.seed, "trade": keys.sources_hash(declaration)}
+    for name in (*stages_before(stage, setup), stage):
+        loaded, settings = load_stage(name), setup.settings(name)
+        if isinstance(loaded, ObjectStage):
+            settings = loaded.resolve_settings(settings, attributes)
+            attributes[loaded.output.name] = {**loaded.attributes(settings), "settings": settings.results()}
+        parts[name] = [keys.code_hash(loaded), settings.results(), keys.assets_digest(loaded.assets(settings))]
+    return digest.of_json(parts)
+
+
+def _declared(stage: str) -> Trade:
+    trade = load_trade(stage) if stage in GRASP_STAGES else None
+    if trade is None:
+        raise InvalidInput(f"{stage} has no trade to measure; choose from {', '.join(TRADED)}")
+    return trade
+
+
+def candidates(stage: str, setup: Setup) -> dict[str, tuple[Settings, Point]]:
+    """List what is to be measured by label: the user's settings, those of other presets, and what the stage declares.
+
+    Returns
+    -------
+    The settings of each, and its point without figures.
+    """
+    own, presets = setup.settings(stage), load_presets()
+    listed = [own, *(setup.settings(stage, preset=name) for name in presets)]
+    listed += [setup.settings(stage, changes) for changes in _declared(stage).candidates]
+    found: dict[str, tuple[Settings, Point]] = {}
+    for settings in listed:
+        if any(settings.results() == other.results() for other, _ in found.values()):
+            continue
+        named = tuple(name for name in presets if setup.settings(stage, preset=name).results() == settings.results())
+        mine, theirs = own.results(), settings.results()
+        changes = {name: value for name, value in theirs.items() if mine[name] != value}
+        label = ", ".join(named or (f"{name}={value}" for name, value in changes.items())) or "your settings"
+        found[label] = settings, Point(label=label, changes=changes, presets=named, times={}, kilobytes=0, errors={})
+    return found
+
+
+def forecast(stage: str, setup: Setup, limit: float) -> tuple[float, list[str]]:
+    """Foresee the seconds of a stage's candidates, and list those that are left out: alone longer than a limit on few objects."""
+    trade, total, left_out = _declared(stage), 0.0, []
+    after = setup.seconds(trade.evaluated_by, setup.settings(trade.evaluated_by)) if trade.evaluated_by else 0.0
+    for label, (settings, _) in candidates(stage, setup).items():
+        seconds = setup.seconds(stage, settings)
+        if seconds * FEWEST / len(setup.objects) > limit:
+            left_out.append(label)
+        else:
+            total += seconds + after
+    if trade.reference is not None:
+        total += setup.seconds(stage, setup.settings(stage, trade.reference))
+    return total, left_out
+
+
+def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, console: Console) -> MeasuredTrade:
+    """Measure a stage's trade, or read it where it is measured under the same key; a killed measurement continues.
+
+    Parameters
+    ----------
+    stage
+        One of `TRADED`.
+    setup
+        Sample and settings.
+    limit
+        Seconds on one core; candidates that are foreseen to take longer with `FEWEST` objects are left out.
+    deadline
+        Of `time.monotonic()`: after it no further candidate is begun, but for the first.
+    console
+        Shows progress.
+
+    Returns
+    -------
+    The trade, which is also written below the data directory; without the candidates that the deadline left no time for.
+    """
+    trade, loaded = _declared(stage), load_stage(stage)
+    folder, inputs = setup.data / FOLDER / stage, setup.data / FOLDER / "inputs"
+    left_out = forecast(stage, setup, limit)[1]
+    listed = {label: entry for label, entry in candidates(stage, setup).items() if label not in left_out}
+    names = tuple(item.object_id for item in setup.objects)
+    key = trade_key(stage, setup)
+    measured = read_trade(setup.data, stage)
+    if measured is None or (measured.key, measured.objects) != (key, names):
+        shutil.rmtree(folder, ignore_errors=True)
+        measured = MeasuredTrade(
+            stage=stage, metric=trade.metric, unit=trade.unit, key=key, preset=setup.preset, assignments=setup.assignments, objects=names,
+            trained=loaded.cost_of(setup.settings(stage), setup.objects)[0] if isinstance(loaded, DatasetStage) else 0,
+            trials=trade.trials,
+            machine=str(processor()["model"]), total=len(listed),
+        )  # fmt: skip
+    known = {point.label for point in measured.points}
+    missing = {label: entry for label, entry in listed.items() if label not in known}
+    if not missing:
+        return measured
+    for name in (before := stages_before(stage, setup)):
+        setup.make(name, setup.settings(name), inputs, console)
+    outputs = [load_stage(name).writes(setup.settings(name)) for name in before]
+    reference = None
+    if trade.reference is not None:
+        reference = linked_copy(inputs, outputs, folder / "reference")
+        setup.make(stage, setup.settings(stage, trade.reference), reference, console)
+    for label, (settings, point) in missing.items():
+        if len(measured.points) > len(known) and time.monotonic() > deadline:
+            break
+        data = linked_copy(inputs, outputs, folder / file_name(label))
+        setup.make(stage, settings, data, console)
+        if trade.evaluated_by:
+            setup.make(trade.evaluated_by, setup.settings(trade.evaluated_by), data, Console(quiet=True))
+        times = times_of(loaded, settings, data, measured.trained)
+        size = kilobytes(data, loaded.writes(settings)) / (1 if measured.trained else len(names))
+        errors = {name: (error,) for name, error in trade.errors(data, reference or data).items()}
+        point = point.model_copy(update={"times": times, "kilobytes": size, "errors": errors})
+        measured = measured.model_copy(update={"points": (*measured.points, point)})
+        measured.write(setup.data)
+        shutil.rmtree(data)
+    shutil.rmtree(folder, ignore_errors=True)
+    return measured
+
+
+def linked_copy(inputs: Path, outputs: Sequence[str], data: Path) -> Path:
+    """Make a data directory with the same inputs, their files as further names of the same: they are never written to."""
+    data.mkdir(parents=True, exist_ok=True)
+    for name in ("dataset.json", *outputs):
+        for path in _files(inputs / name if (inputs / name).exists() else (inputs / name).parent):
+            copy = data / path.relative_to(inputs)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            if not copy.exists():
+                os.link(path, copy)
+    return data
+
+
+def _files(path: Path) -> Iterator[Path]:
+    return iter([path]) if path.is_file() else (inner for inner in path.rglob("*") if inner.is_file() and not inner.is_symlink())
+
+
+def kilobytes(data: Path, output: str) -> float:
+    """Measure the size of an artifact or a folder of a data directory, without what it replaced."""
+    directory = DataDirectory(data)
+    shards = directory.collection(ARTIFACTS[output]).shards if output in ARTIFACTS else []
+    paths = [Path(str(shard.path)) for shard in shards] or [directory.whole_folder(output)]
+    return sum(inner.stat().st_size for path in paths for inner in _files(path)) / 1e3
+
+
+def times_of(stage: Any, settings: Settings, data: Path, trained: int) -> dict[str, float]:
+    """Read from records what each object took, or in a training its share; the first, which warmed up libraries, counts if it is alone."""
+    directory, output = DataDirectory(data), stage.writes(settings)
+    if trained:
+        return {"each": float(directory.folder(output).facts["training_seconds"]) / trained}
+    rows = [row for shard in directory.collection(ARTIFACTS[output]).shards for row in shard.record.rows]
+    return {row.object_id: row.seconds for row in rows[1:] or rows}

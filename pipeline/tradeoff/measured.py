@@ -1,0 +1,183 @@
+"""Measured trades, as `DATA/tradeoff/STAGE.json` holds them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, ValidationError
+from scipy.stats import t as student
+
+from pipeline.errors import StoreError
+from pipeline.formats.description_file import invalid_entries
+from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
+from pipeline.rng import numpy_rng
+from pipeline.store.atomic import write_at_once
+
+FOLDER = "tradeoff"
+"""Below a data directory."""
+SURE = 0.998
+"""Confidence of a bound as Student's t has it: 19 in 20 other samples keep to it where errors are skewed, as lognormal ones of σ = 0.8."""
+END_TO_END = "reconstruction"
+"""The name, in place of a stage's, under which the trade of whole datasets is kept."""
+
+
+class Point(BaseModel):
+    """A setting that was measured.
+
+    Attributes
+    ----------
+    label
+        Its presets, or what differs from the user's own settings.
+    changes
+        The settings that differ from the user's own, by name.
+    presets
+        The presets that have it.
+    times
+        Seconds on one core: by object, or one figure per object where a stage looks at all at once, or of all where datasets are compared.
+    kilobytes
+        Size on disk, likewise.
+    errors
+        By object, one of each training.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    label: str
+    changes: dict[str, Any]
+    presets: tuple[str, ...] = ()
+    times: dict[str, float]
+    kilobytes: float
+    errors: dict[str, tuple[float, ...]]
+
+    @property
+    def seconds(self) -> float:
+        """The mean of the times."""
+        return float(np.mean(list(self.times.values())))
+
+    @property
+    def error(self) -> float:
+        """The mean over objects."""
+        return float(self._table.mean())
+
+    @cached_property
+    def interval(self) -> Interval:
+        """The mean with its 95 % bootstrap interval over objects and trainings."""
+        return mean_interval(self._table, numpy_rng(0, "tradeoff", self.label))
+
+    @property
+    def _table(self) -> NDArray[np.float64]:
+        """(trainings, objects) errors."""
+        return np.array(list(self.errors.values()), np.float64).T
+
+    def bound(self, objects: int, trials: int = 0) -> float:
+        """Bound the mean error of other objects, with confidence `SURE`.
+
+        Parameters
+        ----------
+        objects
+            How many.
+        trials
+            Of how many things per object the error is a share, %; 0 where it is none.
+
+        Returns
+        -------
+        Student's bound of how the means of two samples differ; of shares at least what the rule of three leaves open where nothing failed.
+        """
+        values = self._table.mean(axis=0)
+        if len(values) < 2:
+            return np.inf
+        spread = float(values.std(ddof=1)) * np.sqrt(1 / len(values) + 1 / objects)
+        least = 300 / (trials * min(len(values), objects)) if trials else 0.0
+        return max(float(values.mean() + student.ppf(SURE, len(values) - 1) * spread), least)
+
+
+class MeasuredTrade(BaseModel):
+    """The trade of a stage.
+
+    Attributes
+    ----------
+    stage, metric, unit, cost
+        What was measured, the unit of its errors, and what times are of.
+    key
+        The hash of what the figures depend on beside the sample and the machine (`measure.trade_key`).
+    preset, assignments
+        The user's settings, which points change.
+    objects
+        The sample.
+    trained
+        The number of those of them that a stage learns from, where it looks at all at once; else 0.
+    trials
+        Of how many things per object the error is a share; 0 where it is none.
+    machine
+        The processor.
+    total
+        The number of points, once all are measured.
+    points
+        Those that are measured.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    stage: str
+    metric: str
+    unit: str
+    cost: str = "seconds per object, one core"
+    key: str
+    preset: str
+    assignments: tuple[str, ...]
+    objects: tuple[str, ...]
+    trained: int
+    trials: int = 0
+    machine: str
+    total: int
+    points: tuple[Point, ...] = ()
+
+    def front(self) -> list[Point]:
+        """List the points that no other beats in both time and error, the fastest first."""
+        best: list[Point] = []
+        for point in sorted(self.points, key=lambda point: (point.seconds, point.error)):
+            if not best or point.error < best[-1].error:
+                best.append(point)
+        return best
+
+    def own(self) -> Point | None:
+        """Find the point of the user's settings."""
+        return next((point for point in self.points if not point.changes), None)
+
+    def write(self, data: Path) -> None:
+        """Write the trade below a data directory."""
+        path = trade_path(data, self.stage)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_at_once(path, self.model_dump_json(indent=1).encode())
+
+
+def trade_path(data: Path, stage: str) -> Path:
+    """Name the file of a stage's trade."""
+    return data / FOLDER / f"{stage}.json"
+
+
+def read_trade(data: Path, stage: str) -> MeasuredTrade | None:
+    """Read a stage's trade; None where it was not measured.
+
+    Raises
+    ------
+    StoreError
+        The file is damaged.
+    """
+    path = trade_path(data, stage)
+    if not path.is_file():
+        return None
+    try:
+        return MeasuredTrade.model_validate_json(path.read_bytes())
+    except ValidationError as error:
+        raise StoreError(f"{path} cannot be used ({invalid_entries(error)}); remove it, then run `vt-pipeline tradeoff {stage}`") from error
+
+
+def read_trades(data: Path, stages: Mapping[str, Any] | tuple[str, ...]) -> list[MeasuredTrade]:
+    """Read the trades of those stages that were measured, in their order."""
+    return [trade for stage in stages if (trade := read_trade(data, stage)) is not None]

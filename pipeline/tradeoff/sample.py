@@ -1,0 +1,54 @@
+"""A sample of a manifest's objects that stands for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from pipeline.config.sources import Object
+from pipeline.formats.file_content import regular_stat
+
+FEWEST, MOST = 4, 32
+"""Objects of a sample: fewer say nothing of the spread, more tell little that is new."""
+
+
+def stratified(objects: Sequence[Object], count: int, seed: int) -> list[Object]:
+    """Choose objects evenly over splits, categories and sizes of mesh files.
+
+    Parameters
+    ----------
+    objects
+        Of a manifest.
+    count
+        How many, at least one of each split.
+    seed
+        Another one chooses other objects.
+
+    Returns
+    -------
+    Of each split its share, in the manifest's order; all where there are no more.
+    """
+    if len(objects) <= count:
+        return list(objects)
+    rng = np.random.default_rng(seed)
+    chosen: set[str] = set()
+    for split in sorted({item.split for item in objects}):
+        own = sorted((item for item in objects if item.split == split), key=lambda item: (item.category, _size(item), item.object_id))
+        share = max(1, round(count * len(own) / len(objects)))
+        ends = np.linspace(0, len(own), share + 1).astype(int)  # one out of each of as many equal parts
+        chosen |= {own[int(rng.integers(first, last))].object_id for first, last in pairwise(ends)}
+    return [item for item in objects if item.object_id in chosen]
+
+
+def affordable(objects: Sequence[Object], seed: int, seconds: float, cost: Callable[[Sequence[Object]], float]) -> list[Object]:
+    """Choose the largest sample, of `FEWEST` to `MOST` objects, that costs no more than some seconds; `FEWEST` where all cost more."""
+    for count in range(MOST, FEWEST, -1):
+        if cost(sample := stratified(objects, count, seed)) <= seconds:
+            return sample
+    return stratified(objects, FEWEST, seed)
+
+
+def _size(item: Object) -> int:
+    return regular_stat(item.source["file"]).st_size if "file" in item.source else 0

@@ -1,0 +1,30 @@
+"""What `fit-charts` trades: how near charts are to their clouds, for the time of fitting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.trade import Trade
+from schemas.charts import FITTED
+
+
+def residuals(data: Path, reference: Path) -> dict[str, float]:
+    """Compute the mean RMS distance from clouds to their charts, um by object."""
+    rows = ObjectRows(data, ("residual", "stop_rule"), split=None)
+    found = {}
+    for name in rows.object_ids:
+        fitted = np.isin(rows.read("stop_rule", name), FITTED)
+        if fitted.any():
+            found[name] = 1e6 * float(rows.read("residual", name)[fitted].mean())
+    return found
+
+
+TRADE = Trade(
+    metric="cloud to chart, mean RMS",
+    unit="um",
+    candidates=({"halt": 1.2e-3}, {"step_samples": 250}, {"step_samples": 1000}, {"tight": True}),
+    errors=residuals,
+)

@@ -1,0 +1,29 @@
+"""What `render-vision` trades: how much of an image a coarser one shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from skimage.transform import resize
+
+from pipeline.dataset.paired_rows import paired_rows
+from pipeline.engine.trade import Trade
+
+
+def image_differences(data: Path, reference: Path) -> dict[str, float]:
+    """Compare images, enlarged to the reference's size, with it: RMS by object, levels of 255."""
+    found = {}
+    for name, (image,), (truth,) in paired_rows(data, reference, "unoccluded"):
+        enlarged = resize(image / 255.0, truth.shape, order=1)  # type: ignore[no-untyped-call]
+        found[name] = 255 * float(np.sqrt(np.square(enlarged - truth / 255.0).mean()))
+    return found
+
+
+TRADE = Trade(
+    metric="difference from an image of four times as many pixels, RMS",
+    unit="levels",
+    candidates=({"resolution": 64}, {"resolution": 128}, {"resolution": 192}, {"resolution": 384}),
+    errors=image_differences,
+    reference={"resolution": 512},
+)

@@ -1,0 +1,26 @@
+"""What `sample-surfaces` trades: how densely points cover the surface."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pipeline.dataset.paired_rows import paired_rows
+from pipeline.engine.trade import Trade
+
+
+def coverage(data: Path, reference: Path) -> dict[str, float]:
+    """Measure how far the reference's points are from the nearest of these: RMS by object, mm."""
+    pairs = paired_rows(data, reference, "points")
+    return {name: 1e3 * float(np.sqrt(np.square(cKDTree(points).query(dense)[0]).mean())) for name, (points,), (dense,) in pairs}
+
+
+TRADE = Trade(
+    metric="distance from the surface to the nearest point, RMS",
+    unit="mm",
+    candidates=({"points": 2500}, {"points": 5000}, {"points": 20_000}, {"directions": 64}),
+    errors=coverage,
+    reference={"points": 40_000},
+)

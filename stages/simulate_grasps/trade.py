@@ -1,0 +1,29 @@
+"""What `simulate-grasps` trades: how many sensors touch, for the time of the search."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.trade import Trade
+
+
+def missing_touches(data: Path, reference: Path) -> dict[str, float]:
+    """Compute the share of the sensors of all kept grasps that do not touch, % by object."""
+    rows = ObjectRows(data, ("touch_success",), split=None)
+    return {name: 100 * (1 - float(rows.read("touch_success", name).mean())) for name in rows.object_ids}
+
+
+TRADE = Trade(
+    metric="sensors of kept grasps that do not touch",
+    unit="%",
+    candidates=(
+        {"ik_samples": 256, "ik_refinements": 0},
+        {"ik_samples": 256},
+        {"ik_refinements": 1},
+        {"attempts": 10},
+        {"ik_samples": 2048},
+    ),
+    errors=missing_touches,
+    trials=20,
+)

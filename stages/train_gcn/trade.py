@@ -1,0 +1,23 @@
+"""What `train-gcn` trades: the reconstruction of test objects, for the time of training."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pipeline.engine.trade import Trade
+from pipeline.store.directory import DataDirectory
+from stages.evaluate.evaluation_files import chamfer_by_object
+
+
+def chamfer_distances(data: Path, reference: Path) -> dict[str, float]:
+    """Read the Chamfer distances x 9000 of the evaluated network, mean over numbers of grasps, by test object."""
+    return chamfer_by_object(DataDirectory(data).whole_folder("evaluation"))
+
+
+TRADE = Trade(
+    metric="Chamfer distance x 9000 of test objects",
+    unit="",
+    candidates=({"epochs": 3}, {"epochs": 12}, {"gcn_features": 24}, {"loss_points": 500}),
+    errors=chamfer_distances,
+    evaluated_by="evaluate",
+)

@@ -1,0 +1,31 @@
+"""What `train-unet` trades: depth predicted for test objects, for the time of training."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.engine.trade import Trade
+from pipeline.models.touch_model import load_touch_model
+from pipeline.store.directory import DataDirectory
+from stages.train_unet.learner import load_touches
+
+
+def depth_errors(data: Path, reference: Path) -> dict[str, float]:
+    """Compare predicted depths with the true ones where the sensors of test objects touch: RMS by object, um."""
+    touches = load_touches(data, "test")
+    model = load_touch_model(DataDirectory(data).whole_folder("models/unet"), "cpu")
+    tactile_images, depth = (tensor.numpy() for tensor in touches.read(range(len(touches))))
+    contact = depth < touches.sensor.w
+    squares = np.where(contact, (model.depth(tactile_images) - depth).astype(np.float64), 0.0) ** 2
+    own = {int(number): touches.where[:, 0] == number for number in np.unique(touches.where[:, 0])}
+    return {str(number): 1e6 * float(np.sqrt(squares[rows].sum() / contact[rows].sum())) for number, rows in own.items()}
+
+
+TRADE = Trade(
+    metric="depth predicted for test objects, RMS",
+    unit="um",
+    candidates=({"epochs": 5}, {"epochs": 20}, {"width": 4}, {"width": 16, "epochs": 20}),
+    errors=depth_errors,
+)

@@ -1,0 +1,56 @@
+"""The trades of a data directory in its report, and what was left out of its scenes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.console import console
+from pipeline.reports.html_report import write_report
+from pipeline.reports.left_out import left_out_table
+from pipeline.reports.report_source import ReportSource
+from pipeline.reports.trade_pictures import report_trades, used_point
+from stages.registry import resolve
+from tests.stages import ball_dataset
+from tests.tradeoff.measured_trades import point, trade
+
+TRADE = trade("sample-surfaces", "mm", point("own", 2, [1, 2, 1, 2]), point("fast", 1, [3, 4, 3, 4], points=5000))
+
+
+def test_point_with_the_used_settings_is_found() -> None:
+    own = resolve("sample-surfaces", "draft", ()).results()
+    assert used_point(TRADE, own) == TRADE.points[0]
+    assert used_point(TRADE, {**own, "points": 5000}) == TRADE.points[1]
+    assert used_point(TRADE, {**own, "points": 123}) is None
+
+
+def test_pictures_name_what_was_used(tmp_path: Path) -> None:
+    TRADE.write(tmp_path)
+    settings = resolve("sample-surfaces", "draft", ["points=5000"]).results()
+    (picture,) = report_trades(tmp_path, {"sample-surfaces": settings}, tmp_path)
+    assert "used here: fast" in picture["caption"]
+    assert "own: 2 s, 1.5 mm" in picture["alt"]
+    drawn = (tmp_path / "trade-sample-surfaces.svg").read_text()
+    assert "seconds per object" in drawn
+    assert ">fast<" in drawn
+
+
+def test_report_shows_trades_and_what_was_left_out(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("pipeline.reports.html_report.draw_figures", lambda *_: [])
+    ball_dataset.make_data(tmp_path, 1)
+    TRADE.write(tmp_path)
+    folder = write_report(tmp_path, console).parent
+    assert "Speed against accuracy" in (folder / "results.html").read_text()
+    assert "What was left out of the scenes" in (folder / "about.html").read_text()
+
+
+def test_faces_that_no_ray_meets_are_counted(tmp_path: Path) -> None:
+    ball_dataset.make_data(tmp_path, 1)
+    source = ReportSource(tmp_path)
+    rows = {row.cells[0]: row.cells for row in left_out_table(source).rows}
+    touched = float(np.mean([source.rows(name)["grasps"]["touch_success"] for name in source.object_ids]))
+    assert touched < 1
+    assert rows["sensors"][2] == 0  # those that do not touch are 2 cm away, within the range of 5 cm
+    assert rows["sensors"][1] == ball_dataset.SENSORS * ball_dataset.GRASPS_AN_OBJECT * min(4, len(source.object_ids))
+    assert 90 < float(str(rows["faces before a sensor"][2])) < 100  # a sensor of 16 mm sees little of a ball of 20 cm

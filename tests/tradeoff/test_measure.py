@@ -1,0 +1,118 @@
+"""Trades measured for real on a few toy objects."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.config.manifest import load_manifest
+from pipeline.console import console
+from pipeline.errors import InvalidInput
+from pipeline.tradeoff.measure import TRADED, Setup, candidates, forecast, measure_trade, stages_before, trade_key
+from pipeline.tradeoff.measured import MeasuredTrade, trade_path
+from pipeline.tradeoff.sample import stratified
+from stages.registry import load_trade
+
+STAGE = "sample-surfaces"
+LATER = np.inf
+
+
+def setup(data: Path, seed: int = 0, **changes: object) -> Setup:
+    toy = load_manifest("toy")
+    return Setup(
+        **{"data": data, "manifest": "toy", "objects": stratified(toy.objects(None), 4, seed), "seed": 0, "preset": "draft", **changes}
+    )
+
+
+def measure(one: Setup, deadline: float = LATER) -> MeasuredTrade:
+    return measure_trade(STAGE, one, limit=1e9, deadline=deadline, console=console)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    data = tmp_path_factory.mktemp("trade")
+    measure(setup(data))
+    return data
+
+
+def test_more_points_take_more_bytes_and_cover_better(made: Path) -> None:
+    points = sorted(
+        (one for one in measure(setup(made)).points if one.changes.keys() <= {"points"}), key=lambda one: one.changes.get("points", 10_000)
+    )
+    assert [one.label for one in points] == ["points=2500", "points=5000", "draft, standard, paper", "points=20000"]
+    for value in ("error", "kilobytes"):
+        values = [getattr(one, value) for one in points]
+        assert values == sorted(values, reverse=value == "error")
+    coarse, fine = points[0].error, points[3].error
+    assert coarse / fine == pytest.approx(np.sqrt(8), rel=0.15)  # the distance to the nearest of n points falls as 1/√n
+
+
+def test_errors_of_other_objects_keep_to_the_bounds(made: Path, tmp_path: Path) -> None:
+    known, other = measure(setup(made)), measure(setup(tmp_path, seed=5))
+    assert set(known.objects) != set(other.objects)
+    for one, met in zip(known.points, other.points, strict=True):
+        assert met.error <= one.bound(len(other.objects))
+
+
+def test_measured_again_nothing_is_run(made: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
+    measure(setup(made))
+    assert {path: path.stat().st_mtime_ns for path in made.rglob("*")} == before
+    assert not (made / "tradeoff" / STAGE).exists()  # what candidates made is removed
+
+
+def test_stopped_and_continued_gives_the_same_errors(made: Path, tmp_path: Path) -> None:
+    assert len(measure(setup(tmp_path), deadline=time.monotonic()).points) == 1
+    whole = measure(setup(made))
+    part = whole.model_copy(update={"points": whole.points[:2]})  # as a killed run leaves it
+    part.write(tmp_path)
+    (tmp_path / "tradeoff" / STAGE / "points=2500" / "surfaces").mkdir(parents=True)
+    continued = measure(setup(tmp_path))
+    assert [(one.label, one.errors) for one in continued.points] == [(one.label, one.errors) for one in whole.points]
+    assert continued.points[:2] == whole.points[:2]
+
+
+def test_other_settings_are_measured_again(made: Path) -> None:
+    own = setup(made)
+    assert trade_key(STAGE, own) == trade_key(STAGE, own.with_objects(()))
+    for other in (
+        setup(made, assignments=("sample-surfaces.diagonal=0.3",)),
+        setup(made, seed=0, preset="draft", assignments=("directions=64",)),
+    ):
+        assert trade_key(STAGE, other) != trade_key(STAGE, own)
+    hands = [
+        trade_key("render-vision", setup(made, assignments=(f"simulate-grasps.hand={hand}",))) for hand in ("allegro_right", "allegro_left")
+    ]
+    assert hands[0] != hands[1]
+
+
+@pytest.mark.parametrize("stage", TRADED)
+def test_candidates_are_allowed_and_differ(stage: str, tmp_path: Path) -> None:
+    one, declared = setup(tmp_path), load_trade(stage)
+    listed = candidates(stage, one)
+    assert declared is not None
+    assert len(listed) > len(declared.candidates)
+    assert len({str(settings.results()) for settings, _ in listed.values()}) == len(listed)
+    assert one.settings(stage, declared.reference).results()
+    seconds, left_out = forecast(stage, one, 1e9)
+    assert seconds > 0
+    assert not left_out
+
+
+def test_stages_before_are_those_whose_outputs_are_read(tmp_path: Path) -> None:
+    one = setup(tmp_path)
+    assert stages_before("sample-surfaces", one) == []
+    assert stages_before("train-gcn", one) == ["sample-surfaces", "simulate-grasps", "simulate-touch", "train-unet", "fit-charts"]
+    assert "train-unet" not in stages_before("train-gcn", setup(tmp_path, assignments=("fit-charts.cloud=true",)))
+
+
+def test_a_stage_without_a_trade_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="evaluate has no trade to measure; choose from sample-surfaces"):
+        measure_trade("evaluate", setup(tmp_path), limit=1, deadline=LATER, console=console)
+
+
+def test_file_of_a_trade_lies_below_the_data_directory(made: Path) -> None:
+    assert trade_path(made, STAGE) == made / "tradeoff" / "sample-surfaces.json"

@@ -1,0 +1,83 @@
+"""`vt-pipeline tradeoff` and `vt-pipeline advise`, as a user types them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.config.manifest import load_manifest
+from pipeline.tradeoff.measure import DATASET, Setup, trade_key
+from tests.tradeoff.measured_trades import point, trade
+
+
+def vt(*arguments: object) -> tuple[int, str]:
+    done = CliRunner().invoke(app, [*map(str, arguments)])
+    assert "Traceback" not in done.output
+    return done.exit_code, " ".join(done.output.split())
+
+
+@pytest.fixture
+def measured(tmp_path: Path) -> Path:
+    """Make a data directory whose dataset stages were measured, as far as anybody can tell."""
+    own = Setup(tmp_path, "toy", (), load_manifest("toy").seed, "draft")
+    for stage in DATASET:
+        name = {"render-vision": "resolution", "simulate-touch": "gel_bits"}.get(
+            stage, "points" if stage == "sample-surfaces" else "attempts"
+        )
+        points = point("own", 2, [1, 1, 1, 1]), point("fast", 1, [2, 2, 2, 2], **{name: 16})
+        trade(stage, "mm", *points).model_copy(update={"key": trade_key(stage, own)}).write(tmp_path)
+    return tmp_path
+
+
+def test_tradeoff_measures_draws_and_prints(tmp_path: Path) -> None:
+    code, output = vt("tradeoff", "sample-surfaces", "--data", tmp_path, "--minutes", 0.1)
+    assert code == 0
+    assert "sample-surfaces: about" in output
+    assert "sample-surfaces: distance from the surface to the nearest point, RMS, mm" in output
+    assert "draft, standard, paper" in output
+    assert "draft, standard, paper" in (tmp_path / "tradeoff" / "sample-surfaces.svg").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["tradeoff", "evaluate"], "evaluate has no trade to measure; choose from sample-surfaces"),
+        (["tradeoff", "--until", "train-gcn"], "--until train-gcn: only evaluate ends a pipeline"),
+        (["tradeoff", "--data", "s3://bucket/x"], "measure into a folder on this machine"),
+        (["advise"], "give either --within or --error"),
+        (["advise", "--within", "3h", "--error", "1mm"], "give either --within or --error"),
+        (
+            ["advise", "--within", "3h", "--data", "/nonexistent"],
+            "sample-surfaces: not measured yet; run `vt-pipeline tradeoff sample-surfaces",
+        ),
+        (["advise", "--error", "1mm", "--data", "s3://bucket/x"], "give the folder that `vt-pipeline tradeoff` measured into"),
+    ],
+)
+def test_an_error_names_the_way_out(arguments: list[str], message: str) -> None:
+    code, output = vt(*arguments)
+    assert code == 1
+    assert message in output
+
+
+def test_advice_within_a_time_and_an_error(measured: Path) -> None:
+    code, output = vt("advise", "--data", measured, "--within", "13min", "--objects", 100, "--cores", 1)
+    assert code == 0
+    assert "100 objects on 1 core" in output
+    assert "measured on 4 objects, a machine" in output
+    assert "--preset draft --set sample-surfaces.points=16" in output or "--set" in output
+    assert "fast" in vt("advise", "--data", measured, "--error", "2.5mm", "--cores", 2)[1]
+    assert "at best 1 mm is kept to" in vt("advise", "--data", measured, "--error", "0.5mm")[1]
+    assert (
+        "the fastest measured settings take 400 s"
+        in vt("advise", "--data", measured, "--within", "1min", "--objects", 100, "--cores", 1)[1]
+    )
+
+
+def test_advice_refuses_figures_of_other_settings(measured: Path) -> None:
+    code, output = vt("advise", "--data", measured, "--within", "1h", "--set", "sample-surfaces.diagonal=0.3")
+    assert code == 1
+    assert "measured with other settings or other code; run `vt-pipeline tradeoff sample-surfaces" in output
+    assert "--set sample-surfaces.diagonal=0.3" in output
