@@ -61,19 +61,18 @@ def tradeoff(
         fail(f"manifest {request.manifest} has no objects; give --objects FOLDER")
     started, seconds = time.monotonic(), 60 * minutes
     setup = Setup(request.data, request.manifest, request.objects, request.seed, preset, tuple(assignments or ()))
+    trades = []
     if until:
-        trades = [measure_end_to_end(setup, seconds, console)]
+        trades.append(measure_end_to_end(setup, seconds, console))
+        _show(trades[0], request.data)
     else:
         setup = setup.with_objects(
             affordable(request.objects, request.seed, seconds, lambda sample: _foreseen(asked, setup.with_objects(sample), seconds))
         )
         _announce(asked, setup, seconds)
-        trades = []
         for name in asked:
             trades.append(measure_trade(name, setup, limit=LONGEST * seconds, deadline=started + seconds, console=console))
             _show(trades[-1], request.data)
-    if until:
-        _show(trades[0], request.data)
     if unfinished := [trade.stage for trade in trades if len(trade.points) < trade.total]:
         errors.print(f"[yellow]time is up[/]: {', '.join(unfinished)}: the same command measures the rest")
 

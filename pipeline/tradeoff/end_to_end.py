@@ -12,12 +12,12 @@ from rich.console import Console
 
 from pipeline.engine import keys
 from pipeline.engine.stage import DatasetStage
-from pipeline.engine.versions import processor
-from pipeline.formats.sensor_file import load_sensor
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.measure import Setup, kilobytes, linked_copy, stages_before, times_of
-from pipeline.tradeoff.measured import END_TO_END, FOLDER, MeasuredTrade, Point, read_trade
+from pipeline.tradeoff.measured import END_TO_END, FOLDER, MeasuredTrade, Point
 from pipeline.tradeoff.sample import affordable
 from pipeline.tradeoff.sweep import file_name
 from stages.evaluate.evaluation_files import chamfer_by_object, evaluation_name
@@ -51,8 +51,9 @@ class Variant:
     coarse: float = 1.0
 
 
+OWN = "your settings"
 VARIANTS: Mapping[str, Variant] = {
-    "your settings": Variant(),
+    OWN: Variant(),
     "half the objects": Variant(share=0.5),
     "two grasps per object": Variant(("simulate-grasps.grasps=2",)),
     "images of 192 pixels": Variant(("render-vision.resolution=192",)),
@@ -82,100 +83,88 @@ def measure_end_to_end(setup: Setup, seconds: float, console: Console) -> Measur
     setup = replace(setup, network=NETWORK)
     setup = setup.with_objects(affordable(setup.objects, setup.seed, seconds, lambda sample: _foreseen(setup.with_objects(sample))))
     console.print(f"{len(VARIANTS)} datasets of {len(setup.objects)} objects: about {_foreseen(setup) / 60:.0f} min, less what is measured")
-    names = tuple(item.object_id for item in setup.objects)
-    chain = [*stages_before("evaluate", setup), "evaluate"]
-    settings = {name: setup.settings(name) for name in chain}
-    parts = [[name, keys.code_hash(load_stage(name)), own.results()] for name, own in settings.items()]
-    key = digest.of_json([parts, setup.seed, keys.sources_hash(__name__)])
-    measured = read_trade(setup.data, END_TO_END)
-    if measured is None or (measured.key, measured.objects) != (key, names):
-        shutil.rmtree(setup.data / FOLDER / END_TO_END, ignore_errors=True)
-        measured = MeasuredTrade(
-            stage=END_TO_END,
-            metric=f"Chamfer distance x 9000 of test objects, {TRAININGS} trainings",
-            unit="",
-            cost="core seconds in all",
-            key=key,
-            preset=setup.preset,
-            assignments=setup.assignments,
-            objects=names,
-            trained=sum(item.split == "train" for item in setup.objects),
-            machine=str(processor()["model"]),
-            total=len(VARIANTS),
-        )
+    folder, learned = setup.data / FOLDER / END_TO_END, sum(item.split == "train" for item in setup.objects)
+    metric = f"Chamfer distance x 9000 of test objects, {TRAININGS} trainings"
+    facts = {"metric": metric, "unit": "", "cost": "core seconds in all", "trained": learned, "total": len(VARIANTS)}
+    measured = setup.begin(folder, END_TO_END, _key(setup), **facts)
     known = {point.label for point in measured.points}
-    first = setup.data / FOLDER / END_TO_END / file_name("your settings")
     for label, variant in VARIANTS.items():
         if label in known:
             continue
-        data = setup.data / FOLDER / END_TO_END / file_name(label)
-        if data != first:
-            linked_copy(
-                first,
-                [load_stage(name).writes(settings[name]) for name in chain[:-1] if not isinstance(load_stage(name), DatasetStage)],
-                data,
-            )
-        point = _measure(label, _changed(setup, variant, data), chain, data, console)
-        measured = measured.model_copy(update={"points": (*measured.points, point)})
+        data = folder / file_name(label)
+        if label != OWN:  # what the variant does not change is there already
+            linked_copy(folder / file_name(OWN), _outputs(setup), data)
+        measured = measured.with_point(_measure(label, _changed(setup, variant, folder), data, console))
         measured.write(setup.data)
-        if data != first:
+        if label != OWN:
             shutil.rmtree(data)
-    shutil.rmtree(setup.data / FOLDER / END_TO_END, ignore_errors=True)
+    shutil.rmtree(folder, ignore_errors=True)
     return measured
 
 
-def _changed(setup: Setup, variant: Variant, data: Path) -> Setup:
-    """Apply a variant to a setup."""
+def _chain(setup: Setup) -> list[str]:
+    return [*stages_before("evaluate", setup), "evaluate"]
+
+
+def _outputs(setup: Setup) -> list[str]:
+    """List the artifacts of the dataset, without what is learned from it."""
+    stages = [load_stage(name) for name in _chain(setup)]
+    return [stage.writes(setup.settings(stage.name)) for stage in stages if not isinstance(stage, DatasetStage)]
+
+
+def _key(setup: Setup) -> str:
+    parts = [[name, keys.code_hash(load_stage(name)), setup.settings(name).results()] for name in _chain(setup)]
+    return digest.of_json([parts, setup.seed, keys.sources_hash(__name__)])
+
+
+def _foreseen(setup: Setup) -> float:
+    """Foresee the seconds of all variants on one core."""
+    often = {"train-gcn": TRAININGS, "evaluate": TRAININGS}
+    return len(VARIANTS) * sum(often.get(name, 1) * setup.seconds(name, setup.settings(name)) for name in _chain(setup))
+
+
+def _changed(setup: Setup, variant: Variant, folder: Path) -> Setup:
+    """Apply a variant to a setup; a coarser sensor is described by a file in the folder."""
     learned = [item.object_id for item in setup.objects if item.split == "train"]
     dropped = set(learned[1::2]) if variant.share < 1 else set()
     assignments = [*setup.assignments, *variant.assignments]
     for stage in ("train-unet", "train-gcn"):
-        epochs = max(1, round(variant.epochs * setup.settings(stage).epochs))  # type: ignore[attr-defined]
-        assignments.append(f"{stage}.epochs={epochs}")
+        assignments.append(f"{stage}.epochs={max(1, round(variant.epochs * setup.settings(stage).results()['epochs']))}")
     if variant.coarse < 1:
-        named = setup.settings("simulate-grasps").sensor or "gel_16mm"  # type: ignore[attr-defined]
-        sensor = load_sensor(named)
-        rows, cols = (max(16, round(variant.coarse * size)) for size in sensor.shape)
-        described = sensor.model_copy(update={"name": f"{sensor.name}_coarse", "rows": rows, "cols": cols}).model_dump(
-            mode="json", exclude_none=True, by_alias=True
-        )
-        data.mkdir(parents=True, exist_ok=True)
-        (file := data.parent / "coarse.yaml").write_text(yaml.safe_dump(described))
+        worn = load_worn_sensors(sensor_names(load_hand(setup.settings("simulate-grasps").results()["hand"]), _sensor(setup)))[0]
+        rows, cols = (round(variant.coarse * size) for size in worn.shape)
+        coarse = worn.model_copy(update={"name": f"{worn.name}_coarse", "rows": rows, "cols": cols})
+        folder.mkdir(parents=True, exist_ok=True)
+        (file := folder / "coarse.yaml").write_text(yaml.safe_dump(coarse.model_dump(mode="json", exclude_none=True, by_alias=True)))
         assignments.append(f"simulate-grasps.sensor={file.resolve()}")
-    kept = [item for item in setup.objects if item.object_id not in dropped]
-    return replace(setup, objects=kept, assignments=tuple(assignments))
+    return replace(setup, objects=[item for item in setup.objects if item.object_id not in dropped], assignments=tuple(assignments))
 
 
-def _measure(label: str, setup: Setup, chain: list[str], data: Path, console: Console) -> Point:
+def _sensor(setup: Setup) -> str | None:
+    named: str | None = setup.settings("simulate-grasps").results()["sensor"]
+    return named
+
+
+def _measure(label: str, setup: Setup, data: Path, console: Console) -> Point:
+    """Make a dataset, train and evaluate its networks, and add up what all of it took but the evaluation."""
     seconds = 0.0
     errors: dict[str, list[float]] = {}
-    for name in chain:
-        stage, settings = load_stage(name), setup.settings(name)
-        for training in range(TRAININGS) if name in ("train-gcn", "evaluate") else (None,):
-            if training is not None:
-                settings = setup.settings(name, {"training_seed": training})
+    for name in _chain(setup):
+        stage = load_stage(name)
+        for training in range(TRAININGS) if name in ("train-gcn", "evaluate") else (0,):
+            settings = setup.settings(name, {"training_seed": training} if name in ("train-gcn", "evaluate") else {})
             setup.make(name, settings, data, Console(quiet=True) if name == "evaluate" else console)  # its tables say little here
             if name == "evaluate":
-                for object_id, value in chamfer_by_object(DataDirectory(data).whole_folder(evaluation_name(training or 0))).items():
+                for object_id, value in chamfer_by_object(DataDirectory(data).whole_folder(evaluation_name(training))).items():
                     errors.setdefault(object_id, []).append(value)
             else:
                 count, _ = stage.cost_of(settings, setup.objects)
                 times = times_of(stage, settings, data, count if isinstance(stage, DatasetStage) else 0)
                 seconds += count * sum(times.values()) / len(times)
-    size = sum(
-        kilobytes(data, load_stage(name).writes(setup.settings(name))) for name in chain if not isinstance(load_stage(name), DatasetStage)
-    )
     return Point(
         label=label,
-        changes={"variant": label} if label != "your settings" else {},
+        changes={} if label == OWN else {"variant": label},
         times={"all": seconds},
-        kilobytes=size,
+        kilobytes=sum(kilobytes(data, output) for output in _outputs(setup)),
         errors={name: tuple(values) for name, values in errors.items()},
     )
-
-
-def _foreseen(setup: Setup) -> float:
-    """Foresee the seconds of all variants on one core."""
-    chain = [*stages_before("evaluate", setup), "evaluate"]
-    once = sum(setup.seconds(name, setup.settings(name)) for name in chain)
-    return len(VARIANTS) * (once + (TRAININGS - 1) * sum(setup.seconds(name, setup.settings(name)) for name in ("train-gcn", "evaluate")))

@@ -78,6 +78,21 @@ class Setup:
         for plan in make_plans(request):
             run(plan, console)
 
+    def begin(self, folder: Path, stage: str, key: str, **facts: Any) -> MeasuredTrade:
+        """Read the measurement that was begun under this key with these objects, else begin a new one and clear its folder."""
+        names = tuple(item.object_id for item in self.objects)
+        measured = read_trade(self.data, stage)
+        if measured is not None and (measured.key, measured.objects) == (key, names):
+            return measured
+        shutil.rmtree(folder, ignore_errors=True)
+        user: dict[str, Any] = {
+            "preset": self.preset,
+            "assignments": self.assignments,
+            "objects": names,
+            "machine": str(processor()["model"]),
+        }
+        return MeasuredTrade(stage=stage, key=key, **user, **facts)
+
     def seconds(self, stage: str, settings: Settings) -> float:
         """Foresee the seconds that a stage takes for the sample on one core."""
         return load_stage(stage).cost_of(settings, self.objects)[1].seconds
@@ -179,17 +194,9 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
     folder, inputs = setup.data / FOLDER / stage, setup.data / FOLDER / "inputs"
     left_out = forecast(stage, setup, limit)[1]
     listed = {label: entry for label, entry in candidates(stage, setup).items() if label not in left_out}
-    names = tuple(item.object_id for item in setup.objects)
-    key = trade_key(stage, setup)
-    measured = read_trade(setup.data, stage)
-    if measured is None or (measured.key, measured.objects) != (key, names):
-        shutil.rmtree(folder, ignore_errors=True)
-        measured = MeasuredTrade(
-            stage=stage, metric=trade.metric, unit=trade.unit, key=key, preset=setup.preset, assignments=setup.assignments, objects=names,
-            trained=loaded.cost_of(setup.settings(stage), setup.objects)[0] if isinstance(loaded, DatasetStage) else 0,
-            trials=trade.trials,
-            machine=str(processor()["model"]), total=len(listed),
-        )  # fmt: skip
+    trained = loaded.cost_of(setup.settings(stage), setup.objects)[0] if isinstance(loaded, DatasetStage) else 0
+    facts = {"metric": trade.metric, "unit": trade.unit, "trials": trade.trials, "trained": trained, "total": len(listed)}
+    measured = setup.begin(folder, stage, trade_key(stage, setup), **facts)
     known = {point.label for point in measured.points}
     missing = {label: entry for label, entry in listed.items() if label not in known}
     if not missing:
@@ -208,11 +215,10 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
         setup.make(stage, settings, data, console)
         if trade.evaluated_by:
             setup.make(trade.evaluated_by, setup.settings(trade.evaluated_by), data, Console(quiet=True))
-        times = times_of(loaded, settings, data, measured.trained)
-        size = kilobytes(data, loaded.writes(settings)) / (1 if measured.trained else len(names))
+        times = times_of(loaded, settings, data, trained)
+        size = kilobytes(data, loaded.writes(settings)) / (1 if trained else len(setup.objects))
         errors = {name: (error,) for name, error in trade.errors(data, reference or data).items()}
-        point = point.model_copy(update={"times": times, "kilobytes": size, "errors": errors})
-        measured = measured.model_copy(update={"points": (*measured.points, point)})
+        measured = measured.with_point(point.model_copy(update={"times": times, "kilobytes": size, "errors": errors}))
         measured.write(setup.data)
         shutil.rmtree(data)
     shutil.rmtree(folder, ignore_errors=True)

@@ -149,6 +149,10 @@ class MeasuredTrade(BaseModel):
         """Find the point of the user's settings."""
         return next((point for point in self.points if not point.changes), None)
 
+    def with_point(self, point: Point) -> MeasuredTrade:
+        """Return the trade with another point."""
+        return self.model_copy(update={"points": (*self.points, point)})
+
     def write(self, data: Path) -> None:
         """Write the trade below a data directory."""
         path = trade_path(data, self.stage)
