@@ -5,6 +5,9 @@ Any other error is a fault of the project and keeps its traceback.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from difflib import get_close_matches
+
 
 class PipelineError(Exception):
     """The base of all errors below: a command ends with the message instead of a traceback."""
@@ -27,6 +30,27 @@ class StoreError(PipelineError):
 
 class BugFound(PipelineError):
     """A stage raised an unexpected error: a fault of the project, reported with its traceback."""
+
+
+def meant(name: object, known: Collection[str]) -> str | None:
+    """Find the name that was probably meant, if one is alike."""
+    return next(iter(get_close_matches(str(name), known, n=1, cutoff=0.7)), None)
+
+
+def unknown(kind: str, name: object, known: Collection[str]) -> str:
+    """Say that there is no such thing, which one was probably meant, and which there are.
+
+    Parameters
+    ----------
+    kind
+        What it should be: a stage, a preset.
+    name
+        What was given.
+    known
+        The names of all there are.
+    """
+    guess = meant(name, known)
+    return f"unknown {kind} {name}{f', did you mean {guess}?' if guess else ';'} choose from {', '.join(known)}"
 
 
 def first_line(error: Exception) -> str:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.engine.trade import Trade
-from pipeline.errors import InvalidInput
+from pipeline.errors import InvalidInput, unknown
 from pipeline.formats.description_file import invalid_entries
 
 
@@ -90,7 +90,7 @@ def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
     """
     presets, settings = load_presets(), load_settings_type(stage)
     if preset not in presets:
-        raise InvalidInput(f"unknown preset {preset}; choose from {', '.join(presets)}")
+        raise InvalidInput(unknown("preset", preset, presets))
     values = dict(presets[preset].get(stage, {}))
     for assignment in assignments:
         name, separator, text = assignment.partition("=")
@@ -98,16 +98,30 @@ def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
         if not separator or not setting:
             raise InvalidInput(f"--set {assignment}: write STAGE.SETTING=VALUE")
         if owner and owner not in STAGES:
-            raise InvalidInput(f"--set {assignment}: unknown stage {owner}; choose from {', '.join(STAGES)}")
+            raise InvalidInput(f"--set {assignment}: {unknown('stage', owner, STAGES)}")
         if owner == stage or (not owner and (setting in settings.model_fields or not _is_known(setting, STAGES))):
             values[setting] = _value(assignment, text)
         elif owner and not _is_known(setting, [owner]):
-            raise InvalidInput(f"--set {assignment}: {owner} has no setting {setting}; `vt-pipeline stages` lists them")
+            raise InvalidInput(f"--set {assignment}: {unknown('setting', setting, load_settings_type(owner).model_fields)}")
     try:
         return settings.model_validate(values)
     except ValidationError as error:
         known = ", ".join(settings.model_fields)
-        raise InvalidInput(f"settings of {stage}: {invalid_entries(error)}. Its settings are {known}") from error
+        raise InvalidInput(f"settings of {stage}: {invalid_entries(error, settings.model_fields)}. Its settings are {known}") from error
+
+
+def check_assignments(preset: str, assignments: Sequence[str]) -> None:
+    """Check the assignments to every stage that they name, so that what is wrong is said before the first stage runs.
+
+    Raises
+    ------
+    InvalidInput
+        As `resolve`.
+    """
+    named = {assignment.partition("=")[0].rpartition(".")[0] for assignment in assignments}
+    for owner in STAGES:
+        if owner in named:
+            resolve(owner, preset, assignments)
 
 
 def _is_known(setting: str, stages: Iterable[str]) -> bool:

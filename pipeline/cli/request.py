@@ -20,7 +20,7 @@ from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
 from pipeline.errors import PipelineError
 from pipeline.store.storage import on_disk, place
-from stages.registry import STAGES, resolve
+from stages.registry import STAGES, check_assignments, resolve
 
 S = TypeVar("S", bound=Stage)
 
@@ -106,6 +106,7 @@ def make_request(
     if (file := on_disk(where)) and file.is_file():
         fail(f"--data {where} is a file; name a folder")
     objects = objects and objects.expanduser()
+    check_assignments(preset, assignments or ())
     described = load_manifest(manifest).with_units(units, up)
     return Request(
         stage=stage,

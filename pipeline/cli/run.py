@@ -34,6 +34,7 @@ from pipeline.engine.plan import Forecast, Plan
 from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.shard import failures as failures_of
 from pipeline.engine.stage import DatasetStage, ObjectStage
+from pipeline.errors import meant, unknown
 from pipeline.store.publish import ShardOutput
 from pipeline.store.record import Failure
 from pipeline.store.storage import Place
@@ -76,14 +77,15 @@ def run(
     """
     console.quiet = (together := process_group()) is not None and together.rank > 0  # one of several processes speaks
     if stage not in STAGES:
-        fail(f"unknown stage {stage}; choose from {', '.join(STAGES)}")
+        fail(unknown("stage", stage, STAGES))
     shared = make_request(
         load_stage(stage), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed, units=units, up=up
     )
     processes = make_executor(executor, workers, scheduler)
     request = replace(shared, shards=shards, executor=processes, strict=strict, retry=retry, check=check, only=object_id)
     if object_id is not None and object_id not in {item.object_id for item in request.objects}:
-        fail(f"manifest {request.manifest} has no object {object_id}")
+        guess = meant(object_id, [item.object_id for item in request.objects])
+        fail(f"manifest {request.manifest} has no object {object_id}" + (f", did you mean {guess}?" if guess else ""))
     if isinstance(request.stage, DatasetStage) and (object_id is not None or shard is not None):
         fail(f"{stage} looks at all objects at once; run it without --object and --shard")
     if isinstance(request.stage, ObjectStage):

@@ -21,6 +21,7 @@ from pipeline.cli.request import (
     make_request,
 )
 from pipeline.console import console, errors, pluralise, print_line, show_tables
+from pipeline.errors import unknown
 from pipeline.reports.trade_pictures import draw_trade, trade_table
 from pipeline.tradeoff.end_to_end import measure_end_to_end
 from pipeline.tradeoff.measure import DATASET, LONGEST, TRADED, Setup, forecast, measure_trade, stages_before
@@ -48,8 +49,8 @@ def tradeoff(
     `vt-pipeline advise` chooses by these figures. What is measured under the same code and settings is not measured again.
     """
     asked = tuple(stages or DATASET)
-    if unknown := [name for name in asked if name not in TRADED]:
-        fail(f"{unknown[0]} has no trade to measure; choose from {', '.join(TRADED)}")
+    if strange := [name for name in asked if name not in TRADED]:
+        fail(unknown("trade", strange[0], TRADED))
     if until not in (None, "evaluate"):
         fail(f"--until {until}: only evaluate ends a pipeline")
     request = make_request(

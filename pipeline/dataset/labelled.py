@@ -10,7 +10,7 @@ import xarray
 from xarray.backends import BackendArray, BackendEntrypoint
 from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
-from pipeline.errors import StoreError
+from pipeline.errors import StoreError, unknown
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, place, zarr_store
@@ -44,7 +44,7 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     >>> touch.depth.sel(object="duck", sensor="thumb").min(("row", "col"))  # doctest: +SKIP
     """
     if artifact not in ARTIFACTS:
-        raise StoreError(f"unknown artifact {artifact}; choose from {', '.join(ARTIFACTS)}")
+        raise StoreError(unknown("artifact", artifact, ARTIFACTS))
     collection = DataDirectory(place(data)).collection(ARTIFACTS[artifact])
     collection.first  # noqa: B018 (raises an error without shards)
     shards = [_opened(shard) for shard in collection.shards]

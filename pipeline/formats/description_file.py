@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection
-from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -12,7 +11,7 @@ from typing import Any, Literal, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from pipeline.errors import InvalidInput
+from pipeline.errors import InvalidInput, meant
 from pipeline.formats.file_content import read_file
 
 Kind = Literal["manifest", "hand", "sensor", "scene", "cluster"]
@@ -47,7 +46,9 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     shipped = shipped_files(kind)
     path = shipped.get(str(name), Path(os.path.expanduser(name)))
     if not os.path.isfile(path):
-        raise InvalidInput(f"there is no {kind} {str(name)!r}; built in are {', '.join(shipped)}, or give the path of a YAML file")
+        guess = meant(name, shipped)
+        hint = f", did you mean {guess}?" if guess else ";"
+        raise InvalidInput(f"there is no {kind} {str(name)!r}{hint} built in are {', '.join(shipped)}, or give the path of a YAML file")
     return path
 
 
@@ -100,15 +101,15 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
     """Name every entry that cannot be used, with the reason; of `names`, those of the entries there are, the one that was meant."""
     found: list[Any] = error.errors()
     places = [item["loc"] for item in found]
-    meant = {item["loc"]: _meant(item["loc"][-1], names) for item in found if item["type"] == "extra_forbidden"}
-    misspelt = {(*place[:-1], name) for place, name in meant.items()}
+    guesses = {item["loc"]: meant(item["loc"][-1], names) for item in found if item["type"] == "extra_forbidden"}
+    misspelt = {(*place[:-1], name) for place, name in guesses.items()}
     lines = []
     for item in found:
         place = item["loc"]
         inside = any(other[: len(place)] == place and other != place for other in places)
         if place in misspelt or (item["type"] == "too_short" and inside):  # both follow from what another complaint names
             continue
-        lines.append(_describe(item["type"], ".".join(map(str, place)), item["msg"], meant.get(place)))
+        lines.append(_describe(item["type"], ".".join(map(str, place)), item["msg"], guesses.get(place)))
     return "; ".join(lines)
 
 
@@ -118,15 +119,11 @@ def entry_names(model: type[BaseModel]) -> set[str]:
     return {name for one in (schema, *schema.get("$defs", {}).values()) for name in one.get("properties", {})}
 
 
-def _meant(name: object, names: Collection[str]) -> str | None:
-    return next(iter(get_close_matches(str(name), names, n=1, cutoff=0.7)), None)
-
-
-def _describe(kind: str, name: str, message: str, meant: str | None) -> str:
+def _describe(kind: str, name: str, message: str, guess: str | None) -> str:
     if kind == "extra_forbidden":
-        if (name, meant) == ("camera", "cameras"):  # of files that were written when scenes had one
+        if (name, guess) == ("camera", "cameras"):  # of files that were written when scenes had one
             return "there is no entry camera: scenes now list `cameras`; write `cameras:` and the camera below it as `- name: front`, …"
-        return f"there is no entry {name}" + (f", did you mean {meant}?" if meant else "")
+        return f"there is no entry {name}" + (f", did you mean {guess}?" if guess else "")
     if kind == "missing":
         return f"entry {name} is missing"
     message = message.removeprefix("Value error, ")

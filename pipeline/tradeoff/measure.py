@@ -21,7 +21,7 @@ from pipeline.engine.run import make_plans, run
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.engine.trade import Changes, Trade
 from pipeline.engine.versions import processor
-from pipeline.errors import InvalidInput
+from pipeline.errors import InvalidInput, unknown
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, Point, read_trade
@@ -129,7 +129,7 @@ def trade_key(stage: str, setup: Setup) -> str:
 def _declared(stage: str) -> Trade:
     trade = load_trade(stage) if stage in GRASP_STAGES else None
     if trade is None:
-        raise InvalidInput(f"{stage} has no trade to measure; choose from {', '.join(TRADED)}")
+        raise InvalidInput(unknown("trade", stage, TRADED))
     return trade
 
 

@@ -5,6 +5,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from pipeline.config.settings import Settings, setting
+from pipeline.errors import unknown
 from pipeline.models.families import GRASP_CONFIGURATIONS
 
 
@@ -15,7 +16,9 @@ def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _known(names: tuple[str, ...]) -> tuple[str, ...]:
-    if not names or not set(names) <= set(GRASP_CONFIGURATIONS) or len(set(names)) < len(names):
+    if strange := [name for name in names if name not in GRASP_CONFIGURATIONS]:
+        raise ValueError(unknown("configuration", strange[0], list(GRASP_CONFIGURATIONS)))
+    if not names or len(set(names)) < len(names):
         raise ValueError(f"{names}: name some of {', '.join(GRASP_CONFIGURATIONS)}, each once")
     return names
 
