@@ -18,7 +18,7 @@ from pipeline.formats.description_file import invalid_entries
 
 def calibrate_sensor(
     folder: Annotated[Path, typer.Argument(help="Photographs of a ball in the gel; circles.csv there may give the contacts.")],
-    out: Annotated[Path, typer.Argument(help="The sensor file to write; its report is OUT.png.")],
+    out: Annotated[Path, typer.Argument(help="The sensor file to write; its report is OUT-calibration.png.")],
     untouched: Annotated[Path, typer.Option(help="The photograph with nothing in the gel.")],
     ball_radius: Annotated[float, typer.Option(min=1e-3, help="mm.")],
     mm_per_pixel: Annotated[float, typer.Option(min=1e-6, help="mm; of the gel's surface.")],
@@ -73,5 +73,5 @@ def calibrate_sensor(
         f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact; membrane {1e3 * found.sensor.membrane:.2f} mm"
     )
     shown = [render_contact(found.sensor, found.calibration, one, image, radius) for one in found.tested]
-    draw_calibration(found.tested, shown, out.with_suffix(".png"))
-    print_line(f"{out}, {out.with_suffix('.png')}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")
+    draw_calibration(found.tested, shown, report := out.with_name(f"{out.stem}-calibration.png"))
+    print_line(f"{out}, {report}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")

@@ -14,6 +14,8 @@ from pipeline.store.atomic import UNFINISHED, written_to
 from pipeline.store.storage import names_in, place
 
 Format = Literal["lerobot", "parquet", "webdataset", "mesh"]
+MESHES = (".obj", ".ply", ".stl", ".off", ".dae", ".gltf", ".3mf")
+"""Formats of meshes that are not written: a folder of such a name would be a mistake."""
 
 
 def view(
@@ -52,6 +54,8 @@ def export(
     from pipeline.export.webdataset_shards import write_webdataset
     from pipeline.reports.report_source import ReportSource
 
+    if out.suffix.lower() in MESHES:
+        fail(f"{out}: scenes are written as glTF; name a folder, or of one object (--object) a .glb file")
     there = names_in(out)
     if there and UNFINISHED not in there:  # an export that was killed is begun again
         fail(f"{out} is not empty; name a folder that is not there yet")

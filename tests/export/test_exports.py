@@ -71,6 +71,11 @@ def test_a_folder_that_holds_something_is_left_alone(data, tmp_path):
     assert "is not empty" in vt("export", data, tmp_path, "--to", "webdataset", fails=True)
 
 
+def test_a_format_that_is_not_written_makes_no_folder(data, tmp_path):
+    assert "scenes are written as glTF" in vt("export", data, tmp_path / "duck.obj", "--object", "a", fails=True)
+    assert not (tmp_path / "duck.obj").exists()
+
+
 def test_objects_are_chosen_for_scenes_alone(data, tmp_path):
     assert "--object is for --to mesh" in vt("export", data, tmp_path / "out", "--to", "webdataset", "--object", "a", fails=True)
 

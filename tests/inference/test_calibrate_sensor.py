@@ -61,14 +61,14 @@ def test_a_known_model_is_recovered(folder: Path, tmp_path: Path) -> None:
     )
     out, untouched = tmp_path / "mine.yaml", folder.parent / "untouched.png"
     (tmp_path / "thesis.txt").write_text("mine")
-    for name in ("mine.yaml", "mine.png", "mine-untouched.png"):
+    for name in ("mine.yaml", "mine-calibration.png", "mine-untouched.png"):
         (tmp_path / name).symlink_to(tmp_path / "thesis.txt")
     size = ["--ball-radius", "2", "--mm-per-pixel", str(1e3 * TRUE.pitch[1]), "--untouched", str(untouched)]
     result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(out), *size, "--shadows", "3"])
     (folder / "circles.csv").unlink()
     assert result.exit_code == 0, result.output
     assert "left out nothing.png: nothing touches" in " ".join(result.output.split())
-    assert out.with_suffix(".png").stat().st_size > 10_000
+    assert out.with_name("mine-calibration.png").stat().st_size > 10_000
     assert (tmp_path / "thesis.txt").read_text() == "mine"  # links were replaced
     mine = load_sensor(out)
     assert [path.name for path in sensor_files([str(out)])] == ["mine.yaml", "mine-untouched.png"]
