@@ -79,6 +79,29 @@ def test_a_pose_that_is_no_motion_and_a_file_that_is_no_mesh_are_refused(tmp_pat
         vt.load_object(tmp_path / "mug.glb")
 
 
+def test_files_names_and_a_single_pose_are_taken_as_they_are(tmp_path: Path) -> None:
+    MESH.export(tmp_path / "ball.stl")
+    pose = np.eye(4)
+    pose[2, 3] = -RADIUS - 0.004
+    by_name = vt.touch(tmp_path / "ball.stl", "gel_16mm", pose)
+    loaded = vt.load_object(str(tmp_path / "ball.stl"))
+    assert (by_name.depth == vt.touch(loaded, vt.load_sensor("gel_16mm"), pose).depth).all()
+    many = vt.touch_many(loaded, "gel_16mm", pose)
+    assert len(many) == 1
+    assert (many[0].depth == by_name.depth).all()
+    for shown in (loaded, by_name, many):
+        assert len(repr(shown)) < 100
+
+
+def test_what_is_neither_object_nor_sensor_is_named() -> None:
+    with pytest.raises(vt.InvalidInput, match=r"nope\.obj: file not found"):
+        vt.load_object("nope.obj")
+    with pytest.raises(TypeError, match="this is int"):
+        vt.touch(3, SENSOR, np.eye(4))
+    with pytest.raises(TypeError, match="this is NoneType"):
+        vt.touch(BALL, None, np.eye(4))
+
+
 def test_a_mesh_file_is_loaded_in_metres(tmp_path: Path) -> None:
     MESH.copy().apply_scale(1000).export(tmp_path / "ball.stl")
     assert np.ptp(vt.load_object(tmp_path / "ball.stl", scale=1e-3).mesh.vertices) == pytest.approx(2 * RADIUS, rel=1e-3)

@@ -15,7 +15,7 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.touch.sensor import Sensor
-from vt_pipeline.objects import TouchObject
+from vt_pipeline.objects import Source, TouchObject, as_object
 
 POINTS = 10_000
 """Points of the surface, from which the palm's places are drawn."""
@@ -52,16 +52,19 @@ class Grasps:
     def __len__(self) -> int:
         return len(self.hand_pose)
 
+    def __repr__(self) -> str:
+        return f"Grasps({len(self)}, {int(self.touched.sum())} of {self.touched.size} sensors touch)"
+
 
 def grasp(
-    object_: TouchObject, hand: str = "allegro_right", *, attempts: int = 50, grasps: int = 5, seed: int = 0, **settings: Any
+    object_: TouchObject | Source, hand: str = "allegro_right", *, attempts: int = 50, grasps: int = 5, seed: int = 0, **settings: Any
 ) -> Grasps:
     """Search for grasps of an object (supplement 1.3).
 
     Parameters
     ----------
     object_
-        From `load_object`, about as large as the hand can hold, or larger.
+        From `load_object`, or what that takes; about as large as the hand can hold, or larger.
     hand
         Name of a shipped hand, or the path of a hand file, which names the sensors that the fingers wear.
     attempts
@@ -85,6 +88,7 @@ def grasp(
     from stages.simulate_grasps.settings import GraspSettings  # with physics, which a user of `touch` does without
     from stages.simulate_grasps.stage import SimulateGrasps
 
+    object_ = as_object(object_)
     chosen = GraspSettings(hand=hand, attempts=attempts, grasps=grasps, **settings)
     unit = Unit("object", seed=seed)
     points, normals = sample_exterior(object_.mesh, POINTS, unit.rng("sample-surfaces"))

@@ -8,9 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
+
+Source = str | Path | tuple[ArrayLike, ArrayLike]
+"""What an object is made from: a mesh file, or vertices and faces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,8 +24,12 @@ class TouchObject:
     mesh: Mesh
     faces: BoxedFaces
 
+    def __repr__(self) -> str:
+        sides = np.ptp(self.mesh.vertices, axis=0) if len(self.mesh.vertices) else np.zeros(3)
+        return f"TouchObject({len(self.mesh.faces)} faces, {' x '.join(f'{side:.3g}' for side in sides)} m)"
 
-def load_object(source: str | Path | tuple[ArrayLike, ArrayLike], *, scale: float = 1.0) -> TouchObject:
+
+def load_object(source: Source, *, scale: float = 1.0) -> TouchObject:
     """Prepare an object.
 
     Parameters
@@ -38,13 +46,27 @@ def load_object(source: str | Path | tuple[ArrayLike, ArrayLike], *, scale: floa
     Raises
     ------
     InvalidInput
-        The file cannot be read, or a corner is NaN or infinite.
+        There is no such file, it cannot be read, or a corner is NaN or too far away.
+    TypeError
+        The source is something else.
 
     Examples
     --------
     >>> mug = load_object("mug.glb")
     >>> slab = load_object(([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), scale=1e-3)
     """
-    mesh = load_mesh(Path(source)) if isinstance(source, str | Path) else Mesh.bare(np.asarray(source[0], float), np.asarray(source[1]))
+    if isinstance(source, str | Path):
+        if not Path(source).is_file():
+            raise InvalidInput(f"{source}: file not found")
+        mesh = load_mesh(Path(source))
+    elif isinstance(source, tuple | list) and len(source) == 2:
+        mesh = Mesh.bare(np.asarray(source[0], float), np.asarray(source[1]))
+    else:
+        raise TypeError(f"an object is a mesh file, vertices and faces, or what load_object returns; this is {type(source).__name__}")
     mesh = replace(mesh, vertices=scale * mesh.vertices)
     return TouchObject(mesh, box_faces(mesh.triangles))
+
+
+def as_object(given: TouchObject | Source) -> TouchObject:
+    """Take an object as it is, and load what is none yet."""
+    return given if isinstance(given, TouchObject) else load_object(given)

@@ -8,18 +8,20 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.transforms import invert_pose
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.gel_surface import in_gel
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
-from vt_pipeline.objects import TouchObject
+from vt_pipeline.objects import Source, TouchObject, as_object
 
 WORTH_A_PROCESS = 32
 """Touches that a process is started for at least."""
@@ -43,6 +45,9 @@ class Touch:
     pose: NDArray[np.float64]
     depth: NDArray[np.float32]
     image: NDArray[np.uint8]
+
+    def __repr__(self) -> str:
+        return f"Touch({self.sensor.name}, {1e6 * self.contact_area:.3g} mm² of contact)"
 
     @cached_property
     def contact(self) -> NDArray[np.bool_]:
@@ -90,13 +95,16 @@ class Touches:
     def __len__(self) -> int:
         return len(self.poses)
 
+    def __repr__(self) -> str:
+        return f"Touches({len(self)} of {self.sensor.name})"
+
     def __getitem__(self, number: int) -> Touch:
         return Touch(self.sensor, self.poses[number], self.depth[number], self.image[number])
 
 
 def touch(
-    object_: TouchObject,
-    sensor: Sensor,
+    object_: TouchObject | Source,
+    sensor: Sensor | str | Path,
     pose: np.ndarray,
     *,
     object_pose: np.ndarray | None = None,
@@ -107,9 +115,9 @@ def touch(
     Parameters
     ----------
     object_
-        From `load_object`.
+        From `load_object`, or what that takes; a file is read again by each call.
     sensor
-        From `load_sensor`.
+        From `load_sensor`, or what that takes.
     pose
         (4, 4) sensor frame to world frame, m: +z out of the gel, +x along image columns, origin in the middle of the gel's base.
     object_pose
@@ -126,13 +134,13 @@ def touch(
     InvalidInput
         A pose is not a rigid motion.
     """
-    pose = check_pose(pose)
+    object_, sensor, pose = as_object(object_), as_sensor(sensor), check_pose(pose)
     seen_from = pose if object_pose is None else invert_pose(check_pose(object_pose)) @ pose
     depth = ray_depth(object_.faces, seen_from, sensor).astype(np.float32)
     return Touch(sensor, pose, depth, tactile_image(depth, sensor, rng))
 
 
-def touch_many(object_: TouchObject, sensor: Sensor, poses: np.ndarray, *, workers: int | None = None) -> Touches:
+def touch_many(object_: TouchObject | Source, sensor: Sensor | str | Path, poses: np.ndarray, *, workers: int | None = None) -> Touches:
     """Press a sensor onto an object at many poses.
 
     Parameters
@@ -140,7 +148,7 @@ def touch_many(object_: TouchObject, sensor: Sensor, poses: np.ndarray, *, worke
     object_, sensor
         As in `touch`.
     poses
-        (N, 4, 4) sensor frame to object frame, m.
+        (N, 4, 4) sensor frame to object frame, m; a single pose (4, 4) is one of one.
     workers
         Processes; by default one per core, fewer for few poses.
 
@@ -153,6 +161,9 @@ def touch_many(object_: TouchObject, sensor: Sensor, poses: np.ndarray, *, worke
     InvalidInput
         A pose is not a rigid motion.
     """
+    object_, sensor, poses = as_object(object_), as_sensor(sensor), np.asarray(poses)
+    if poses.shape == (4, 4):
+        poses = poses[None]
     checked = np.stack([check_pose(pose) for pose in poses]) if len(poses) else np.zeros((0, 4, 4))
     depth: NDArray[np.float32] = _shared((len(checked), *sensor.shape), np.float32)
     image: NDArray[np.uint8] = _shared((len(checked), *sensor.shape, 3), np.uint8)
@@ -165,6 +176,15 @@ def touch_many(object_: TouchObject, sensor: Sensor, poses: np.ndarray, *, worke
     cores = len(os.sched_getaffinity(0)) if workers is None else workers
     _in_processes(fill, len(checked), min(cores, max(1, len(checked) // WORTH_A_PROCESS)) if workers is None else cores)
     return Touches(sensor, checked, depth, image)
+
+
+def as_sensor(given: Sensor | str | Path) -> Sensor:
+    """Take a sensor as it is, and load what is named; a `TypeError` for anything else."""
+    if isinstance(given, Sensor):
+        return given
+    if isinstance(given, str | Path):
+        return load_sensor(given)
+    raise TypeError(f"a sensor is the name of a shipped one, a sensor file, or what load_sensor returns; this is {type(given).__name__}")
 
 
 def _in_processes(fill: Callable[[range], None], count: int, workers: int) -> None:
