@@ -56,7 +56,7 @@ SHARD_NUMBERS = $(eval SHARD_NUMBERS := $$(shell sh tools/shards.sh $$(call quot
 options  = --manifest $(call quoted,$(MANIFEST)) --preset $(call quoted,$(PRESET)) --data $(call quoted,$(DATA)) \
            $(if $(OBJECTS),--objects $(call quoted,$(OBJECTS))) $(if $(UNITS),--units $(call quoted,$(UNITS))) $(if $(UP),--up $(call quoted,$(UP))) \
            $(foreach one,$(SET),--set $(call quoted,$(one))) --workers $(call quoted,$(WORKERS)) \
-           $(if $(SHARD_NUMBERS),--shards $(words $(SHARD_NUMBERS))) $(if $(filter train evaluate report,$(MAKECMDGOALS)),$(checked))
+           $(if $(SHARD_NUMBERS),--shards $(words $(SHARD_NUMBERS)))$(if $(filter train evaluate report,$(MAKECMDGOALS)), $(checked))
 checked  = --set $(call quoted,$(EVALUATED))  # so that a misspelt network stops the first stage, not the last
 run      = $(BIN)/vt-pipeline run $(call quoted,$(1)) $(options)
 RUN      = $(call run,$@)

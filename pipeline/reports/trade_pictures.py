@@ -9,12 +9,17 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.transforms import BboxBase
 
 from pipeline.console import Row, Table
 from pipeline.reports.plots import INK, themed_svg
 from pipeline.tradeoff.measure import TRADED
 from pipeline.tradeoff.measured import END_TO_END, MeasuredTrade, Point, read_trades
 from stages.registry import resolve
+
+BLUE, RED = "#4477aa", "#cc3311"
+PLACES = ((True, 3), (True, -9), (False, 3), (False, -9), (True, 10), (True, -17))
+"""Of a label, in order of preference: whether it is to the right of its point, and points upwards."""
 
 
 def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> None:
@@ -23,7 +28,7 @@ def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> N
     Parameters
     ----------
     trade
-        Its front is a line, its presets are labelled.
+        Its front is a line, its presets are labelled; an error of 0 is drawn at half the least other one, and labelled so.
     path
         The SVG file.
     used
@@ -31,30 +36,33 @@ def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> N
     """
     with themed_svg(path, size=(5.6, 3.4), font_size=8) as figure:
         axes = figure.subplots()
-        drawn = [point for point in trade.points if point.error > 0]  # the reference has no place on a logarithmic axis
-        front = [point for point in trade.front() if point.error > 0]
-        axes.plot(
-            [one.seconds for one in front], [one.error for one in front], "-", color="#4477aa", zorder=1, label="no other is better in both"
-        )
-        for point in drawn:
+        least = min((point.error for point in trade.points if point.error > 0), default=1.0)
+        places = {point.label: (point.seconds, point.error or least / 2) for point in trade.points}  # there is no 0 on a logarithmic axis
+        axes.plot(*zip(*(places[point.label] for point in trade.front()), strict=True), "-", color=BLUE, zorder=1)
+        for point in trade.points:
             ends = np.abs(np.array([[point.interval.low], [point.interval.high]]) - point.error)
-            finite = np.where(np.isfinite(ends), ends, 0)
-            own = used is not None and point.label == used.label
-            axes.errorbar(
-                point.seconds,
-                point.error,
-                finite,
-                fmt="s" if own else "o",
-                color="#cc3311" if own else "#4477aa",
-                ms=6 if own else 4,
-                lw=0.8,
-            )
-            axes.annotate(point.label, (point.seconds, point.error), xytext=(5, 3), textcoords="offset points", fontsize=7, color=INK)
-        _scale(axes, [one.seconds for one in drawn], [one.error for one in drawn])
+            color, shape, size = (RED, "s", 6) if used is not None and point.label == used.label else (BLUE, "o", 4)
+            axes.errorbar(*places[point.label], np.where(np.isfinite(ends), ends, 0), fmt=shape, color=color, ms=size, lw=0.8)
+        _scale(axes, *map(list, zip(*places.values(), strict=True)))
         unit = f", {trade.unit}" if trade.unit else ""
         axes.set(xlabel=trade.cost, ylabel=f"error{unit}")
         axes.set_title(f"{trade.stage}: {trade.metric}", loc="left", fontsize=8)
-        axes.margins(0.2, 0.15)
+        axes.margins(0.25, 0.15)
+        figure.draw_without_rendering()  # lays the axes out, for the size of the labels
+        _label(axes, {point.label + ("" if point.error else ": 0"): places[point.label] for point in trade.points})
+
+
+def _label(axes: Axes, points: Mapping[str, tuple[float, float]]) -> None:
+    """Write each point's label beside it, where it covers no other if there is such a place."""
+    taken: list[BboxBase] = []
+    for text, point in sorted(points.items(), key=lambda entry: entry[1]):
+        for right, up in PLACES:
+            place: Any = {"xytext": (5 if right else -5, up), "textcoords": "offset points", "ha": "left" if right else "right"}
+            label = axes.annotate(text, point, fontsize=7, color=INK, **place)
+            if (right, up) == PLACES[-1] or not any(label.get_window_extent().overlaps(other) for other in taken):
+                break
+            label.remove()
+        taken.append(label.get_window_extent())
 
 
 def _scale(axes: Axes, *values: list[float]) -> None:

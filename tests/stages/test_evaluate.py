@@ -296,7 +296,7 @@ def test_a_verdict_needs_an_interval_on_one_side_and_objects_enough(low, high, c
     ("settings", "error", "words"),
     [
         ({"points": 3000}, StageError, "2000 points"),
-        ({"configurations": ("single-image",)}, ValueError, "single-image.*name some of none, touch"),
+        ({"configurations": ("single-image",)}, ValueError, "unknown configuration.*choose from none, touch"),
         ({"accelerator": "abacus"}, StageError, "abacus"),
     ],
 )
@@ -345,7 +345,7 @@ def test_trainings_that_differ_by_chance_are_evaluated_apart_and_shown_as_one(tm
 
 
 def test_an_unknown_model_and_no_evaluation_are_errors(tmp_path):
-    with pytest.raises(ValueError, match=r"absent.*name some of none, touch"):
+    with pytest.raises(ValueError, match=r"unknown configuration absent; choose from none, touch"):
         EvaluationSettings(configurations=("absent",))
     with pytest.raises(StoreError, match="run evaluate"):
         orderings([tmp_path])
