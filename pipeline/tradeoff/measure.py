@@ -21,7 +21,7 @@ from pipeline.engine.run import make_plans, run
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.engine.trade import Changes, Trade
 from pipeline.engine.versions import processor
-from pipeline.errors import InvalidInput, unknown
+from pipeline.errors import InvalidInput, StoreError, unknown
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, Point, read_trade
@@ -189,6 +189,13 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
     Returns
     -------
     The trade, which is also written below the data directory; without the candidates that the deadline left no time for.
+
+    Raises
+    ------
+    InvalidInput
+        The stage declares no trade.
+    StoreError
+        No object of the sample came through the stages, or none has what the error is measured on.
     """
     trade, loaded = _declared(stage), load_stage(stage)
     folder, inputs = setup.data / FOLDER / stage, setup.data / FOLDER / "inputs"
@@ -218,6 +225,8 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
         times = times_of(loaded, settings, data, trained)
         size = kilobytes(data, loaded.writes(settings)) / (1 if trained else len(setup.objects))
         errors = {name: (error,) for name, error in trade.errors(data, reference or data).items()}
+        if not errors:
+            raise StoreError(f"{stage}, {label}: no object of the sample has this error ({trade.metric}); see `vt-pipeline status {data}`")
         measured = measured.with_point(point.model_copy(update={"times": times, "kilobytes": size, "errors": errors}))
         measured.write(setup.data)
         shutil.rmtree(data)

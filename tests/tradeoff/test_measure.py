@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from pipeline.config.manifest import load_manifest
 from pipeline.console import console
-from pipeline.errors import InvalidInput
+from pipeline.errors import InvalidInput, StoreError
 from pipeline.tradeoff.measure import TRADED, Setup, candidates, forecast, measure_trade, stages_before, trade_key
 from pipeline.tradeoff.measured import MeasuredTrade, trade_path
 from pipeline.tradeoff.sample import stratified
@@ -112,6 +113,14 @@ def test_stages_before_are_those_whose_outputs_are_read(tmp_path: Path) -> None:
 def test_a_stage_without_a_trade_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="unknown trade evaluate; choose from sample-surfaces"):
         measure_trade("evaluate", setup(tmp_path), limit=1, deadline=LATER, console=console)
+
+
+def test_a_sample_without_an_error_is_said_to_have_none(tmp_path: Path, monkeypatch) -> None:
+    declared = replace(load_trade(STAGE), errors=lambda data, reference: {})
+    monkeypatch.setattr("pipeline.tradeoff.measure.load_trade", lambda stage: declared)
+    with pytest.raises(StoreError, match="sample-surfaces, draft, standard, paper: no object of the sample has this error"):
+        measure(setup(tmp_path))
+    assert not trade_path(tmp_path, STAGE).exists()
 
 
 def test_file_of_a_trade_lies_below_the_data_directory(made: Path) -> None:
