@@ -162,7 +162,7 @@ def depth_note(touched: bool, least: float) -> str:
     """Describe the least depth of a sensor, mm."""
     if not np.isfinite(least):
         return "nothing in range"
-    return f"min D {least:.1f} mm" if touched else f"no touch · {least:.1f} mm"
+    return f"touch · {least:.1f} mm" if touched else f"no touch · {least:.1f} mm"
 
 
 def _legend(page: Image.Image, sensor: Sensor) -> None:

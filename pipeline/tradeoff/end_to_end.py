@@ -160,7 +160,7 @@ def _measure(label: str, setup: Setup, data: Path, console: Console) -> Point:
             else:
                 count, _ = stage.cost_of(settings, setup.objects)
                 times = times_of(stage, settings, data, count if isinstance(stage, DatasetStage) else 0)
-                seconds += count * sum(times.values()) / len(times)
+                seconds += count * sum(times.values()) / max(len(times), 1)
     return Point(
         label=label,
         changes={} if label == OWN else {"variant": label},

@@ -263,5 +263,5 @@ def times_of(stage: Any, settings: Settings, data: Path, trained: int) -> dict[s
     directory, output = DataDirectory(data), stage.writes(settings)
     if trained:
         return {"each": float(directory.folder(output).facts["training_seconds"]) / trained}
-    rows = [row for shard in directory.collection(ARTIFACTS[output]).shards for row in shard.record.rows]
+    rows = [row for shard in directory.collection(ARTIFACTS[output]).shards for row in shard.record.rows if row.failure is None]
     return {row.object_id: row.seconds for row in rows[1:] or rows}
