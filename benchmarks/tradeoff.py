@@ -23,9 +23,10 @@ from pipeline.reports.trade_pictures import draw_trade
 from pipeline.store.atomic import write_at_once
 from pipeline.tradeoff.advice import Workload, within_time
 from pipeline.tradeoff.end_to_end import measure_end_to_end
-from pipeline.tradeoff.measure import DATASET, TRADED, Setup, measure_trade
+from pipeline.tradeoff.measure import Setup, measure_trade
 from pipeline.tradeoff.measured import END_TO_END, MeasuredTrade, read_trade
 from pipeline.tradeoff.sample import stratified
+from stages.registry import DATASET, TRADED
 
 MANIFEST = Path(__file__).with_suffix(".yaml")
 LEARNING = 16
@@ -87,7 +88,7 @@ def main(
         raise SystemExit("the measurement end to end failed; see above")
     if write is not None:
         minutes = (time.monotonic() - started) / 60
-        trades = [read_trade(setup.data, stage) for stage, setup in [*((name, whole if name in DATASET else few) for name in TRADED)]]
+        trades = [read_trade((whole if stage in DATASET else few).data, stage) for stage in TRADED]
         _write(write, [trade for trade in trades if trade], read_trade(ends.data, END_TO_END), minutes)
 
 

@@ -48,6 +48,11 @@ STAGES = {
 GRASP_STAGES = [name for name in STAGES if "single-image" not in name and name != "read-renderings"]
 """Stages for any manifest; the others need a manifest that names renderings."""
 
+DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
+"""Stages that make a dataset."""
+TRADED = tuple(name for name in GRASP_STAGES if find_spec(f"{STAGES[name].folder}.trade"))
+"""Stages that declare what they trade between speed and accuracy, in a module `trade` of their folder."""
+
 
 def load_stage(name: str) -> ObjectStage | DatasetStage:
     """Load the stage called `name`, a key of `STAGES`."""
@@ -63,10 +68,9 @@ def load_settings_type(name: str) -> type[Settings]:
     return settings
 
 
-def load_trade(name: str) -> Trade | None:
-    """Load what the stage called `name` trades between speed and accuracy; None where it declares nothing."""
-    module = f"{STAGES[name].folder}.trade"
-    trade: Trade | None = import_module(module).TRADE if name in GRASP_STAGES and find_spec(module) else None
+def load_trade(name: str) -> Trade:
+    """Load what the stage called `name`, one of `TRADED`, trades between speed and accuracy."""
+    trade: Trade = import_module(f"{STAGES[name].folder}.trade").TRADE
     return trade
 
 

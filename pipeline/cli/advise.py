@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,9 +13,12 @@ from pipeline.cli.failures import fail
 from pipeline.cli.request import DataOption, ManifestOption, PresetOption, SetOption, default_place
 from pipeline.config.manifest import load_manifest
 from pipeline.console import Row, Table, console, pluralise, print_line, show_tables
-from pipeline.tradeoff.advice import Choice, Workload, parse_duration, parse_limit, within_error, within_time
-from pipeline.tradeoff.measure import DATASET, TRADED, Setup, trade_key
-from pipeline.tradeoff.measured import MeasuredTrade, read_trade
+from stages.registry import DATASET, TRADED
+
+if TYPE_CHECKING:  # imported when the command is called: scipy takes long
+    from pipeline.tradeoff.advice import Choice, Workload
+    from pipeline.tradeoff.measure import Setup
+    from pipeline.tradeoff.measured import MeasuredTrade
 
 
 def advise(
@@ -35,6 +38,9 @@ def advise(
     It chooses among what `vt-pipeline tradeoff` measured. With --within: the most accurate within that time; with --error: the fastest
     within that error.
     """
+    from pipeline.tradeoff.advice import Workload, parse_duration, parse_limit, within_error, within_time
+    from pipeline.tradeoff.measure import Setup
+
     if (within is None) == (error is None):
         fail("give either --within or --error")
     if data is not None and "://" in data:
@@ -54,6 +60,9 @@ def advise(
 
 def _current(setup: Setup) -> list[MeasuredTrade]:
     """Read the trades that were measured under these settings and this code; those that make a dataset are needed."""
+    from pipeline.tradeoff.measure import trade_key
+    from pipeline.tradeoff.measured import read_trade
+
     found = []
     for stage in TRADED:
         trade = read_trade(setup.data, stage)

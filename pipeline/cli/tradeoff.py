@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,12 +22,11 @@ from pipeline.cli.request import (
 )
 from pipeline.console import console, errors, pluralise, print_line, show_tables
 from pipeline.errors import unknown
-from pipeline.reports.trade_pictures import draw_trade, trade_table
-from pipeline.tradeoff.end_to_end import measure_end_to_end
-from pipeline.tradeoff.measure import DATASET, LONGEST, TRADED, Setup, forecast, measure_trade, stages_before
-from pipeline.tradeoff.measured import FOLDER, MeasuredTrade
-from pipeline.tradeoff.sample import affordable
-from stages.registry import load_stage
+from stages.registry import DATASET, TRADED, load_stage
+
+if TYPE_CHECKING:  # the commands below import these when they are called: scipy and matplotlib take most of a second
+    from pipeline.tradeoff.measure import Setup
+    from pipeline.tradeoff.measured import MeasuredTrade
 
 
 def tradeoff(
@@ -48,6 +47,10 @@ def tradeoff(
 
     `vt-pipeline advise` chooses by these figures. What is measured under the same code and settings is not measured again.
     """
+    from pipeline.tradeoff.end_to_end import measure_end_to_end
+    from pipeline.tradeoff.measure import LONGEST, Setup, measure_trade
+    from pipeline.tradeoff.sample import affordable
+
     asked = tuple(stages or DATASET)
     if strange := [name for name in asked if name not in TRADED]:
         fail(unknown("trade", strange[0], TRADED))
@@ -80,12 +83,16 @@ def tradeoff(
 
 def _foreseen(stages: tuple[str, ...], setup: Setup, seconds: float) -> float:
     """Foresee the seconds of stages with all their candidates, and of the stages before them once."""
+    from pipeline.tradeoff.measure import LONGEST, forecast, stages_before
+
     before = {name for stage in stages for name in stages_before(stage, setup)}
     inputs = sum(setup.seconds(name, setup.settings(name)) for name in before)
     return inputs + sum(forecast(stage, setup, LONGEST * seconds)[0] for stage in stages)
 
 
 def _announce(stages: tuple[str, ...], setup: Setup, seconds: float) -> None:
+    from pipeline.tradeoff.measure import LONGEST, forecast
+
     foreseen = _foreseen(stages, setup, seconds)
     print_line(
         f"{', '.join(stages)}: about {max(foreseen / 60, 0.1):.1f} min on {pluralise(len(setup.objects))}, less what is measured already"
@@ -97,6 +104,9 @@ def _announce(stages: tuple[str, ...], setup: Setup, seconds: float) -> None:
 
 def _show(trade: MeasuredTrade, data: Path) -> None:
     """Print a trade, and draw it beside its figures."""
+    from pipeline.reports.trade_pictures import draw_trade, trade_table
+    from pipeline.tradeoff.measured import FOLDER
+
     show_tables(console, [trade_table(trade)])
     if trade.points:
         draw_trade(trade, path := data / FOLDER / f"{trade.stage}.svg", trade.own())

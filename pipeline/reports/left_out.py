@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 
-import numpy as np
-
 from pipeline.console import Row, Table
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.touch.face_culling import box_faces, cull_faces
 from pipeline.kernels.vision.primitives import faces_by_material, shrink_texture
+from pipeline.reports.contact_sheet_page import spread_evenly
 from pipeline.reports.report_source import ReportSource
 
 OBJECTS = 4
@@ -28,8 +27,7 @@ def left_out_table(source: ReportSource) -> Table:
     -------
     A row for each kind of thing: how many there are, how many were left out, in %, and why.
     """
-    names = source.object_ids
-    chosen = [names[number] for number in np.unique(np.linspace(0, len(names) - 1, OBJECTS).astype(int))]
+    chosen = spread_evenly(source.object_ids, OBJECTS)
     there, used = Counter[str](), Counter[str]()
     for name in chosen:
         rows, sensors = source.rows(name), source.sensors()
@@ -52,8 +50,8 @@ def left_out_table(source: ReportSource) -> Table:
         used["materials"] += len(faces_by_material(mesh.look))
         there["texels"] += sum(texture.shape[0] * texture.shape[1] for texture in mesh.look.textures)
         used["texels"] += sum(small.shape[0] * small.shape[1] for small in map(shrink_texture, mesh.look.textures))
-    rows_ = [Row([what, there[what], 100 * (1 - used[what] / there[what]) if there[what] else 0.0, why]) for what, why in REASONS.items()]
-    return Table(f"counted on {', '.join(chosen)}", ["", "there are", "left out, %", "because"], rows_, ["", ",", ".3g", ""])
+    table = [Row([what, there[what], 100 * (1 - used[what] / there[what]) if there[what] else 0.0, why]) for what, why in REASONS.items()]
+    return Table(f"counted on {', '.join(chosen)}", ["", "there are", "left out, %", "because"], table, ["", ",", ".3g", ""])
 
 
 REASONS = {

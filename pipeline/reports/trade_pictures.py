@@ -13,9 +13,8 @@ from matplotlib.transforms import BboxBase
 
 from pipeline.console import Row, Table
 from pipeline.reports.plots import INK, themed_svg
-from pipeline.tradeoff.measure import TRADED
 from pipeline.tradeoff.measured import END_TO_END, MeasuredTrade, Point, read_trades
-from stages.registry import resolve
+from stages.registry import TRADED, resolve
 
 BLUE, RED = "#4477aa", "#cc3311"
 PLACES = ((True, 3), (True, -9), (False, 3), (False, -9), (True, 10), (True, -17))

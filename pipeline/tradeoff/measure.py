@@ -28,11 +28,8 @@ from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, Point, read_trade
 from pipeline.tradeoff.sample import FEWEST
 from pipeline.tradeoff.sweep import assignment, file_name
 from schemas.catalogue import ARTIFACTS
-from stages.registry import GRASP_STAGES, load_stage, load_trade, resolve
+from stages.registry import GRASP_STAGES, TRADED, load_stage, load_trade, resolve
 
-DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
-TRADED = (*DATASET, "train-unet", "fit-charts", "train-gcn")
-"""Stages that declare a trade, in the order of the pipeline."""
 TOUCH_ALONE = ("train-gcn.configuration=touch", "evaluate.configurations=[touch]")
 """The network whose trade is measured: it needs no images."""
 LONGEST = 0.25
@@ -127,10 +124,9 @@ def trade_key(stage: str, setup: Setup) -> str:
 
 
 def _declared(stage: str) -> Trade:
-    trade = load_trade(stage) if stage in GRASP_STAGES else None
-    if trade is None:
+    if stage not in TRADED:
         raise InvalidInput(unknown("trade", stage, TRADED))
-    return trade
+    return load_trade(stage)
 
 
 def candidates(stage: str, setup: Setup) -> dict[str, tuple[Settings, Point]]:
@@ -140,14 +136,14 @@ def candidates(stage: str, setup: Setup) -> dict[str, tuple[Settings, Point]]:
     -------
     The settings of each, and its point without figures.
     """
-    own, presets = setup.settings(stage), load_presets()
-    listed = [own, *(setup.settings(stage, preset=name) for name in presets)]
+    own, presets = setup.settings(stage), {name: setup.settings(stage, preset=name) for name in load_presets()}
+    listed = [own, *presets.values()]
     listed += [setup.settings(stage, changes) for changes in _declared(stage).candidates]
     found: dict[str, tuple[Settings, Point]] = {}
     for settings in listed:
         if any(settings.results() == other.results() for other, _ in found.values()):
             continue
-        named = tuple(name for name in presets if setup.settings(stage, preset=name).results() == settings.results())
+        named = tuple(name for name, preset in presets.items() if preset.results() == settings.results())
         mine, theirs = own.results(), settings.results()
         changes = {name: value for name, value in theirs.items() if mine[name] != value}
         label = ", ".join(named or (f"{name}={value}" for name, value in changes.items())) or "your settings"

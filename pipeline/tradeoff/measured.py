@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -182,6 +182,6 @@ def read_trade(data: Path, stage: str) -> MeasuredTrade | None:
         raise StoreError(f"{path} cannot be used ({invalid_entries(error)}); remove it, then run `vt-pipeline tradeoff {stage}`") from error
 
 
-def read_trades(data: Path, stages: Mapping[str, Any] | tuple[str, ...]) -> list[MeasuredTrade]:
+def read_trades(data: Path, stages: Sequence[str]) -> list[MeasuredTrade]:
     """Read the trades of those stages that were measured, in their order."""
     return [trade for stage in stages if (trade := read_trade(data, stage)) is not None]

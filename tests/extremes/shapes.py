@@ -31,15 +31,15 @@ class Shape:
         What is extreme about it.
     make
         Makes its vertices and faces.
-    refused
-        Whether every kernel may say in words that it does not take it: it lies beyond the stated ranges.
+    beyond
+        Whether it lies beyond the stated ranges, so that kernels may refuse it in words.
     large
         Whether only `make test-extremes` feeds it.
     """
 
     name: str
     make: Callable[[], Mesh]
-    refused: bool = False
+    beyond: bool = False
     large: bool = False
 
     @cached_property
@@ -61,7 +61,7 @@ class Shape:
 
     @property
     def extent(self) -> float:
-        """The largest coordinate, m, but no less than `TINY`: errors are told as shares of it."""
+        """The largest coordinate, m, but no less than `TINY`: errors are shares of it."""
         return max(float(np.abs(self.bounds).max()), TINY)
 
     @property
@@ -159,13 +159,13 @@ SHAPES = (
     Shape("one face", one_face),
     Shape("float32", single_precision),
     Shape("1.3 million faces", lambda: ball(0.1, (0, 0, 0.6), subdivisions=8), large=True),
-    Shape("1e-9 m", lambda: ball(1e-9), refused=True),
-    Shape("1e9 m", lambda: ball(1e9), refused=True),
-    Shape("1e6 m away", lambda: ball(0.1, (1e6, -1e6, 1e6)), refused=True),
-    Shape("slivers 1e12", lambda: with_slivers(1e12), refused=True),
-    Shape("denormal", lambda: ball(1e-310), refused=True),
-    Shape("1e200 m", lambda: ball(1e200), refused=True),
-    Shape("no face", lambda: (np.zeros((0, 3)), np.zeros((0, 3), np.int64)), refused=True),
-    Shape("NaN", not_a_number, refused=True),
+    Shape("1e-9 m", lambda: ball(1e-9), beyond=True),
+    Shape("1e9 m", lambda: ball(1e9), beyond=True),
+    Shape("1e6 m away", lambda: ball(0.1, (1e6, -1e6, 1e6)), beyond=True),
+    Shape("slivers 1e12", lambda: with_slivers(1e12), beyond=True),
+    Shape("denormal", lambda: ball(1e-310), beyond=True),
+    Shape("1e200 m", lambda: ball(1e200), beyond=True),
+    Shape("no face", lambda: (np.zeros((0, 3)), np.zeros((0, 3), np.int64)), beyond=True),
+    Shape("NaN", not_a_number, beyond=True),
 )
 """From the ordinary to what nothing can be made of."""

@@ -12,10 +12,10 @@ import pytest
 from pipeline.config.manifest import load_manifest
 from pipeline.console import console
 from pipeline.errors import InvalidInput, StoreError
-from pipeline.tradeoff.measure import TRADED, Setup, candidates, forecast, measure_trade, stages_before, trade_key
+from pipeline.tradeoff.measure import Setup, candidates, forecast, measure_trade, stages_before, trade_key
 from pipeline.tradeoff.measured import MeasuredTrade, trade_path
 from pipeline.tradeoff.sample import stratified
-from stages.registry import load_trade
+from stages.registry import TRADED, load_trade
 
 STAGE = "sample-surfaces"
 LATER = np.inf

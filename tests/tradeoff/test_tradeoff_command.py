@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.config.manifest import load_manifest
-from pipeline.tradeoff.measure import DATASET, Setup, trade_key
+from pipeline.tradeoff.measure import Setup, trade_key
+from stages.registry import DATASET
 from tests.tradeoff.measured_trades import point, trade
 
 
