@@ -13,6 +13,7 @@
 #                     graph networks to train and evaluate; images or touches that none of them uses are not made;
 #                     implicit-touch, implicit-occluded, implicit-occluded-touch, implicit-unoccluded, implicit-unoccluded-touch too
 #   SEEDS=0           trainings of each network, and evaluations of them: SEEDS="0 1 2" shows what is chance
+#   PYTHON=...        Python 3.11, 3.12 or 3.13 for the virtual environment VENV=.venv; by default the first that fits, or one that uv has
 
 .DEFAULT_GOAL := help
 .SECONDEXPANSION:  # of prerequisites: $$(…) is looked at when a target is made, so that `make help` reads no dataset
@@ -42,7 +43,6 @@ DATA     ?= data/$(basename $(notdir $(MANIFEST)))$(if $(OBJECTS),-$(subst $(spa
 CONFIGURATIONS ?= none touch occluded occluded-touch unoccluded unoccluded-touch
 SEEDS    ?= 0
 VENV     ?= .venv
-PYTHON   ?= python3.11
 # `make -j` works on several shards at a time, with one core each; otherwise the objects of one shard share all cores.
 WORKERS  ?= $(if $(and $(filter -j%,$(MAKEFLAGS)),$(filter-out 0 1,$(words $(SHARD_NUMBERS)))),1,0)
 

@@ -40,7 +40,7 @@ test-sensors: installed-peers  ## test the shipped sensors on real photographs, 
 
 test-hands: installed-hands  ## grasp MANIFEST's objects with seven hands of others, from wheels; contact sheets in data/hands (half an hour on 2 cores; MANIFEST=one-of-each: a fifth)
 	@$(BIN)/python -m benchmarks.hands --manifest $(call quoted,$(MANIFEST)) --site-packages .venv-hands/hands \
-	    --site-packages $(BIN)/../lib/python3.11/site-packages
+	    --site-packages "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')"
 
 faults: installed-dev  ## inject some 580 faults (kills, full disks, damage …) and compare digests; writes docs/faults.md (half an hour)
 	@$(BIN)/python -m tests.faults --write docs/faults.md

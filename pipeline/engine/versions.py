@@ -5,17 +5,24 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-LIBRARIES = ("vt-pipeline", "numpy", "scipy", "torch", "trimesh", "pybullet", "embreex", "libigl", "numba", "pyrender-maintained", "zarr")
+LIBRARIES = ("vt-pipeline", "numpy", "scipy", "torch", "trimesh", "embreex", "libigl", "numba", "pyrender-maintained", "zarr")
+PHYSICS = ("pybullet", "pybullet-arm64")
+"""Packages of PyBullet: its own has no wheels beyond Python 3.11. Both give the same bits."""
 
 
 def library_versions() -> dict[str, str]:
     """Name and version of every library that results depend on."""
-    return {name: importlib.metadata.version(name) for name in LIBRARIES}
+    versions = {name: importlib.metadata.version(name) for name in LIBRARIES}
+    for name in PHYSICS:
+        with suppress(importlib.metadata.PackageNotFoundError):
+            versions[name] = importlib.metadata.version(name)
+    return versions
 
 
 def processor() -> dict[str, Any]:

@@ -5,16 +5,19 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
 PYTHON = """
+case $2 in *ensurepip*) echo "{version} {ensurepip} yes {prefix}"; exit ;; esac
 echo "$0 $*" >>log
 if [ "$2" = venv ]; then mkdir -p "$3/bin"; cp "$0" "$3/bin/python"; touch "$3/pyvenv.cfg"; fi
 case $2 in *print*) mkdir -p "$(dirname "$0")/../packages"; echo "$(dirname "$0")/../packages" ;; esac
 """
+PIP_FAILS = 'if [ "$2" = pip ]; then exit 1; fi'
 LIBRARIES = "libegl1 libgl1 libxrender1 libgl1-mesa-dri"
 PIP = "-m pip install --quiet --disable-pip-version-check"
 
@@ -27,7 +30,7 @@ class Machine:
         for name in ("sh", "sed", "grep", "touch", "mkdir", "cp", "dirname", "rm"):
             (root / "programs").mkdir(exist_ok=True)
             (root / "programs" / name).symlink_to(str(shutil.which(name)))
-        self.program("python3.11", PYTHON)
+        self.python("python3.11")
         for name in ("pyproject.toml", "constraints.txt"):
             self.write(name, age=100)
 
@@ -35,17 +38,23 @@ class Machine:
         (self.root / "programs" / name).write_text(f"#!{shutil.which('sh')}\n{script}\n")
         (self.root / "programs" / name).chmod(0o755)
 
-    def debian(self, *there: str, user: int) -> None:
+    def python(self, name: str, version: str | None = None, ensurepip: str = "yes", prefix: str = "/usr", more: str = "") -> None:
+        facts = {"version": version or name.removeprefix("python"), "ensurepip": ensurepip, "prefix": prefix}
+        self.program(name, PYTHON.format(**facts) + more)
+
+    def debian(self, *there: str, user: int, archive: Mapping[str, str] = {}) -> None:
         self.program("dpkg-query", "\n".join(f'echo "install ok installed {name}"' for name in there) + "\nexit 1")
         self.program("id", f"echo {user}")
         self.program("apt-get", 'echo "apt-get $*" >>log')
+        known = "".join(f'{name}) echo "Version: {version}" ;; ' for name, version in archive.items())
+        self.program("apt-cache", f'case "$2$3" in {known} *) exit 100 ;; esac'.replace("python3)", "--no-all-versionspython3)"))
 
     def write(self, name: str, age: int = 0) -> None:
         (self.root / name).touch()
         now = (self.root / "programs").stat().st_mtime
         os.utime(self.root / name, (now - age, now - age))
 
-    def install(self, what: str, venv: str = ".venv", python: str = "python3.11") -> subprocess.CompletedProcess[str]:
+    def install(self, what: str, venv: str = ".venv", python: str = "") -> subprocess.CompletedProcess[str]:
         command = ["sh", ROOT / "tools" / "install.sh", venv, python, what]
         environment = {"PATH": str(self.root / "programs")}
         return subprocess.run(command, cwd=self.root, env=environment, capture_output=True, text=True, check=False)
@@ -65,7 +74,7 @@ def machine(tmp_path):
 def test_packages_are_installed_once_and_again_when_the_pinned_ones_change(machine):
     assert machine.install("project").returncode == 0
     made = [f".venv/bin/python {PIP} -c constraints.txt -e ."]
-    assert machine.calls() == ["python3.11 -c import ensurepip", "python3.11 -m venv .venv", *made]
+    assert machine.calls() == ["python3.11 -m venv .venv", *made]
     assert machine.install("dev").returncode == 0
     developed = [f".venv/bin/python {PIP} -c constraints.txt -e .[dev]"]
     assert machine.calls() == developed
@@ -81,15 +90,23 @@ def test_packages_are_installed_once_and_again_when_the_pinned_ones_change(machi
 
 
 def test_an_installation_that_fails_is_tried_again(machine):
-    machine.program("python3.11", PYTHON + 'if [ "$2" = pip ]; then exit 1; fi')
+    machine.python("python3.11", more=PIP_FAILS)
     for _ in range(2):
         assert machine.install("project").returncode != 0
         assert f".venv/bin/python {PIP} -c constraints.txt -e ." in machine.calls()
+        assert not (machine.root / ".venv").exists()
+
+
+def test_an_environment_of_ones_own_survives_a_pip_that_fails(machine):
+    machine.python("python3.11", more=PIP_FAILS)
+    subprocess.run([machine.root / "programs" / "python3.11", "-m", "venv", ".venv"], cwd=machine.root, check=True)
+    assert machine.install("project").returncode != 0
+    assert (machine.root / ".venv" / "bin" / "python").exists()
 
 
 @pytest.mark.parametrize("user", [0, 1000])
 def test_system_packages_that_are_missing_are_installed_by_root_and_named_to_others(user, machine):
-    machine.debian("libegl1", "libgl1-mesa-dri", "python3.11-venv", user=user)
+    machine.debian("libegl1", "libgl1-mesa-dri", user=user)
     done = machine.install("project")
     missing = "libgl1 libxrender1"
     if user:
@@ -106,13 +123,148 @@ def test_nothing_is_installed_that_is_there(machine):
     assert not [call for call in machine.calls() if call.startswith("apt-get")]
 
 
-def test_python_3_11_is_asked_for_where_it_is_missing(machine):
-    done = machine.install("project", python="/nowhere/python3.11")
+# ---- which Python
+
+
+@pytest.mark.parametrize(
+    ("there", "chosen"),
+    [
+        ({"python3": "3.12", "python3.11": "3.11"}, "python3"),
+        ({"python3": "3.10", "python3.11": "3.11", "python3.12": "3.12", "python3.13": "3.13"}, "python3.13"),
+        ({"python3": "3.14", "python3.11": "3.11", "python3.12": "3.12"}, "python3.12"),
+        ({"python3": "2.7", "python3.11": "3.11"}, "python3.11"),
+    ],
+)
+def test_the_first_python_that_fits_makes_the_environment(there, chosen, machine):
+    for name, version in there.items():
+        machine.python(name, version)
+    assert machine.install("project").returncode == 0
+    assert machine.calls()[0] == f"{chosen} -m venv .venv"
+
+
+def test_a_python_that_cannot_make_environments_is_passed_over(machine):
+    machine.python("python3", "3.13", ensurepip="no")
+    machine.install("project")
+    assert machine.calls()[0] == "python3.11 -m venv .venv"
+
+
+@pytest.mark.parametrize("user", [0, 1000])
+@pytest.mark.parametrize(
+    ("python", "archive", "package"),
+    [
+        ("3.13", {"python3": "3.13.5-1", "python3-venv": "3.13.5-1", "python3.13-venv": "3.13.5-2"}, "python3.13-venv"),
+        (None, {"python3": "3.13.5-1", "python3-venv": "3.13.5-1"}, "python3-venv"),
+    ],
+)
+def test_the_package_that_completes_python_is_installed_where_there_is_one(user, python, archive, package, machine):
+    (machine.root / "programs" / "python3.11").unlink()
+    if python:
+        machine.python("python3", python, ensurepip="no")
+    machine.debian(*LIBRARIES.split(), user=user, archive=archive)
+    done = machine.install("project")
+    if user:
+        assert f"sudo apt-get install -y {package}\n" in done.stdout
+    else:
+        assert machine.calls()[1] == f"apt-get install -y -qq --no-install-recommends {package}"
+
+
+@pytest.mark.parametrize(
+    "archive", [{}, {"python3": "3.14.1-1", "python3-venv": "3.14.1-1"}, {"python3": "3.9.2-3", "python3-venv": "3.9.2-3"}]
+)
+@pytest.mark.parametrize("incomplete", [False, True])
+def test_one_line_says_what_to_type_where_there_is_no_python(archive, incomplete, machine):
+    (machine.root / "programs" / "python3.11").unlink()
+    if incomplete:
+        machine.python("python3", "3.12", ensurepip="no")
+    machine.debian(*LIBRARIES.split(), user=0, archive=archive)
+    done = machine.install("project")
     assert done.returncode != 0
-    assert "there is no /nowhere/python3.11, and the pinned packages need Python 3.11" in done.stderr
-    machine.debian(*LIBRARIES.split(), user=0)
-    machine.install("project", python="/nowhere/python3.11")
-    assert machine.calls()[1].endswith("install -y -qq --no-install-recommends python3.11-venv")
+    assert len(done.stderr.splitlines()) == 1
+    assert "vt-pipeline needs Python 3.11, 3.12 or 3.13 with venv" in done.stderr
+    assert "make setup PYTHON=/path/to/python" in done.stderr
+    assert not [call for call in machine.calls() if "install" in call]
+    assert not (machine.root / ".venv").exists()
+
+
+@pytest.mark.parametrize(("incomplete", "source"), [(False, "3.13"), (True, "python3")])
+def test_uv_makes_the_environment_where_no_python_can(incomplete, source, machine):
+    (machine.root / "programs" / "python3.11").rename(machine.root / "programs" / "kept")
+    if incomplete:
+        machine.python("python3", "3.12", ensurepip="no")
+    machine.program("uv", 'echo "uv $*" >>log; for last; do :; done; programs/kept -m venv "$last" 2>/dev/null')
+    assert machine.install("project").returncode == 0
+    assert f"uv venv --quiet --seed --python {source} .venv" in machine.calls()
+
+
+@pytest.mark.parametrize(
+    ("python", "said"), [("/nowhere/python", "there is no Python /nowhere/python"), ("python3.10", "python3.10 is Python 3.10")]
+)
+def test_a_python_that_does_not_fit_is_refused(python, said, machine):
+    machine.python("python3.10")
+    machine.program("uv", 'echo "uv $*" >>log')
+    done = machine.install("project", python=python)
+    assert done.returncode != 0
+    assert f"{said}: vt-pipeline needs Python 3.11, 3.12 or 3.13" in done.stderr
+    assert machine.calls() == []
+
+
+@pytest.mark.parametrize(
+    ("old", "python", "said"),
+    [
+        ({"version": "3.10"}, "", ".venv has Python 3.10"),
+        ({"version": "3.14"}, "", ".venv has Python 3.14"),
+        ({"version": "3.12"}, "python3.11", ".venv has Python 3.12 of /usr, and python3.11 is Python 3.11 of /usr"),
+        (
+            {"version": "3.11", "prefix": "/opt/p q"},
+            "python3.11",
+            ".venv has Python 3.11 of /opt/p q, and python3.11 is Python 3.11 of /usr",
+        ),
+        (None, "", "the Python of .venv does not run"),
+    ],
+)
+def test_an_environment_of_another_python_is_named_and_made_again(old, python, said, machine):
+    machine.install("project")
+    machine.calls()
+    if old:
+        machine.python("old", **old)
+        (machine.root / "programs" / "old").replace(machine.root / ".venv" / "bin" / "python")
+    else:
+        (machine.root / ".venv" / "bin" / "python").unlink()
+        (machine.root / ".venv" / "bin" / "python").symlink_to("/nowhere/python3.11")
+    done = machine.install("project", python=python)
+    assert f"{said}: making it again" in done.stdout
+    assert machine.calls() == ["python3.11 -m venv .venv", f".venv/bin/python {PIP} -c constraints.txt -e ."]
+    machine.install("project", python=python)
+    assert machine.calls() == []
+
+
+def test_an_environment_without_pip_is_made_again(machine):
+    machine.install("project")
+    python = machine.root / ".venv" / "bin" / "python"
+    python.write_text(python.read_text().replace("yes yes", "yes no"))
+    assert ".venv has no pip: making it again" in machine.install("project").stdout
+
+
+def test_a_folder_that_is_no_environment_is_not_removed(machine):
+    machine.python("old", "3.10")
+    (machine.root / "conda" / "bin").mkdir(parents=True)
+    (machine.root / "programs" / "old").replace(machine.root / "conda" / "bin" / "python")
+    done = machine.install("project", venv="conda")
+    assert "conda has Python 3.10, and it is not one that could be made again: choose another VENV" in done.stderr
+    assert (machine.root / "conda" / "bin" / "python").exists()
+
+
+def test_what_needs_python_3_11_takes_it_and_says_so_where_there_is_none(machine):
+    machine.python("python3", "3.13")
+    machine.install("project", python="python3")
+    machine.calls()
+    assert machine.install("blender").returncode == 0
+    assert machine.calls()[0] == "python3.11 -m venv .venv-showcase"
+    (machine.root / "programs" / "python3.11").unlink()
+    assert "tacto needs Python 3.11 with venv" in machine.install("tacto").stderr
+
+
+# ---- other environments
 
 
 @pytest.mark.parametrize(("what", "folder"), [("peers", ".venv-peers"), ("exports", ".venv-exports")])
