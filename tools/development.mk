@@ -1,7 +1,7 @@
 # Tests of other systems, and measurements: what only those need who change this project. Included by the Makefile.
 
 .PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-peers \
-        tradeoff showcase
+        tradeoff showcase test-systems
 
 PEERS_PYTHON := .venv-peers/bin/python
 installed-browser installed-exports installed-peers: installed-dev
@@ -12,6 +12,9 @@ test-cpus: lint  ## run the tests as on older processors: without AVX-512, and w
 
 test-slow: lint  ## run the same tests at full size
 	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
+
+test-systems: setup  ## install and run on Debian 12 and 13, Python 3.12, and as a wheel, from nothing; as root, with debootstrap (an hour)
+	@$(BIN)/python -m tools.systems --write docs/guide/installing.md
 
 test-extremes: installed-dev  ## feed kernels with the extremes of their ranges, against exact arithmetic; writes docs/extremes.md (5 minutes)
 	@$(BIN)/python -m tests.extremes --write docs/extremes.md

@@ -28,7 +28,7 @@ class Check:
 def examine() -> Iterator[Check]:
     """Look at the interpreter, the packages, headless rendering and the graphics card, in that order."""
     version = ".".join(map(str, sys.version_info[:3]))
-    yield Check(f"Python {version}", (3, 11) <= sys.version_info < (3, 14), "use Python 3.11, 3.12 or 3.13: for others there are no wheels of PyBullet")
+    yield Check(f"Python {version}", (3, 11) <= sys.version_info < (3, 14), "use Python 3.11, 3.12 or 3.13")
     attempts: list[tuple[str, Callable[[], str], str]]
     attempts = [(f"import {name}", partial(_version, name), "pip install -c constraints.txt -e .") for name in MODULES]
     for what, action, remedy in [*attempts, ("headless rendering (render-vision only)", _render, f"as root: {APT}")]:

@@ -1,0 +1,34 @@
+"""The wheel outside any clone: what a user types who has installed nothing else. tests/test_wheel.py runs the same commands."""
+
+from __future__ import annotations
+
+MANIFEST = """\
+name: two-meshes
+description: Two meshes of the pybullet wheel.
+seed: 0
+splits: {train: 1, valid: 0, test: 0}
+sources:
+  - kind: pybullet
+    licence: zlib (bullet3)
+    up: z
+    files: {duck: {file: duck.obj, up: y}, teddy: {file: teddy2_VHACD_CHs.obj}}
+"""
+
+GRASP_STAGES = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
+MADE = ["--manifest", "two-meshes.yaml", "--data", "data", "--executor", "serial"]
+COMMANDS = (
+    *(["run", stage, *MADE, "--set", "simulate-grasps.grasps=1"] for stage in GRASP_STAGES),
+    ["summary", "data"],
+    ["run", "train-gcn", *MADE, "--set", "train-gcn.configuration=none", "--set", "train-gcn.epochs=1"],
+    ["report", "data"],
+    ["predict", "--data", "data", "--configuration", "none", "--object", "duck", "duck.obj"],
+)
+"""Arguments of vt-pipeline, in a folder that holds `MANIFEST` as two-meshes.yaml."""
+
+WRITTEN = ("data/contact-sheet.png", "data/report/index.html", "duck.obj")
+
+LIBRARY = """
+import numpy, vt_pipeline
+touch = vt_pipeline.touch(vt_pipeline.load_object("duck.obj"), vt_pipeline.load_sensor("gelsight_mini"), numpy.eye(4))
+print(vt_pipeline.__file__, touch)
+"""
