@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Mapping
@@ -310,3 +312,21 @@ def test_what_is_removed_is_an_environment(machine):
 
 def test_what_it_does_not_know_is_refused(machine):
     assert "there is nothing called x to install" in machine.install("x").stderr
+
+
+@pytest.mark.parametrize(
+    "name", ["Dockerfile", ".devcontainer/devcontainer.json", ".github/actions/setup/action.yml", "pipeline/reports/doctor.py"]
+)
+def test_what_names_system_packages_names_the_ones_that_are_installed(name):
+    assert f"packages {LIBRARIES} $" in (ROOT / "tools" / "install.sh").read_text()
+    assert LIBRARIES in (ROOT / name).read_text()
+
+
+def test_pythons_are_the_same_everywhere():
+    requires = re.search(r'requires-python = ">=3\.(\d+),<3\.(\d+)"', (ROOT / "pyproject.toml").read_text())
+    assert requires
+    versions = [f"3.{minor}" for minor in range(*map(int, requires.groups()))]
+    named = f"{', '.join(versions[:-1])} or {versions[-1]}"
+    for name in ("README.md", "Makefile", "docs/guide/installing.md", "docs/index.md", "tools/install.sh", "pipeline/reports/doctor.py"):
+        assert named in (ROOT / name).read_text(), name
+    assert f"python: {json.dumps(versions)}" in (ROOT / ".github" / "workflows" / "ci.yml").read_text()

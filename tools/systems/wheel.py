@@ -6,7 +6,7 @@ MANIFEST = """\
 name: two-meshes
 description: Two meshes of the pybullet wheel.
 seed: 0
-splits: {train: 1, valid: 0, test: 0}
+splits: {train: 0.5, valid: 0.5, test: 0}
 sources:
   - kind: pybullet
     licence: zlib (bullet3)
@@ -17,7 +17,7 @@ sources:
 GRASP_STAGES = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 MADE = ["--manifest", "two-meshes.yaml", "--data", "data", "--executor", "serial"]
 COMMANDS = (
-    *(["run", stage, *MADE, "--set", "simulate-grasps.grasps=1"] for stage in GRASP_STAGES),
+    *(["run", stage, *MADE, "--set", "simulate-grasps.grasps=1", "--set", "simulate-grasps.attempts=5"] for stage in GRASP_STAGES),
     ["summary", "data"],
     ["run", "train-gcn", *MADE, "--set", "train-gcn.configuration=none", "--set", "train-gcn.epochs=1"],
     ["report", "data"],
