@@ -31,10 +31,13 @@ space   := $(subst ,, )
 quoted   = '$(subst ','\'',$(1))'
 
 unknown := $(firstword $(foreach name,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $(name)))),$(filter-out $(VARIABLES),$(name)))))
-similar := $(strip $(foreach name,$(VARIABLES),$(if $(findstring $(unknown),$(name))$(findstring $(name),$(unknown)),$(name))))
-$(if $(unknown),$(error there is no variable $(unknown)$(if $(similar),; did you mean $(similar)?,: there are $(VARIABLES))))
+similar := $(if $(unknown),$(shell sh tools/meant.sh $(call quoted,$(unknown)) $(VARIABLES)))
+$(if $(unknown),$(error there is no variable $(unknown)$(if $(similar),$(comma) did you mean $(similar)?,;) there are $(VARIABLES)))
 $(foreach name,$(VARIABLES),$(if $(findstring $(newline),$(value $(name))),$(error $(name) has a line break; write it on one line)))
 $(foreach name,$(VARIABLES),$(if $(filter-out undefined,$(origin $(name))),$(eval override $(name) := $$(value $(name)))))
+
+no-digits = $(subst 0,,$(subst 1,,$(subst 2,,$(subst 3,,$(subst 4,,$(subst 5,,$(subst 6,,$(subst 7,,$(subst 8,,$(subst 9,,$(1)))))))))))
+$(if $(strip $(call no-digits,$(SEEDS))),$(error SEEDS is $(SEEDS); it must be whole numbers, such as SEEDS="0 1 2"))
 
 MANIFEST ?= toy
 PRESET   ?= draft
@@ -56,7 +59,8 @@ SHARD_NUMBERS = $(eval SHARD_NUMBERS := $$(shell sh tools/shards.sh $$(call quot
 options  = --manifest $(call quoted,$(MANIFEST)) --preset $(call quoted,$(PRESET)) --data $(call quoted,$(DATA)) \
            $(if $(OBJECTS),--objects $(call quoted,$(OBJECTS))) $(if $(UNITS),--units $(call quoted,$(UNITS))) $(if $(UP),--up $(call quoted,$(UP))) \
            $(foreach one,$(SET),--set $(call quoted,$(one))) --workers $(call quoted,$(WORKERS)) \
-           $(if $(SHARD_NUMBERS),--shards $(words $(SHARD_NUMBERS)))$(if $(filter train evaluate report,$(MAKECMDGOALS)), $(checked))
+           $(if $(SHARD_NUMBERS),--shards $(words $(SHARD_NUMBERS)))$(if $(filter train evaluate report,$(MAKECMDGOALS))$(asked), $(checked))
+asked   := $(filter override,$(origin CONFIGURATIONS))
 checked  = --set $(call quoted,$(EVALUATED))  # so that a misspelt network stops the first stage, not the last
 run      = $(BIN)/vt-pipeline run $(call quoted,$(1)) $(options)
 RUN      = $(call run,$@)

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import shutil
 import subprocess
 import sys
 from importlib.metadata import version
@@ -67,13 +68,22 @@ def test_doctor_finds_everything_here():
         (["run", "train-gcn", "--set", "configuration=toch"], "unknown configuration toch, did you mean touch?"),
         (["run", "evaluate", "--set", "configurations=[ocluded]"], "unknown configuration ocluded, did you mean occluded?"),
         ([*RUN, "--set", "train-gcn.configuration=toch"], "unknown configuration toch, did you mean touch?"),
+        ([*RUN, "--set", "simulate-touch.tracer=spere"], "tracer: Input should be 'ray' or 'sphere', did you mean sphere?"),
+        ([*RUN, "--set", "hand=alegro_right"], "there is no hand 'alegro_right', did you mean allegro_right?"),
+        ([*RUN, "--set", "simulate-grasps.sensor=gelsight_min"], "there is no sensor 'gelsight_min', did you mean gelsight_mini?"),
+        ([*RUN, "--set", "simulate-touch.sensors=[nope.yaml]"], "there is no sensor 'nope.yaml'; built in are"),
+        ([*RUN, "--set", "scene=suplement"], "there is no scene 'suplement', did you mean supplement?"),
+        ([*RUN, "--set", "resolution=9"], "settings of render-vision: resolution: Input should be greater than or equal to 16"),
+        ([*RUN, "--set", "fit-charts.device=gpu"], "settings of fit-charts: device: String should match pattern"),
+        ([*RUN, "--set", "evaluate.accelerator=gpu"], "settings of evaluate: accelerator: Input should be 'auto', 'cpu' or 'cuda'"),
+        ([*RUN, "--data", "pyproject.toml/d"], "pyproject.toml is a file; name a folder"),
         ([*RUN, "--set", "evaluate.grasps=[2]"], "every number once, and 1 among them"),
         ([*RUN, "--object", "bottle-01"], "has no object bottle-01, did you mean bottle-"),
         ([*RUN, "--preset", "best"], "unknown preset best; choose from draft, standard, paper"),
         ([*RUN, "--set", "points=many"], "points: Input should be a valid integer"),
         *(([*RUN, "--set", f"points={one}"], "is not valid YAML: ") for one in ("2001-99-99", "!!float x", "9" * 5000, "[" * 3000)),
         (["sweep", "train-gcn", "--grid", "epochs=2001-99-99"], "--grid epochs=2001-99-99: write SETTING=VALUE,VALUE"),
-        ([*RUN, "--set", "pionts=5"], "there is no entry pionts, did you mean points?. Its settings are object_seconds, points"),
+        ([*RUN, "--set", "pionts=5"], "there is no entry pionts, did you mean points? Its settings are object_seconds, points"),
         ([*RUN, "--set", "points"], "write STAGE.SETTING=VALUE"),
         ([*RUN, "--set", "fly.points=5"], "unknown stage fly"),
         ([*RUN, "--data", "/nonexistent", "--shards", "2", "--shard", "2"], "shards are numbered 0 to 1"),
@@ -125,6 +135,14 @@ def test_a_dry_run_says_what_and_does_nothing(tmp_path):
     assert code == 0
     assert "would make 25 of 25 objects, about" in output
     assert not (tmp_path / "data").exists()
+
+
+def test_a_disk_with_little_room_is_warned_of(tmp_path, monkeypatch):
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=100_000))
+    output = invoke(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100", "--executor", "serial")[1]
+    assert "warning: sample-surfaces writes about 0 MB, and 0 MB are free" in output
+    assert "made 1 object" in output
 
 
 def test_one_object_alone(tmp_path):

@@ -103,14 +103,19 @@ def make_request(
 ) -> Request[S]:
     """Turn what the shared options say into a request."""
     where = place(data or default_place(manifest, objects) / preset)
-    if (file := on_disk(where)) and file.is_file():
-        fail(f"--data {where} is a file; name a folder")
+    if folder := on_disk(where):
+        there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        if not there.is_dir():
+            fail(f"--data {where}: {there} is a file; name a folder")
+        if there != folder and not os.access(there, os.W_OK):
+            fail(f"--data {where} cannot be made: {there} may not be written to; name another folder")
     objects = objects and objects.expanduser()
-    check_assignments(preset, assignments or ())
+    settings = resolve(stage.name, preset, assignments or ())
+    check_assignments(preset, assignments or (), stage.name)
     described = load_manifest(manifest).with_units(units, up)
     return Request(
         stage=stage,
-        settings=resolve(stage.name, preset, assignments or ()),
+        settings=settings,
         manifest=described.name,
         objects=described.objects(objects),
         preset=preset,
