@@ -139,7 +139,7 @@ def test_a_dry_run_says_what_and_does_nothing(tmp_path):
 
 def test_a_disk_with_little_room_is_warned_of(tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)
-    monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=100_000))
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=1000))
     output = invoke(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100", "--executor", "serial")[1]
     assert "warning: sample-surfaces writes about 0 MB, and 0 MB are free" in output
     assert "made 1 object" in output

@@ -14,7 +14,7 @@ from rich.markup import escape
 from pipeline.cli.failures import fail
 from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import load_presets
-from pipeline.console import errors
+from pipeline.console import CONTROLS, errors
 from pipeline.engine.executor import Deferred, Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
@@ -113,6 +113,7 @@ def make_request(
     settings = resolve(stage.name, preset, assignments or ())
     check_assignments(preset, assignments or (), stage.name)
     described = load_manifest(manifest).with_units(units, up)
+    named = {"--manifest": None if manifest == described.name else manifest, "--objects": objects, "--units": units, "--up": up}
     return Request(
         stage=stage,
         settings=settings,
@@ -121,6 +122,7 @@ def make_request(
         preset=preset,
         seed=described.seed if seed is None else seed,
         data=where,
+        options={option: str(value) for option, value in named.items() if value is not None and not CONTROLS.search(str(value))},
     )
 
 
