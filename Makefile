@@ -112,7 +112,8 @@ train: $$(foreach seed,$$(SEEDS),$$(addsuffix .$$(seed),$$(NETWORKS)))  ## train
 evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) every-simulate-touch
 	@$(call run,evaluate) --set $(call quoted,evaluate.training_seed=$*) --set $(call quoted,$(EVALUATED))
 evaluate: $$(addprefix evaluate.,$$(SEEDS))  ## evaluate these networks on the test objects, beside the supplement's tables
-report: evaluate  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
+	@$(BIN)/vt-pipeline report $(call quoted,$(DATA)) --no-pages
+report: $$(addprefix evaluate.,$$(SEEDS))  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
 	@$(BIN)/vt-pipeline report $(call quoted,$(DATA))
 
 # LONG=1: thirteen times the epochs for charts, five times for implicit networks, a night on 2 cores; killed, it continues where it was.
@@ -139,6 +140,7 @@ train-single-image: every-sample-surfaces every-read-renderings
 evaluate-single-image: train-single-image
 	@$(RUN)
 single-image: evaluate-single-image  ## reconstruct from single images (Table 4), of MANIFEST=single-image OBJECTS=FOLDER
+	@$(BIN)/vt-pipeline report $(call quoted,$(DATA)) --no-pages
 renderings: every-sample-surfaces  ## write MANIFEST's objects as such a folder, data/renderings: meshes, and 24 images of each
 	@$(BIN)/python -m tools.synthetic_renderings $(call quoted,$(DATA)) data/renderings
 

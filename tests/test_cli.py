@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.cli.request import ExecutorName, make_executor, make_request
-from stages.registry import STAGES, load_stage
+from pipeline.formats.description_file import shipped_files
+from stages.registry import STAGES, load_settings_type, load_stage
 
 RUN = ["run", "sample-surfaces"]
 
@@ -221,9 +222,17 @@ def test_version_is_that_of_the_package() -> None:
         ("run sample-surfaces --preset d", ["draft"]),
         ("run sample-surfaces --object duc", ["duck"]),
         ("run sample-surfaces --manifest no-such --object duc", []),
+        ("run sample-surfaces --manifest fo", ["four-classes"]),
+        ("run sample-surfaces --set simulate-", ["simulate-grasps.", "simulate-touch."]),
+        ("run sample-surfaces --set sample-s", [f"sample-surfaces.{name}=" for name in load_settings_type("sample-surfaces").model_fields]),
+        ("run sample-surfaces --set simulate-grasps.attem", ["simulate-grasps.attempts=50"]),
+        ("run sample-surfaces --set simulate-grasps.sensor", [f"simulate-grasps.sensor={name}" for name in shipped_files("sensor")]),
+        ("run sample-surfaces --set simulate-touch.tracer", ["simulate-touch.tracer=ray", "simulate-touch.tracer=sphere"]),
+        ("check gelsight_", ["gelsight_mini"]),
+        ("submit sim", ["simulate-grasps", "simulate-touch"]),
     ],
 )
-def test_shell_completes_stages_presets_and_objects(words: str, completed: list[str]) -> None:
+def test_shell_completes_names(words: str, completed: list[str]) -> None:
     asked = {"_VT_PIPELINE_COMPLETE": "complete_bash", "COMP_WORDS": f"vt-pipeline {words}", "COMP_CWORD": str(len(words.split()))}
     result = CliRunner().invoke(app, [], prog_name="vt-pipeline", env=asked)
     assert result.output.split() == completed

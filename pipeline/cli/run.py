@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
+from pipeline.cli.completion import complete_object, complete_stage
 from pipeline.cli.failures import fail
 from pipeline.cli.request import (
     OBJECTS,
@@ -24,8 +25,6 @@ from pipeline.cli.request import (
     SetOption,
     UnitsOption,
     UpOption,
-    complete_object,
-    complete_stage,
     make_executor,
     make_request,
 )
