@@ -32,10 +32,13 @@ space   := $(subst ,, )
 quoted   = '$(subst ','\'',$(1))'
 
 unknown := $(firstword $(foreach name,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $(name)))),$(filter-out $(VARIABLES),$(name)))))
-similar := $(strip $(foreach name,$(VARIABLES),$(if $(findstring $(unknown),$(name))$(findstring $(name),$(unknown)),$(name))))
-$(if $(unknown),$(error there is no variable $(unknown)$(if $(similar),; did you mean $(similar)?,: there are $(VARIABLES))))
+similar := $(if $(unknown),$(shell sh tools/meant.sh $(call quoted,$(unknown)) $(VARIABLES)))
+$(if $(unknown),$(error there is no variable $(unknown)$(if $(similar),$(comma) did you mean $(similar)?,;) there are $(VARIABLES)))
 $(foreach name,$(VARIABLES),$(if $(findstring $(newline),$(value $(name))),$(error $(name) has a line break; write it on one line)))
 $(foreach name,$(VARIABLES),$(if $(filter-out undefined,$(origin $(name))),$(eval override $(name) := $$(value $(name)))))
+
+no-digits = $(subst 0,,$(subst 1,,$(subst 2,,$(subst 3,,$(subst 4,,$(subst 5,,$(subst 6,,$(subst 7,,$(subst 8,,$(subst 9,,$(1)))))))))))
+$(if $(strip $(call no-digits,$(SEEDS))),$(error SEEDS is $(SEEDS); it must be whole numbers, such as SEEDS="0 1 2"))
 
 MANIFEST ?= toy
 PRESET   ?= draft
@@ -56,7 +59,8 @@ SHARD_NUMBERS = $(eval SHARD_NUMBERS := $$(shell sh tools/shards.sh $$(call quot
 options  = --manifest $(call quoted,$(MANIFEST)) --preset $(call quoted,$(PRESET)) --data $(call quoted,$(DATA)) \
            $(if $(OBJECTS),--objects $(call quoted,$(OBJECTS))) $(if $(UNITS),--units $(call quoted,$(UNITS))) $(if $(UP),--up $(call quoted,$(UP))) \
            $(foreach one,$(SET),--set $(call quoted,$(one))) --workers $(call quoted,$(WORKERS)) \
-           $(if $(SHARD_NUMBERS),--shards $(words $(SHARD_NUMBERS)))$(if $(filter train evaluate report,$(MAKECMDGOALS)), $(checked))
+           $(if $(SHARD_NUMBERS),--shards $(words $(SHARD_NUMBERS)))$(if $(filter train evaluate report,$(MAKECMDGOALS))$(asked), $(checked))
+asked   := $(filter override,$(origin CONFIGURATIONS))
 checked  = --set $(call quoted,$(EVALUATED))  # so that a misspelt network stops the first stage, not the last
 run      = $(BIN)/vt-pipeline run $(call quoted,$(1)) $(options)
 RUN      = $(call run,$@)
@@ -108,7 +112,8 @@ train: $$(foreach seed,$$(SEEDS),$$(addsuffix .$$(seed),$$(NETWORKS)))  ## train
 evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) every-simulate-touch
 	@$(call run,evaluate) --set $(call quoted,evaluate.training_seed=$*) --set $(call quoted,$(EVALUATED))
 evaluate: $$(addprefix evaluate.,$$(SEEDS))  ## evaluate these networks on the test objects, beside the supplement's tables
-report: evaluate  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
+	@$(BIN)/vt-pipeline report $(call quoted,$(DATA)) --no-pages
+report: $$(addprefix evaluate.,$$(SEEDS))  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
 	@$(BIN)/vt-pipeline report $(call quoted,$(DATA))
 
 # LONG=1: thirteen times the epochs for charts, five times for implicit networks, a night on 2 cores; killed, it continues where it was.
@@ -135,6 +140,7 @@ train-single-image: every-sample-surfaces every-read-renderings
 evaluate-single-image: train-single-image
 	@$(RUN)
 single-image: evaluate-single-image  ## reconstruct from single images (Table 4), of MANIFEST=single-image OBJECTS=FOLDER
+	@$(BIN)/vt-pipeline report $(call quoted,$(DATA)) --no-pages
 renderings: every-sample-surfaces  ## write MANIFEST's objects as such a folder, data/renderings: meshes, and 24 images of each
 	@$(BIN)/python -m tools.synthetic_renderings $(call quoted,$(DATA)) data/renderings
 

@@ -4,15 +4,20 @@ import os
 import signal
 
 
+def _end(number: int, _: object) -> None:
+    os.write(2, b"error: interrupted\n" if number == signal.SIGINT else b"error: terminated\n")
+    os._exit(128 + number)
+
+
 def main() -> None:
     """Run the command line; worker processes import this module again, and have no use for the rest.
 
-    Before a command begins, and after its end, Ctrl-C and SIGTERM end this process at once: there is nothing to say yet, and libraries that
-    are being imported turn an exception into others, or into none.
+    Before a command begins, and after its end, Ctrl-C and SIGTERM end this process at once: libraries that are being imported turn an
+    exception into others, or into none.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup and a shell's background jobs ask for
-            signal.signal(number, lambda number, _: os._exit(128 + number))
+            signal.signal(number, _end)
     from pipeline.cli import app
 
     app()

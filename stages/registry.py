@@ -110,12 +110,16 @@ def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
     try:
         return settings.model_validate(values)
     except ValidationError as error:
-        known = ", ".join(settings.model_fields)
-        raise InvalidInput(f"settings of {stage}: {invalid_entries(error, settings.model_fields)}. Its settings are {known}") from error
+        faults = invalid_entries(error, settings.model_fields)
+        if any(item["type"] == "extra_forbidden" for item in error.errors()):
+            faults += f"{'' if faults.endswith('?') else '.'} Its settings are {', '.join(settings.model_fields)}"
+        raise InvalidInput(f"settings of {stage}: {faults}") from error
 
 
-def check_assignments(preset: str, assignments: Sequence[str]) -> None:
-    """Check the assignments to every stage that they name, so that what is wrong is said before the first stage runs.
+def check_assignments(preset: str, assignments: Sequence[str], stage: str) -> None:
+    """Check the assignments to other stages, so that what is wrong is said before the first one, `stage`, runs.
+
+    One that names no stage is checked for those of a dataset where `stage` is one of them.
 
     Raises
     ------
@@ -123,9 +127,11 @@ def check_assignments(preset: str, assignments: Sequence[str]) -> None:
         As `resolve`.
     """
     named = {assignment.partition("=")[0].rpartition(".")[0] for assignment in assignments}
-    for owner in STAGES:
-        if owner in named:
-            resolve(owner, preset, assignments)
+    if "" in named and stage in DATASET:
+        named.update(DATASET)
+    for other in STAGES:
+        if other in named and other != stage:
+            resolve(other, preset, assignments)
 
 
 def _is_known(setting: str, stages: Iterable[str]) -> bool:

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import shutil
 import subprocess
 import sys
 from importlib.metadata import version
@@ -14,7 +15,8 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.cli.request import ExecutorName, make_executor, make_request
-from stages.registry import STAGES, load_stage
+from pipeline.formats.description_file import shipped_files
+from stages.registry import STAGES, load_settings_type, load_stage
 
 RUN = ["run", "sample-surfaces"]
 
@@ -67,13 +69,22 @@ def test_doctor_finds_everything_here():
         (["run", "train-gcn", "--set", "configuration=toch"], "unknown configuration toch, did you mean touch?"),
         (["run", "evaluate", "--set", "configurations=[ocluded]"], "unknown configuration ocluded, did you mean occluded?"),
         ([*RUN, "--set", "train-gcn.configuration=toch"], "unknown configuration toch, did you mean touch?"),
+        ([*RUN, "--set", "simulate-touch.tracer=spere"], "tracer: Input should be 'ray' or 'sphere', did you mean sphere?"),
+        ([*RUN, "--set", "hand=alegro_right"], "there is no hand 'alegro_right', did you mean allegro_right?"),
+        ([*RUN, "--set", "simulate-grasps.sensor=gelsight_min"], "there is no sensor 'gelsight_min', did you mean gelsight_mini?"),
+        ([*RUN, "--set", "simulate-touch.sensors=[nope.yaml]"], "there is no sensor 'nope.yaml'; built in are"),
+        ([*RUN, "--set", "scene=suplement"], "there is no scene 'suplement', did you mean supplement?"),
+        ([*RUN, "--set", "resolution=9"], "settings of render-vision: resolution: Input should be greater than or equal to 16"),
+        ([*RUN, "--set", "fit-charts.device=gpu"], "settings of fit-charts: device: String should match pattern"),
+        ([*RUN, "--set", "evaluate.accelerator=gpu"], "settings of evaluate: accelerator: Input should be 'auto', 'cpu' or 'cuda'"),
+        ([*RUN, "--data", "pyproject.toml/d"], "pyproject.toml is a file; name a folder"),
         ([*RUN, "--set", "evaluate.grasps=[2]"], "every number once, and 1 among them"),
         ([*RUN, "--object", "bottle-01"], "has no object bottle-01, did you mean bottle-"),
         ([*RUN, "--preset", "best"], "unknown preset best; choose from draft, standard, paper"),
         ([*RUN, "--set", "points=many"], "points: Input should be a valid integer"),
         *(([*RUN, "--set", f"points={one}"], "is not valid YAML: ") for one in ("2001-99-99", "!!float x", "9" * 5000, "[" * 3000)),
         (["sweep", "train-gcn", "--grid", "epochs=2001-99-99"], "--grid epochs=2001-99-99: write SETTING=VALUE,VALUE"),
-        ([*RUN, "--set", "pionts=5"], "there is no entry pionts, did you mean points?. Its settings are object_seconds, points"),
+        ([*RUN, "--set", "pionts=5"], "there is no entry pionts, did you mean points? Its settings are object_seconds, points"),
         ([*RUN, "--set", "points"], "write STAGE.SETTING=VALUE"),
         ([*RUN, "--set", "fly.points=5"], "unknown stage fly"),
         ([*RUN, "--data", "/nonexistent", "--shards", "2", "--shard", "2"], "shards are numbered 0 to 1"),
@@ -125,6 +136,14 @@ def test_a_dry_run_says_what_and_does_nothing(tmp_path):
     assert code == 0
     assert "would make 25 of 25 objects, about" in output
     assert not (tmp_path / "data").exists()
+
+
+def test_a_disk_with_little_room_is_warned_of(tmp_path, monkeypatch):
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=1000))
+    output = invoke(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100", "--executor", "serial")[1]
+    assert "warning: sample-surfaces writes about 0 MB, and 0 MB are free" in output
+    assert "made 1 object" in output
 
 
 def test_one_object_alone(tmp_path):
@@ -203,9 +222,17 @@ def test_version_is_that_of_the_package() -> None:
         ("run sample-surfaces --preset d", ["draft"]),
         ("run sample-surfaces --object duc", ["duck"]),
         ("run sample-surfaces --manifest no-such --object duc", []),
+        ("run sample-surfaces --manifest fo", ["four-classes"]),
+        ("run sample-surfaces --set simulate-", ["simulate-grasps.", "simulate-touch."]),
+        ("run sample-surfaces --set sample-s", [f"sample-surfaces.{name}=" for name in load_settings_type("sample-surfaces").model_fields]),
+        ("run sample-surfaces --set simulate-grasps.attem", ["simulate-grasps.attempts=50"]),
+        ("run sample-surfaces --set simulate-grasps.sensor", [f"simulate-grasps.sensor={name}" for name in shipped_files("sensor")]),
+        ("run sample-surfaces --set simulate-touch.tracer", ["simulate-touch.tracer=ray", "simulate-touch.tracer=sphere"]),
+        ("check gelsight_", ["gelsight_mini"]),
+        ("submit sim", ["simulate-grasps", "simulate-touch"]),
     ],
 )
-def test_shell_completes_stages_presets_and_objects(words: str, completed: list[str]) -> None:
+def test_shell_completes_names(words: str, completed: list[str]) -> None:
     asked = {"_VT_PIPELINE_COMPLETE": "complete_bash", "COMP_WORDS": f"vt-pipeline {words}", "COMP_CWORD": str(len(words.split()))}
     result = CliRunner().invoke(app, [], prog_name="vt-pipeline", env=asked)
     assert result.output.split() == completed

@@ -203,13 +203,44 @@ def test_a_target_may_have_any_name(workplace):
         workplace.make(name)
 
 
-@pytest.mark.parametrize(("name", "meant"), [("UNIT", "did you mean UNITS?"), ("FOO", "there are MANIFEST"), ("BIN", "there are")])
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        *(("UNIT", "UNITS"), ("MANIFET", "MANIFEST"), ("preset", "PRESET"), ("CONFIGURATION", "CONFIGURATIONS"), ("Worker", "WORKERS")),
+        *(("FOO", ""), ("BIN", "")),
+    ],
+)
 def test_a_variable_that_there_is_not_is_named(name, meant, workplace):
     done = workplace.make("help", f"{name}=$(shell touch {CANARY})")
     assert done.returncode != 0
     assert f"there is no variable {name}" in done.stderr
-    assert meant in done.stderr
+    assert (f", did you mean {meant}? there are MANIFEST" if meant else "; there are MANIFEST") in done.stderr
     assert workplace.make("help", **{name: "mm"}).returncode == 0
+
+
+@pytest.mark.parametrize("seeds", ["x", "0 1.5", "-1", "0,1"])
+def test_seeds_that_are_no_numbers_stop_before_the_first_stage(seeds, workplace):
+    done = workplace.make("report", f"SEEDS={seeds}")
+    assert done.returncode != 0
+    assert f"SEEDS is {seeds}; it must be whole numbers" in done.stderr
+    assert workplace.calls() == []
+
+
+@pytest.mark.parametrize(("target", "pages"), [("evaluate", ["--no-pages"]), ("single-image", ["--no-pages"]), ("report", [])])
+def test_tables_are_printed_once(target, pages, workplace):
+    assert workplace.make(target, "DATA=d", "SEEDS=0 1").returncode == 0
+    assert [call for call in workplace.calls() if call[0] == "report"] == [["report", "d", *pages]]
+
+
+def test_every_stage_is_told_which_networks_are_asked_for(workplace):
+    given = ["--set", "evaluate.configurations=[toch,none]"]
+    for targets in (["report"], ["train"], ["evaluate.0"], ["train-gcn.none.0", "dataset"]):
+        assert workplace.make(*targets, "CONFIGURATIONS=toch none").returncode == 0
+        calls = [call for call in workplace.calls() if call[0] == "run"]
+        assert calls
+        for call in calls:
+            assert any(call[at : at + 2] == given for at in range(len(call)))
+        workplace.log.unlink()
 
 
 # ---- shards

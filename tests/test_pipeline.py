@@ -234,8 +234,11 @@ def test_a_summary_without_images_is_its_statistics(made, tmp_path):
 
 
 def test_a_report_says_what_was_evaluated_and_draws_it(made):
+    alone = vt("report", str(made), "--no-pages")
     said = vt("report", str(made))
-    assert "Table 3" in said
+    assert said.startswith(alone)
+    assert "report: " not in alone
+    assert said.count("Table 3:") == 1
     assert "Do the supplement's orderings hold?" in said
     report = made / "report"
     assert (report / "figures" / "reconstructions.png").stat().st_size > 10_000

@@ -7,11 +7,18 @@ from typing import Annotated
 
 import typer
 
+from pipeline.cli.completion import complete_described
 from pipeline.console import print_line
 
 
 def check(
-    file: Annotated[str, typer.Argument(help="A hand, sensor, scene or manifest file, or the name of a shipped one.")],
+    file: Annotated[
+        str,
+        typer.Argument(
+            help="A hand, sensor, scene or manifest file, or the name of a shipped one.",
+            autocompletion=complete_described("hand", "sensor", "scene", "manifest"),
+        ),
+    ],
     picture: Annotated[Path | None, typer.Option(help="PNG to draw it in; by default NAME.png in the current folder.")] = None,
 ) -> None:
     """Check and draw a hand, sensor, scene or manifest file.

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from pipeline.cli.completion import complete_made_object
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
 from pipeline.console import print_line
@@ -20,7 +21,9 @@ MESHES = (".obj", ".ply", ".stl", ".off", ".dae", ".gltf", ".3mf")
 
 def view(
     data: DataArgument,
-    object_id: Annotated[str, typer.Argument(metavar="OBJECT", help="An object of the data directory.")],
+    object_id: Annotated[
+        str, typer.Argument(metavar="OBJECT", help="An object of the data directory.", autocompletion=complete_made_object)
+    ],
     grasp: Annotated[int | None, typer.Option(min=0, help="One of its grasps, from 0; by default all, on a timeline.")] = None,
     save: Annotated[Path | None, typer.Option(help="Write a file (.rrd) for Rerun's viewer in place of opening a window.")] = None,
 ) -> None:

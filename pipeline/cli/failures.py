@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 from typing import NoReturn
 
 import typer
@@ -18,12 +21,12 @@ from pipeline.store.storage import is_machine_fault
 KEPT = "what is finished is kept, run the same command to continue"
 
 
+AGAIN_SECONDS = 0.5
+"""After which Ctrl-C is raised again where it was swallowed."""
+
+
 class _Terminated(KeyboardInterrupt):
     """SIGTERM came, which ends a command as Ctrl-C does."""
-
-
-def _terminate(number: int, frame: object) -> None:
-    raise _Terminated
 
 
 def fail(message: object, *, status: int = 1) -> NoReturn:
@@ -35,24 +38,62 @@ def fail(message: object, *, status: int = 1) -> NoReturn:
 @contextmanager
 def failures_as_words() -> Iterator[None]:
     """End a command with words for whatever a person can mend, and for Ctrl-C and SIGTERM; decorates every command."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    with _stoppable() as stopped:
+        try:
+            yield
+        except typer.Exit:
+            raise
+        except Exception as error:
+            if stopped:  # a library made another error of it
+                raise stopped[0] from error
+            if isinstance(error, PipelineError | OSError):
+                fail(str(error) or f"{type(error).__name__}; {KEPT}")  # a timeout may say nothing
+            if is_machine_fault(error):  # of object storage: its own kind of exception
+                fail(f"object storage: {first_line(error)}; see that its address and credentials are in the environment")
+            errors.print(escape(traceback.format_exc().rstrip()))
+            fail("this is a bug in vt-pipeline; please report it with the traceback above. What is finished is kept")
+
+
+@contextmanager
+def _stoppable() -> Iterator[list[type[KeyboardInterrupt]]]:
+    """End a command with words on Ctrl-C and SIGTERM; yields a list that then names the exception.
+
+    Libraries that are being imported, callbacks of C code and destructors swallow exceptions. This one is raised until it is on its way.
+    """
+    stopped: list[type[KeyboardInterrupt]] = []
+    process, show_unraisable = os.getpid(), sys.unraisablehook
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        if number != signal.SIGALRM:
+            stopped[:] = [_Terminated if number == signal.SIGTERM else KeyboardInterrupt]
+        if os.getpid() == process:  # a forked one is ended by this one
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS)
+        if not _is_on_its_way(sys.exception()):
+            raise stopped[0]
+
+    def hide(unraisable: sys.UnraisableHookArgs) -> None:
+        if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+            show_unraisable(unraisable)
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)}
     try:
-        signal.signal(signal.SIGTERM, _terminate)
-        if before[signal.SIGINT] is not signal.SIG_IGN:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-        yield
-    except (PipelineError, OSError) as error:
-        fail(str(error) or f"{type(error).__name__}; {KEPT}")  # a timeout may say nothing
-    except KeyboardInterrupt as stop:
-        ended, number = ("terminated", signal.SIGTERM) if isinstance(stop, _Terminated) else ("interrupted", signal.SIGINT)
-        fail(f"{ended}; {str(stop) or KEPT}", status=128 + number)
-    except typer.Exit:
-        raise
-    except Exception as error:
-        if is_machine_fault(error):  # of object storage: its own kind of exception
-            fail(f"object storage: {first_line(error)}; see that its address and credentials are in the environment")
-        errors.print(escape(traceback.format_exc().rstrip()))
-        fail("this is a bug in vt-pipeline; please report it with the traceback above. What is finished is kept")
+        for number, handler in before.items():
+            if number != signal.SIGINT or handler is not signal.SIG_IGN:  # as nohup and a shell's background jobs ask for
+                signal.signal(number, stop)
+        sys.unraisablehook = hide
+        yield stopped
+    except KeyboardInterrupt as ended_by:
+        ended, number = ("terminated", signal.SIGTERM) if isinstance(ended_by, _Terminated) else ("interrupted", signal.SIGINT)
+        fail(f"{ended}; {str(ended_by) or KEPT}", status=128 + number)
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        sys.unraisablehook = show_unraisable
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _is_on_its_way(error: BaseException | None) -> bool:
+    """Whether what is being handled is, or came of, Ctrl-C: what was opened is being closed, which is not to be disturbed."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None

@@ -10,6 +10,7 @@ import typer
 import yaml
 from rich.markup import escape
 
+from pipeline.cli.completion import complete_made_object, complete_stage
 from pipeline.cli.failures import fail
 from pipeline.cli.request import (
     DataArgument,
@@ -36,7 +37,7 @@ SINGLE = "evaluation-single-image"
 
 
 def sweep(
-    stage: Annotated[str, typer.Argument(help="A stage that trains.")],
+    stage: Annotated[str, typer.Argument(help="A stage that trains.", autocompletion=complete_stage)],
     grid: Annotated[list[str] | None, typer.Option(help="SETTING=VALUE,VALUE,… to try; without any, the supplement's grid.")] = None,
     manifest: ManifestOption = "toy",
     preset: PresetOption = "draft",
@@ -85,7 +86,9 @@ def predict(
     configuration: Annotated[str, typer.Option(help="Which model of MODELS: touch, implicit-touch, single-image, …")] = "occluded-touch",
     data: Annotated[str | None, typer.Option(help="Data directory; with --object, instead of files.")] = None,
     models: Annotated[str | None, typer.Option(help="Folder of trained models; by default DATA/models.")] = None,
-    object_id: Annotated[str | None, typer.Option("--object", help="An object of the data directory.")] = None,
+    object_id: Annotated[
+        str | None, typer.Option("--object", help="An object of the data directory.", autocompletion=complete_made_object)
+    ] = None,
     grasps: Annotated[list[int] | None, typer.Option("--grasp", min=0, help="Of its grasps, from 0; several times for several.")] = None,
     view: Annotated[int, typer.Option(min=0, help="Of its renderings, from 0; for single-image.")] = 0,
     image: Annotated[Path | None, typer.Option(help="8-bit RGB file from the camera the model was trained with.")] = None,
@@ -138,21 +141,23 @@ def predict(
 def report(
     data: DataArgument,
     most: Annotated[int, typer.Option(min=1, help="Objects in the figure of reconstructions at most, spread evenly.")] = 10,
+    pages: Annotated[bool, typer.Option(help="Write the pages; else print the tables alone.")] = True,
 ) -> None:
     """Print the evaluation's tables, and write pages to DATA/report.
 
     The tables show whether the supplement's orderings hold; the pages have a gallery and figures.
     """
     from pipeline.reports.html_report import write_report
-    from pipeline.reports.results import results_tables
+    from pipeline.reports.results import results_tables, training_facts
     from pipeline.reports.training_seeds import evaluations
-    from stages.evaluate.tables import evaluation_tables
+    from stages.evaluate.tables import evaluation_tables, training_table
 
     directory = DataDirectory(data)
     evaluated = evaluations(directory)
     if exists(directory.folder_record(SINGLE)):
         directory.check_origins([SINGLE])
-        show_tables(console, evaluation_tables(directory.whole_folder(SINGLE)))
+        trained = {"single-image": training_facts(directory, "models/single-image")}
+        show_tables(console, [*evaluation_tables(directory.whole_folder(SINGLE)), training_table(trained)])
         if not evaluated:
             return
     if evaluated:
@@ -160,7 +165,8 @@ def report(
         show_tables(console, results_tables(directory, evaluated))
     else:
         print_line("no network has been evaluated: the report shows the dataset alone; `make report`, with the same variables, trains some")
-    print_line(f"report: {write_report(directory.root, console, most)}")
+    if pages:
+        print_line(f"report: {write_report(directory.root, console, most)}")
 
 
 def _grid(options: list[str]) -> dict[str, list[Any]]:

@@ -11,16 +11,16 @@ from typing import Annotated, Literal, TypeVar
 import typer
 from rich.markup import escape
 
+from pipeline.cli.completion import complete_described, complete_preset, complete_setting
 from pipeline.cli.failures import fail
 from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import load_presets
-from pipeline.console import errors
+from pipeline.console import CONTROLS, errors
 from pipeline.engine.executor import Deferred, Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
-from pipeline.errors import PipelineError
 from pipeline.store.storage import on_disk, place
-from stages.registry import STAGES, check_assignments, resolve
+from stages.registry import check_assignments, resolve
 
 S = TypeVar("S", bound=Stage)
 
@@ -31,30 +31,18 @@ OBJECTS, SETTINGS, RUN = "Objects and data", "Settings", "How to run"
 """Panels in which help lists the options."""
 
 
-def complete_object(context: typer.Context, incomplete: str) -> list[str]:
-    """Complete the name of an object of the manifest; of none that needs a folder."""
-    try:
-        objects = load_manifest(context.params.get("manifest") or "toy").objects(context.params.get("objects"))
-    except (PipelineError, OSError):
-        return []
-    return [item.object_id for item in objects if item.object_id.startswith(incomplete)]
-
-
-def complete_stage(incomplete: str) -> list[str]:
-    """Complete the name of a stage."""
-    return [name for name in STAGES if name.startswith(incomplete)]
-
-
-def _complete_preset(incomplete: str) -> list[str]:
-    return [name for name in load_presets() if name.startswith(incomplete)]
-
-
 DataArgument = Annotated[str, typer.Argument(help="Data directory, or s3://BUCKET/PREFIX.")]
 ManifestOption = Annotated[
-    str, typer.Option(help="A built-in manifest, or the path of a YAML file.", rich_help_panel=OBJECTS, is_eager=True)
+    str,
+    typer.Option(
+        help="A built-in manifest, or the path of a YAML file.",
+        rich_help_panel=OBJECTS,
+        is_eager=True,
+        autocompletion=complete_described("manifest"),
+    ),
 ]
 PresetOption = Annotated[
-    str, typer.Option(help=f"One of {', '.join(load_presets())}.", rich_help_panel=SETTINGS, autocompletion=_complete_preset)
+    str, typer.Option(help=f"One of {', '.join(load_presets())}.", rich_help_panel=SETTINGS, autocompletion=complete_preset)
 ]
 DataOption = Annotated[
     str | None,
@@ -77,7 +65,12 @@ UpOption = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", help="STAGE.SETTING=VALUE, or SETTING=VALUE for every stage that has it.", rich_help_panel=SETTINGS),
+    typer.Option(
+        "--set",
+        help="STAGE.SETTING=VALUE, or SETTING=VALUE for every stage that has it.",
+        rich_help_panel=SETTINGS,
+        autocompletion=complete_setting,
+    ),
 ]
 SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.", rich_help_panel=SETTINGS)]
 
@@ -103,19 +96,26 @@ def make_request(
 ) -> Request[S]:
     """Turn what the shared options say into a request."""
     where = place(data or default_place(manifest, objects) / preset)
-    if (file := on_disk(where)) and file.is_file():
-        fail(f"--data {where} is a file; name a folder")
+    if folder := on_disk(where):
+        there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        if not there.is_dir():
+            fail(f"--data {where}: {there} is a file; name a folder")
+        if there != folder and not os.access(there, os.W_OK):
+            fail(f"--data {where} cannot be made: {there} may not be written to; name another folder")
     objects = objects and objects.expanduser()
-    check_assignments(preset, assignments or ())
+    settings = resolve(stage.name, preset, assignments or ())
+    check_assignments(preset, assignments or (), stage.name)
     described = load_manifest(manifest).with_units(units, up)
+    named = {"--manifest": None if manifest == described.name else manifest, "--objects": objects, "--units": units, "--up": up}
     return Request(
         stage=stage,
-        settings=resolve(stage.name, preset, assignments or ()),
+        settings=settings,
         manifest=described.name,
         objects=described.objects(objects),
         preset=preset,
         seed=described.seed if seed is None else seed,
         data=where,
+        options={option: str(value) for option, value in named.items() if value is not None and not CONTROLS.search(str(value))},
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Annotated, Any
@@ -10,6 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
+from pipeline.cli.completion import complete_object, complete_stage
 from pipeline.cli.failures import fail
 from pipeline.cli.request import (
     OBJECTS,
@@ -23,8 +25,6 @@ from pipeline.cli.request import (
     SetOption,
     UnitsOption,
     UpOption,
-    complete_object,
-    complete_stage,
     make_executor,
     make_request,
 )
@@ -37,7 +37,7 @@ from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.errors import meant, unknown
 from pipeline.store.publish import ShardOutput
 from pipeline.store.record import Failure
-from pipeline.store.storage import Place
+from pipeline.store.storage import Place, on_disk
 from pipeline.training.process_group import process_group, run_together
 from stages.registry import STAGES, load_stage
 
@@ -127,6 +127,7 @@ def run_plan(plan: Plan[Any]) -> None:
         run_together(plan, console)
         print_line(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
     else:
+        _warn_of_little_room(plan)
         for line in _warnings(plan) if isinstance(plan.output, ShardOutput) else ():
             print_line(line)
         result = run_together(plan, console)
@@ -143,6 +144,20 @@ def run_plan(plan: Plan[Any]) -> None:
     _print_failures({name: failure for name, failure in failures.items() if request.only in (None, name)})
     if failures and request.strict:
         fail(f"{pluralise(len(failures))} failed, and --strict was asked for")
+
+
+def _warn_of_little_room(plan: Plan[Any]) -> None:
+    """Warn where the disk has less room than the stage expects to write."""
+    folder = on_disk(plan.request.data)
+    if folder is None:
+        return
+    _, cost = plan.stage.cost_of(plan.settings, [item for item in plan.request.objects if plan.request.only in (None, item.object_id)])
+    free = shutil.disk_usage(next(path for path in (folder, *folder.absolute().parents) if path.exists())).free
+    if 1000 * cost.kilobytes > free:
+        errors.print(
+            f"[yellow]warning:[/] {plan.stage.name} writes about {cost.kilobytes / 1e3:.0f} MB, and {free / 1e6:.0f} MB are free for "
+            f"{escape(str(folder))}; make room, or name another --data (make: DATA=)"
+        )
 
 
 def _warnings(plan: Plan[ShardOutput]) -> Iterator[str]:

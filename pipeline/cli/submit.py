@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from pipeline.cli.completion import complete_described, complete_stage
 from pipeline.cli.failures import fail
 from pipeline.cli.request import (
     DataOption,
@@ -18,7 +19,6 @@ from pipeline.cli.request import (
     SetOption,
     UnitsOption,
     UpOption,
-    complete_stage,
     make_request,
 )
 from pipeline.cluster import slurm
@@ -41,7 +41,12 @@ def submit(
     assignments: SetOption = None,
     seed: SeedOption = None,
     shards: Annotated[int | None, typer.Option(min=1, max=9999, help="Tasks per stage; by default the dataset's shards, or 1.")] = None,
-    cluster: Annotated[str, typer.Option(help="A built-in cluster, or the path of a YAML file: partitions, cores, times.")] = "slurm",
+    cluster: Annotated[
+        str,
+        typer.Option(
+            help="A built-in cluster, or the path of a YAML file: partitions, cores, times.", autocompletion=complete_described("cluster")
+        ),
+    ] = "slurm",
     dry_run: Annotated[bool, typer.Option(help="Print the scripts, and submit nothing.")] = False,
 ) -> None:
     """Run stages as jobs of a Slurm cluster.

@@ -6,9 +6,10 @@ a measured error), or changes speed alone.
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 Change = Literal["definition", "results", "speed"]
 
@@ -39,6 +40,19 @@ class Settings(BaseModel):
 def setting(default: Any, reason: str, *, changes: Change = "results", **limits: Any) -> Any:
     """Declare a setting: its default, why that is the default, what it changes, and limits as pydantic's `Field` takes them."""
     return Field(default, description=reason, json_schema_extra={"changes": changes}, **limits)
+
+
+def described_by(kind: Literal["hand", "sensor", "scene"]) -> AfterValidator:
+    """Read the description file that a setting names, so that what is wrong with it is said before the first stage runs.
+
+    It is imported by name: its code belongs to the keys of the stages that use it, not to those of all.
+    """
+
+    def read(name: str) -> str:
+        getattr(import_module(f"pipeline.formats.{kind}_file"), f"load_{kind}")(name)
+        return name
+
+    return AfterValidator(read)
 
 
 class ObjectSettings(Settings):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -46,6 +46,8 @@ class Request(Generic[S]):
         Process this object alone.
     folder
         The folder to fill, instead of a dataset stage's own.
+    options
+        Options that named the objects, for the record.
     """
 
     stage: S
@@ -62,6 +64,7 @@ class Request(Generic[S]):
     check: bool = False
     only: str | None = None
     folder: str | None = None
+    options: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -167,6 +170,7 @@ class Plan(Generic[Output]):
             "preset": self.request.preset,
             "seed": self.request.seed,
             "manifest": self.request.manifest,
+            "options": dict(self.request.options),
             "models": self.model_digests,
             "versions": library_versions(),
             "processor": processor(),

@@ -10,13 +10,10 @@ from rich.console import Console
 
 from pipeline.config.manifest import Object
 from pipeline.engine.folder import forecast_folder, make_folder, plan_folder
-from pipeline.engine.plan import Forecast, Plan, Request, Summary, description_errors
+from pipeline.engine.plan import Forecast, Plan, Request, Summary
 from pipeline.engine.shard import forecast_shard, make_shard, plan_shard
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError, first_line
-from pipeline.formats.hand_file import load_hand
-from pipeline.formats.scene_file import load_scene
-from pipeline.formats.sensor_file import load_sensor
 from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput
@@ -61,7 +58,6 @@ def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[
     StoreError
         The dataset is split into another number of shards, or the one object is in another shard than `shard`.
     """
-    _check_descriptions(request)
     if isinstance(request.stage, DatasetStage):
         yield _foreseen(request, request.objects, lambda: plan_folder(request))
         return
@@ -79,15 +75,6 @@ def _foreseen(request: Request[Any], objects: Sequence[Object], make_plan: Calla
         total, cost = request.stage.cost_of(request.settings, objects)
         cores = 1 if isinstance(request.stage, DatasetStage) else request.executor.processes
         return request.data / request.stage.writes(request.settings), Forecast(total, total, cost.seconds / cores, cost.kilobytes)
-
-
-def _check_descriptions(request: Request[Any]) -> None:
-    """Read the hand, sensor and scene files that the settings name: what a run would trip over."""
-    readers = {"hand": load_hand, "sensor": load_sensor, "scene": load_scene}
-    with description_errors(request.stage):
-        for name, read in readers.items():
-            if given := getattr(request.settings, name, None):
-                read(given)
 
 
 def run(plan: Plan[Any], console: Console) -> Summary:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Collection
 from importlib import resources
 from pathlib import Path
@@ -103,6 +104,8 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
     places = [item["loc"] for item in found]
     guesses = {item["loc"]: meant(item["loc"][-1], names) for item in found if item["type"] == "extra_forbidden"}
     misspelt = {(*place[:-1], name) for place, name in guesses.items()}
+    choices = {item["loc"]: re.findall("'([^']*)'", item["ctx"]["expected"]) for item in found if item["type"] == "literal_error"}
+    guesses |= {item["loc"]: meant(item["input"], choices[item["loc"]]) for item in found if item["loc"] in choices}
     lines = []
     for item in found:
         place = item["loc"]
@@ -126,5 +129,5 @@ def _describe(kind: str, name: str, message: str, guess: str | None) -> str:
         return f"there is no entry {name}" + (f", did you mean {guess}?" if guess else "")
     if kind == "missing":
         return f"entry {name} is missing"
-    message = message.removeprefix("Value error, ")
+    message = message.removeprefix("Value error, ") + (f", did you mean {guess}?" if guess else "")
     return f"{name}: {message}" if name else message

@@ -60,8 +60,12 @@ def commands(directory: DataDirectory, origins: dict[str, Provenance]) -> list[s
 
 
 def _command(directory: DataDirectory, origin: Provenance) -> Iterator[str]:
-    yield from ("vt-pipeline", "run", origin.stage, "--manifest", origin.manifest, "--preset", origin.preset)
-    yield from ("--seed", str(origin.seed), "--data", str(directory.root))
+    yield from ("vt-pipeline", "run", origin.stage)
+    for option, value in ({"--manifest": origin.manifest} | origin.options).items():
+        yield from (option, value)
+    yield from ("--preset", origin.preset, "--seed", str(origin.seed), "--data", str(directory.root))
+    if (shards := directory.shards() or 1) > 1:
+        yield from ("--shards", str(shards))
     preset = _preset_values(origin)
     for key, value in origin.settings.items():
         if preset.get(key) != value:

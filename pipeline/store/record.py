@@ -31,6 +31,9 @@ Text = Annotated[str, Field(pattern=f"^{CONTROLS.pattern.replace('[', '[^', 1)}*
 """What is shown to people as the name of something."""
 
 
+ObjectOption = Literal["--manifest", "--objects", "--units", "--up"]
+
+
 class _Model(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -57,6 +60,9 @@ class Provenance(_Model):
         The settings that results depend on, and those that they do not depend on.
     models
         The digest of every trained model that was read, by name.
+    options
+        Options by which the command named the objects, where the manifest's name does not say them all, as they were given. Left out of the
+        file where there are none.
     processor
         What the processor offers: training and charts may differ in their last bits between processors.
     """
@@ -70,6 +76,7 @@ class Provenance(_Model):
     preset: Text
     seed: int
     manifest: Text
+    options: dict[ObjectOption, Text] = Field({}, exclude_if=operator.not_)
     models: dict[RelativePath, Sha256]
     versions: dict[str, str]
     processor: dict[str, Any]

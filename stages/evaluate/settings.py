@@ -1,6 +1,6 @@
 """The settings of `evaluate` and `evaluate-single-image`."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
@@ -33,7 +33,7 @@ class MeasuringSettings(Settings):
     )
     batch_size: int = setting(16, "as in training; more needs more memory, and sums may differ in their last bit with it", ge=1)
     threads: int = setting(1, "of torch on a CPU, as in training", ge=1)
-    accelerator: str = setting("auto", "a GPU where there is one", changes="speed")
+    accelerator: Literal["auto", "cpu", "cuda"] = setting("auto", "a GPU where there is one", changes="speed")
 
 
 class EvaluationSettings(MeasuringSettings):

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from rich.markup import escape
 
 from pipeline.config.manifest import SPLITS
-from pipeline.console import show_tables
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.models.families import GRASP_CONFIGURATIONS, load_reconstructor, model_name
@@ -31,7 +32,7 @@ from stages.evaluate.grasp_protocol import GraspProtocol
 from stages.evaluate.measure import Protocol, measure, surfaces_group
 from stages.evaluate.settings import EvaluationSettings, SingleImageEvaluationSettings
 from stages.evaluate.single_image_protocol import SingleImageProtocol
-from stages.evaluate.tables import evaluation_tables, training_table
+from stages.evaluate.tables import evaluation_tables
 
 MEASURED = "measured"
 """Folder of the row files of finished models, which a killed run leaves."""
@@ -65,7 +66,7 @@ class NetworkEvaluation(DatasetStage):
         }
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
-        """Measure model by model, and training objects in their place; then write and print the tables."""
+        """Measure model by model, and training objects in their place; then write the tables."""
         device = device_of(job.settings.accelerator)
         models = {Path(name).name: load_reconstructor(Path(name).name, folder, device) for name, folder in job.models.items()}
         protocol = self.protocol(job, list(models.values()))
@@ -79,11 +80,10 @@ class NetworkEvaluation(DatasetStage):
         groups["figures"] = long_table(figures | protocol.baselines())
         attributes = self.attributes(job, protocol, models)
         write_evaluation(job.folder, groups, attributes)
-        tables = evaluation_tables(job.folder)
-        content = {**attributes, "tables": [table.as_json() for table in tables]}
+        content = {**attributes, "tables": [table.as_json() for table in evaluation_tables(job.folder)]}
         (job.folder / METRICS).write_text(json.dumps(content, indent=2, sort_keys=True, allow_nan=False))
         facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
-        show_tables(job.console, [*tables, training_table(facts)])
+        job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` prints the tables, and writes pages"))
         shutil.rmtree(job.folder / MEASURED, ignore_errors=True)
         return {"objects": len(protocol.objects), "left_out": len(protocol.objects.rows.left_out), "training": facts}
 

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 
-from pipeline.console import Cell, Row, Table, show_tables
+from pipeline.console import Cell, Row, Table
 from pipeline.dataset.touch_statistics import SUPPLEMENT_SUCCESS
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
@@ -33,11 +32,6 @@ QUALITY_UNITS = {
 
 Networks = Mapping[str, Figures]
 Members = Mapping[str, NDArray[np.bool_]]
-
-
-def show(folder: Path, console: Console) -> None:
-    """Print the tables of an evaluation folder; raise a `StoreError` if there is none."""
-    show_tables(console, evaluation_tables(folder))
 
 
 def evaluation_tables(folder: Path) -> list[Table]:

@@ -47,7 +47,11 @@ class ChartSettings(ObjectSettings):
         0.0, "of the mean squared edge length beside the Chamfer distance in a step: smoother charts; the authors' release has 0.0078", ge=0
     )
     side: int = setting(SIDE, "vertices along a side: the supplement's 81 vertices and 128 faces")
-    device: str = setting("cpu", "where it is done; a GPU's charts differ in the last digits, and in what these lead to")
+    device: str = setting(
+        "cpu",
+        "where it is done; a GPU's charts differ in the last digits, and in what these lead to",
+        pattern="^(cpu|cuda|mps|xpu)(:[0-9]+)?$",
+    )
 
     @field_validator("cloud", mode="before")
     @classmethod

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import model_validator
 
-from pipeline.config.settings import ObjectSettings, setting
+from pipeline.config.settings import ObjectSettings, described_by, setting
 
 
 class GraspSettings(ObjectSettings):
     """How grasps are found (supplement 1.3)."""
 
-    hand: str = setting(
+    hand: Annotated[str, described_by("hand")] = setting(
         "allegro_right", "the supplement's hand; another is another hand file, by name or by path ending in .yaml", changes="definition"
     )
-    sensor: str | None = setting(
+    sensor: Annotated[str, described_by("sensor")] | None = setting(
         None,
         "each finger's as the hand file says; another, on all fingers, is another sensor file, by name or by path ending in .yaml",
         changes="definition",

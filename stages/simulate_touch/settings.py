@@ -1,15 +1,15 @@
 """The settings of `simulate-touch`."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pipeline.config.settings import ObjectSettings, setting
+from pipeline.config.settings import ObjectSettings, described_by, setting
 from pipeline.kernels.touch.sphere_tracing import MAX_STEPS, TOLERANCE
 
 
 class TouchSettings(ObjectSettings):
     """How depth maps and tactile images are simulated (supplement 1.5)."""
 
-    sensors: tuple[str, ...] | None = setting(
+    sensors: tuple[Annotated[str, described_by("sensor")], ...] | None = setting(
         None, "null follows the grasps: the sensor that each finger of the hand wore", changes="definition"
     )
     tracer: Literal["ray", "sphere"] = setting(

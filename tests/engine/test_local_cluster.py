@@ -97,20 +97,3 @@ def test_a_run_that_is_stopped_while_its_workers_start_ends_in_words(tmp_path, n
             run.send_signal(number)
         _, said = run.communicate()
     assert (run.returncode, said) == (status, f"error: {word}; what is finished is kept, run the same command to continue\n")
-
-
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_command_that_is_stopped_while_it_imports_says_nothing(number, status):
-    program = f"""
-import os, sys
-class Stops:
-    @staticmethod
-    def find_spec(name, *_):
-        if name == "pipeline.cli.app":
-            os.kill(os.getpid(), {int(number)})
-sys.meta_path.insert(0, Stops)
-from pipeline.__main__ import main
-main()
-"""
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (status, "", "")

@@ -13,6 +13,7 @@ from embreex.mesh_construction import TriangleMesh
 from rich.console import Console
 
 from pipeline.config.manifest import Manifest, load_manifest
+from pipeline.console import show_tables
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
@@ -27,7 +28,7 @@ from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import read_figures
 from stages.evaluate.single_image_protocol import figures_of
 from stages.evaluate.supplement_figures import TABLE_4
-from stages.evaluate.tables import means_by_class, show
+from stages.evaluate.tables import evaluation_tables, means_by_class
 from stages.registry import load_stage, resolve
 from stages.train_gcn.settings import SingleImageSettings
 from tests.stages.tiny_dataset import manifest, run_stage
@@ -129,7 +130,7 @@ def test_objects_without_renderings_fail_with_the_way_out(tmp_path):
 def test_evaluation_has_the_published_rows_beside_ours_and_says_of_what(data):
     console = Console(file=io.StringIO(), width=200)
     evaluation = DataDirectory(data).whole_folder("evaluation-single-image")
-    show(evaluation, console)
+    show_tables(console, evaluation_tables(evaluation))
     printed = console.file.getvalue()  # type: ignore[attr-defined]
     assert [name for name in TABLE_4 if name not in printed] == []
     assert "of the manifest single-image: 1 test objects of 1 classes, 2 views each, learned from 1 objects" in " ".join(printed.split())

@@ -1,0 +1,76 @@
+"""What a shell's <TAB> completes: stages, presets, manifests, description files, settings, objects."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from typing import Literal, cast, get_args, get_origin
+
+import typer
+from pydantic.fields import FieldInfo
+
+from pipeline.config.manifest import load_manifest
+from pipeline.config.presets import load_presets
+from pipeline.errors import PipelineError
+from pipeline.formats.description_file import Kind, shipped_files
+from pipeline.store.directory import DataDirectory
+from schemas.surfaces import SURFACES
+from stages.registry import STAGES, load_settings_type
+
+
+def complete_stage(incomplete: str) -> list[str]:
+    """Complete the name of a stage."""
+    return _beginning(incomplete, STAGES)
+
+
+def complete_preset(incomplete: str) -> list[str]:
+    """Complete the name of a preset."""
+    return _beginning(incomplete, load_presets())
+
+
+def complete_described(*kinds: Kind) -> Callable[[str], list[str]]:
+    """Make a function that completes the name of a shipped file of these kinds; the shell completes paths."""
+    return lambda incomplete: _beginning(incomplete, [name for kind in kinds for name in shipped_files(kind)])
+
+
+def complete_object(context: typer.Context, incomplete: str) -> list[str]:
+    """Complete the name of an object of the manifest; of none that needs a folder."""
+    try:
+        objects = load_manifest(context.params.get("manifest") or "toy").objects(context.params.get("objects"))
+    except (PipelineError, OSError):
+        return []
+    return _beginning(incomplete, (item.object_id for item in objects))
+
+
+def complete_made_object(context: typer.Context, incomplete: str) -> list[str]:
+    """Complete the name of an object of the data directory."""
+    data = context.params.get("data")
+    try:
+        return _beginning(incomplete, DataDirectory(data).collection(SURFACES) if data else ())
+    except (PipelineError, OSError):
+        return []
+
+
+def complete_setting(incomplete: str) -> list[str]:
+    """Complete STAGE.SETTING=VALUE: the stages, then the settings of one, then the values of one, its default where it may be any."""
+    stages = [name for name in STAGES if f"{name}.".startswith(incomplete) or incomplete.startswith(f"{name}.")]
+    if len(stages) != 1:
+        return [f"{name}." for name in stages]
+    (stage,) = stages
+    fields = load_settings_type(stage).model_fields
+    names = [name for name in fields if f"{stage}.{name}".startswith(incomplete)]
+    if len(names) > 1:
+        return [f"{stage}.{name}=" for name in names]
+    return [f"{stage}.{name}={value}" for name in names for value in _values(name, fields[name])]
+
+
+def _values(name: str, field: FieldInfo) -> list[str]:
+    """List what a setting may be, or its default."""
+    if name in ("hand", "sensor", "scene"):
+        return list(shipped_files(cast(Kind, name)))
+    choices = get_args(field.annotation) if get_origin(field.annotation) is Literal else (field.default,)
+    return [choice if isinstance(choice, str) else json.dumps(choice) for choice in choices]
+
+
+def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]

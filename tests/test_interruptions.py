@@ -1,0 +1,95 @@
+"""Ctrl-C ends a command with one line and status 130, wherever it comes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from pipeline.cli import app
+from tests.forked import run
+
+KEPT = "error: interrupted; what is finished is kept, run the same command to continue\n"
+
+SWALLOWED = {
+    "by a library": """
+try:
+    press()
+except BaseException:
+    pass
+""",
+    "into another error": """
+try:
+    press()
+except BaseException:
+    raise ImportError("no libEGL")
+""",
+    "in a destructor": """
+class Freed:
+    def __del__(self):
+        press()
+Freed()
+""",
+    "in a callback of C code": """
+import ctypes
+ctypes.CFUNCTYPE(None)(press)()
+""",
+}
+
+
+def press() -> None:
+    """Press Ctrl-C."""
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.fixture
+def command(monkeypatch, tmp_path):
+    """Run `vt-pipeline doctor`, in a process of its own, with this in place of what it does."""
+
+    def ended(body: str) -> tuple[int, str]:
+        def examine():
+            exec(body, {"press": press})
+            time.sleep(60)
+
+        monkeypatch.setattr("pipeline.reports.doctor.examine", examine)
+        end = run(lambda: app(["doctor"]), tmp_path / "log")
+        return end.status, end.output
+
+    return ended
+
+
+@pytest.mark.parametrize("body", SWALLOWED.values(), ids=SWALLOWED)
+def test_what_swallows_it_delays_it(body, command):
+    assert command(body) == (130, KEPT)
+
+
+def test_it_is_raised_once_so_that_what_is_open_is_closed(command):
+    ended = command("""
+import time
+try:
+    press()
+finally:
+    press()
+    time.sleep(1.5)
+    print("closed")
+""")
+    assert ended == (130, f"closed\n{KEPT}")
+
+
+@pytest.mark.parametrize(("number", "word"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
+def test_a_command_that_is_stopped_while_it_imports_says_one_line(number, word):
+    program = f"""
+import os, sys
+class Stops:
+    @staticmethod
+    def find_spec(name, *_):
+        if name == "pipeline.cli.app":
+            os.kill(os.getpid(), {int(number)})
+sys.meta_path.insert(0, Stops)
+from pipeline.__main__ import main
+main()
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (128 + number, "", f"error: {word}\n")
