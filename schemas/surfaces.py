@@ -32,6 +32,7 @@ SURFACES = Artifact(
         "missing_files": Array(
             ("object",), "int32", "1", "Textures and materials that the file names and that are not below its folder.", optional=True
         ),
+        "missing_names": Array(("object",), "string", "1", "Their paths, as the file states them, between commas.", optional=True),
         "metres_per_unit": Array(
             ("object",),
             "float64",

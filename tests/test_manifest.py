@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from pipeline.config.manifest import Manifest, _sizes, load_manifest
-from pipeline.config.sources import checksum, fingerprint
+from pipeline.config.objects import checksum, fingerprint
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import shipped_files
 
@@ -165,6 +165,71 @@ def shapenet_mug(root: Path) -> Path:
         (root / "1" / "x" / name).parent.mkdir(parents=True, exist_ok=True)
         (root / "1" / "x" / name).write_text(content)
     return root
+
+
+YCB = [f"{scan}/{name}" for scan in ("google_16k", "google_64k", "poisson", "tsdf") for name in ("textured.obj", "nontextured.ply")]
+LAYOUTS = {
+    "YCB": (
+        [f"{name}/{file}" for name in ("025_mug", "011_banana", "077_rubiks_cube") for file in YCB],
+        {name: ("object", f"{name}/google_16k/textured.obj") for name in ("025_mug", "011_banana", "077_rubiks_cube")},
+    ),
+    "GSO": (
+        ["Blue Cup/meshes/model.obj", "Red_Shoe/meshes/model.obj"],
+        {"Blue_Cup": ("object", "Blue Cup/meshes/model.obj"), "Red_Shoe": ("object", "Red_Shoe/meshes/model.obj")},
+    ),
+    "HOPE, in a folder": (
+        ["hope/obj_01/textured.obj", "hope/obj_02/textured.obj", "hope/obj_02/nontextured.obj", "other.stl"],
+        {
+            "hope-obj_01": ("hope", "hope/obj_01/textured.obj"),
+            "hope-obj_02": ("hope", "hope/obj_02/textured.obj"),
+            "other": ("object", "other.stl"),
+        },
+    ),
+    "MuJoCo": (
+        ["can/visual/can_vis.obj", "can/collision/can_coll_0.obj", "milk/milk.glb", "milk/milk.stl", "milk/milk_collision.obj"],
+        {"can": ("object", "can/visual/can_vis.obj"), "milk": ("object", "milk/milk.glb")},
+    ),
+    "one object": (["mug/google_16k/textured.obj"], {"mug": ("object", "mug/google_16k/textured.obj")}),
+    "classes": (
+        ["mugs/a.obj", "mugs/b.obj", "cans/meshes/a.obj", "cans/meshes/b.obj", "duck/duck.obj"],
+        {
+            "mugs-a": ("mugs", "mugs/a.obj"),
+            "mugs-b": ("mugs", "mugs/b.obj"),
+            "cans-meshes-a": ("cans", "cans/meshes/a.obj"),
+            "cans-meshes-b": ("cans", "cans/meshes/b.obj"),
+            "duck-duck": ("duck", "duck/duck.obj"),
+        },
+    ),
+    "a class with one file": (["vase/tall 1.stl"], {"vase-tall_1": ("vase", "vase/tall 1.stl")}),
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_folder_per_object_is_recognised(tmp_path, layout):
+    files, expected = LAYOUTS[layout]
+    for name in files:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(CUBE)
+    made = manifest(folder("directory"))
+    found = {item.object_id: (item.category, str(Path(item.source["file"]).relative_to(tmp_path))) for item in made.objects(tmp_path)}
+    assert found == expected
+    said = "\n".join(made.remarks(tmp_path))
+    assert ("a folder per object: " in said) == (layout not in ("classes", "a class with one file"))
+    left_out = len(files) - len(expected)
+    assert (f"left out {left_out} file" in said) == (left_out > 0)
+
+
+def test_a_manifest_states_layout_and_category_of_a_folder(tmp_path):
+    for name in ("a/textured.obj", "b/textured.obj", "c/x.obj", "c/y.obj"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(CUBE)
+    listed = {
+        layout: {item.object_id: item.category for item in manifest(folder("directory", layout=layout, category="food")).objects(tmp_path)}
+        for layout in (None, "files", "folders")
+    }
+    assert listed[None] == {"a": "food", "b": "food", "c-x": "c", "c-y": "c"}
+    assert listed["files"] == {"a-textured": "a", "b-textured": "b", "c-x": "c", "c-y": "c"}
+    assert listed["folders"] == {"a": "food", "b": "food", "c": "food"}
 
 
 def test_a_folder_gives_ids_and_categories(tmp_path):

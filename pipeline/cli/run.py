@@ -89,10 +89,8 @@ def run(
     if isinstance(request.stage, DatasetStage) and (object_id is not None or shard is not None):
         fail(f"{stage} looks at all objects at once; run it without --object and --shard")
     if isinstance(request.stage, ObjectStage):
-        left_out = {} if request.stage.inputs(request.settings) else load_manifest(manifest).left_out(objects)
-        for reason, files in left_out.items():
-            print_line(f"left out {pluralise(len(files), 'file')} ({abbreviate(files)}): {reason}")
-        for line in request.stage.notes(request.settings, request.objects):
+        understood = [] if request.stage.inputs(request.settings) else load_manifest(manifest).remarks(objects)
+        for line in (*understood, *request.stage.notes(request.settings, request.objects)):
             print_line(line)
     with processes:
         if dry_run:

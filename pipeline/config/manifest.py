@@ -13,8 +13,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from pipeline.config.objects import Object as Object
 from pipeline.config.sources import Catalogue, Directory, MeshSource, Procedural, Pybullet, ShapeNet
-from pipeline.config.sources import Object as Object
 from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, read_description
@@ -108,13 +108,9 @@ class Manifest(BaseModel):
         changed = (source.model_copy(update=stated if placed else {}) for source, placed in zip(self.sources, files, strict=True))
         return self.model_copy(update={"sources": tuple(changed)})
 
-    def left_out(self, root: Path | None = None) -> dict[str, list[str]]:
-        """List files of its folders that look like objects and are not read, by the reason."""
-        found: dict[str, list[str]] = {}
-        for source in self.sources:
-            for reason, files in source.left_out(root).items() if isinstance(source, MeshSource) else ():
-                found.setdefault(reason, []).extend(files)
-        return found
+    def remarks(self, root: Path | None = None) -> list[str]:
+        """Say how its folders were understood, and which files that look like objects are left out."""
+        return [line for source in self.sources if isinstance(source, MeshSource) for line in source.remarks(root)]
 
     def _draw_splits(self, items: Sequence[Object]) -> dict[str, str]:
         """Draw the split of every object: by seed and id, each category spread evenly over the splits."""

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
-import re
 from abc import abstractmethod
-from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib import resources
 from itertools import islice
 from pathlib import Path
@@ -17,10 +13,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from pipeline.config.mesh_layout import Found, Layout, as_name, find_objects
+from pipeline.config.objects import Object, checksum
+from pipeline.console import abbreviate, pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import read_file
 from pipeline.formats.file_units import stated_units
-from pipeline.formats.mesh_companions import SUFFIXES, Companions
+from pipeline.formats.mesh_companions import SUFFIXES
 
 MAX_OBJECTS = 200_000
 """Objects of a source: listing them takes a second, and memory, before anything else is done."""
@@ -35,16 +34,6 @@ UNREAD = (".msh", ".3ds", ".fbx", ".blend", ".max", ".x3d", ".wrl", ".step", ".s
 """Formats of meshes and solids that are not read."""
 
 Category = Literal["bottle", "cellphone", "knife", "rifle"]
-
-
-@dataclass(frozen=True)
-class Object:
-    """An object: its id, its category, how to load it (JSON values; `file` is a path), and the split that the manifest draws."""
-
-    object_id: str
-    category: str
-    source: dict[str, Any]
-    split: str = ""
 
 
 class Source(BaseModel):
@@ -91,9 +80,9 @@ class MeshSource(Source):
             "licence": self.licence,
         }
 
-    def left_out(self, root: Path | None) -> dict[str, list[str]]:
-        """List files that are no objects of the source although they look so, by the reason."""
-        return {}
+    def remarks(self, root: Path | None) -> Iterator[str]:
+        """Say how the folder was understood, and what of it is left out although it looks like objects."""
+        yield from ()
 
 
 class Procedural(Source):
@@ -140,13 +129,24 @@ class Pybullet(MeshSource):
 
 
 class Directory(MeshSource):
-    """Any folder of mesh files; a file's sub-folder is its category."""
+    """Any folder of mesh files, each an object, or with a folder per object; a sub-folder above is its category."""
 
     kind: Literal["directory"]
     path: Path | None = None
+    """The folder; by default, the one given with `--objects`."""
+    layout: Layout | None = None
+    """files: each mesh file is an object; folders: each folder is one, even with several meshes; by default what most folders look like."""
+    category: str = "object"
+    """Of objects without a sub-folder above."""
 
     def each(self, root: Path | None) -> Iterator[Object]:
         """List every mesh file below the folder, hidden ones apart."""
+        folder, found = self._found(root)
+        for item in found.objects:
+            yield Object(item.name, item.category or self.category, self.placed(folder / item.file, folder))
+
+    def _found(self, root: Path | None) -> tuple[Path, Found]:
+        """Find the folder, and the objects in it."""
         folder = _folder(root or self.path, "a folder of meshes")
         entries = list(islice(folder.rglob("*"), MAX_ENTRIES + 1))
         if len(entries) > MAX_ENTRIES:
@@ -155,16 +155,12 @@ class Directory(MeshSource):
         files = [file for file in inner if file.suffix.lower() in SUFFIXES and not any(part.startswith(".") for part in file.parts)]
         if not files:
             raise InvalidInput(f"no mesh files below {folder.resolve()}; looked for {', '.join(SUFFIXES)} in all its sub-folders")
-        repeated = Counter(_name(*file.with_suffix("").parts) for file in files)
-        for file in files:
-            name = _name(*file.with_suffix("").parts)
-            unique = name if repeated[name] == 1 else f"{name}-{file.suffix[1:].lower()}"
-            category = _name(file.parts[0]) if len(file.parts) > 1 else "object"
-            yield Object(unique, category, self.placed(folder / file, folder))
+        return folder, find_objects(files, self.layout)
 
-    def left_out(self, root: Path | None) -> dict[str, list[str]]:
-        """List mesh files in formats that are not read, and links to folders, which are not followed."""
-        folder = _folder(root or self.path, "a folder of meshes")
+    def remarks(self, root: Path | None) -> Iterator[str]:
+        """Name a layout that was recognised, other meshes of one object, formats that are not read, and links, which are not followed."""
+        folder, objects = self._found(root)
+        yield from objects.remarks()
         found: dict[str, list[str]] = {}
         for path in sorted(islice(folder.rglob("*"), MAX_ENTRIES)):
             if path.is_symlink() and path.is_dir():
@@ -172,7 +168,8 @@ class Directory(MeshSource):
             elif path.suffix.lower() in UNREAD:
                 reason = f"{path.suffix.lower()} cannot be read; convert to one of {', '.join(SUFFIXES)}"
                 found.setdefault(reason, []).append(str(path.relative_to(folder)))
-        return found
+        for reason, files in found.items():
+            yield f"left out {pluralise(len(files), 'file')} ({abbreviate(files)}): {reason}"
 
 
 class Catalogue(MeshSource):
@@ -200,7 +197,7 @@ class Catalogue(MeshSource):
                     raise InvalidInput(
                         f"{file.resolve()}: {line['object_id']} has file {line['file']!r}; it must be a path below {folder.resolve()}"
                     )
-                yield Object(line["object_id"], _name(line["category"]), self.placed(folder / line["file"], folder, line["up"]))
+                yield Object(line["object_id"], as_name(line["category"]), self.placed(folder / line["file"], folder, line["up"]))
         except (UnicodeDecodeError, csv.Error) as error:
             raise InvalidInput(f"{file.resolve()} cannot be read as CSV in UTF-8: {error}") from error
 
@@ -249,42 +246,7 @@ class ShapeNet(MeshSource):
                 source = self.placed(file, folder / synset / name)
                 if self.renderings is not None:
                     source["renderings"] = str(given / self.renderings / synset / name / "rendering")
-                yield Object(f"{category}-{_name(name)}", category, source)
-
-
-def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
-    """Describe an object's source wherever its files lie: a file is replaced by the hash of what it holds.
-
-    The materials and textures that it names count too; renderings, which belong to another stage's key, and the licence do not.
-
-    Raises
-    ------
-    InvalidInput, OSError
-        A file is missing, no regular file or too large, or cannot be read.
-    """
-    if "file" not in source:
-        return dict(source)
-    companions = Companions(Path(source["file"]), Path(source["root"]))
-    digests = {name: hashlib.sha256(content).hexdigest() for name, content in companions.items()}
-    stated = {name: value for name, value in source.items() if name not in ("root", "renderings", "licence")}
-    return {**stated, "file": {"sha256": companions.sha256, "companions": digests}}
-
-
-def checksum(found: list[Object]) -> str:
-    """Compute one SHA-256 for all files of a source: of the lines `ID SHA256`, by id."""
-    files = sorted((item.object_id, Path(item.source["file"])) for item in found if "file" in item.source)
-    return hashlib.sha256("".join(f"{name} {_sha256(file)}\n" for name, file in files).encode()).hexdigest()
-
-
-def _sha256(file: Path) -> str:
-    if not file.is_file():
-        raise InvalidInput(f"{file} is no regular file; remove it")
-    return hashlib.sha256(file.read_bytes()).hexdigest()
-
-
-def _name(*parts: str) -> str:
-    """Write parts of a path as an object id: joined by dashes, other characters replaced."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", "-".join(parts))
+                yield Object(f"{category}-{as_name(name)}", category, source)
 
 
 def _folder(path: Path | None, what: str) -> Path:

@@ -10,7 +10,7 @@ from importlib import util
 from pathlib import Path
 from typing import Any
 
-from pipeline.config.sources import fingerprint
+from pipeline.config.objects import fingerprint
 from pipeline.store import digest
 from pipeline.store.storage import read_bytes
 

@@ -18,6 +18,7 @@ from urllib.parse import unquote
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import regular_stat
+from pipeline.formats.texture_search import find_below
 
 SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf")
 """Formats of mesh files that are read; archives are not among them."""
@@ -110,15 +111,20 @@ class Companions(Mapping[str, bytes]):
                     yield from _after(b"map_kd", path.read_bytes())
 
     def _find(self, name: str) -> Path | None:
-        """Find a file by its name as it is, without percent signs, below the root, or beside the mesh file."""
-        for candidate in (name, unquote(name), name.lstrip("/"), Path(name).name):
-            try:
-                path = (self._folder / candidate).resolve()
-                if path.is_relative_to(self._root) and path.is_file():
-                    return path
-            except (OSError, ValueError, RuntimeError):  # too long, a zero byte, a link to itself
-                continue
-        return None
+        """Find a file by its name as it is, without percent signs, below the root, beside the mesh file, or elsewhere below the root."""
+        plain = unquote(name).replace("\\", "/")
+        for candidate in (name, plain, name.lstrip("/"), plain.rpartition("/")[2]):
+            if path := self._regular(self._folder / candidate):
+                return path
+        return self._regular(elsewhere) if (elsewhere := find_below(self._root, self._folder.resolve(), plain)) else None
+
+    def _regular(self, path: Path) -> Path | None:
+        """Resolve a path to a regular file below the root; None where there is none."""
+        try:
+            resolved = path.resolve()
+            return resolved if resolved.is_relative_to(self._root) and resolved.is_file() else None
+        except (OSError, ValueError, RuntimeError):  # too long, a zero byte, a link to itself
+            return None
 
     def _check_sizes(self) -> None:
         if (size := sum(path.stat().st_size for path in set(self.paths.values()))) > MAX_BYTES:

@@ -90,7 +90,7 @@ def check_manifest(path: Path, picture: Path) -> list[str]:
     return [
         f"{path}: manifest {manifest.name}, {len(objects)} objects, no faults",
         *(f"{category}: " + ", ".join(f"{counts[category, split]} {split}" for split in SPLITS) for category in categories),
-        *(f"left out {len(files)} files ({', '.join(files[:5])}): {reason}" for reason, files in manifest.left_out().items()),
+        *manifest.remarks(),
         *([f"{unitless} objects have no unit and are scaled to one size; state metres_per_unit to keep theirs"] if unitless else []),
         f"picture: {picture}",
     ]

@@ -12,9 +12,9 @@ from typing import Any
 
 from rich.console import Console
 
+from pipeline.config.objects import Object
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
-from pipeline.config.sources import Object
 from pipeline.engine import keys
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run

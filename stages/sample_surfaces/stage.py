@@ -44,9 +44,15 @@ class SampleSurfaces(ObjectStage):
 
     def remarks(self, settings: SurfaceSettings, shard: Shard) -> Iterator[str]:
         """Name the objects whose textures or materials are missing: they are rendered without."""
-        counts = shard.read("missing_files")
-        if names := [name for name, row in shard.position.items() if counts[row]]:
-            yield f"{pluralise(len(names))} drawn without textures or materials that are not below their folder ({abbreviate(names)})"
+        paths = shard.read("missing_names")
+        missing = {name: str(paths[row]) for name, row in shard.position.items() if paths[row]}
+        if missing:
+            first = next(iter(missing))
+            yield (
+                f"{pluralise(len(missing))} drawn without textures or materials that are not below their folder "
+                f"({abbreviate([*missing])}): {first} names {missing[first]}; put such files anywhere below the folder of meshes, or name "
+                "a folder that holds both"
+            )
 
     def cost(self, settings: SurfaceSettings) -> Cost:
         """Estimate one mesh and its points."""
@@ -77,16 +83,18 @@ def _origin(unit: Unit) -> Row:
     """Describe an object's origin: its file with checksum, licence and unit, or the toy object that was modelled."""
     source = unit.source
     if "procedural" in source:
-        file, sha256, missing = f"procedural {source['procedural']} {source['variant']}, seed {source['seed']}", "", 0
+        file, sha256 = f"procedural {source['procedural']} {source['variant']}, seed {source['seed']}", ""
+        missing: list[str] = []
     else:
         path = Path(source["file"])
         companions = Companions(path, Path(source["root"]))
-        file, sha256, missing = path.relative_to(source["root"]).as_posix(), companions.sha256, len(companions.missing)
+        file, sha256, missing = path.relative_to(source["root"]).as_posix(), companions.sha256, companions.missing
     return {
         "source_file": np.array(file),
         "source_sha256": np.array(sha256),
         "licence": np.array(source.get("licence", "")),
-        "missing_files": np.array(missing, np.int32),
+        "missing_files": np.array(len(missing), np.int32),
+        "missing_names": np.array(abbreviate(missing)),
         "metres_per_unit": np.array(source.get("metres_per_unit") or 0.0),
     }
 

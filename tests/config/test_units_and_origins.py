@@ -92,7 +92,9 @@ def test_textures_that_are_not_there_are_counted_and_said(folder: Path, tmp_path
     ]
     (folder / "bare.obj").write_text("\n".join(lines))
     output = run(folder, tmp_path / "d")
-    assert "1 object drawn without textures or materials that are not below their folder (bare)" in output
+    assert (
+        "1 object drawn without textures or materials that are not below their folder (bare): bare names textures/gone.png; put" in output
+    )
     rows = ObjectRows(tmp_path / "d", ["missing_files"], None)
     assert [int(rows.read("missing_files", name)) for name in ("bare", "wedge")] == [1, 0]
 

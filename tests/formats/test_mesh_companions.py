@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from pipeline.config.sources import fingerprint
+from pipeline.config.objects import fingerprint
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_file import load_mesh
@@ -30,6 +30,49 @@ def test_companions_are_found_within_the_root_only(tmp_path: Path) -> None:
     assert len(load_mesh(file, tmp_path).look.textures) == 1
     assert list(Companions(file)) == ["a.mtl"]
     assert load_mesh(file).look.textures == ()
+
+
+@pytest.mark.parametrize(
+    ("named", "place"),
+    [
+        ("../../textures/soda.png", "objects/textures/soda.png"),  # as robosuite and ROS packages name theirs
+        ("../../textures/soda.png", "assets/materials/textures/Soda.PNG"),
+        ("texture.png", "objects/soda/materials/textures/texture.png"),  # as GSO has it
+        ("C:\\Users\\me\\maps\\soda.png", "maps/soda.png"),
+    ],
+)
+def test_texture_elsewhere_below_the_root_is_taken(tmp_path: Path, named: str, place: str) -> None:
+    file = tmp_path / "root" / "objects" / "soda" / "meshes" / "a.obj"
+    for path in (file, tmp_path / "root" / place, tmp_path / "textures" / "soda.png"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(f"mtllib a.mtl\n{QUAD}")
+    file.with_suffix(".mtl").write_text(f"newmtl paint\nmap_Kd {named}\n")
+    Image.new("RGB", (2, 2), (9, 9, 9)).save(tmp_path / "root" / place)
+    Image.new("RGB", (2, 2), (0, 0, 255)).save(tmp_path / "textures" / "soda.png")  # outside of the root, never opened
+    companions = Companions(file, tmp_path / "root")
+    assert companions.paths[named] == (tmp_path / "root" / place).resolve()
+    assert load_mesh(file, tmp_path / "root").look.textures[0][0, 0, 0] == 9
+
+
+def test_texture_of_another_mesh_and_one_of_two_are_not_taken(tmp_path: Path) -> None:
+    file = textured(tmp_path, "../textures/soda.png")
+    theirs = tmp_path / "can" / "textures" / "soda.png"
+    theirs.parent.mkdir(parents=True)
+    theirs.write_bytes(b"x")
+    (tmp_path / "can" / "can.stl").write_bytes(b"x")
+    for folder in ("old", "new"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "soda.png").write_bytes(b"x")
+    assert Companions(file, tmp_path).missing == ["../textures/soda.png"]
+
+
+def test_link_below_the_root_to_a_texture_outside_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "root").mkdir()
+    file = textured(tmp_path / "root", "maps/soda.png")
+    Image.new("RGB", (2, 2)).save(tmp_path / "soda.png")
+    (tmp_path / "root" / "soda.png").symlink_to(tmp_path / "soda.png")
+    (tmp_path / "root" / "linked").symlink_to(tmp_path)
+    assert Companions(file, tmp_path / "root").missing == ["maps/soda.png"]
 
 
 @pytest.mark.parametrize("name", ["pipe", "/dev/zero", "/etc/hostname", "link", "loop", "a\0b", "x" * 300])

@@ -1,0 +1,134 @@
+"""The layout of a folder of meshes: each file is an object, or each folder, which may hold several meshes of one object."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from pipeline.console import abbreviate, pluralise
+from pipeline.formats.mesh_companions import SUFFIXES
+
+Layout = Literal["files", "folders"]
+
+SCANS = ("google_16k", "google_64k", "google_512k", "poisson", "tsdf")
+"""Folders of the YCB objects' scans, best first."""
+COLLISION = {"collision", "collisions", "convex", "coacd", "vhacd", "decomposition"}
+"""Folders of simplified shapes."""
+INNER = {"mesh", "meshes", "model", "models", "visual", "visuals", "obj", "textured", "nontextured", *SCANS, *COLLISION}
+"""Folders inside that of an object."""
+PLAIN = {"nontextured", "untextured"}
+GENERIC = {"model", "mesh", "object", "textured", "textured_simple", "textured_mesh", "model_normalized", "base", "visual", "scan", *PLAIN}
+"""File names that do not name an object."""
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A mesh file that is an object: its path below the folder, the object's id, and its category if a folder names one."""
+
+    file: Path
+    name: str
+    category: str | None
+
+
+@dataclass(frozen=True)
+class Found:
+    """The objects among mesh files; how many of them are folders, and the files that are other meshes of these."""
+
+    objects: list[MeshFile]
+    folders: int
+    others: list[Path]
+
+    def remarks(self) -> Iterator[str]:
+        """Say that there is a folder per object, and which meshes are left out because of that."""
+        if self.folders:
+            example = next(item for item in self.objects if item.file.parent.parts)
+            yield (
+                f"a folder per object: {pluralise(self.folders)}, such as {example.name} from {example.file.as_posix()} (`layout: files` "
+                "in a manifest of your own makes an object of each file)"
+            )
+        if self.others:
+            names = [file.as_posix() for file in self.others]
+            yield f"left out {pluralise(len(names), 'file')} ({abbreviate(names)}): another mesh of the same object is taken"
+
+
+def find_objects(files: Sequence[Path], layout: Layout | None = None) -> Found:
+    """Tell which mesh files are objects.
+
+    Parameters
+    ----------
+    files
+        Paths below the folder of meshes, sorted.
+    layout
+        "files": each is an object, whose category is the top folder. "folders": each folder is an object, whose category is the top folder
+        if there is one above it. By default "folders" where most folders hold meshes of one object, else "files".
+
+    Notes
+    -----
+    An object's folder is the nearest folder above a mesh that has no name of `INNER`. It holds meshes of one object if all of them but
+    those for collisions have one name, apart from `GENERIC` ones.
+    """
+    homes = defaultdict[tuple[str, ...], list[Path]](list)
+    for file in files:
+        homes[_home(file)].append(file)
+    loose = homes.pop((), [])
+    single = {home for home, inside in homes.items() if layout == "folders" or len(_names(inside)) < 2}
+    if layout is None and not (len(single) > len(homes) / 2 and (len(single) > 1 or _named_by_folder(*homes.items()))):
+        single = set()
+    if layout == "files":
+        single = set()
+    objects, others = [_by_file(file) for file in loose], []
+    for home, inside in homes.items():
+        if home in single:
+            best = min(inside, key=_rank)
+            objects.append(MeshFile(best, as_name(*home), as_name(home[0]) if len(home) > 1 else None))
+            others += [file for file in inside if file is not best]
+        else:
+            objects += [_by_file(file) for file in inside]
+    repeated = Counter(item.name for item in objects)
+    unique = [item if repeated[item.name] == 1 else replace(item, name=f"{item.name}-{item.file.suffix[1:].lower()}") for item in objects]
+    return Found(unique, len(single), sorted(others))
+
+
+def as_name(*parts: str) -> str:
+    """Write parts of a path as an object id: joined by dashes, other characters replaced."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", "-".join(parts))
+
+
+def _by_file(file: Path) -> MeshFile:
+    return MeshFile(file, as_name(*file.with_suffix("").parts), as_name(file.parts[0]) if len(file.parts) > 1 else None)
+
+
+def _home(file: Path) -> tuple[str, ...]:
+    parts = file.parent.parts
+    while parts and parts[-1].lower() in INNER:
+        parts = parts[:-1]
+    return parts
+
+
+def _names(files: Sequence[Path]) -> set[str]:
+    """Collect what files are called, those for collisions apart, unless there are no others."""
+    seen = [file for file in files if not _collides(file)] or files
+    return {file.stem.lower() for file in seen} - GENERIC
+
+
+def _named_by_folder(first: tuple[tuple[str, ...], Sequence[Path]], *_: object) -> bool:
+    """Tell whether the meshes of a folder are called as it is, or not named."""
+    home, files = first
+    return _names(files) <= {home[-1].lower()}
+
+
+def _collides(file: Path) -> bool:
+    return any(part.lower() in COLLISION for part in file.parent.parts) or any(word in file.stem.lower() for word in COLLISION)
+
+
+def _rank(file: Path) -> tuple[object, ...]:
+    """Order meshes of one object: those to be seen, with textures, of the better scan, of a format with materials; then by path."""
+    folders = {part.lower() for part in file.parent.parts}
+    scan = next((number for number, name in enumerate(SCANS, 1) if name in folders), 0)
+    plain = file.stem.lower() in PLAIN or bool(folders & PLAIN)
+    suffixes = (".obj", ".glb", ".gltf", ".dae", *SUFFIXES)
+    return _collides(file), plain, scan, suffixes.index(file.suffix.lower()), len(file.parts), file.as_posix()

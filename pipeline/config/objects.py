@@ -1,0 +1,51 @@
+"""The objects of a dataset: what each is made from, and digests of that."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.mesh_companions import Companions
+
+
+@dataclass(frozen=True)
+class Object:
+    """An object: its id, its category, how to load it (JSON values; `file` is a path), and the split that the manifest draws."""
+
+    object_id: str
+    category: str
+    source: dict[str, Any]
+    split: str = ""
+
+
+def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
+    """Describe an object's source wherever its files lie: a file is replaced by the hash of what it holds.
+
+    The materials and textures that it names count too; renderings, which belong to another stage's key, and the licence do not.
+
+    Raises
+    ------
+    InvalidInput, OSError
+        A file is missing, no regular file or too large, or cannot be read.
+    """
+    if "file" not in source:
+        return dict(source)
+    companions = Companions(Path(source["file"]), Path(source["root"]))
+    digests = {name: hashlib.sha256(content).hexdigest() for name, content in companions.items()}
+    stated = {name: value for name, value in source.items() if name not in ("root", "renderings", "licence")}
+    return {**stated, "file": {"sha256": companions.sha256, "companions": digests}}
+
+
+def checksum(found: list[Object]) -> str:
+    """Compute one SHA-256 for all files of a source: of the lines `ID SHA256`, by id."""
+    files = sorted((item.object_id, Path(item.source["file"])) for item in found if "file" in item.source)
+    return hashlib.sha256("".join(f"{name} {_sha256(file)}\n" for name, file in files).encode()).hexdigest()
+
+
+def _sha256(file: Path) -> str:
+    if not file.is_file():
+        raise InvalidInput(f"{file} is no regular file; remove it")
+    return hashlib.sha256(file.read_bytes()).hexdigest()
