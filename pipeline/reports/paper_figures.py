@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.dataset.touch_charts import is_surface
-from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, VisionCharts, vision_charts
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.kinematics import forward_kinematics
@@ -25,8 +24,8 @@ from pipeline.models.touch_model import load_touch_model
 from pipeline.reports.contact_sheet import BandMaker
 from pipeline.reports.contact_sheet_page import COLORS, depth_colors, spread_evenly
 from pipeline.reports.plots import save_figure
-from pipeline.reports.reconstruction_gallery import SCENE, draw_gallery, painted_mesh, render_mesh
-from pipeline.reports.report_source import ReportSource
+from pipeline.reports.reconstruction_gallery import draw_gallery, painted_mesh, render_mesh
+from pipeline.reports.report_source import ReportSource, dataset_scene
 from pipeline.reports.second_view import grasp_cameras, lamp_beside, second_view
 from pipeline.store.storage import exists
 from stages.render_vision.renderer import Renderer
@@ -64,8 +63,7 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
     Title, text and pictures of each figure.
     """
     object_id, grasp = clearest_grasp(source, spread_evenly(source.object_ids, CANDIDATES))
-    vision = source.collections.get("vision")
-    scene = load_scene(str(vision.first.attributes["settings"]["scene"]) if vision else SCENE)
+    scene = dataset_scene(source.directory)
     with Renderer(scene, PIXELS) as renderer:
         figures = [_procedure(source, renderer, scene, folder, object_id, grasp)]
         if "charts" in source.collections and exists(source.directory.folder_record("models/unet")):
@@ -75,7 +73,7 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
         path = folder / "reconstructions.png"
         shown = draw_gallery(source.directory, source.evaluation.folder, path, most)
         alt = f"Reconstructions of {', '.join(shown)}: a row per object, a column per network and number of grasps"
-        text = "A row per object, a column per network; below each picture its Chamfer distance × 9000. Touch charts are orange."
+        text = "A row per object, a column per network; below each picture the mean distance to the object. Touch charts are orange."
         figures.append(_figure("Reconstructions by class and modality (Figure 5)", text, [(path, alt, "")], "wide"))
     return figures
 

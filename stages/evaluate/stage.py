@@ -13,6 +13,7 @@ import numpy as np
 from pipeline.config.manifest import SPLITS
 from pipeline.console import show_tables
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.touch_statistics import has_paper_sizes
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.models.families import GRASP_CONFIGURATIONS, load_reconstructor, model_name
 from pipeline.models.reconstruction import Reconstructor
@@ -62,6 +63,7 @@ class NetworkEvaluation(DatasetStage):
             "split": rows.split,
             "configurations": given,
             "left_out": rows.left_out,
+            "paper_sizes": has_paper_sizes(job.data),
         }
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
