@@ -205,8 +205,11 @@ def draw_local_points(axes: Any, rows: Any, true: NDArray[Any], cloud: NDArray[A
     if is_surface(charts["stop_rule"][grasp, sensor]):
         local = _local(charts["vertices"][grasp, sensor], to_sensor)
         axes.plot_trisurf(*local.T, triangles=charts["chart_faces"], color=(0, 0, 0, 0), edgecolor=(0, 0, 0, 0.35), linewidth=0.3)
-    axes.set(xticks=[], yticks=[])
-    axes.tick_params(labelsize=6, pad=-2)
+    axes.set_xlabel("x, mm", labelpad=-8)
+    axes.set_ylabel("y, mm", labelpad=-8)
+    axes.set_zlabel("depth, mm", labelpad=-6)
+    axes.locator_params(nbins=4)
+    axes.tick_params(labelsize=6, pad=-3)
     axes.view_init(elev=35, azim=-60)
 
 
