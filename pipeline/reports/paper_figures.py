@@ -26,7 +26,7 @@ from pipeline.reports.contact_sheet_page import COLORS, depth_colors, spread_eve
 from pipeline.reports.plots import save_figure
 from pipeline.reports.reconstruction_gallery import draw_gallery, painted_mesh, render_mesh
 from pipeline.reports.report_source import ReportSource, dataset_scene
-from pipeline.reports.second_view import grasp_cameras, lamp_beside, second_view
+from pipeline.reports.second_view import fitted_camera, grasp_cameras, lamp_beside, second_view
 from pipeline.store.storage import exists
 from stages.render_vision.renderer import Renderer
 
@@ -68,7 +68,7 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
         figures = [_procedure(source, renderer, scene, folder, object_id, grasp)]
         if "charts" in source.collections and exists(source.directory.folder_record("models/unet")):
             figures.append(_local_shape(source, folder, object_id, grasp))
-        figures.append(_sphere(renderer, folder, _middle(source, object_id)))
+        figures.append(_sphere(renderer, scene, folder, _middle(source, object_id)))
     if source.evaluation:
         path = folder / "reconstructions.png"
         shown = draw_gallery(source.directory, source.evaluation.folder, path, most)
@@ -208,6 +208,7 @@ def draw_local_points(axes: Any, rows: Any, true: NDArray[Any], cloud: NDArray[A
     axes.set_xlabel("x, mm", labelpad=-8)
     axes.set_ylabel("y, mm", labelpad=-8)
     axes.set_zlabel("depth, mm", labelpad=-6)
+    axes.set_box_aspect(None, zoom=0.8)  # or else the label is outside the figure
     axes.locator_params(nbins=4)
     axes.tick_params(labelsize=6, pad=-3)
     axes.view_init(elev=35, azim=-60)
@@ -222,16 +223,17 @@ def _middle(source: ReportSource, object_id: str) -> NDArray[np.float64]:
     return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2, np.float64)
 
 
-def _sphere(renderer: Renderer, folder: Path, middle: NDArray[np.float64]) -> dict[str, Any]:
+def _sphere(renderer: Renderer, scene: Scene, folder: Path, middle: NDArray[np.float64]) -> dict[str, Any]:
     """Draw the sphere of vision charts before any deformation, neighbouring charts in different colours."""
     charts = vision_charts()
+    camera = fitted_camera(scene.camera.with_resolution(PIXELS), 1.4 * RADIUS * charts.vertices + middle)
     shown = []
     for number, (gap, caption) in enumerate(((1.0, "closed: vertices at the seams coincide"), (1.25, "the charts drawn apart"))):
         chart = np.arange(len(charts.vertices)) // CHART_VERTICES
         away = (gap - 1) * charts.vertices[charts.centres][chart]
         mesh = colored_charts(charts, RADIUS * (charts.vertices + away) + middle)
         path = folder / f"sphere-{number + 1}.png"
-        Image.fromarray(render_mesh(renderer, mesh)).save(path, optimize=True)
+        Image.fromarray(render_mesh(renderer, mesh, camera)).save(path, optimize=True)
         shown.append((path, f"Sphere of {len(charts.centres)} charts, {caption}", caption))
     text = f"The {len(charts.centres)} vision charts, {len(charts.vertices)} vertices, that the graph network deforms."
     return _figure("The sphere of vision charts (Figure 4)", text, shown, "steps")
