@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from schemas.base import Array
 
-VERSION = 3
+VERSION = 4
 
 Dims = tuple[str, ...]
 
@@ -44,6 +44,9 @@ QUALITY = {
 """Unit and meaning of the figures of how reconstructions look with one grasp, the first one: what Chamfer distance does not see."""
 
 METRICS = {
+    "mean_distance": ("m", "Mean nearest distance, the mean of both directions'."),
+    "f_5mm": ("1", "F-score at 5 mm: harmonic mean of the shares of predicted and of true points within it of the other surface."),
+    "f_1percent": ("1", "F-score at 1 % of the object's diagonal."),
     "chamfer": ("m2", "Chamfer distance: mean squared nearest distance, both directions summed."),
     "precision": ("1", "Share of predicted points within the squared distance tau of the truth; `precision_2tau` within twice it."),
     "recall": ("1", "Share of true points within tau of the prediction; `recall_2tau`."),
@@ -71,6 +74,7 @@ GROUPS = {
         "The objects evaluated, and what a perfect reconstruction of each would measure.",
         object_id=_name("object", "The object's name."),
         category=_name("object", "Its class."),
+        diagonal=_number(("object",), "m", "Diagonal of its bounding box."),
         area=_number(("object",), "m2", "Area of its surface as its points show it; sides nearer than neighbouring points count once."),
         floor=_number(("object",), "m2", "Sampling floor of its Chamfer distance, 2 A / (pi n)."),
     ),

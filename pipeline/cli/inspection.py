@@ -123,13 +123,13 @@ def summary(
     most: Annotated[int, typer.Option(min=1, help="Objects to draw at most, spread evenly.")] = 40,
 ) -> None:
     """Print a dataset's statistics and draw its contact sheets."""
-    from pipeline.dataset.touch_statistics import sensors_of, tally
+    from pipeline.dataset.touch_statistics import has_paper_sizes, sensors_of, tally
     from pipeline.reports.contact_sheet import SHOWN, contact_sheets
     from pipeline.reports.touch_tables import touch_tables
 
     directory = place(data)
     print_line(str(directory.resolve()))
-    show_tables(console, touch_tables(tally(directory), sensors_of(directory)))
+    show_tables(console, touch_tables(tally(directory), sensors_of(directory), paper=has_paper_sizes(directory)))
     lacking = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
     if lacking:
         print_line(f"no contact sheets: {' and '.join(lacking)} {'have' if len(lacking) > 1 else 'has'} not been made")

@@ -10,6 +10,12 @@ import numpy as np
 from pipeline.dataset.object_rows import ObjectRows, first_shard
 from pipeline.store.storage import Place
 from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+
+PAPER = "Smith et al. 2020"
+"""How tables name the paper and its supplement."""
+PAPER_DIAGONAL = 0.5
+"""m to which the paper scales its objects."""
 
 SUPPLEMENT_SUCCESS = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6}
 """Table 1: per cent of touches that succeed."""
@@ -57,6 +63,17 @@ def tally(data: Place) -> dict[str, Tally]:
         if lifted:
             entry.lifted.append(rows.read("held", object_id))
     return dict(sorted(tallies.items()))
+
+
+def has_paper_sizes(data: Place) -> bool:
+    """Tell whether every object was scaled to the paper's diagonal: figures in metres can be compared with the paper's only then."""
+    shard = first_shard(data, SURFACES)
+    if shard.attributes.get("settings", {}).get("diagonal", PAPER_DIAGONAL) != PAPER_DIAGONAL:
+        return False
+    if not shard.has("metres_per_unit"):  # older datasets keep no real sizes
+        return True
+    rows = ObjectRows(data, ["metres_per_unit"], split=None)
+    return all(rows.read("metres_per_unit", object_id) == 0 for object_id in rows.object_ids)
 
 
 def sensors_of(data: Place) -> list[str]:

@@ -21,7 +21,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
-from pipeline.reports.contact_sheet_page import Band, draw, finger_colors, lift_note, spread_evenly
+from pipeline.reports.contact_sheet_page import Band, draw, enlarged, finger_colors, grasp_note, spread_evenly
 from pipeline.reports.report_pages import WrittenFiles
 from pipeline.reports.second_view import GraspView, gel_squares, second_view, touch_patch
 from pipeline.store import digest
@@ -90,7 +90,7 @@ def _draw(collections: Mapping[str, Collection], shown: list[str], path: Path) -
     with band_maker(attributes) as maker:
         bands = [maker.band(object_id, {name: c.view(object_id) for name, c in collections.items()}) for object_id in shown]
     title = f"{attributes['grasps']['manifest']} · {grasps.first.record.preset}"
-    note = f"the best grasp of {len(shown)} of {len(grasps)} objects; a filled dot is a touch"
+    note = f"the best grasp of {len(shown)} of {len(grasps)} objects; a filled dot is a touch; mm: deepest point, from the sensor plane"
     return draw(bands, path, maker.sensors, title=title, note=note)
 
 
@@ -128,16 +128,17 @@ class BandMaker:
         occluded = vision["occluded"][0, 0] if "occluded" in list(vision) else np.full_like(unoccluded, 255)
         with self.grasp_view(rows, 0) as view:
             held, felt = second_view(self.renderer, self.scene, len(unoccluded), view)
-        note = f"{touched.sum()} of {len(touched)} touch; rigid parts stand {float(grasps['penetration'][0]) * 1e3:.2f} mm inside"
-        if "closure" in list(grasps):
-            angle, margin, area = (float(np.sum(grasps[name][0])) for name in ("opposition", "closure", "contact_area"))
-            note += f"; {1e6 * area:.0f} mm² of contact, {angle:.0f}° between the most opposed, closure {margin:.2f}"
-        if "held" in list(grasps):
-            note += f"; {lift_note(grasps['held'][0])}"
+        masks = vision["segmentation"][:2, 0] > 0
+        (unoccluded, scale), (occluded, _) = (enlarged(image, masks) for image in (unoccluded, occluded))
         return Band(
             title=object_id,
-            note=note,
-            pictures=[("unoccluded", unoccluded), ("occluded", occluded), ("from a second side", held), ("touch sites", felt)],
+            note=grasp_note(grasps, 0),
+            pictures=[
+                (f"unoccluded{scale}", unoccluded),
+                (f"occluded{scale}", occluded),
+                ("from a second side", held),
+                ("touch sites", felt),
+            ],
             fingers=[mount.name for mount in self.hand.sensors],
             touched=touched,
             tactile_images=touch["tactile_image"][0],

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import matplotlib
 import numpy as np
@@ -153,13 +153,38 @@ def _band(page: Image.Image, top: int, band: Band, sensors: Sequence[Sensor]) ->
         left += TILE + GAP
 
 
-def lift_note(held: object) -> str:
-    """Describe the result of the lift test."""
-    return "held in the lift test" if held else "dropped in the lift test"
+def enlarged(image: NDArray[np.uint8], shown: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], str]:
+    """Cut a camera image (R, C, 3) around what masks (view, R, C) show, if that is less than half as large, and note the factor."""
+    row, col = surroundings(shown)
+    side = max(row.stop - row.start, col.stop - col.start)
+    return (image[row, col], f", enlarged {image.shape[0] / side:.1f} ×") if 0 < 2 * side <= image.shape[0] else (image, "")
+
+
+def surroundings(shown: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Find the square part of images around what any of these masks (view, row, col) shows; none of nothing."""
+    found = np.argwhere(shown.any(axis=0))
+    if not len(found):
+        return slice(0), slice(0)
+    middle, reach = (found.min(axis=0) + found.max(axis=0)) // 2, int(np.ptp(found, axis=0).max() * 0.6) + 1
+    row, col = (slice(max(0, at - reach), at + reach) for at in middle)
+    return row, col
+
+
+def grasp_note(row: Mapping[str, NDArray[Any]], grasp: int) -> str:
+    """Describe a grasp, from an object's row of `grasps`: touches, penetration, contacts, force closure, lift test."""
+    touched = row["touch_success"][grasp]
+    note = f"{touched.sum()} of {len(touched)} sensors touch; rigid parts at most {1e3 * float(row['penetration'][grasp]):.2f} mm inside"
+    if "closure" in list(row):
+        angle, margin, area = (float(np.sum(row[name][grasp])) for name in ("opposition", "closure", "contact_area"))
+        closed = f"force-closed with margin {margin:.2f}" if margin > 0 else "not force-closed"
+        note += f"; {1e6 * area:.0f} mm² of contact, normals up to {angle:.0f}° apart; {closed}"
+    if "held" in list(row):
+        note += f"; {'held' if row['held'][grasp] else 'dropped'} in the lift test"
+    return note
 
 
 def depth_note(touched: bool, least: float) -> str:
-    """Describe the least depth of a sensor, mm."""
+    """Describe the point of a sensor's depth map that is nearest to the sensor plane, at `least` mm."""
     if not np.isfinite(least):
         return "nothing in range"
     return f"touch · {least:.1f} mm" if touched else f"no touch · {least:.1f} mm"
@@ -173,7 +198,7 @@ def _legend(page: Image.Image, sensor: Sensor) -> None:
     left = right - inside - beyond
     ramp = np.concatenate([np.linspace(0, sensor.w, inside, endpoint=False), np.linspace(sensor.w, sensor.range, beyond)])
     page.paste(Image.fromarray(np.repeat(depth_colors(ramp[None], sensor), high, axis=0)), (left, top + 20))
-    pencil.text((left, top), "depth D, mm", FAINT, small)
+    pencil.text((left, top), "depth, mm", FAINT, small)
     gel, reach = f"gel {sensor.w * 1e3:.1f}", f"{sensor.range * 1e3:.0f}"
     for x, text, anchor in ((left, "0", "la"), (left + inside, gel, "ma"), (right, reach, "ra")):
         pencil.text((x, top + 34), text, FAINT, small, anchor=anchor)

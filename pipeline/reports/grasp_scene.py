@@ -27,11 +27,14 @@ from pipeline.reports.second_view import gel_squares, touch_patch
 OBJECT_FACES, LINK_FACES, PATCH_FACES = 6000, 80, 200
 """Most faces of an object, of each shape of a hand and of a touched patch where a scene is to be small: as many as a screen shows."""
 
+TEXTURED_FACES = 20_000
+"""Most faces of a textured object there: it keeps its texture; one with more gets the texture's colours at its vertices."""
+
 GRID = 2.0**-15
 """m to which coordinates are rounded where a scene is to be small: 30 µm, after which files compress to half."""
 
-TEXTURE = 256
-"""Pixels along the longest side of a texture where a scene is to be small."""
+TEXTURE = 512
+"""Pixels along the longest side of a texture where a scene is to be small; it is written as WebP then."""
 
 Rows = Mapping[str, Mapping[str, np.ndarray]]
 Scene = Any
@@ -77,7 +80,7 @@ class GraspScenes:
 
     def glb(self, scene: Scene) -> bytes:
         """Write a scene as GLB; normals are left to whoever shows it."""
-        return bytes(scene.export(file_type="glb", include_normals=False))
+        return bytes(scene.export(file_type="glb", include_normals=False, extension_webp=self.small))
 
     def _add_grasp(self, scene: Scene, rows: Rows, grasp: int) -> None:
         row = rows["grasps"]
@@ -136,10 +139,11 @@ class GraspScenes:
 
     def _object(self, surface: Mapping[str, np.ndarray]) -> list[trimesh.Trimesh]:
         mesh = read_mesh(surface)
-        if mesh.look.vertex_color is None and (not self.small or len(mesh.faces) <= OBJECT_FACES):
+        most = TEXTURED_FACES if mesh.look.textures else OBJECT_FACES
+        if mesh.look.vertex_color is None and (not self.small or len(mesh.faces) <= most):
             side = TEXTURE if self.small else None
             return [_of_material(mesh, material, side) for material in np.unique(mesh.look.face_material)]
-        vertices, faces = _simplified(*_merged(mesh), OBJECT_FACES) if self.small else (mesh.vertices, mesh.faces)
+        vertices, faces = _simplified(*_merged(mesh), most) if self.small else (mesh.vertices, mesh.faces)
         painted = _vertex_colors(mesh)[cKDTree(mesh.vertices).query(vertices)[1]]
         return [trimesh.Trimesh(vertices, faces, vertex_colors=_linear(painted), process=False)]
 

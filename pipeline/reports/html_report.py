@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import shutil
 from collections import Counter
 from collections.abc import Container, Mapping
+from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup, escape
 from numpy.typing import ArrayLike
+from PIL import Image
 from rich.console import Console
 
 import pipeline
 from pipeline.console import Meter, Row, Table, visible
-from pipeline.dataset.touch_statistics import sensors_of, tally
+from pipeline.dataset.touch_statistics import PAPER, has_paper_sizes, sensors_of, tally
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
 from pipeline.reports.contact_sheet_page import spread_evenly
 from pipeline.reports.left_out import left_out_table
 from pipeline.reports.object_page import ObjectPages
-from pipeline.reports.paper_figures import draw_figures
+from pipeline.reports.overview import overview_panels
+from pipeline.reports.paper_figures import CANDIDATES, clearest_grasp, draw_figures
 from pipeline.reports.plots import draw_bars, draw_curves, draw_histogram
 from pipeline.reports.provenance import commands, contents_table, records, settings_tables, versions_tables
 from pipeline.reports.report_pages import WRITTEN, ObjectCard, Pages, read_pages, refuse_report_links
@@ -38,8 +43,11 @@ from pipeline.store.directory import changed_files
 from pipeline.store.storage import Place, exists, remove
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
-COPIED = ("style.css", "viewer.js", "gallery.js", "three.min.js", "three.LICENSE")
+COPIED = ("style.css", "viewer.js", "gallery.js", "tables.js", "three.min.js", "three.LICENSE")
 PAGES = {"index.html": "Overview", "gallery.html": "Gallery", "figures.html": "Figures", "results.html": "Results", "about.html": "About"}
+UNITS = "mm²|mm|µm|m²|m|grasps?|kB"
+"""Units that a line of text does not begin with."""
+
 CARDS = 8
 """Objects on the first page."""
 
@@ -79,9 +87,12 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
         objects = _write_objects(source, folder, console, before, changed_files(report, before.every_file()))
         common = {"objects": len(objects), "evaluated": source.evaluation is not None}
         cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
-        tables = touch_tables(tally(data), sensors_of(data))
-        plots = _plots(source, objects, folder)
-        _write(source, folder, "index.html", cards=spread_evenly(cards, CARDS), tables=tables, plots=plots, tiles=_tiles(source), **common)
+        paper = has_paper_sizes(data)
+        tables = touch_tables(tally(data), sensors_of(data), paper=paper)
+        plots = _plots(source, objects, folder, paper)
+        some = spread_evenly(cards, CARDS)
+        hero, tiles = _overview(source, folder), _tiles(source)
+        _write(source, folder, "index.html", hero=hero, cards=some, tables=tables, plots=plots, tiles=tiles, **common)
         categories, splits = (sorted({card[key] for card in cards}) for key in ("category", "split"))
         _write(source, folder, "gallery.html", cards=cards, categories=categories, splits=splits)
         _write(source, folder, "figures.html", figures=draw_figures(source, folder / "figures", most))
@@ -114,13 +125,14 @@ def _write_objects(source: ReportSource, folder: Path, console: Console, written
     -------
     The cards of all objects.
     """
-    pages = ObjectPages(source, _environment().get_template("object.html.j2"), folder / "objects")
+    template = _environment().get_template("object.html.j2")
     common = {"up": "../", "current": "", **_frame(source)}
     whole = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
     evaluated = source.directory.folder(source.evaluated[0]).files if source.evaluated else {}
     ids = source.object_ids
     cards = {}
-    with Meter(console, "report", len(ids), "objects") as meter:
+    with Meter(console, "report", len(ids), "objects") as meter, ExitStack() as opened:
+        pages = ObjectPages(source, template, folder / "objects", opened)
         for object_id, before, after in zip(ids, [None, *ids[:-1]], [*ids[1:], None], strict=True):
             key = digest.of_json([whole, evaluated, source.digests(object_id), before, after, common["name"]])
             if (card := written.objects.get(object_id)) is None or not card.is_up_to_date(key, changed):
@@ -132,9 +144,16 @@ def _write_objects(source: ReportSource, folder: Path, console: Console, written
 
 @cache
 def _environment() -> Environment:
-    return Environment(
+    environment = Environment(
         loader=FileSystemLoader(ASSETS), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=_shown
     )
+    environment.filters["units"] = _with_units
+    return environment
+
+
+def _with_units(text: str) -> Markup:
+    """Keep a number and its unit on one line."""
+    return Markup(re.sub(rf"(?<=[0-9]) (?=(?:{UNITS})\b|[%°×])", "&nbsp;", str(escape(visible(text)))))
 
 
 def _shown(value: Any) -> Any:
@@ -165,12 +184,24 @@ def _tiles(source: ReportSource) -> list[tuple[str, str]]:
     ]
 
 
-def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path) -> list[dict[str, str]]:
-    """Draw the touches per grasp beside the supplement's, and the contact areas by class."""
+def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:
+    """Draw the pictures of the first page, of an evaluated object if there is one."""
+    ids = source.evaluation.object_ids if source.evaluation else source.object_ids
+    object_id, grasp = clearest_grasp(source, spread_evenly([name for name in ids if name in source.object_ids], CANDIDATES))
+    pictures = []
+    for number, (caption, image) in enumerate(overview_panels(source, object_id, grasp), start=1):
+        name = f"figures/overview-{number}.webp"
+        Image.fromarray(image).save(folder / name, quality=85)
+        pictures.append({"file": name, "alt": f"{object_id}: {caption}", "caption": caption})
+    return {"object_id": object_id, "grasp": grasp + 1, "pictures": pictures, "columns": 3 if len(pictures) % 3 == 0 else len(pictures)}
+
+
+def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path, paper: bool) -> list[dict[str, str]]:
+    """Draw the touches per grasp, beside the paper's if these are to be compared, and the contact areas by class."""
     touched = np.concatenate([grasps for entry in tally(source.directory.root).values() for grasps in entry.touched])
     shares = touches_per_grasp(touched)
-    theirs = supplement_touches(len(shares))
-    bars: Mapping[str, ArrayLike] = {"here": shares} | ({"supplement": theirs} if theirs else {})
+    theirs = supplement_touches(len(shares)) if paper else ()
+    bars: Mapping[str, ArrayLike] = {"here": shares} | ({PAPER: theirs} if theirs else {})
     draw_bars(folder / "figures" / "touches.svg", bars, range(len(shares)), x="touches per grasp", y="% of grasps")
     areas = {
         category: 1e6 * np.concatenate([card.areas for card in objects.values() if card.category == category])

@@ -7,6 +7,8 @@ import gzip
 import hashlib
 import io
 from collections.abc import Mapping
+from contextlib import ExitStack
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +17,21 @@ from jinja2 import Template
 from numpy.typing import NDArray
 from PIL import Image
 
+from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.touch.contact import pressed_pixels
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.reports.contact_sheet_page import depth_colors, depth_note, finger_colors, lift_note
+from pipeline.reports.contact_sheet_page import depth_colors, enlarged, finger_colors, grasp_note
 from pipeline.reports.grasp_scene import GraspScenes, Rows
-from pipeline.reports.report_source import ReportSource
+from pipeline.reports.reconstruction_gallery import render_mesh
+from pipeline.reports.report_source import ReportSource, best, dataset_scene, errors_table
+from pipeline.reports.second_view import fitted_camera
+from stages.render_vision.renderer import Renderer
 
 THUMBNAIL = 150
 """Pixels per side of a picture in the gallery."""
+
+MAX_COLUMNS = 8
+"""Columns of a grasp's pictures at most: those of more sensors go on in the next row; a camera image takes two."""
 
 ENDINGS = (".html", ".webp", ".mesh.js", ".predictions.js")
 """Endings of an object's files; the last needs an evaluation."""
@@ -38,12 +47,25 @@ PARTS = {
 
 
 class ObjectPages:
-    """Write the pages of a report's objects into its folder `objects`: ID.html, ID.webp, ID.mesh.js, ID.predictions.js."""
+    """Write the pages of a report's objects into its folder `objects`: ID.html, ID.webp, ID.mesh.js, ID.predictions.js.
 
-    def __init__(self, source: ReportSource, template: Template, folder: Path) -> None:
-        self.source, self.template, self.folder = source, template, folder
+    Parameters
+    ----------
+    source, template, folder
+        The dataset, the page's template, and the folder.
+    opened
+        Closes, at its end, the renderer of thumbnails, which is opened if there is something to render.
+    """
+
+    def __init__(self, source: ReportSource, template: Template, folder: Path, opened: ExitStack) -> None:
+        self.source, self.template, self.folder, self._opened = source, template, folder, opened
+        self.scene = dataset_scene(source.directory)
         self.sensors = source.sensors()
         self.scenes = GraspScenes(source.hand(), self.sensors, small=True)
+
+    @cached_property
+    def _renderer(self) -> Renderer:
+        return self._opened.enter_context(Renderer(self.scene, 2 * THUMBNAIL))
 
     def write(self, object_id: str, before: str | None, after: str | None, common: Mapping[str, Any]) -> dict[str, Any]:
         """Write an object's page and its files.
@@ -63,12 +85,12 @@ class ObjectPages:
         """
         rows = self.source.rows(object_id)
         grasps = [self._grasp(rows, number) for number in range(len(rows["grasps"]["hand_pose"]))]
-        (self.folder / f"{object_id}.webp").write_bytes(_webp(_thumbnail(rows)))
+        (self.folder / f"{object_id}.webp").write_bytes(_webp(self._thumbnail(rows)))
         self._write_mesh(f"{object_id}.mesh.js", self.scenes.scene(rows))
         evaluation = self.source.evaluation
-        surfaces = evaluation.surfaces(object_id) if evaluation else {}
-        if surfaces:
-            self._write_mesh(f"{object_id}.predictions.js", self.scenes.predictions(surfaces))
+        predictions = evaluation.predictions(object_id) if evaluation else []
+        if evaluation and predictions:
+            self._write_mesh(f"{object_id}.predictions.js", self.scenes.predictions(evaluation.surfaces(object_id)))
         surface = self.source.collections["surfaces"].row(object_id)
         page = self.template.render(
             id=object_id,
@@ -76,8 +98,8 @@ class ObjectPages:
             split=surface.split,
             grasps=grasps,
             parts=[(part, label) for part, label in PARTS.items() if part != "charts" or "charts" in rows],
-            predictions=[{"value": name, "label": _label(name)} for name in surfaces],
-            errors=evaluation.errors(object_id) if evaluation else None,
+            predictions=[{"value": made.name, "label": made.label, "best": made is best(predictions)} for made in predictions],
+            errors=errors_table(predictions) if predictions else None,
             before=before,
             after=after,
             **common,
@@ -105,37 +127,54 @@ class ObjectPages:
         sensors = []
         for sensor, name in enumerate(names):
             depth = touch["depth"][number, sensor]
-            result = depth_note(bool(touched[sensor]), 1e3 * float(depth.min()))
+            verdict, deepest = "nothing in range", 1e3 * float(depth.min())
             if touched[sensor]:
-                result += f", contact {1e6 * areas[sensor]:.0f} mm²"
+                verdict = f"touch, deepest point {deepest:.1f} mm, contact {1e6 * areas[sensor]:.0f} mm²"
+            elif np.isfinite(deepest):
+                verdict = f"no touch, nearest point {deepest:.1f} mm"
             sensors.append(
                 {
                     "name": name,
                     "touched": bool(touched[sensor]),
                     "color": "#{:02x}{:02x}{:02x}".format(*colors[sensor]),
-                    "verdict": result,
+                    "verdict": verdict,
                     "tactile_image": _inline(touch["tactile_image"][number, sensor]),
                     "depth": _inline(depth_colors(depth, self.sensors[sensor])),
                 }
             )
+        pictures = self._pictures(rows, number)
+        columns = min(2 * len(pictures) + len(sensors), MAX_COLUMNS)
+        return {
+            "touches": f"{touched.sum()} of {len(touched)} sensors touch",
+            "note": f"{grasp_note(rows['grasps'], number)}.",
+            "pictures": pictures,
+            "sensors": sensors,
+            "columns": columns,
+        }
+
+    def _pictures(self, rows: Rows, number: int) -> list[dict[str, Any]]:
+        """Take the camera images of a grasp, without and with the hand, enlarged where little of them is used."""
+        if "vision" not in rows:
+            return []
+        vision = rows["vision"]
+        shown = {"camera image": vision["unoccluded"][0]}
+        masks = vision["segmentation"][:1, 0]
+        if "occluded" in list(vision):
+            shown["with the hand"] = vision["occluded"][number, 0]
+            masks = vision["segmentation"][[0, 1 + number], 0]
         pictures = []
-        if "vision" in rows:
-            shown = {"the object alone": rows["vision"]["unoccluded"][0]}
-            if "occluded" in list(rows["vision"]):
-                shown["in this grasp"] = rows["vision"]["occluded"][number, 0]
-            for caption, image in shown.items():
-                height, width = image.shape[:2]
-                pictures.append(
-                    {"image": _inline(image), "alt": f"Camera image: {caption}", "caption": caption, "width": width, "height": height}
-                )
-        note = f"rigid parts of the hand are at most {1e3 * float(rows['grasps']['penetration'][number]):.2f} mm inside the object"
-        if "closure" in list(rows["grasps"]):
-            margin, angle = (float(rows["grasps"][name][number]) for name in ("closure", "opposition"))
-            note += f"; margin of force closure {margin:.2f}, most opposed contacts {angle:.0f}°"
-        if "held" in list(rows["grasps"]):
-            note += f"; {lift_note(rows['grasps']['held'][number])}"
-        touches = f"{touched.sum()} of {len(touched)} sensors touch"
-        return {"touches": touches, "note": note, "pictures": pictures, "sensors": sensors}
+        for caption, image in shown.items():
+            part, note = enlarged(image, masks > 0)
+            height, width = part.shape[:2]
+            pictures.append(
+                {"image": _inline(part), "alt": f"Camera image, {caption}", "caption": caption + note, "width": width, "height": height}
+            )
+        return pictures
+
+    def _thumbnail(self, rows: Rows) -> NDArray[np.uint8]:
+        """Render the object, from where the dataset's camera is."""
+        mesh = read_mesh(rows["surfaces"])
+        return render_mesh(self._renderer, mesh, fitted_camera(self.scene.camera.with_resolution(2 * THUMBNAIL), mesh.vertices))
 
     def _contact_areas(self, rows: Rows) -> NDArray[np.float64]:
         """Read or compute the (grasp, sensor) area of the pixels that the surface presses on, m²."""
@@ -150,35 +189,12 @@ def _pressed_area(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
     return np.asarray(sensor.width * sensor.height * pressed_pixels(depth, sensor).mean(axis=(-2, -1)), np.float64)
 
 
-def _label(name: str) -> str:
-    configuration, _, given = name.rpartition("-")
-    return f"{configuration}, {given} grasp{'s' if given != '1' else ''}"
-
-
-def _thumbnail(rows: Rows) -> NDArray[np.uint8]:
-    """Take the object's camera image, cut around the object; the first tactile image where there is none."""
-    if "vision" not in rows:
-        return np.asarray(rows["touch"]["tactile_image"][0, 0])
-    shown = np.argwhere(rows["vision"]["segmentation"][0, 0] == 1)
-    image = rows["vision"]["unoccluded"][0]
-    if not len(shown):
-        return np.asarray(image)
-    middle, reach = (shown.min(axis=0) + shown.max(axis=0)) // 2, int(np.ptp(shown, axis=0).max() * 0.58) + 2
-    padded = np.pad(image, ((reach, reach), (reach, reach), (0, 0)), mode="edge")
-    row, col = middle
-    return np.asarray(padded[row : row + 2 * reach, col : col + 2 * reach])
-
-
-def _webp(image: NDArray[np.uint8], side: int = 2 * THUMBNAIL) -> bytes:
-    made = Image.fromarray(np.ascontiguousarray(image))
-    made = made.resize((side, side), Image.Resampling.LANCZOS)
+def _webp(image: NDArray[np.uint8]) -> bytes:
     written = io.BytesIO()
-    made.save(written, "WEBP", quality=80)
+    Image.fromarray(np.ascontiguousarray(image)).save(written, "WEBP", quality=85)
     return written.getvalue()
 
 
 def _inline(image: NDArray[np.uint8]) -> str:
     """Write an image as a data URI: one page is one file, however many images it shows."""
-    written = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(image)).save(written, "WEBP", quality=85)
-    return f"data:image/webp;base64,{base64.b64encode(written.getvalue()).decode()}"
+    return f"data:image/webp;base64,{base64.b64encode(_webp(image)).decode()}"

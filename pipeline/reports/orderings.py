@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.console import Row, Table
+from pipeline.dataset.touch_statistics import PAPER
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, difference_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import FAMILIES
@@ -43,7 +44,7 @@ class Verdict:
     difference
         `smaller` - `larger`, object by object, and its interval over objects and trainings.
     supplement
-        The same two figures in the supplement, None where it prints none.
+        The same two figures in the supplement, None where it prints none or the objects have other sizes.
     """
 
     claim: str
@@ -84,8 +85,11 @@ def orderings(folders: Sequence[Path]) -> list[Verdict]:
     StoreError
         An evaluation is missing, or their objects differ.
     """
-    values, seed = read_values(folders), read_root(folders[0])["seed"]
+    values, root = read_values(folders), read_root(folders[0])
+    seed = root["seed"]
     claims = [*_modalities(values), *_grasps(values), *_rings(values)]
+    if not root["paper_sizes"]:
+        claims = [claim._replace(supplement=None) for claim in claims]
     return [_verdict(claim, numpy_rng(seed, "orderings", claim.text)) for claim in claims if claim.smaller.size]
 
 
@@ -148,8 +152,9 @@ def _printed(
 
 def orderings_table(verdicts: Sequence[Verdict]) -> list[Table]:
     """Make one row per verdict, and count them below; an ordering that the supplement itself does not have is marked."""
-    columns = ["claim", "here", f"difference ({100 * LEVEL:.0f} %)", "objects", "verdict", "supplement"]
-    title = f"Do the supplement's orderings hold? Chamfer distances × {TABLE_3_FACTOR:.0f}; intervals over objects (paired) and trainings"
+    paper = any(verdict.supplement is not None for verdict in verdicts)
+    columns = ["claim", "here", f"difference ({100 * LEVEL:.0f} %)", "objects", "verdict", *([PAPER] if paper else [])]
+    title = f"Do the orderings of {PAPER} hold? Chamfer distances × {TABLE_3_FACTOR:.0f}; intervals over objects (paired) and trainings"
     rows = []
     for verdict in verdicts:
         between, theirs = verdict.difference, None
@@ -158,7 +163,7 @@ def orderings_table(verdicts: Sequence[Verdict]) -> list[Table]:
             smaller, larger = verdict.supplement
             theirs = f"{smaller:.3f} vs {larger:.3f}" + (" (not there either)" if smaller >= larger else "")
         here = f"{verdict.smaller:.3f} vs {verdict.larger:.3f}"
-        rows.append(Row([verdict.claim, here, f"{between.mean:+.3f}{ends}", between.count, verdict.answer, theirs]))
+        rows.append(Row([verdict.claim, here, f"{between.mean:+.3f}{ends}", between.count, verdict.answer, *([theirs] if paper else [])]))
     counts = Counter(verdict.answer for verdict in verdicts)
     answers = ", ".join(f"{counts[answer]} {answer}" for answer in get_args(Answer))
     return [Table(title, columns, rows), Table(f"{answers} of {len(verdicts)} (fewer than {MIN_OBJECTS} objects decide nothing)")]

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.dataset.touch_charts import is_surface
-from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, VisionCharts, vision_charts
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.kinematics import forward_kinematics
@@ -25,9 +24,9 @@ from pipeline.models.touch_model import load_touch_model
 from pipeline.reports.contact_sheet import BandMaker
 from pipeline.reports.contact_sheet_page import COLORS, depth_colors, spread_evenly
 from pipeline.reports.plots import save_figure
-from pipeline.reports.reconstruction_gallery import SCENE, draw_gallery, painted_mesh, render_mesh
-from pipeline.reports.report_source import ReportSource
-from pipeline.reports.second_view import grasp_cameras, lamp_beside, second_view
+from pipeline.reports.reconstruction_gallery import draw_gallery, painted_mesh, render_mesh
+from pipeline.reports.report_source import ReportSource, dataset_scene
+from pipeline.reports.second_view import fitted_camera, grasp_cameras, lamp_beside, second_view
 from pipeline.store.storage import exists
 from stages.render_vision.renderer import Renderer
 
@@ -64,18 +63,17 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
     Title, text and pictures of each figure.
     """
     object_id, grasp = clearest_grasp(source, spread_evenly(source.object_ids, CANDIDATES))
-    vision = source.collections.get("vision")
-    scene = load_scene(str(vision.first.attributes["settings"]["scene"]) if vision else SCENE)
+    scene = dataset_scene(source.directory)
     with Renderer(scene, PIXELS) as renderer:
         figures = [_procedure(source, renderer, scene, folder, object_id, grasp)]
         if "charts" in source.collections and exists(source.directory.folder_record("models/unet")):
             figures.append(_local_shape(source, folder, object_id, grasp))
-        figures.append(_sphere(renderer, folder, _middle(source, object_id)))
+        figures.append(_sphere(renderer, scene, folder, _middle(source, object_id)))
     if source.evaluation:
         path = folder / "reconstructions.png"
         shown = draw_gallery(source.directory, source.evaluation.folder, path, most)
         alt = f"Reconstructions of {', '.join(shown)}: a row per object, a column per network and number of grasps"
-        text = "A row per object, a column per network; below each picture its Chamfer distance × 9000. Touch charts are orange."
+        text = "A row per object, a column per network; below each picture the mean distance to the object. Touch charts are orange."
         figures.append(_figure("Reconstructions by class and modality (Figure 5)", text, [(path, alt, "")], "wide"))
     return figures
 
@@ -207,8 +205,12 @@ def draw_local_points(axes: Any, rows: Any, true: NDArray[Any], cloud: NDArray[A
     if is_surface(charts["stop_rule"][grasp, sensor]):
         local = _local(charts["vertices"][grasp, sensor], to_sensor)
         axes.plot_trisurf(*local.T, triangles=charts["chart_faces"], color=(0, 0, 0, 0), edgecolor=(0, 0, 0, 0.35), linewidth=0.3)
-    axes.set(xticks=[], yticks=[])
-    axes.tick_params(labelsize=6, pad=-2)
+    axes.set_xlabel("x, mm", labelpad=-8)
+    axes.set_ylabel("y, mm", labelpad=-8)
+    axes.set_zlabel("depth, mm", labelpad=-6)
+    axes.set_box_aspect(None, zoom=0.8)  # or else the label is outside the figure
+    axes.locator_params(nbins=4)
+    axes.tick_params(labelsize=6, pad=-3)
     axes.view_init(elev=35, azim=-60)
 
 
@@ -221,16 +223,17 @@ def _middle(source: ReportSource, object_id: str) -> NDArray[np.float64]:
     return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2, np.float64)
 
 
-def _sphere(renderer: Renderer, folder: Path, middle: NDArray[np.float64]) -> dict[str, Any]:
+def _sphere(renderer: Renderer, scene: Scene, folder: Path, middle: NDArray[np.float64]) -> dict[str, Any]:
     """Draw the sphere of vision charts before any deformation, neighbouring charts in different colours."""
     charts = vision_charts()
+    camera = fitted_camera(scene.camera.with_resolution(PIXELS), 1.4 * RADIUS * charts.vertices + middle)
     shown = []
     for number, (gap, caption) in enumerate(((1.0, "closed: vertices at the seams coincide"), (1.25, "the charts drawn apart"))):
         chart = np.arange(len(charts.vertices)) // CHART_VERTICES
         away = (gap - 1) * charts.vertices[charts.centres][chart]
         mesh = colored_charts(charts, RADIUS * (charts.vertices + away) + middle)
         path = folder / f"sphere-{number + 1}.png"
-        Image.fromarray(render_mesh(renderer, mesh)).save(path, optimize=True)
+        Image.fromarray(render_mesh(renderer, mesh, camera)).save(path, optimize=True)
         shown.append((path, f"Sphere of {len(charts.centres)} charts, {caption}", caption))
     text = f"The {len(charts.centres)} vision charts, {len(charts.vertices)} vertices, that the graph network deforms."
     return _figure("The sphere of vision charts (Figure 4)", text, shown, "steps")

@@ -15,30 +15,30 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_charts import is_surface
-from pipeline.formats.scene_file import load_scene
 from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS
 from pipeline.kernels.geometry.mesh import Look, Mesh
-from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
+from pipeline.kernels.vision.camera import Camera
 from pipeline.kernels.vision.labels import Label
 from pipeline.reports.contact_sheet_page import spread_evenly
 from pipeline.reports.plots import save_figure
+from pipeline.reports.report_source import dataset_scene
+from pipeline.reports.second_view import fitted_camera
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
-from schemas.vision import VISION
 from stages.evaluate.evaluation_files import Arrays, read_figures, read_root, read_surfaces, read_table, surface_of
 from stages.render_vision.renderer import Renderer
 
 PIXELS = 200
 """A picture's side: enough to see charts."""
 
-SCENE = "supplement"
-"""Whose camera looks where no images were made."""
+FILL = 0.8
+"""Share of a picture's side that the object takes up; reconstructions may be larger."""
 
 
 def draw_gallery(directory: DataDirectory, folder: Path, path: Path, most: int) -> list[str]:
-    """Draw reconstructions of test objects, each above its Chamfer distance, m² × 9000.
+    """Draw reconstructions of test objects, each above its mean distance; the camera is the dataset's, turned and zoomed to the object.
 
     Parameters
     ----------
@@ -62,20 +62,21 @@ def draw_gallery(directory: DataDirectory, folder: Path, path: Path, most: int) 
     shown = spread_evenly(objects, most)
     surfaces, charts = (directory.collection(artifact) for artifact in (SURFACES, CHARTS))
     columns = [(name, case) for name in names for case in _cases(predictions[name])]
-    images = directory.collection(VISION).shards
-    scene = str(images[0].attributes["settings"]["scene"]) if images else SCENE
-    with Renderer(load_scene(scene), PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
+    scene = dataset_scene(directory)
+    first_camera = scene.camera.with_resolution(PIXELS)
+    with Renderer(scene, PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
         figure = Figure((1.6 * (1 + len(columns)), 1.75 * len(shown)), dpi=110, layout="constrained")
         grid = figure.subplots(len(shown), 1 + len(columns), squeeze=False)
         for row, object_id in enumerate(shown):
             mesh = read_mesh(surfaces.view(object_id))
-            _show(grid[row, 0], render_mesh(renderer, mesh), object_id if row else f"object\n{object_id}")
+            camera = fitted_camera(first_camera, mesh.vertices, FILL)
+            _show(grid[row, 0], render_mesh(renderer, mesh, camera), object_id if row else f"object\n{object_id}")
             for axes, (name, case) in zip(grid[row, 1:], columns, strict=True):
                 given, first = (int(predictions[name][key][case]) for key in ("grasps_given", "first_grasp"))
                 title = name + (f"\n{given} grasp{'s' * (given > 1)}" if given else "\n")
-                error = TABLE_3_FACTOR * figures[name].per_case("chamfer", max(given, 1))[objects.index(object_id), first]
+                error = 1e3 * figures[name].per_case("mean_distance", max(given, 1))[objects.index(object_id), first]
                 mesh = predicted_mesh(charts, object_id, predictions[name], case)
-                _show(axes, render_mesh(renderer, mesh), "" if row else title, f"{error:.2f}")
+                _show(axes, render_mesh(renderer, mesh, camera), "" if row else title, f"{error:.1f} mm")
         save_figure(figure, path)
     return shown
 
@@ -86,13 +87,13 @@ def _cases(table: Arrays) -> list[int]:
     return sorted({int(np.argmin(given)), int(np.argmax(given))})
 
 
-def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, case: int) -> Mesh:
+def predicted_mesh(fitted: Collection | None, object_id: str, table: Arrays, case: int) -> Mesh:
     """Make a mesh of a prediction: in grey, with the touch charts of its input in orange.
 
     Parameters
     ----------
     fitted
-        The artifact `charts`.
+        The artifact `charts`, None where there are none.
     object_id
         The object.
     table
@@ -103,7 +104,7 @@ def predicted_mesh(fitted: Collection, object_id: str, table: Arrays, case: int)
     number = table["object_id"].tolist().index(object_id)
     vertices, faces = ([part] for part in surface_of(table, number, case))
     given, first = int(table["grasps_given"][case]), int(table["first_grasp"][case])
-    if given and "position" in table:  # touch charts are not part of a mesh
+    if given and fitted is not None and "position" in table:  # touch charts are not part of a mesh
         row = fitted.view(object_id)
         charts, touched = row["vertices"], is_surface(row["stop_rule"])  # (grasp, sensor, S, 3), (grasp, sensor)
         grasps = [(first + step) % len(charts) for step in range(given)]
@@ -149,10 +150,10 @@ def painted_mesh(
     return Mesh(vertices.astype(np.float64), faces.astype(np.int32), look)
 
 
-def render_mesh(renderer: Renderer, mesh: Mesh) -> NDArray[np.uint8]:
-    """Render a mesh alone, by the renderer's camera."""
+def render_mesh(renderer: Renderer, mesh: Mesh, camera: Camera | None = None) -> NDArray[np.uint8]:
+    """Render a mesh alone, by that camera or the renderer's."""
     with renderer.added(mesh, Label.OBJECT) as handle:
-        return renderer.render([(handle, np.eye(4))]).rgb
+        return renderer.render([(handle, np.eye(4))], camera).rgb
 
 
 def _show(axes: Axes, image: NDArray[np.uint8], title: str, below: str = "") -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,17 +12,27 @@ from pipeline.console import Row, Table
 from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.errors import StoreError
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.vision.scene import Scene
 from pipeline.reports.training_seeds import evaluations
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
 from schemas.catalogue import ARTIFACTS
-from stages.evaluate.evaluation_files import Arrays, read_figures, read_root, read_surfaces, read_table, surface_of
+from schemas.vision import VISION
+from stages.evaluate.evaluation_files import read_figures, read_root, read_surfaces, read_table, surface_of
+from stages.evaluate.tables import ACCURACY
+
+SCENE = "supplement"
+"""The scene of the pictures of a dataset without images."""
 
 NEEDED, SHOWN = ("surfaces", "grasps", "touch"), ("vision", "charts")
 """Artifacts that a report needs, and those that it shows if they have been made."""
+
+SHOWN_METRICS = {**dict(ACCURACY.values()), "chamfer": TABLE_3_FACTOR}
+"""The metrics of single objects, and the factors to their units."""
 
 
 class ReportSource:
@@ -91,6 +101,42 @@ class ReportSource:
         return {name: collection.row(object_id).digest for name, collection in self.collections.items()}
 
 
+def dataset_scene(directory: DataDirectory) -> Scene:
+    """Load the scene that a dataset's images show."""
+    images = directory.collection(VISION).shards
+    return load_scene(str(images[0].attributes["settings"]["scene"]) if images else SCENE)
+
+
+class Prediction(NamedTuple):
+    """Hold the reconstruction of an object from its first grasps.
+
+    Attributes
+    ----------
+    network, grasps
+        The configuration, and the grasps that its figures are of.
+    case
+        Its number in the network's group of surfaces.
+    figures
+        Of this reconstruction, by metric.
+    """
+
+    network: str
+    grasps: int
+    case: int
+    figures: Mapping[str, float]
+
+    @property
+    def name(self) -> str:
+        """Name it as CONFIGURATION-GRASPS."""
+        return f"{self.network}-{self.grasps}"
+
+    @property
+    def label(self) -> str:
+        """Name the reconstruction for a reader."""
+        grasps = f"{self.grasps} grasp{'s' * (self.grasps > 1)}"
+        return f"{self.network}, {grasps}, {1e3 * self.figures['mean_distance']:.1f} mm"
+
+
 class Evaluation:
     """Read the results of single objects from an evaluation folder."""
 
@@ -98,35 +144,42 @@ class Evaluation:
         self.folder = folder
         self.configurations = list(read_root(folder)["configurations"])
         self.object_ids = [str(name) for name in read_table(folder, "objects")["object_id"]]
-        self._surfaces = {name: read_surfaces(folder, name) for name in self.configurations}
+        self.tables = {name: read_surfaces(folder, name) for name in self.configurations}
         figures = read_figures(folder)
         self._figures = {name: figures[name] for name in self.configurations}
 
-    def surfaces(self, object_id: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Read the predicted surfaces of an object with its first grasps, as CONFIGURATION-GRASPS; none if it was not evaluated."""
+    def predictions(self, object_id: str) -> list[Prediction]:
+        """List the reconstructions of an object with its first grasps; none if it was not evaluated."""
         if object_id not in self.object_ids:
-            return {}
+            return []
+        row, predictions = self.object_ids.index(object_id), []
+        for name, table in self.tables.items():
+            cases = [case for case, first in enumerate(table["first_grasp"]) if first == 0]
+            for case in sorted(cases, key=lambda case: int(table["grasps_given"][case])):
+                given = max(int(table["grasps_given"][case]), 1)
+                figures = {metric: float(self._figures[name].per_case(metric, given)[row, 0]) for metric in SHOWN_METRICS}
+                predictions.append(Prediction(name, given, case, figures))
+        return predictions
+
+    def surfaces(self, object_id: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Read the vertices (V, 3), m, and faces (F, 3) of these reconstructions, by name."""
         surfaces = {}
-        for name, table in self._surfaces.items():
-            number = table["object_id"].tolist().index(object_id)
-            for case in _first_cases(table):
-                surfaces[f"{name}-{max(int(table['grasps_given'][case]), 1)}"] = surface_of(table, number, case)
+        for made in self.predictions(object_id):
+            table = self.tables[made.network]
+            surfaces[made.name] = surface_of(table, table["object_id"].tolist().index(object_id), made.case)
         return surfaces
 
-    def errors(self, object_id: str) -> Table | None:
-        """Make the table of an object's Chamfer distances with its first grasps, in Table 3's unit; None if it was not evaluated."""
-        if object_id not in self.object_ids:
-            return None
-        row, given = self.object_ids.index(object_id), max((figures.grasps for figures in self._figures.values()), key=len)
-        rows = []
-        for name, figures in self._figures.items():
-            first = {number: TABLE_3_FACTOR * figures.per_case("chamfer", number)[row, 0] for number in figures.grasps}
-            rows.append(Row([name, *(first.get(number, "") for number in given)]))
-        title = f"Chamfer distance × {TABLE_3_FACTOR:.0f} by the number of grasps given"
-        return Table(title, ["network", *map(str, given)], rows, ["", *[".3f"] * len(given)])
+
+def best(predictions: Iterable[Prediction]) -> Prediction:
+    """Choose the reconstruction of the least mean distance."""
+    return min(predictions, key=lambda prediction: prediction.figures["mean_distance"])
 
 
-def _first_cases(table: Arrays) -> list[int]:
-    """List the cases that begin with the first grasp, by the number of grasps given."""
-    cases = [case for case, first in enumerate(table["first_grasp"]) if first == 0]
-    return sorted(cases, key=lambda case: int(table["grasps_given"][case]))
+def errors_table(predictions: Sequence[Prediction]) -> Table:
+    """Make the table of the accuracy of an object's reconstructions."""
+    rows = []
+    for made in predictions:
+        cells = [factor * made.figures[metric] for metric, factor in SHOWN_METRICS.items()]
+        rows.append(Row([made.network, made.grasps, *cells]))
+    columns = ["network", "grasps given", *ACCURACY, f"Chamfer distance × {TABLE_3_FACTOR:.0f}"]
+    return Table("", columns, rows, ["", "", ".2f", ".1f", ".1f", ".3f"])

@@ -187,10 +187,15 @@ def lamp_beside(scene: Scene, camera: Camera) -> Vector:
     return _vector(carried[:3])
 
 
-def _zoomed(camera: Camera, points: NDArray[np.float64]) -> Camera:
+def fitted_camera(camera: Camera, points: NDArray[np.float64], fill: float = FILL) -> Camera:
+    """Turn a camera, where it is, to the middle of `points` (N, 3), world frame, m, and let them fill that share of its image."""
+    return _zoomed(look_at(camera, camera.position, _vector(_box(points)[0])), points, fill)
+
+
+def _zoomed(camera: Camera, points: NDArray[np.float64], fill: float = FILL) -> Camera:
     """Give the camera the focal length at which `points` fill its image."""
     reach = np.abs(project_points(projection_matrix(camera), points) - np.array(camera.centre)).max()
-    zoom = FILL * camera.resolution / 2 / float(reach)
+    zoom = fill * camera.resolution / 2 / float(reach)
     return camera.model_copy(update={"focal": (camera.focal[0] * zoom, camera.focal[1] * zoom)})
 
 

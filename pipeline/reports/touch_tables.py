@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.console import Row, Table
-from pipeline.dataset.touch_statistics import SUPPLEMENT_SUCCESS, Tally
+from pipeline.dataset.touch_statistics import PAPER, SUPPLEMENT_SUCCESS, Tally
 
 SUPPLEMENT_HISTOGRAM = (9.47, 26.08, 53.83, 10.61)
 """Section 1.6: per cent of grasps with 1 to 4 successful touches."""
@@ -18,8 +18,18 @@ OPPOSED = 90
 """Degrees between the normals of two contacts, above which they press against each other."""
 
 
-def touch_tables(tallies: dict[str, Tally], sensors: list[str]) -> list[Table]:
-    """Make the tables; the supplement's touches per grasp are beside ours if the number of sensors is the same."""
+def touch_tables(tallies: dict[str, Tally], sensors: list[str], *, paper: bool) -> list[Table]:
+    """Make the tables.
+
+    Parameters
+    ----------
+    tallies
+        Touches by class.
+    sensors
+        Their names.
+    paper
+        Whether the paper's figures are beside ours; those of touches per grasp only if the number of sensors is the same.
+    """
     joined: Any = {
         name: [grasps for entry in tallies.values() for grasps in getattr(entry, name)] for name in ("touched", "tried", "held", "lifted")
     }
@@ -28,18 +38,18 @@ def touch_tables(tallies: dict[str, Tally], sensors: list[str]) -> list[Table]:
     for name, entry in [*tallies.items(), ("all", everything)]:
         *counts, kept, tried = entry.row()
         theirs = (SUPPLEMENT_SUCCESS | {"all": 62.7}).get(name)
-        rows.append(Row([name, *counts, f"{kept:.1f}", theirs, f"{tried:.1f}"]))
-    columns = ["class", "objects", "grasps", "touches", "% successful", "supplement", "% of all attempts"]
-    made = [Table("", columns, rows), *_hold(tallies, everything)]
+        rows.append(Row([name, *counts, f"{kept:.1f}", *([theirs] if paper else []), f"{tried:.1f}"]))
+    columns = ["class", "objects", "grasps", "touches", "% successful", *([f"% in {PAPER}"] if paper else []), "% of all attempts"]
+    made = [Table("Touches", columns, rows), *_hold(tallies, everything)]
     touched = np.concatenate(everything.touched)
     shares = touches_per_grasp(touched)
     rows = [Row(["here", *_rounded(shares)])]
-    if supplement := supplement_touches(len(shares)):
-        rows.append(Row(["supplement", None, *_rounded(supplement[1:])]))
-    made.append(Table("", ["touches per grasp, %", *map(str, range(len(shares)))], rows))
+    if paper and (supplement := supplement_touches(len(shares))):
+        rows.append(Row([PAPER, None, *_rounded(supplement[1:])]))
+    made.append(Table("Grasps by their number of successful touches, %", ["touches", *map(str, range(len(shares)))], rows))
     kept_shares, tried_shares = (_rounded(100 * np.mean(grasps, axis=0)) for grasps in (touched, everything.tried))
     rows = [Row(["kept", *kept_shares]), Row(["all attempts", *tried_shares])]
-    return [*made, Table("", ["touches per finger, %", *sensors], rows)]
+    return [*made, Table("Successful touches of each sensor, %", ["grasps", *sensors], rows)]
 
 
 def touches_per_grasp(touched: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -63,7 +73,7 @@ def _hold(tallies: dict[str, Tally], everything: Tally) -> list[Table]:
         shares = (f"{100 * (angle > OPPOSED).mean():.1f}", f"{100 * (margin > 0).mean():.1f}", *lifted)
         rows.append(Row([name, f"{area.mean():.0f}", *shares]))
     titles = ["class", "area of contact per grasp, mm²", f"% with contacts over {OPPOSED}° apart", "% with force closure"]
-    return [Table("", [*titles, "% held in the lift test"] if everything.lifted else titles, rows)]
+    return [Table("Contacts", [*titles, "% held in the lift test"] if everything.lifted else titles, rows)]
 
 
 def _rounded(shares: Iterable[float]) -> list[str]:

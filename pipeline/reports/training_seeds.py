@@ -60,19 +60,19 @@ def chamfer_of(trainings: Sequence[Figures], given: int) -> NDArray[np.float64]:
 
 
 def trainings_table(folders: Sequence[Path]) -> list[Table]:
-    """Make the table of all trainings: a row per configuration, with its errors, those of a looked-up object, and its surfaces."""
+    """Make the table of all trainings: a row per configuration, with its errors, those of a baseline, and its surfaces."""
     values = read_values(folders)
     counts = set(map(len, values.values()))
     seeds, uneven = max(counts), len(counts) > 1
-    columns = ["model", "mean", "each training", "median", "most grasps", "looked up", *(label for label, _ in QUALITY_UNITS.values())]
+    columns = ["model", "mean", "each training", "median", "most grasps", "baseline", *(label for label, _ in QUALITY_UNITS.values())]
     title = (
         f"Chamfer distance × {TABLE_3_FACTOR:.0f} with one grasp, {seeds} training{'s' * (seeds > 1)} of each network"
         f"{' at most' * uneven}; intervals over objects and trainings; surfaces: medians over objects"
     )
     formats = ["", ".3f", ".2f", ".3f", ".3f", "", *[".3g"] * len(QUALITY_UNITS)]
     below = (
-        "looked up: mean and median of a training object chosen by what the network is given, image, touch, or nothing; "
-        "* where the network is not nearer"
+        "baseline: mean and median of a training object in place of the reconstruction, the nearest by the image or the touches that the "
+        "network is given, otherwise a typical one; * where the network is not nearer"
     )
     return [Table(title, columns, list(_rows(values, folders[0])), formats), Table(below)]
 
@@ -88,13 +88,13 @@ def _rows(values: Values, folder: Path) -> Iterator[Row]:
             factor * float(np.mean([np.median(figures.available(measure)) for figures in trainings]))
             for measure, (_, factor) in QUALITY_UNITS.items()
         )
-        looked_up = figures_of.get(LOOKED_UP + ("by silhouette" if config.image else "by touch" if config.touch else "typical"))
-        theirs = None if looked_up is None else _looked_up_cell(between.mean, median, TABLE_3_FACTOR * looked_up.per_object("chamfer"))
+        baseline = figures_of.get(LOOKED_UP + ("by silhouette" if config.image else "by touch" if config.touch else "typical"))
+        theirs = None if baseline is None else _baseline_cell(between.mean, median, TABLE_3_FACTOR * baseline.per_object("chamfer"))
         each = ", ".join(f"{mean:.2f}" for mean in chamfer.mean(axis=1))
         yield Row([name, between, each, median, most, theirs, *looks])
 
 
-def _looked_up_cell(mean: float, median: float, theirs: NDArray[np.float64]) -> str:
-    """Write mean and median of the looked-up object, marked if the network is not nearer."""
+def _baseline_cell(mean: float, median: float, theirs: NDArray[np.float64]) -> str:
+    """Write mean and median of the baseline, marked if the network is not nearer."""
     pairs = ((mean, float(theirs.mean())), (median, float(np.median(theirs))))
     return " / ".join(f"{other:.3f}{'' if ours < other else ' *'}" for ours, other in pairs)

@@ -18,9 +18,21 @@ POINTS = 1000
 """Points per object by which it is retrieved; the retrieved object is measured on all of its points."""
 LOOKED_UP = "training object, "
 """Begins the name of each baseline."""
+LABELS = {
+    "typical": "typical training object",
+    "by silhouette": "training object of the most similar silhouette",
+    "by touch": "training object nearest to the touches",
+    "by truth": "nearest training object",
+}
+"""How tables call them, by how they are chosen."""
 
 Silhouettes = Callable[[str], NDArray[np.bool_]]
 """Reads the silhouettes of an object, (view, pixel)."""
+
+
+def label(name: str) -> str:
+    """Label a network, or a baseline, for a table."""
+    return f"baseline: {LABELS[name.removeprefix(LOOKED_UP)]}" if name.startswith(LOOKED_UP) else name
 
 
 def retrieve(

@@ -45,6 +45,7 @@ class _Root(BaseModel):
     split: str
     configurations: Annotated[dict[str, _Configuration], Field(min_length=1)]
     left_out: dict[str, str]
+    paper_sizes: bool
 
 
 class Figure(NamedTuple):

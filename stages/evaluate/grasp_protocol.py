@@ -28,10 +28,8 @@ from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.vision.labels import Label
 from pipeline.models.reconstruction import Reconstructor, close_reconstruction
 from pipeline.rng import numpy_rng
-from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
 from schemas.charts import STOP_RULES
-from schemas.surfaces import SURFACES
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
 from stages.evaluate.ground_truth import TestObjects
@@ -40,6 +38,8 @@ from stages.evaluate.settings import EvaluationSettings
 
 ALL = "all"
 """The class of every object, the stop rule of every chart."""
+NEAR, NEAR_SHARE = 5e-3, 0.01
+"""Distances of the F-scores: m, and a share of the object's diagonal."""
 POINTS_IN_BOX = 20_000
 """In the box around an object and its closed mesh: their shared part is right to 0.02, where they fill a twentieth of it."""
 
@@ -56,7 +56,7 @@ class GraspProtocol(Protocol):
         self.objects = TestObjects(job.data, arrays_of(models), self.settings.points, self.stage)
         self.poses, self.touched = self.objects.stack("sensor_pose"), self.objects.stack("touch_success")  # (object, grasp, sensor, …)
         self.sensor = self.objects.rows.sensor()
-        self._surfaces = DataDirectory(job.data).collection(SURFACES)
+        self._diagonals = [self.objects.diagonal(row) for row in range(len(self.objects))]
 
     def cases(self, model: Reconstructor) -> list[Case]:
         """List the cases of a model; see `make_cases`."""
@@ -69,7 +69,7 @@ class GraspProtocol(Protocol):
     def figures(self, name: str, model: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the distances of a case; add its appearance if it is the first, and the rings around its touches if it has one grasp."""
         settings, case = self.settings, measured.case
-        distances = {"chamfer": measured.distances.chamfer}
+        distances = dict(self.distance_figures(measured.distances, measured.row))
         for suffix, multiple in (("", 1.0), ("_2tau", 2.0)):
             tau = multiple * settings.tau
             precision, recall = measured.distances.precision_recall(tau, settings.scale)
@@ -81,6 +81,15 @@ class GraspProtocol(Protocol):
             yield from ((case.first, metric, value) for metric, value in appearance.items())
         if case.given == 1:
             yield from self.rings(measured)
+
+    def distance_figures(self, apart: CloudDistances, row: int) -> Mapping[str, float]:
+        """Compute the figures of a reconstruction that a baseline has too."""
+        return {
+            "mean_distance": apart.mean_distance,
+            "f_5mm": apart.f1(NEAR**2),
+            "f_1percent": apart.f1((NEAR_SHARE * self._diagonals[row]) ** 2),
+            "chamfer": apart.chamfer,
+        }
 
     def rings(self, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the points of the object in rings around each touch of a case with one grasp."""
@@ -126,9 +135,9 @@ class GraspProtocol(Protocol):
             measured.reconstruction, self.settings.closed_resolution or 0, self.observe(model, measured.row, measured.case)
         )
         closed = {"watertight": float(is_watertight(faces))}
-        if not bool(self._surfaces.view(object_id)["watertight"]):
+        if not bool(self.objects.surfaces.view(object_id)["watertight"]):
             return closed
-        mesh = read_mesh(self._surfaces.view(object_id))
+        mesh = read_mesh(self.objects.surfaces.view(object_id))
         corners = np.concatenate([vertices, mesh.vertices])
         rng = numpy_rng(self.job.seed, "evaluate", "closed", name, object_id)
         points = rng.uniform(corners.min(axis=0), corners.max(axis=0), (POINTS_IN_BOX, 3))
@@ -147,12 +156,14 @@ class GraspProtocol(Protocol):
                 (images.read("segmentation", object_id, camera=0)[0] == Label.OBJECT).reshape(1, -1) if images else np.zeros((1, 0), bool)
             )
 
-        def figures(apart: CloudDistances, row: int) -> Mapping[str, float]:
-            return {"chamfer": apart.chamfer}
-
         touched = [self._touched_points(row) for row in range(len(self.objects))]
         return retrieve(
-            self.objects, training, self.settings.looked_up, figures, silhouettes=silhouettes if images else None, touched=touched
+            self.objects,
+            training,
+            self.settings.looked_up,
+            self.distance_figures,
+            silhouettes=silhouettes if images else None,
+            touched=touched,
         )
 
     def _touched_points(self, row: int) -> NDArray[np.float64]:

@@ -7,10 +7,14 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
+from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
+from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
+from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import Arrays
 
 SPLIT = "test"
@@ -23,6 +27,8 @@ class TestObjects:
     ----------
     rows
         Gives their arrays.
+    surfaces
+        The artifact `surfaces`.
     count
         Points of S^obj per object: as many as are drawn from a reconstruction.
 
@@ -36,6 +42,7 @@ class TestObjects:
 
     def __init__(self, data: Place, arrays: Iterable[str], count: int, stage: str) -> None:
         self.rows, self.count = ObjectRows(data, list(arrays), SPLIT), count
+        self.surfaces = DataDirectory(data).collection(SURFACES)
         if (available := self.rows.size("points", "point")) < count:
             raise StageError(f"{stage}.points is {count}, the dataset has {available} points per object; lower it, or sample more surface")
 
@@ -58,12 +65,17 @@ class TestObjects:
         """Compute the area of an object's surface, m², as distances between points show it: two sides of thin parts count once."""
         return sampled_area(self.points(row))
 
+    def diagonal(self, row: int) -> float:
+        """Compute the diagonal of an object's bounding box, m."""
+        return length(np.ptp(read_mesh(self.surfaces.view(self.rows.object_ids[row])).vertices, axis=0))
+
     def table(self) -> Arrays:
         """Make the group `objects` of the schema."""
         areas = [self.area(row) for row in range(len(self))]
         return {
             "object_id": np.array(self.rows.object_ids),
             "category": np.array(self.rows.categories),
+            "diagonal": np.array([self.diagonal(row) for row in range(len(self))]),
             "area": np.array(areas),
             "floor": np.array([sampling_floor(area, self.count) for area in areas]),
         }

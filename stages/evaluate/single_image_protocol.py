@@ -7,14 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetJob
-from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.metrics.cloud_distances import CloudDistances
 from pipeline.models.reconstruction import Reconstructor
-from pipeline.store.directory import DataDirectory
-from schemas.surfaces import SURFACES
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
 from stages.evaluate.ground_truth import TestObjects
@@ -38,8 +34,7 @@ class SingleImageProtocol(Protocol):
         settings: SingleImageEvaluationSettings = job.settings
         self.objects = TestObjects(job.data, ARRAYS, settings.points, self.stage)
         self.views = min(settings.views, self.objects.rows.size("rendering", "viewpoint"))
-        self._surfaces = DataDirectory(job.data).collection(SURFACES)
-        self._scales = [self._scale_of(object_id) for object_id in self.objects.rows.object_ids]
+        self._scales = [self._scale_of(row) for row in range(len(self.objects))]
 
     def cases(self, model: Reconstructor) -> list[Case]:
         """List the views."""
@@ -69,11 +64,11 @@ class SingleImageProtocol(Protocol):
     def _figures(self, apart: CloudDistances, row: int) -> Mapping[str, float]:
         return figures_of(apart, scale=self._scales[row], tau=self.settings.tau)
 
-    def _scale_of(self, object_id: str) -> float:
+    def _scale_of(self, row: int) -> float:
         """Compute the factor to the standard's size from the diagonal that objects were scaled to, or the object's if it was not scaled."""
-        view = self._surfaces.view(object_id)
+        view = self.objects.surfaces.view(self.objects.rows.object_ids[row])
         if "metres_per_unit" in view and view["metres_per_unit"] > 0:
-            return float(self.settings.scale / length(np.ptp(read_mesh(view).vertices, axis=0)))
+            return float(self.settings.scale / self.objects.diagonal(row))
         return float(self.settings.scale / self.objects.rows.attributes("surfaces")["settings"]["diagonal"])
 
 

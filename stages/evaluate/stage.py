@@ -14,6 +14,7 @@ from rich.markup import escape
 
 from pipeline.config.manifest import SPLITS
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.touch_statistics import has_paper_sizes
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.models.families import GRASP_CONFIGURATIONS, load_reconstructor, model_name
 from pipeline.models.reconstruction import Reconstructor
@@ -63,6 +64,7 @@ class NetworkEvaluation(DatasetStage):
             "split": rows.split,
             "configurations": given,
             "left_out": rows.left_out,
+            "paper_sizes": has_paper_sizes(job.data),
         }
 
     def make(self, job: DatasetJob) -> dict[str, Any]:

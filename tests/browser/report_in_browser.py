@@ -18,7 +18,7 @@ from axe_playwright_python.sync_playwright import Axe
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from tests.test_pipeline import made, manifest, vt  # noqa: F401
+from tests.test_pipeline import UNEXPLAINED, made, manifest, vt  # noqa: F401
 
 SIZES = {"desktop": {"width": 1280, "height": 900}, "phone": {"width": 390, "height": 844}}
 ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -82,6 +82,9 @@ def test_every_page_opens_is_accessible_and_fits_the_screen(report, page):
             is_ready(page)
         assert page.evaluate("[...document.images].every((image) => image.loading === 'lazy' || image.naturalWidth > 0)"), name
         assert not page.evaluate("document.documentElement.scrollWidth > innerWidth"), f"{name} is wider than the screen"
+        assert not page.evaluate("[...document.querySelectorAll('.wide')].some((table) => table.scrollWidth > table.clientWidth)"), name
+        text = page.inner_text("main")
+        assert not [words for words in UNEXPLAINED if words in text], name
         found = Axe().run(page, options={"preload": False}).response["violations"]
         assert not [(one["id"], one["nodes"][0]["html"][:200]) for one in found if one["impact"] in ("serious", "critical")], name
         links = page.evaluate("[...document.links].map((link) => link.href)")
@@ -107,11 +110,27 @@ def test_an_object_is_shown_turned_by_keys_and_its_parts_hidden(report, page):
     assert (canvas_of(page) != turned).any()
     assert "hand" not in page.locator(".viewer [role=status]").inner_text()
     if evaluated:
-        page.locator("input[value=object]").uncheck()
-        without = canvas_of(page)
-        page.locator("select[name=prediction]").select_option(index=1)
-        page.wait_for_function("document.querySelector('.viewer [role=status]').textContent.includes('prediction')")
-        assert (canvas_of(page) != without).any()
+        assert page.locator("select[name=prediction]").input_value(), "no prediction is shown"
+        assert "on the right: prediction" in page.locator(".viewer [role=status]").inner_text()
+        left, right = np.array_split(canvas_of(page).reshape(-1, turned.shape[1], 3), 2, axis=1)
+        assert all(len(np.unique(half.reshape(-1, 3), axis=0)) > 20 for half in (left, right))
+        page.locator("select[name=prediction]").select_option("")
+        page.wait_for_function("!document.querySelector('.viewer [role=status]').textContent.includes('prediction')")
+
+
+def test_object_and_hand_fit_into_the_view_and_the_object_is_seen(report, page):
+    page.goto((report / "objects" / f"{sorted((report / 'objects').glob('*.html'))[0].stem}.html").as_uri())
+    is_ready(page)
+    for grasp in range(page.locator("select[name=grasp] option").count()):
+        page.locator("select[name=grasp]").select_option(str(grasp))
+        page.wait_for_function(f"document.querySelector('.viewer [role=status]').textContent.startsWith('Grasp {grasp + 1}.')")
+        shown = canvas_of(page).astype(int)
+        ground = shown[2, 2]
+        drawn = np.abs(shown - ground).max(axis=-1) > 12
+        edges = [drawn[0], drawn[-1], drawn[:, 0], drawn[:, -1]]
+        assert not any(edge.any() for edge in edges), "something is cut off"
+        reach = [np.ptp(np.flatnonzero(drawn.any(axis=axis))) / drawn.shape[1 - axis] for axis in (0, 1)]
+        assert max(reach) > 0.6, "the object is a speck"
 
 
 def test_the_gallery_shows_the_objects_that_are_asked_for(report, page):

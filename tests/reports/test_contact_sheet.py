@@ -13,7 +13,7 @@ from pipeline.errors import StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.reports.contact_sheet import BandMaker, band_maker, contact_sheets
-from pipeline.reports.contact_sheet_page import COLORS, PAGE, PICTURE, Band, depth_colors, draw
+from pipeline.reports.contact_sheet_page import COLORS, PAGE, PICTURE, Band, depth_colors, draw, grasp_note
 from tests.kernels.vision.shapes import ball
 from tests.stages import ball_dataset
 
@@ -85,7 +85,7 @@ def test_band_shows_hand_object_and_marks(maker) -> None:
     rows = {
         "surfaces": mesh_row(ball(0.04)),
         "grasps": {name: np.array([value]) for name, value in grasp.items()},
-        "vision": {"unoccluded": np.zeros((1, 256, 256, 3), np.uint8)},
+        "vision": {"unoccluded": np.zeros((1, 256, 256, 3), np.uint8), "segmentation": np.ones((1, 1, 256, 256), np.uint8)},
         "touch": {name: value[None] for name, value in touch.items()},
     }
     band = maker.band("ball", rows)
@@ -99,8 +99,22 @@ def test_band_shows_hand_object_and_marks(maker) -> None:
         assert 0.05 < away.mean() < 0.95
         near = [np.abs(shown.astype(int) - color).max(axis=-1).min() for color in COLORS[:4]]
         assert max(near) < 60  # every finger's colour is there
-    again = maker.band("ball", rows)
+    small = np.zeros((1, 1, 256, 256), np.uint8)
+    small[0, 0, 100:120, 100:120] = 1
+    again = maker.band("ball", {**rows, "vision": {**rows["vision"], "segmentation": small}})
+    assert again.pictures[0][0] == "unoccluded, enlarged 10.7 ×"
+    assert again.pictures[0][1].shape == (24, 24, 3)
     assert (again.pictures[2][1] == held).all()
+
+
+@pytest.mark.parametrize(("margin", "words"), [(0.0, "not force-closed"), (0.25, "force-closed with margin 0.25")])
+def test_a_grasp_is_described_in_words(margin, words) -> None:
+    judged = {"opposition": [120.0], "closure": [margin], "contact_area": [[1e-4, 5e-5, 0]], "held": [False]}
+    row = {"touch_success": np.array([[True, True, False]]), "penetration": np.array([4e-4])}
+    note = grasp_note({**row, **{name: np.array(value) for name, value in judged.items()}}, 0)
+    expected = f"150 mm² of contact, normals up to 120° apart; {words}; dropped in the lift test"
+    assert note == f"2 of 3 sensors touch; rigid parts at most 0.40 mm inside; {expected}"
+    assert grasp_note(row, 0).endswith("inside")  # of a dataset without these figures
 
 
 def test_sheets_are_drawn_again_where_they_were_changed_and_never_through_links(tmp_path, monkeypatch) -> None:

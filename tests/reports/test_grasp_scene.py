@@ -1,10 +1,12 @@
 """Scenes of grasps: where things are, how large the files are, and that colours survive."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
+from trimesh.visual.color import linear_to_srgb
 
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.formats.hand_file import load_hand
@@ -12,7 +14,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.mesh_files import Y_UP
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
-from pipeline.reports.grasp_scene import GRID, OBJECT_FACES, GraspScenes
+from pipeline.reports.grasp_scene import GRID, OBJECT_FACES, TEXTURE, TEXTURED_FACES, GraspScenes
 
 HAND, SENSOR = load_hand("allegro_right"), load_sensor("gel_16mm")
 
@@ -63,3 +65,32 @@ def test_a_small_scene_has_few_faces_on_a_grid_and_keeps_shape_and_colour(rows):
     np.testing.assert_array_equal(made.vertices / GRID, np.round(made.vertices / GRID))
     red, green, _ = made.visual.vertex_colors[0, :3] / 255
     assert (red, green) == pytest.approx((0.791, 0.007), abs=0.005)  # linear, as glTF has them
+
+
+def globe(count: int) -> Mesh:
+    """Make a ball of some 4 × `count` ** 2 faces that wears one texture of 1024 pixels: red by latitude."""
+    made = trimesh.creation.uv_sphere(radius=0.1, count=[count, count])
+    vertices = np.array(made.vertices)
+    v = np.arcsin(np.clip(vertices[:, 2] / 0.1, -0.999, 0.999)) / np.pi + 0.5
+    texture = np.full((1024, 1024, 4), 255, np.uint8)
+    texture[..., 0] = np.linspace(255, 0, 1024)[:, None]
+    look = replace(Look.plain(len(vertices), len(made.faces)), base_color=np.full((1, 4), 255, np.uint8))
+    worn = replace(look, uv=np.stack([v, v], axis=-1).astype(np.float32), material_texture=np.zeros(1, np.int32), textures=(texture,))
+    return Mesh(vertices, made.faces.astype(np.int32), worn)
+
+
+@pytest.mark.parametrize(("count", "textured"), [(60, True), (80, False)])
+def test_a_small_scene_keeps_a_texture_or_else_its_colours(rows, count, textured):
+    rows["surfaces"] = mesh_row(globe(count))
+    scenes = GraspScenes(HAND, [SENSOR] * 4, small=True)
+    written = scenes.glb(scenes.scene(rows))
+    assert len(written) < 1_000_000
+    made = next(mesh for name, mesh in trimesh.load(io.BytesIO(written), file_type="glb").geometry.items() if name.startswith("object"))
+    assert OBJECT_FACES < len(made.faces) <= TEXTURED_FACES
+    if textured:
+        assert made.visual.material.baseColorTexture.size == (TEXTURE, TEXTURE)
+        red = np.asarray(made.visual.material.baseColorTexture)[::-1, 0, 0][(made.visual.uv[:, 1] * (TEXTURE - 1)).astype(int)] / 255
+    else:
+        red = linear_to_srgb(made.visual.vertex_colors[:, 0] / 255)
+    latitude = np.arcsin(np.clip(made.vertices[:, 2] / 0.1, -1, 1)) / np.pi + 0.5
+    np.testing.assert_allclose(red, latitude, atol=0.05)

@@ -25,6 +25,7 @@ def no_figures() -> Iterator[None]:
     """Skip the paper's figures: they take seconds, and are files of a report like others."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("pipeline.reports.html_report.draw_figures", lambda *_: [])
+        patch.setattr("pipeline.reports.html_report.overview_panels", lambda *_: [])
         yield
 
 

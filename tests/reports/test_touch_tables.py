@@ -13,13 +13,13 @@ def test_a_hand_of_other_fingers_is_told_by_its_names():
     touched = np.array([[True, False, True], [True, False, False]])
     entry = Tally([touched], [np.array([1.0, 0.25, 0.5])], attempts=4)
     written = io.StringIO()
-    show_tables(Console(file=written, width=120), touch_tables({"mug": entry}, ["left", "right [1]", "tail"]))
+    show_tables(Console(file=written, width=120), touch_tables({"mug": entry}, ["left", "right [1]", "tail"], paper=True))
     lines = [line.split() for line in written.getvalue().splitlines()]
-    assert ["touches", "per", "finger,", "%", "left", "right", "[1]", "tail"] in lines
+    assert ["grasps", "left", "right", "[1]", "tail"] in lines
     assert ["kept", "100.0", "0.0", "50.0"] in lines
     assert ["all", "attempts", "100.0", "25.0", "50.0"] in lines
     assert ["here", "0.0", "50.0", "50.0", "0.0"] in lines
-    assert not any(line[:2] == ["supplement", "–"] for line in lines)  # its hand has four
+    assert not any(line[:2] == ["Smith", "et"] for line in lines)  # its hand has four
 
 
 def test_share_held_in_the_lift_test_is_told_where_it_was_asked_for():
@@ -27,7 +27,7 @@ def test_share_held_in_the_lift_test_is_told_where_it_was_asked_for():
     for lifted, expected in (([], "100.0"), ([np.array([True, False])], "50.0")):
         entry.lifted = lifted
         written = io.StringIO()
-        show_tables(Console(file=written, width=160), touch_tables({"mug": entry}, ["left", "right"]))
+        show_tables(Console(file=written, width=160), touch_tables({"mug": entry}, ["left", "right"], paper=False))
         lines = written.getvalue().splitlines()
         start = next(number for number, line in enumerate(lines) if "area of contact" in line)
         assert next(line.split()[-1] for line in lines[start:] if line.split()[:1] == ["mug"]) == expected

@@ -20,7 +20,7 @@ from pipeline.errors import StageError, StoreError
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.metrics.bootstrap import Interval
-from pipeline.kernels.metrics.cloud_distances import nearest_squared, sampling_floor
+from pipeline.kernels.metrics.cloud_distances import cloud_distances, nearest_squared, sampling_floor
 from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstructor
@@ -106,7 +106,22 @@ def test_a_sphere_that_stays_one_has_the_chamfer_distance_of_two_spheres(evaluat
         assert np.mean(means) == pytest.approx((flat_radius() - radius) ** 2, rel=0.1)
         assert objects["area"][row] == pytest.approx(4 * np.pi * radius**2, rel=0.15)
         assert objects["floor"][row] == pytest.approx(2 * objects["area"][row] / (np.pi * 500))
+        assert objects["diagonal"][row] == pytest.approx(2 * np.sqrt(3) * radius, rel=0.01)
+        apart = flat_radius() - radius
+        assert values.per_object("mean_distance")[row] == pytest.approx(apart, rel=0.05)
     assert (values.per_case("chamfer") == values.per_case("chamfer")[:, :1]).all()
+
+
+@pytest.mark.parametrize(("apart", "expected"), [(0.002, (1, 1)), (0.004, (1, 0)), (0.02, (0, 0))])
+def test_f_scores_count_points_within_their_distance(data, apart, expected):
+    """Shells of a ball of radius 0.1 m, of diagonal 0.346 m: 1 % of it is 3.5 mm."""
+    model = DeformationReconstructor(DataDirectory(data).whole_folder("models/gcn/none"))
+    protocol = GraspProtocol(DatasetJob(data, data, EvaluationSettings(points=500), 0, {}, Console()), [model])
+    directions = protocol.objects.points(0) - spheres.CENTRE
+    shell = spheres.CENTRE + directions * (1 + apart / 0.1)
+    measured = protocol.distance_figures(cloud_distances(shell, protocol.objects.points(0)), 0)
+    assert (measured["f_5mm"], measured["f_1percent"]) == expected
+    assert measured["mean_distance"] == pytest.approx(apart, rel=1e-3)
 
 
 def test_the_looks_of_a_sphere_are_those_of_a_sphere(evaluation):
@@ -177,18 +192,46 @@ def test_every_table_is_there(evaluation):
     assert {path.name for path in folder.iterdir()} == {"tables.zarr", "metrics.json"}
     metrics = json.loads((folder / "metrics.json").read_text())
     tables = {table["title"].partition(":")[0]: table for table in metrics["tables"] if table["columns"]}
+    accuracy = tables["Accuracy with one grasp"]
+    assert next(iter(tables)) == "Accuracy with one grasp"
+    assert accuracy["columns"] == ["model", "mean distance, mm", "F-score at 5 mm, %", "F-score at 1 % of the diagonal, %"]
+    assert [row[0] for row in accuracy["rows"]] == [*CONFIGURATIONS, "best value that sampling allows"]
+    assert accuracy["rows"][0][1][0] == pytest.approx(1e3 * figures(folder, "none").per_object("mean_distance").mean())
     assert {"Table 1", "Table 2", "Table 3", "Modalities"} <= tables.keys()
     assert tables["Modalities"]["columns"] == ["model", "bottle (2)", "knife (1)", "all (3)", "all, m²"]
     assert [row[4] for row in tables["Table 1"]["rows"]] == pytest.approx([75.0] * 3)
-    rows = {row[0]: row[1:] for row in tables["Table 3"]["rows"] if row[0] != "  supplement"}
+    rows = {row[0]: row[1:] for row in tables["Table 3"]["rows"] if not row[0].startswith("  Smith")}
+    smallest = rows.pop("smallest value that sampling allows")
+    assert smallest[0] == pytest.approx(9000 * read_table(folder, "objects")["floor"].mean())
     assert list(rows) == ["touch", "occluded-touch", "unoccluded-touch"]
     assert all(low <= mean <= high for row in rows.values() for mean, low, high in row)
     (felt,) = (row for row in tables["Modalities"]["rows"] if row[0] == "touch")
     np.testing.assert_allclose(felt[3], rows["touch"][0])
     np.testing.assert_allclose(felt[3][0], 9000 * figures(folder, "touch").per_case("chamfer").mean())
-    for words in ("Table 1", "Table 2", "Table 3", "6.687e-05", "1.769", "floor", "F1", "RMS residual", "500 points"):
+    for words in ("Table 1", "Table 2", "Table 3", "6.687e-05", "1.769", "sampling allows", "F1", "RMS residual", "500 points"):
         assert words in printed
     assert read_root(folder)["configurations"]["occluded"] == {"image": "occluded", "touch": False}
+
+
+def test_figures_of_the_paper_are_left_out_where_objects_keep_their_sizes(evaluation, tmp_path):
+    folder = shutil.copytree(evaluation[0], tmp_path / "evaluation")
+    printed = " ".join(title_and_cells(folder))
+    assert "6.687e-05" in printed
+    assert "other objects, scaled to 0.5 m as these are" in printed
+    assert any(one.supplement for one in orderings([folder]))
+    zarr.open_group(folder / TABLES_ZARR).attrs["paper_sizes"] = False
+    printed = " ".join(title_and_cells(folder))
+    assert "6.687e-05" not in printed
+    assert "71.8" not in printed
+    assert "diagonals of these objects are 346 to 485 mm; Smith et al. 2020 scaled its objects to 500 mm" in printed
+    verdicts = orderings([folder])
+    assert not any(one.supplement for one in verdicts)
+    assert "Smith et al. 2020" not in orderings_table(verdicts)[0].columns
+
+
+def title_and_cells(folder: Path) -> list[str]:
+    tables = evaluation_tables(folder)
+    return [text for table in tables for text in (table.title, *table.columns, *(cell for row in table.rows for cell in table.text(row)))]
 
 
 def test_rings_are_measured_around_touches_only(evaluation):
@@ -366,7 +409,7 @@ def test_numbers_of_grasps_hold_the_one_that_tables_need():
     ],
 )
 def test_tables_that_depart_from_their_schema_are_not_written(tmp_path, change, words):
-    objects = {"object_id": ["a"], "category": ["ball"], "area": [1.0], "floor": [0.5]}
+    objects = {"object_id": ["a"], "category": ["ball"], "diagonal": [0.5], "area": [1.0], "floor": [0.5]}
     write_evaluation(tmp_path, {"objects": objects}, {})
     assert read_table(tmp_path, "objects")["floor"] == 0.5
     with pytest.raises(StoreError, match=words):

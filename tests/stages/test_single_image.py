@@ -27,8 +27,9 @@ from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import read_figures
 from stages.evaluate.single_image_protocol import figures_of
+from stages.evaluate.single_image_tables import means_by_class
 from stages.evaluate.supplement_figures import TABLE_4
-from stages.evaluate.tables import evaluation_tables, means_by_class
+from stages.evaluate.tables import evaluation_tables
 from stages.registry import load_stage, resolve
 from stages.train_gcn.settings import SingleImageSettings
 from tests.stages.tiny_dataset import manifest, run_stage

@@ -17,12 +17,12 @@ from pipeline.kernels.vision.scene import Scene
 from pipeline.models.families import FAMILIES, load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstructor
+from pipeline.reports.contact_sheet_page import surroundings
 from pipeline.reports.paper_figures import PIXELS, clearest_grasp
 from pipeline.reports.reconstruction_gallery import render_mesh
 from pipeline.reports.report_source import ReportSource
 from pipeline.store.storage import Place
 from stages.render_vision.renderer import Renderer
-from tools.overview_picture import surroundings
 
 
 @dataclass(frozen=True, eq=False)

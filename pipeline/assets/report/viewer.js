@@ -2,6 +2,7 @@
 "use strict";
 (() => {
   const waiting = {};
+  const HAND_OPACITY = 0.5;  // the object is seen through the hand
 
   // A mesh file is a script that calls this with its name and its content: gzip, base64. Browsers fetch no files from a disk.
   window.vtMesh = (name, content) => waiting[name](content);
@@ -30,28 +31,60 @@
     scene.add(new THREE.HemisphereLight(0xffffff, 0x777777, 1.7), camera);
     camera.add(lamp);
     const controls = new THREE.OrbitControls(camera, canvas);
-    const draw = () => {
-      const { clientWidth, clientHeight } = canvas;
+    let predictions;
+    const isBeside = () => Boolean(predictions && chosen("prediction").value && chosen("beside").checked);
+    const draw = () => {  // a prediction has a view of its own beside the object's, seen from the same side
+      const { clientWidth, clientHeight } = canvas, views = isBeside() ? [[scene], [predictions]] : [[scene, predictions]];
       renderer.setSize(clientWidth, clientHeight, false);
-      camera.aspect = clientWidth / clientHeight;
+      const width = clientWidth / views.length;
+      camera.aspect = width / clientHeight;
       camera.updateProjectionMatrix();
-      renderer.render(scene, camera);
+      renderer.setScissorTest(true);
+      views.forEach((shown, place) => {
+        scene.children.forEach((child) => { if (child.isGroup) child.visible = shown.includes(child === predictions ? child : scene); });
+        renderer.setViewport(place * width, 0, width, clientHeight);
+        renderer.setScissor(place * width, 0, width, clientHeight);
+        renderer.render(scene, camera);
+      });
     };
     controls.addEventListener("change", draw);
     new ResizeObserver(draw).observe(canvas);
 
-    const reset = () => {
-      const ballOf = (node) => new THREE.Box3().setFromObject(node).getBoundingSphere(new THREE.Sphere());
-      const ball = ballOf(scene.getObjectByName("object"));
-      const away = ballOf(scene.getObjectByName(`grasp-${chosen("grasp").value}-sensors`)).center.sub(ball.center);
-      const azimuth = Math.atan2(away.x, away.z) + 0.9;  // from beside the hand: it hides little, and little hides it
-      controls.target.copy(ball.center);
-      away.set(Math.sin(azimuth), 0.5, Math.cos(azimuth)).normalize().multiplyScalar(1.1 * ball.radius / Math.sin(0.3));
-      camera.position.copy(ball.center).add(away);
-      controls.update();
+    const boxOf = (node) => new THREE.Box3().setFromObject(node);
+    const cornersOf = (node, corners = []) => {
+      node.updateWorldMatrix(true, true);
+      node.traverse((mesh) => {
+        if (!mesh.isMesh) return;
+        mesh.geometry.computeBoundingBox();
+        const { min, max } = mesh.geometry.boundingBox;
+        for (const x of [min.x, max.x]) for (const y of [min.y, max.y]) for (const z of [min.z, max.z])
+          corners.push(new THREE.Vector3(x, y, z).applyMatrix4(mesh.matrixWorld));
+      });
+      return corners;
     };
 
-    let predictions;
+    // Look from beside the hand, so that it hides little, and from where object and hand just fit into the view.
+    const reset = () => {
+      const grasp = chosen("grasp").value, object = scene.getObjectByName("object"), middle = boxOf(object).getCenter(new THREE.Vector3());
+      const hand = boxOf(scene.getObjectByName(`grasp-${grasp}-sensors`)).getCenter(new THREE.Vector3()).sub(middle);
+      const high = new THREE.Vector3(0, 1, 0), across = hand.normalize().clone().cross(high);
+      if (across.length() < 0.3) across.set(1, 0, 0);  // the hand is above or below
+      const toward = across.normalize().addScaledVector(hand, 0.45).addScaledVector(high, 0.3).normalize();
+      const right = high.clone().cross(toward).normalize(), up = toward.clone().cross(right);
+      const shown = [object, scene.getObjectByName(`grasp-${grasp}-hand`)].filter((node) => node && node.visible);
+      const corners = shown.flatMap((node) => cornersOf(node)).map((corner) => corner.sub(middle));
+      const height = Math.tan(camera.fov * Math.PI / 360), target = middle.clone();
+      const distances = [[right, height * camera.aspect], [up, height]].map(([axis, slope]) => {
+        const reach = (sign) => Math.max(...corners.map((corner) => sign * corner.dot(axis) / slope + corner.dot(toward)));
+        target.addScaledVector(axis, slope * (reach(1) - reach(-1)) / 2);
+        return (reach(1) + reach(-1)) / 2;
+      });
+      controls.target.copy(target);
+      camera.position.copy(target).addScaledVector(toward, 1.04 * Math.max(...distances));
+      controls.update();
+      draw();
+    };
+
     const show = async () => {
       const grasp = chosen("grasp").value, prediction = chosen("prediction")?.value;
       if (prediction && !predictions) {
@@ -59,7 +92,8 @@
         predictions = await parse(root.dataset.predictions);
         scene.add(predictions);
       }
-      const shown = new Set([...root.querySelectorAll("input:checked")].map((box) => box.value));
+      const parts = [...root.querySelectorAll("fieldset input:checked")].map((box) => box.value);
+      const shown = new Set(parts.filter((part) => part !== "beside"));
       scene.traverse((node) => {
         const [, number, part] = /^grasp-(\d+)-(\w+)$/.exec(node.name) ?? [];
         if (number) node.visible = number === grasp && shown.has(part);
@@ -68,7 +102,8 @@
       predictions?.children.forEach((top) => top.traverse((node) => {
         if (node.name.startsWith("prediction-") && node.children.length) node.visible = node.name === `prediction-${prediction}`;
       }));
-      said.textContent = `Grasp ${Number(grasp) + 1}. Shown: ${[...shown].join(", ") || "nothing"}${prediction ? `, prediction ${prediction}` : ""}.`;
+      const where = isBeside() ? "; on the right: " : ", ";
+      said.textContent = `Grasp ${Number(grasp) + 1}. Shown: ${[...shown].join(", ") || "nothing"}${prediction ? `${where}prediction ${prediction}` : ""}.`;
       draw();
     };
 
@@ -88,12 +123,20 @@
     canvas.addEventListener("keydown", (event) => {
       if (keys[event.key]) { keys[event.key](); event.preventDefault(); }
     });
-    root.addEventListener("change", show);
+    root.addEventListener("change", async (event) => {
+      await show();
+      if (["grasp", "beside", "prediction"].includes(event.target.name)) reset();
+    });
 
     scene.add(await parse(root.dataset.mesh));
+    scene.traverse((node) => {
+      if (/^grasp-\d+-hand$/.test(node.name)) node.traverse(({ material }) => {
+        if (material) Object.assign(material, { transparent: true, opacity: HAND_OPACITY });
+      });
+    });
     await show();
-    reset();
     draw();
+    reset();
     root.querySelector(".stage img").hidden = true;
     root.dataset.ready = performance.now().toFixed(0);
   };

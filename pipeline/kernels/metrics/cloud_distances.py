@@ -64,6 +64,11 @@ class CloudDistances:
         """Chamfer distance, m²: the mean squared nearest distance, both directions summed."""
         return float(self.predicted.mean() + self.truth.mean())
 
+    @property
+    def mean_distance(self) -> float:
+        """Mean nearest distance, m: the mean of both directions'."""
+        return float(np.sqrt(self.predicted).mean() + np.sqrt(self.truth).mean()) / 2
+
     def precision_recall(self, tau: float, scale: float = 1.0) -> tuple[float, float]:
         """Compute the shares of predicted and of true points that are near the other cloud.
 
@@ -114,6 +119,21 @@ def cloud_distances(predicted: NDArray[np.floating], truth: NDArray[np.floating]
     return CloudDistances(nearest_squared(predicted, truth), nearest_squared(truth, predicted))
 
 
+def sampling_distance(area: float, count: int) -> float:
+    """Compute the mean nearest distance between two samplings of one surface: what a perfect reconstruction measures.
+
+    Parameters
+    ----------
+    area, count
+        As `sampling_floor`.
+
+    Returns
+    -------
+    √(A / n) / 2, m: the mean of the distribution whose mean square is A / (π n).
+    """
+    return float(np.sqrt(np.pi * sampling_floor(area, count) / 8))
+
+
 def sampling_floor(area: float, count: int) -> float:
     """Compute the Chamfer distance between two samplings of one surface: what a perfect reconstruction measures.
 
@@ -138,6 +158,23 @@ def sampling_floor(area: float, count: int) -> float:
             f"an area of {area} m² with {count} points has no sampling floor: the area is finite and at least 0, the points at least 1"
         )
     return 2 * area / (np.pi * count)
+
+
+def sampling_share(area: float, count: int, distance: float) -> float:
+    """Compute the share of points within `distance` of another sampling of their surface: the F1 that a perfect reconstruction measures.
+
+    Parameters
+    ----------
+    area, count
+        As `sampling_floor`; the area above 0.
+    distance
+        m.
+
+    Returns
+    -------
+    1 - exp(-π n d² / A), for points scattered at random over a plane.
+    """
+    return float(-np.expm1(-2 * distance**2 / sampling_floor(area, count)))
 
 
 def sampled_area(points: NDArray[np.floating], normals: NDArray[np.floating] | None = None) -> float:

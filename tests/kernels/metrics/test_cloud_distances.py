@@ -8,7 +8,14 @@ from hypothesis import strategies as st
 
 from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.metrics.chamfer import chamfer
-from pipeline.kernels.metrics.cloud_distances import cloud_distances, nearest_squared, sampled_area, sampling_floor
+from pipeline.kernels.metrics.cloud_distances import (
+    cloud_distances,
+    nearest_squared,
+    sampled_area,
+    sampling_distance,
+    sampling_floor,
+    sampling_share,
+)
 
 
 def brute_force(query, points):
@@ -71,6 +78,22 @@ def test_two_samplings_of_a_plane_are_the_sampling_floor_apart():
     count, width = 20_000, 0.4
     measured = cloud_distances(plane(count, rng, width=width), plane(count, rng, width=width)).chamfer
     assert measured == pytest.approx(sampling_floor(width**2, count), rel=0.03)
+
+
+def test_the_mean_distance_is_in_metres_and_the_mean_of_both_directions():
+    found = cloud_distances(np.array([[0.0, 0, 0], [3, 0, 0]]), np.array([[0.0, 0, 0], [0, 4, 0], [0, 4, 0]]))
+    assert found.mean_distance == pytest.approx((3 / 2 + 8 / 3) / 2)
+    directions = sphere(1.0, 500, np.random.default_rng(1))
+    assert cloud_distances(0.5 * directions, 0.8 * directions).mean_distance == pytest.approx(0.3)
+
+
+def test_two_samplings_of_a_plane_are_as_far_apart_as_sampling_allows():
+    rng = np.random.default_rng(6)
+    count, width = 20_000, 0.4
+    measured = cloud_distances(plane(count, rng, width=width), plane(count, rng, width=width))
+    assert measured.mean_distance == pytest.approx(sampling_distance(width**2, count), rel=0.02)
+    for near in (1e-3, 2e-3):
+        assert measured.f1(near**2) == pytest.approx(sampling_share(width**2, count, near), abs=0.01)
 
 
 @pytest.mark.parametrize("count", [1_000, 10_000])

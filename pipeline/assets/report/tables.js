@@ -1,0 +1,12 @@
+// Gives each row of a table that is wider than the screen a line per column.
+"use strict";
+(() => {
+  const fit = () => {
+    for (const frame of document.querySelectorAll(".wide")) {
+      frame.classList.remove("stacked");
+      frame.classList.toggle("stacked", frame.scrollWidth > frame.clientWidth);
+    }
+  };
+  window.addEventListener("resize", fit);
+  fit();
+})();

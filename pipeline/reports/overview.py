@@ -1,0 +1,65 @@
+"""The picture of a dataset at a glance: an object, a grasp, what its sensors measure, and a reconstruction."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.reports.contact_sheet import BandMaker
+from pipeline.reports.contact_sheet_page import depth_colors
+from pipeline.reports.reconstruction_gallery import FILL, predicted_mesh, render_mesh
+from pipeline.reports.report_source import ReportSource, best, dataset_scene
+from pipeline.reports.second_view import fitted_camera, second_view
+from stages.render_vision.renderer import Renderer
+
+PIXELS = 480
+"""A picture's side."""
+
+GAP = 4
+"""Pixels between the tiles of a picture."""
+
+
+def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tuple[str, NDArray[np.uint8]]]:
+    """Render an object, a grasp of it from close by, the touched surface, tactile images, depth maps and the best reconstruction.
+
+    Parameters
+    ----------
+    source
+        The dataset.
+    object_id, grasp
+        The object, and the grasp, from 0.
+
+    Returns
+    -------
+    Captions, and square images (R, R, 3) uint8; without a reconstruction if the object was not evaluated.
+    """
+    rows, sensors, scene = source.rows(object_id), source.sensors(), dataset_scene(source.directory)
+    mesh = read_mesh(rows["surfaces"])
+    camera = fitted_camera(scene.camera.with_resolution(PIXELS), mesh.vertices, FILL)
+    with Renderer(scene, PIXELS) as renderer:
+        maker = BandMaker(renderer, scene=scene, hand=source.hand(), sensors=sensors)
+        with maker.grasp_view(rows, grasp) as view:
+            held, felt = second_view(renderer, scene, PIXELS, view)
+        tactile_images, depths = rows["touch"]["tactile_image"][grasp], rows["touch"]["depth"][grasp]
+        touches = int(rows["grasps"]["touch_success"][grasp].sum())
+        panels = [
+            ("object", render_mesh(renderer, mesh, camera)),
+            ("grasp", held),
+            (f"touched surface, {touches} touch{'es' * (touches != 1)}", felt),
+            ("tactile images", _grid(list(tactile_images))),
+            ("depth maps", _grid([depth_colors(depth, sensor) for depth, sensor in zip(depths, sensors, strict=True)])),
+        ]
+        if source.evaluation and (predictions := source.evaluation.predictions(object_id)):
+            made = best(predictions)
+            shown = predicted_mesh(source.collections.get("charts"), object_id, source.evaluation.tables[made.network], made.case)
+            panels.append((f"reconstruction: {made.label}", render_mesh(renderer, shown, camera)))
+    return panels
+
+
+def _grid(tiles: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Lay tiles of one size in a square as near as can be, with white between them."""
+    columns = int(np.ceil(np.sqrt(len(tiles))))
+    framed = [np.pad(tile, ((GAP, GAP), (GAP, GAP), (0, 0)), constant_values=255) for tile in tiles]
+    framed += [np.full_like(framed[0], 255)] * (-len(framed) % columns)
+    return np.concatenate([np.concatenate(framed[start : start + columns], axis=1) for start in range(0, len(framed), columns)])
