@@ -45,7 +45,7 @@ are added to the untouched photograph; milliseconds are an image's, depth not co
 PAGE_END = """- One core, processor time, the least of nine. [peers.md](peers.md) has the times of depth and image together, and of Taxim's.
 - The GelSight's circles are annotated about 6 pixels inside the rim that the photographs show: the ring of colour in the differences.
 - GelSight Mini: neither ball nor pixel size is stated with the photographs, and all contacts lie in the middle of the gel: its colours do
-  not depend on the position. Its circles are annotated up to 26 pixels (median 8) beside the point around which the colours turn, with
+  not depend on the position. Its circles are annotated up to 26 pixels (median 9) beside the point around which the colours turn, with
   radii 20 pixels larger than that at which they fade fastest; `calibrate-sensor` finds the latter. Slopes steeper than 26 degrees were
   not photographed, and look like that one.
 - The polynomial background is what ships instead of a photograph; `calibrate-sensor` takes your own untouched photograph.

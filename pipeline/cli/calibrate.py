@@ -34,6 +34,7 @@ def calibrate_sensor(
     """
     from pipeline.inference.calibrate_sensor import calibrate, check_name, read_photographs, render_contact, write_sensor
     from pipeline.kernels.touch.calibration_fit import FitOptions
+    from pipeline.kernels.touch.fitted_range import fitted_range, missing_photographs
     from pipeline.kernels.touch.sensor import Sensor
     from pipeline.reports.plots import draw_calibration
 
@@ -72,6 +73,10 @@ def calibrate_sensor(
     print_line(
         f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact; membrane {1e3 * found.sensor.membrane:.2f} mm"
     )
+    for line in fitted_range(found.calibration):
+        print_line(line)
+    for line in missing_photographs(found.sensor, found.calibration, [photograph.contact for photograph in found.fitted]):
+        errors.print(f"[yellow]missing[/] {line}")
     shown = [render_contact(found.sensor, found.calibration, one, image, radius) for one in found.tested]
     draw_calibration(found.tested, shown, report := out.with_name(f"{out.stem}-calibration.png"))
     print_line(f"{out}, {report}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")

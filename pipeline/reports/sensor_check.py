@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch.fitted_range import fitted_range, slope_degrees
 from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
@@ -32,6 +34,7 @@ def check_sensor(path: Path, picture: Path) -> list[str]:
         f"gel {MM * sensor.width:.4g} x {MM * sensor.height:.4g} mm, {MM * sensor.w:.4g} mm thick; rays reach {MM * sensor.range:.4g} mm",
         f"{sensor.cols} x {sensor.rows} pixels of {MM * (x[1] - x[0]):.3g} x {MM * (y[1] - y[0]):.3g} mm",
         f"untouched image: mean {', '.join(f'{level:.0f}' for level in untouched.mean(axis=(0, 1)))} of 255, {clipped:.1f} % clipped",
+        *(fitted_range(sensor.calibrated) if sensor.calibrated else []),
         f"picture: {picture}",
     ]
 
@@ -77,7 +80,7 @@ def _section(axes: Axes, sensor: Sensor, depth: NDArray[np.float64]) -> None:
 
 
 def _plan(axes: Axes, sensor: Sensor) -> None:
-    """Draw the gel from below: every tenth row and column of pixels, and the lamps."""
+    """Draw the gel from below: every tenth row and column of pixels, and the lamps or the part that was fitted to photographs."""
     x, y = (centres[:: max(1, len(centres) // 10)] * MM for centres in pixel_centres(sensor))
     axes.plot(*(grid.ravel() for grid in np.meshgrid(x, y)), ".", color="#bbbbbb", markersize=2)
     half, tall = MM * sensor.width / 2, MM * sensor.height / 2
@@ -85,5 +88,9 @@ def _plan(axes: Axes, sensor: Sensor) -> None:
     for color in ("red", "green", "blue") if sensor.lights else ():
         lamp = getattr(sensor.lights, color)
         axes.plot((lamp[0] - 0.5) * 2 * half, lamp[1] * 2 * half - tall, "*", color=color, markersize=12)
+    if sensor.calibrated and sensor.calibrated.within:
+        left, top, right, bottom = (MM * side for side in sensor.calibrated.within)
+        axes.add_patch(Rectangle((left, top), right - left, bottom - top, fill=False, color="#d94801", linestyle="--"))
+        axes.text(left, top, f" photographed: to {slope_degrees(sensor.calibrated):.0f}°", color="#d94801", fontsize=7, va="top")
     axes.set(title="pixels and lamps, +y downwards", xlabel="x, mm", ylabel="y, mm", aspect="equal")
     axes.invert_yaxis()

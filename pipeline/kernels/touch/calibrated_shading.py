@@ -42,14 +42,36 @@ def calibrated_change(pressed: NDArray[np.float64], sensor: Sensor, calibration:
     change = np.zeros((*sensor.shape, 3))
     bump = deformed(pressed, sensor)
     if bump.any():
-        x, y = (centres / sensor.width for centres in pixel_centres(sensor))
+        x, y = fitted_positions(sensor, calibration.within)
         shading = np.array(calibration.coefficients)
         degrees = SLOPE_TERMS[shading.shape[1]], POSITION_TERMS[shading.shape[2]]
         _shade(bump, sensor.pitch, x, y, shading, degrees, calibration.steepest, change)
+    casting = np.minimum(bump, calibration.deepest)
     for shadow in calibration.shadows if bump.any() else ():
-        depth = shade_depth(bump, sensor.pitch, direction=np.deg2rad(shadow.direction), slope=shadow.slope)
+        depth = shade_depth(casting, sensor.pitch, direction=np.deg2rad(shadow.direction), slope=shadow.slope)
         _darken(np.ascontiguousarray(depth), MM * np.array(shadow.gain), change)
     return change
+
+
+def fitted_positions(sensor: Sensor, within: tuple[float, float, float, float] | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Compute the positions of pixels at which coefficients are taken: those nearest to them in the part that was fitted.
+
+    Parameters
+    ----------
+    sensor
+        Gives the pixels.
+    within
+        As in `Calibration`.
+
+    Returns
+    -------
+    x, y
+        (cols,) and (rows,) float64, sensor widths.
+    """
+    x, y = pixel_centres(sensor)
+    if within is not None:
+        x, y = np.clip(x, within[0], within[2]), np.clip(y, within[1], within[3])
+    return x / sensor.width, y / sensor.width
 
 
 @lru_cache(maxsize=8)

@@ -5,6 +5,7 @@ Valid range: contacts of 8 pixels radius or more; balls larger than their contac
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -12,7 +13,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.touch.calibrated_shading import MM, deformed, powers
+from pipeline.kernels.touch.calibrated_shading import MM, deformed, fitted_positions, powers
 from pipeline.kernels.touch.cast_shadow import shade_depth
 from pipeline.kernels.touch.optics import Calibration, Levels, Shadow
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
@@ -31,6 +32,9 @@ DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)
 """Shadows that are tried: degrees, and height over length."""
 HALVINGS = 14
 """Of the interval in which a ball's depth is sought: to a ten-thousandth."""
+
+
+Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -151,7 +155,8 @@ class _Fit:
         grid[::STRIDE, ::STRIDE] = True
         self.where = [np.nonzero((distance < RING) & grid) for distance in distances]
         self.inside = np.concatenate([distance[at] < 1 for distance, at in zip(distances, self.where, strict=True)])
-        rows = [shading_features(bump, sensor, options)[at] for bump, at in zip(self.bumps, self.where, strict=True)]
+        self.within = contact_box(sensor, contacts)
+        rows = [shading_features(bump, sensor, options, self.within)[at] for bump, at in zip(self.bumps, self.where, strict=True)]
         self.features = np.concatenate(rows)
         images = [photograph.image for photograph in photographs]
         self.change = np.concatenate([image[at].astype(float) - untouched[at] for image, at in zip(images, self.where, strict=True)])
@@ -193,10 +198,27 @@ class _Fit:
         shadows = [Shadow(direction=d, slope=s, gain=tuple(gain)) for (d, s), gain in zip(self.shadows, gains, strict=True)]
         places = len(powers(self.options.position_degree))
         steepest = float(np.hypot(self.features[:, 0], self.features[:, places]).max())  # the columns of nx and ny alone
-        return Calibration(coefficients=shading.tolist(), background=background, shadows=tuple(shadows), steepest=round(steepest, 3))
+        deepest = max(float(bump.max()) for bump in self.bumps)
+        return Calibration(
+            coefficients=shading.tolist(),
+            background=background,
+            shadows=tuple(shadows),
+            steepest=round(steepest, 3),
+            deepest=math.ceil(1e6 * deepest) / 1e6,
+            within=self.within,
+        )
 
 
-def shading_features(bump: NDArray[np.float64], sensor: Sensor, options: FitOptions) -> NDArray[np.float64]:
+def contact_box(sensor: Sensor, contacts: Sequence[Circle]) -> Box:
+    """Compute the part of the gel in which contacts lie: least x and y, greatest x and y, m, to 10 µm."""
+    x, y = pixel_centres(sensor)
+    at = np.array([(x[0] + circle.x * sensor.pitch[1], y[0] + circle.y * sensor.pitch[0]) for circle in contacts])
+    reach = sensor.pitch[1] * np.array([[circle.radius] for circle in contacts])
+    left, top, right, bottom = np.round([*(at - reach).min(axis=0), *(at + reach).max(axis=0)], 5).tolist()
+    return left, top, right, bottom
+
+
+def shading_features(bump: NDArray[np.float64], sensor: Sensor, options: FitOptions, within: Box) -> NDArray[np.float64]:
     """Compute the features of every pixel, in the order of `Calibration.coefficients`.
 
     Parameters
@@ -207,6 +229,8 @@ def shading_features(bump: NDArray[np.float64], sensor: Sensor, options: FitOpti
         Gives the pixels.
     options
         Gives the degrees of the polynomials.
+    within
+        From `contact_box`.
 
     Returns
     -------
@@ -215,7 +239,7 @@ def shading_features(bump: NDArray[np.float64], sensor: Sensor, options: FitOpti
     slope_y, slope_x = (change / size for change, size in zip(np.gradient(bump), sensor.pitch, strict=True))
     size = np.sqrt(1 + slope_x**2 + slope_y**2)
     a, b = slope_x / size, slope_y / size
-    x, y = (centres / sensor.width for centres in pixel_centres(sensor))
+    x, y = fitted_positions(sensor, within)
     normal = [a**i * b**j for i, j in powers(options.normal_degree)[1:]]
     place = [x[None] ** i * y[:, None] ** j for i, j in powers(options.position_degree)]
     return np.stack([a * b for a, b in product(normal, place)], axis=-1)

@@ -10,6 +10,7 @@ Lateral = Annotated[float, Field(ge=-1000, le=1000)]
 Position = tuple[Lateral, Lateral, Annotated[float, Field(gt=0, le=1000)]]
 Level = Annotated[float, Field(ge=-1e7, le=1e7)]
 Levels = tuple[Level, Level, Level]
+Place = Annotated[float, Field(ge=-10, le=10)]
 
 POSITION_TERMS = {(degree + 1) * (degree + 2) // 2: degree for degree in range(7)}
 """Degree of a polynomial in x and y, by its number of terms."""
@@ -52,6 +53,13 @@ class Calibration(_Entry):
     steepest: Annotated[
         float, Field(gt=0, le=1, description="sine of the steepest slope that was fitted: a steeper one has its colours, none are guessed")
     ] = 1.0
+    deepest: Annotated[
+        float, Field(gt=0, le=10, description="depth of the deepest fitted contact, m: a deeper one has its shadows; by default no limit")
+    ] = 10.0
+    within: Annotated[
+        tuple[Place, Place, Place, Place] | None,
+        Field(description="part of the gel in which contacts were fitted, m: least x and y, greatest x and y; beyond it, as at its rim"),
+    ] = None
 
     @model_validator(mode="after")
     def _are_polynomials(self) -> Calibration:
@@ -64,4 +72,6 @@ class Calibration(_Entry):
             )
         if not isinstance(self.background, str) and len(self.background) not in POSITION_TERMS:
             raise ValueError(f"background has {len(self.background)} terms of the position; there must be one of {list(POSITION_TERMS)}")
+        if self.within is not None and not (self.within[0] < self.within[2] and self.within[1] < self.within[3]):
+            raise ValueError(f"within is {list(self.within)}; it must be the least x and y, then the greatest x and y, m")
         return self

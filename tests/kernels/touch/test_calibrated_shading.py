@@ -21,6 +21,8 @@ def bump(sensor=SMALL, radius=0.003, deep=0.001) -> np.ndarray:
 def slow_change(sensor, pressed) -> np.ndarray:
     """Evaluate the polynomial, pixel by pixel, without membrane and shadows."""
     x, y = (centres / sensor.width for centres in pixel_centres(sensor))
+    left, top, right, bottom = np.array(sensor.calibrated.within) / sensor.width
+    x, y = ([min(max(at, least), most) for at in axis] for axis, least, most in ((x, left, right), (y, top, bottom)))
     found = np.zeros((*sensor.shape, 3))
     rows, cols = sensor.shape
     for r in range(rows):
@@ -59,6 +61,29 @@ def test_slopes_that_were_not_fitted_have_the_colours_of_the_steepest_one_that_w
     away = np.hypot(*np.meshgrid(*pixel_centres(sensor))) > 4 * max(sensor.pitch)
     changes = [calibrated_change(one, sensor, optics)[away] for one in cone]
     np.testing.assert_allclose(*changes, atol=1e-6)
+
+
+@pytest.mark.parametrize("within", [(-0.001, -0.0008, 0.0012, 0.0009), (-1.0, -1.0, 1.0, 1.0)])
+def test_positions_that_were_not_fitted_have_the_colours_of_the_nearest_one_that_was(within: tuple[float, ...]) -> None:
+    optics = SMALL.calibrated.model_copy(update={"shadows": (), "within": within})
+    sensor = SMALL.model_copy(update={"membrane": 0.0, "calibrated": optics})
+    found = calibrated_change(bump(), sensor, optics)
+    np.testing.assert_allclose(found, slow_change(sensor, bump()), atol=1e-9)
+    everywhere = calibrated_change(bump(), sensor, optics.model_copy(update={"within": None}))
+    assert (found == everywhere).all() == (within[0] == -1.0)
+
+
+def test_contact_deeper_than_those_fitted_casts_the_shadow_of_the_deepest() -> None:
+    optics = SMALL.calibrated.model_copy(update={"deepest": 0.0006})
+    no_shadow, no_limit = optics.model_copy(update={"shadows": ()}), optics.model_copy(update={"deepest": 10.0})
+    sensor = SMALL.model_copy(update={"membrane": 0.0})
+    deep, shallow = bump(), bump(deep=0.0005)
+    cast = calibrated_change(deep, sensor, optics) - calibrated_change(deep, sensor, no_shadow)
+    cut = np.minimum(deep, 0.0006)
+    expected = calibrated_change(cut, sensor, no_limit) - calibrated_change(cut, sensor, no_shadow)
+    np.testing.assert_allclose(cast, expected, atol=1e-9)
+    assert np.abs(calibrated_change(deep, sensor, no_limit) - calibrated_change(deep, sensor, optics)).max() > 1
+    assert (calibrated_change(shallow, sensor, no_limit) == calibrated_change(shallow, sensor, optics)).all()
 
 
 def test_background_is_the_polynomial_and_what_nothing_touches_shows_it() -> None:

@@ -1,0 +1,38 @@
+"""What is said of the range of a calibration, and which photographs it lacks."""
+
+import pytest
+
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch.calibration_fit import Circle, contact_box
+from pipeline.kernels.touch.fitted_range import fitted_range, missing_photographs
+
+SENSOR = load_sensor("gelsight")
+OPTICS = SENSOR.calibrated
+EVERYWHERE = [Circle(x, y, 60.0) for x in (100.0, 320.0, 540.0) for y in (80.0, 240.0, 400.0)]
+
+
+def test_box_of_contacts_is_in_the_sensor_frame() -> None:
+    circle = Circle(319.5, 239.5, 100.0)  # in the middle of 640 x 480 pixels of 0.0295 mm
+    assert contact_box(SENSOR, [circle]) == pytest.approx((-0.00295, -0.00295, 0.00295, 0.00295), abs=1e-5)
+    left, top, right, bottom = contact_box(SENSOR, [circle, Circle(419.5, 239.5, 50.0)])
+    assert (left, right) == pytest.approx((-0.00295, 0.00443), abs=1e-5)
+    assert (top, bottom) == pytest.approx((-0.00295, 0.00295), abs=1e-5)
+
+
+def test_range_is_named_and_files_without_one_are_said_to_extrapolate() -> None:
+    assert fitted_range(OPTICS)[0] == "fitted: slopes up to 72 degrees, contacts up to 2.00 mm deep, x -8.5 to 8.9 mm, y -5.0 to 5.8 mm"
+    (line,) = fitted_range(OPTICS.model_copy(update={"within": None}))
+    assert "colours elsewhere are extrapolated, calibrate again" in line
+
+
+def test_thirds_without_a_contact_and_missing_slopes_are_named() -> None:
+    assert missing_photographs(SENSOR, OPTICS, EVERYWHERE) == []
+    lines = missing_photographs(SENSOR, OPTICS.model_copy(update={"steepest": 0.515}), EVERYWHERE[1:8])
+    assert lines == [
+        "no contact in the upper left, lower right of the gel: press there",
+        "no slope steeper than 31 degrees: press deeper, or use a smaller ball",
+    ]
+    everywhere_alike = load_sensor("gelsight_mini").calibrated  # its colours do not depend on the position
+    assert missing_photographs(SENSOR, everywhere_alike, EVERYWHERE[:1]) == [
+        "no slope steeper than 26 degrees: press deeper, or use a smaller ball"
+    ]
