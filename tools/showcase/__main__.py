@@ -25,8 +25,7 @@ from pipeline.kernels.vision.camera import Camera, camera_pose, look_at
 from pipeline.kernels.vision.labels import Label
 from pipeline.reports.contact_sheet import BandMaker
 from pipeline.reports.grasp_scene import GraspScenes
-from pipeline.reports.reconstruction_gallery import SCENE
-from pipeline.reports.report_source import ReportSource
+from pipeline.reports.report_source import SCENE, ReportSource
 from pipeline.reports.second_view import grasp_cameras
 from pipeline.store.storage import place
 from stages.render_vision.renderer import Renderer
