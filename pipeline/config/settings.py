@@ -6,7 +6,8 @@ a measured error), or changes speed alone.
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -17,6 +18,9 @@ class Settings(BaseModel):
     """Frozen settings; an unknown name is an error. Those of a stage derive from it, each field made by `setting`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """Values of a plugin's stage, by preset; those of other stages are in `pipeline/assets/presets.yaml`."""
 
     def results(self) -> dict[str, Any]:
         """Return the settings that a result depends on, as plain values: they belong to a stage's key."""
