@@ -1,14 +1,37 @@
-"""Every artifact by name, in the order in which they are made: those that the modules of this package declare."""
+"""Every artifact by name, in the order in which they are made: those that the modules of this package declare, then those of plugins."""
 
+from collections import UserDict
 from importlib import import_module
+from importlib.metadata import EntryPoint
 from pkgutil import iter_modules
 
 import schemas
+from pipeline import plugins
+from pipeline.errors import StoreError
 from schemas.base import Artifact
+
+
+class _Catalogue(UserDict[str, Artifact]):
+    """Artifacts by name; one that a plugin declares is imported when it is asked for."""
+
+    data: dict[str, Artifact | EntryPoint]  # type: ignore[assignment]
+
+    def __getitem__(self, name: str) -> Artifact:
+        found = self.data[name]
+        if isinstance(found, EntryPoint):
+            artifact = plugins.load(found, StoreError)
+            if not isinstance(artifact, Artifact) or artifact.name != name:
+                raise StoreError(f"{found.value} of package {plugins.package_of(found)} is not an Artifact called {name}")
+            self.data[name] = found = artifact
+        return found
+
 
 _modules = [import_module(f"schemas.{module.name}") for module in iter_modules(schemas.__path__) if module.name != "catalogue"]
 _declared = [value for module in _modules for value in vars(module).values() if isinstance(value, Artifact)]
-ARTIFACTS = {artifact.name: artifact for artifact in sorted(_declared, key=lambda artifact: (artifact.order, artifact.name))}
+_own = {artifact.name: artifact for artifact in sorted(_declared, key=lambda artifact: (artifact.order, artifact.name))}
+ARTIFACTS = _Catalogue(_own)
+for _entry in plugins.declared("schemas"):
+    ARTIFACTS.data.setdefault(_entry.name, _entry)
 
 
 def artifact_of(array: str) -> Artifact:

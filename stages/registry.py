@@ -1,4 +1,4 @@
-"""Every stage by name, in the order of the pipeline, and the settings that a user chooses for it.
+"""Every stage by name, in the order of the pipeline and then those of plugins, and the settings that a user chooses for it.
 
 `load_stage` imports a stage's modules.
 """
@@ -6,19 +6,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from importlib import import_module
+from importlib.metadata import EntryPoint
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import yaml
 from pydantic import ValidationError
 
+from pipeline import plugins
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.engine.trade import Trade
-from pipeline.errors import InvalidInput, unknown
+from pipeline.errors import InvalidInput, PipelineError, StageError, unknown
 from pipeline.formats.description_file import invalid_entries
+from schemas.catalogue import ARTIFACTS
 
 
 class Entry(NamedTuple):
@@ -29,7 +33,7 @@ class Entry(NamedTuple):
     settings: str
 
 
-STAGES = {
+OWN = {
     "sample-surfaces": Entry("stages.sample_surfaces", "SampleSurfaces", "SurfaceSettings"),
     "simulate-grasps": Entry("stages.simulate_grasps", "SimulateGrasps", "GraspSettings"),
     "render-vision": Entry("stages.render_vision", "RenderVision", "VisionSettings"),
@@ -45,32 +49,60 @@ STAGES = {
     "evaluate-single-image": Entry("stages.evaluate", "EvaluateSingleImage", "SingleImageEvaluationSettings"),
 }
 
-GRASP_STAGES = [name for name in STAGES if "single-image" not in name and name != "read-renderings"]
+STAGES: dict[str, Entry | EntryPoint] = {**OWN, **{entry.name: entry for entry in plugins.declared("stages") if entry.name not in OWN}}
+"""All stages: `OWN`, then those of plugins."""
+
+GRASP_STAGES = [name for name in OWN if "single-image" not in name and name != "read-renderings"]
 """Stages for any manifest; the others need a manifest that names renderings."""
 
 DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 """Stages that make a dataset."""
-TRADED = tuple(name for name in GRASP_STAGES if find_spec(f"{STAGES[name].folder}.trade"))
+TRADED = tuple(name for name in GRASP_STAGES if find_spec(f"{OWN[name].folder}.trade"))
 """Stages that declare what they trade between speed and accuracy, in a module `trade` of their folder."""
 
 
 def load_stage(name: str) -> ObjectStage | DatasetStage:
-    """Load the stage called `name`, a key of `STAGES`."""
+    """Load the stage called `name`, a key of `STAGES`.
+
+    Raises
+    ------
+    InvalidInput
+        Several packages bring a stage of this name.
+    StageError
+        A plugin's stage cannot be imported, is not a stage of this name, or writes an artifact that its package does not declare.
+    """
+    packages = [plugins.package_of(entry) for entry in plugins.declared("stages") if entry.name == name]
+    plugins.check_unique("stage", name, ["vt-pipeline"] * (name in OWN) + packages)
     entry = STAGES[name]
+    if isinstance(entry, EntryPoint):
+        return _load_plugin(entry)
     stage: ObjectStage | DatasetStage = getattr(import_module(f"{entry.folder}.stage"), entry.stage)()
+    return stage
+
+
+def _load_plugin(entry: EntryPoint) -> ObjectStage | DatasetStage:
+    loaded, package = plugins.load(entry, StageError), plugins.package_of(entry)
+    if not (isinstance(loaded, type) and issubclass(loaded, ObjectStage | DatasetStage) and loaded.name == entry.name):
+        raise StageError(f"{entry.value} of package {package} is not an ObjectStage or DatasetStage with the name {entry.name}")
+    if issubclass(loaded, ObjectStage) and ARTIFACTS.get(output := loaded.output.name) is not loaded.output:
+        owner = f"; {output} is already an artifact of another package" if output in ARTIFACTS else ""
+        raise StageError(f"{entry.name} of package {package} writes {output}, which its entry points `vt_pipeline.schemas` lack{owner}")
+    stage: ObjectStage | DatasetStage = loaded()
     return stage
 
 
 def load_settings_type(name: str) -> type[Settings]:
     """Load the settings type of the stage called `name`, without the libraries that the stage needs."""
     entry = STAGES[name]
+    if isinstance(entry, EntryPoint):
+        return load_stage(name).settings_type
     settings: type[Settings] = getattr(import_module(f"{entry.folder}.settings"), entry.settings)
     return settings
 
 
 def load_trade(name: str) -> Trade:
     """Load what the stage called `name`, one of `TRADED`, trades between speed and accuracy."""
-    trade: Trade = import_module(f"{STAGES[name].folder}.trade").TRADE
+    trade: Trade = import_module(f"{OWN[name].folder}.trade").TRADE
     return trade
 
 
@@ -95,7 +127,7 @@ def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
     presets, settings = load_presets(), load_settings_type(stage)
     if preset not in presets:
         raise InvalidInput(unknown("preset", preset, presets))
-    values = dict(presets[preset].get(stage, {}))
+    values = {**settings.presets.get(preset, {}), **presets[preset].get(stage, {})}
     for assignment in assignments:
         name, separator, text = assignment.partition("=")
         owner, _, setting = name.rpartition(".")
@@ -135,7 +167,11 @@ def check_assignments(preset: str, assignments: Sequence[str], stage: str) -> No
 
 
 def _is_known(setting: str, stages: Iterable[str]) -> bool:
-    return any(setting in load_settings_type(stage).model_fields for stage in stages)
+    for stage in stages:
+        with suppress(PipelineError):  # of a plugin that cannot be used
+            if setting in load_settings_type(stage).model_fields:
+                return True
+    return False
 
 
 def _value(assignment: str, text: str) -> Any:

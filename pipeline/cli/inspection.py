@@ -10,7 +10,8 @@ from rich.table import Table
 
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
-from pipeline.console import console, print_line, show_tables
+from pipeline.console import console, errors, print_line, show_tables
+from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import on_disk, place
 from schemas.catalogue import ARTIFACTS
@@ -20,7 +21,11 @@ from stages.registry import STAGES, load_stage
 def stages() -> None:
     """List the stages with inputs, outputs and settings."""
     for name in STAGES:
-        stage = load_stage(name)
+        try:
+            stage = load_stage(name)
+        except PipelineError as error:  # of a plugin; the other stages are listed all the same
+            errors.print(f"[bold]{name}[/]  [red]{escape(str(error))}[/]")
+            continue
         settings = stage.settings_type()
         reads = ", ".join(artifact.name for artifact in stage.inputs(settings)) or "the manifest's meshes"
         console.print(f"[bold]{name}[/]  {stage.summary}\n  reads {reads}; writes {stage.writes(settings)}")

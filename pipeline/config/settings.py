@@ -6,8 +6,9 @@ a measured error), or changes speed alone.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -18,6 +19,9 @@ class Settings(BaseModel):
     """Frozen settings; an unknown name is an error. Those of a stage derive from it, each field made by `setting`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """Values of a plugin's stage, by preset; those of other stages are in `pipeline/assets/presets.yaml`."""
 
     def results(self) -> dict[str, Any]:
         """Return the settings that a result depends on, as plain values: they belong to a stage's key."""

@@ -16,7 +16,7 @@ from pipeline.store.storage import read_bytes
 
 OURS = ("pipeline", "stages", "schemas")
 
-NO_RESULTS = ("pipeline.cli", "pipeline.console", "pipeline.engine", "pipeline.errors", "pipeline.store")
+NO_RESULTS = ("pipeline.cli", "pipeline.console", "pipeline.engine", "pipeline.errors", "pipeline.plugins", "pipeline.store")
 """Layers that decide no result. Every other layer counts, and so does one that is new."""
 
 TOY_OBJECTS = "pipeline.toy_objects"
@@ -24,13 +24,13 @@ TOY_OBJECTS = "pipeline.toy_objects"
 
 
 def code_hash(stage: object) -> str:
-    """Hash a stage's code: its folder, and whatever it imports of the layers below that decide results."""
+    """Hash a stage's code: its folder, and whatever it imports of its own package and of the layers below that decide results."""
     return sources_hash(type(stage).__module__)
 
 
 @cache
 def sources_hash(module: str) -> str:
-    """Hash a module, ours or a user's, and what it imports of ours, directly and by way of others.
+    """Hash a module, ours or a plugin's, and what it imports of ours and of its own package, directly and by way of others.
 
     Raises
     ------
@@ -41,49 +41,54 @@ def sources_hash(module: str) -> str:
     if spec is None or spec.origin is None:
         raise ModuleNotFoundError(f"there is no module {module} to hash")
     left_out = NO_RESULTS if module.startswith(TOY_OBJECTS) else (*NO_RESULTS, TOY_OBJECTS)
+    packages = frozenset({*OURS, module.partition(".")[0]})
     found = {module: Path(spec.origin)}
-    waiting = list(_source(found[module])[1])
+    waiting = list(_source(module, found[module])[1])
     while waiting:
         name = waiting.pop()
-        path = _file_of(name)
+        path = _file_of(name, packages)
         if name in found or path is None or any(name == layer or name.startswith(f"{layer}.") for layer in left_out):
             continue
         found[name] = path
-        waiting += _source(path)[1]
-    for name in list(found):
-        package = name.rpartition(".")[0]  # it runs too; what it imports decides for others
-        if package not in found and (path := _file_of(package)):
-            found[package] = path
-    return digest.of_json(sorted((name, _source(path)[0]) for name, path in found.items()))
+        waiting += _source(name, path)[1]
+    for package in list(found):
+        while package := package.rpartition(".")[0]:  # it runs too; what it imports decides for others
+            if package not in found and (path := _file_of(package, packages)):
+                found[package] = path
+    return digest.of_json(sorted((name, _source(name, path)[0]) for name, path in found.items()))
 
 
-def _source(path: Path) -> tuple[str, tuple[str, ...]]:
-    """Return the hash of a source file, and the modules that it may import."""
-    return _parsed(path, path.stat().st_mtime_ns)
+def _source(module: str, path: Path) -> tuple[str, tuple[str, ...]]:
+    """Return the hash of a module's source file, and the modules that it may import."""
+    package = module if path.stem == "__init__" else module.rpartition(".")[0]
+    return _parsed(package, path, path.stat().st_mtime_ns)
 
 
 @cache
-def _parsed(path: Path, changed: int) -> tuple[str, tuple[str, ...]]:
+def _parsed(package: str, path: Path, changed: int) -> tuple[str, tuple[str, ...]]:
     """Hash a file as its syntax tree, in which comments and layout decide nothing; most stages share most files."""
+    if path.suffix != ".py":  # compiled
+        return hashlib.sha256(path.read_bytes()).hexdigest(), ()
     tree = ast.parse(path.read_text())
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), tuple(_imports(tree))
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), tuple(_imports(tree, package))
 
 
-def _imports(tree: ast.Module) -> Iterable[str]:
+def _imports(tree: ast.Module, package: str) -> Iterable[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield alias.name
-        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            yield node.module
+        elif isinstance(node, ast.ImportFrom):
+            module = util.resolve_name("." * node.level + (node.module or ""), package)
+            yield module
             for alias in node.names:
-                yield f"{node.module}.{alias.name}"
+                yield f"{module}.{alias.name}"
 
 
 @cache
-def _file_of(module: str) -> Path | None:
-    """Find the source of one of our modules; None for every other, and for names that are not modules."""
-    if module.partition(".")[0] not in OURS:
+def _file_of(module: str, packages: frozenset[str]) -> Path | None:
+    """Find the source of a module of these packages; None for every other, and for names that are not modules."""
+    if module.partition(".")[0] not in packages:
         return None
     try:
         spec = util.find_spec(module)

@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from pipeline import plugins
 from pipeline.errors import InvalidInput, meant
 from pipeline.formats.file_content import read_file
 
@@ -23,10 +24,19 @@ MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40
 
 
 def shipped_files(kind: Kind) -> dict[str, Path]:
-    """List the files that come with the package, by name."""
+    """List the files that come with this package and with plugins, by name."""
+    return {name: files[0][0] for name, files in _files_by_name(kind).items()}
+
+
+def _files_by_name(kind: Kind) -> dict[str, list[tuple[Path, str]]]:
+    """List the files of each name, this package's first, with the packages that they come with."""
     package = Path(str(resources.files("pipeline")))
     folder = package.parent / "data_manifests" if kind == "manifest" else package / "assets" / f"{kind}s"
-    return {file.stem: file for file in sorted(folder.glob("*.yaml"))}
+    found = {file.stem: [(file, "vt-pipeline")] for file in sorted(folder.glob("*.yaml"))}
+    for entry in plugins.declared(f"{kind}s"):
+        for file in plugins.folder_files(entry):
+            found.setdefault(file.stem, []).append((file, plugins.package_of(entry)))
+    return found
 
 
 def description_path(kind: Kind, name: str | Path) -> Path:
@@ -42,14 +52,22 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     Raises
     ------
     InvalidInput
-        There is no such file; the message lists the shipped ones.
+        There is no such file, and the message lists the shipped ones; or several packages have one of this name.
     """
-    shipped = shipped_files(kind)
-    path = shipped.get(str(name), Path(os.path.expanduser(name)))
+    shipped = _files_by_name(kind)
+    files = shipped.get(str(name), [(Path(os.path.expanduser(name)), "")])
+    plugins.check_unique(kind, str(name), [owner for _, owner in files])
+    path = files[0][0]
     if not os.path.isfile(path):
         guess = meant(name, shipped)
         hint = f", did you mean {guess}?" if guess else ";"
-        raise InvalidInput(f"there is no {kind} {str(name)!r}{hint} built in are {', '.join(shipped)}, or give the path of a YAML file")
+        empty = [
+            f"; package {plugins.package_of(entry)} names {entry.value} as its folder of {kind}s, which has no YAML files"
+            for entry in plugins.declared(f"{kind}s")
+            if not plugins.folder_files(entry)
+        ]
+        ways = f"built in are {', '.join(shipped)}, or give the path of a YAML file{''.join(empty)}"
+        raise InvalidInput(f"there is no {kind} {str(name)!r}{hint} {ways}")
     return path
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from pipeline.config.manifest import SPLITS, load_manifest
 from pipeline.errors import InvalidInput
-from pipeline.formats.description_file import read_yaml, shipped_files
+from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.normalise import POSITION
 from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
@@ -20,7 +20,7 @@ from pipeline.reports.hand_check import check_hand
 from pipeline.reports.plots import save_figure
 from pipeline.reports.sensor_check import check_sensor
 
-ENTRIES = {
+ENTRIES: dict[Kind, set[str]] = {
     "sensor": {"w", "rows", "cols"},
     "hand": {"urdf", "palm", "fingers"},
     "scene": {"cameras", "background"},
@@ -51,8 +51,8 @@ def check_file(name: str, picture: Path | None) -> list[str]:
     InvalidInput
         Its kind is unknown, or entries cannot be used; the message names each of them.
     """
-    shipped = {known: file for kind in ENTRIES for known, file in shipped_files(kind).items()}  # type: ignore[arg-type]
-    path = shipped.get(name, Path(name).expanduser())
+    shipped = {known: kind for kind in ENTRIES for known in shipped_files(kind)}
+    path = description_path(shipped[name], name) if name in shipped else Path(name).expanduser()
     if not path.exists():
         raise InvalidInput(f"{path} does not exist; shipped files are {', '.join(sorted(shipped))}")
     checks = {"sensor": check_sensor, "hand": check_hand, "scene": check_scene, "manifest": check_manifest}

@@ -11,14 +11,12 @@ import yaml
 from pipeline.console import Row, Table
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Provenance
-from schemas.catalogue import ARTIFACTS
 from stages.registry import STAGES, resolve
 
 
 def records(directory: DataDirectory) -> dict[str, Provenance]:
     """Collect the record of every artifact, from its first shard, and of every folder, by name, in the pipeline's order."""
-    collections = {name: directory.collection(artifact) for name, artifact in ARTIFACTS.items()}
-    origins: dict[str, Provenance] = {name: collection.first.record for name, collection in collections.items() if collection.shards}
+    origins: dict[str, Provenance] = {artifact.name: directory.collection(artifact).first.record for artifact in directory.artifacts()}
     origins |= {name: directory.folder(name) for name in directory.folders()}
     order = list(STAGES)
     return dict(sorted(origins.items(), key=lambda entry: order.index(entry[1].stage) if entry[1].stage in order else len(order)))

@@ -92,7 +92,7 @@ def read_account(data: Place) -> Account:
         raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another with --data")
     directory = DataDirectory(data)
     account = Account([], [], garbage=sum(_megabytes(files_below(path)) for path in everything_unnamed(directory)), damaged=[], jobs=[])
-    for name in ARTIFACTS:
+    for name in directory.artifact_names():
         with _unless_damaged(account):
             artifact = _artifact(directory, name)
             if artifact.shards or artifact.unfinished:

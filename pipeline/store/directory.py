@@ -141,7 +141,12 @@ class DataDirectory:
 
     def artifacts(self) -> list[Artifact]:
         """List the artifacts that have a published shard."""
-        return [artifact for artifact in ARTIFACTS.values() if self.collection(artifact).shards]
+        return [artifact for artifact in map(ARTIFACTS.__getitem__, self.artifact_names()) if self.collection(artifact).shards]
+
+    def artifact_names(self) -> list[str]:
+        """List the artifacts that have a folder here, or one of unfinished work; plugins that made none are not imported."""
+        there = names_in(self.root).keys() | names_in(self.root / WORK).keys()
+        return [name for name in ARTIFACTS if name in there]
 
     def folder_record(self, name: str) -> Place:
         """Return the path of a folder's record."""

@@ -76,7 +76,10 @@ def _reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
 
 
 def _check_no_runs(directory: DataDirectory, shards: int) -> None:
-    """Raise an error if a stage is running: resharding would fail at its end."""
+    """Raise an error if a stage is running, at whose end resharding would fail, or if an artifact's package is not installed."""
+    for record in directory.shard_records():
+        if record.parent.name not in ARTIFACTS:
+            raise StoreError(f"{record.parent} is an artifact of a package that is not installed; install it, or remove that folder first")
     there = names_in(directory.root / WORK).keys() | {artifact.name for artifact in directory.artifacts()}
     for name in sorted(there & ARTIFACTS.keys()):
         for number in range(shards):

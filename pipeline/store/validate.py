@@ -18,7 +18,7 @@ from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
 from pipeline.store.spec import schema_violations
 from pipeline.store.storage import Place, exists, read_bytes
-from schemas.base import COMMON, Artifact
+from schemas.base import COMMON
 from schemas.catalogue import ARTIFACTS
 
 CHECKS = 5
@@ -58,7 +58,7 @@ def _problems_below(root: Place, strict: bool) -> dict[Place, list[str]]:
     found: dict[Place, list[str]] = {}
     for name in ARTIFACTS:
         for path in (records := directory.shard_records(name)):
-            found[path] = _lines(_record_problems(path, ARTIFACTS[name]))
+            found[path] = _lines(_record_problems(path, name))
         if records:
             checks = [_origin_problems(directory, name), *([_mixed_processors(directory, name)] if strict else [])]
             if lines := [line for check in checks for line in _lines(check)]:
@@ -93,8 +93,8 @@ def problems_of(shard: Shard) -> list[str]:
     return _lines(_shard_problems(shard))
 
 
-def _record_problems(record: Place, artifact: Artifact) -> Iterator[str]:
-    yield from problems_of(Shard(record.parent, artifact, read_record(record, ShardRecord)))
+def _record_problems(record: Place, artifact: str) -> Iterator[str]:
+    yield from problems_of(Shard(record.parent, ARTIFACTS[artifact], read_record(record, ShardRecord)))
 
 
 def _shard_problems(shard: Shard) -> Iterator[str]:

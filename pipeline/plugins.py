@@ -1,0 +1,58 @@
+"""What other installed packages bring: sensors, hands, stages and schemas, by the entry points of their metadata.
+
+Listing reads metadata alone. A package's code is imported when its stage or schema is used.
+"""
+
+from __future__ import annotations
+
+import traceback
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from pipeline.errors import InvalidInput, PipelineError
+
+
+@cache
+def declared(group: str) -> tuple[EntryPoint, ...]:
+    """List the entry points of `vt_pipeline.GROUP`, by name."""
+    return tuple(sorted(entry_points(group=f"vt_pipeline.{group}"), key=lambda entry: (entry.name, package_of(entry))))
+
+
+def package_of(entry: EntryPoint) -> str:
+    """Name the package that declares an entry point."""
+    return entry.dist.name if entry.dist else "?"
+
+
+def load(entry: EntryPoint, error_type: type[PipelineError]) -> Any:
+    """Import what an entry point names.
+
+    Raises
+    ------
+    PipelineError
+        Of `error_type`: it cannot be imported; the message names the package, and the line that failed.
+    """
+    try:
+        return entry.load()
+    except Exception as error:  # whatever a module may raise
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        raise error_type(
+            f"{entry.name} of package {package_of(entry)}: {entry.value} cannot be imported: {type(error).__name__}: {error} "
+            f"({at.filename}, line {at.lineno}); mend it, or `pip uninstall {package_of(entry)}`"
+        ) from error
+
+
+def check_unique(kind: str, name: str, packages: list[str]) -> None:
+    """Raise an InvalidInput that names the packages, if more than one brings what is called `name`."""
+    if len(packages) > 1:
+        raise InvalidInput(f"{kind} {name} is brought by more than one package: {', '.join(packages)}; uninstall one, or rename it there")
+
+
+def folder_files(entry: EntryPoint) -> list[Path]:
+    """List the YAML files in the folder `PACKAGE.FOLDER` that an entry point names, without importing the package."""
+    top, *inside = entry.value.split(".")
+    spec = find_spec(top) if top.isidentifier() else None
+    roots = spec.submodule_search_locations if spec else None
+    return [file for root in roots or () for file in sorted(Path(root, *inside).glob("*.yaml"))]
