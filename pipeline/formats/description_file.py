@@ -43,7 +43,11 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     ------
     InvalidInput
         There is no such file; the message lists the shipped ones.
+    TypeError
+        It is neither.
     """
+    if not isinstance(name, str | Path):
+        raise TypeError(f"a {kind} is the name of a shipped one or the path of a YAML file; this is {type(name).__name__}")
     shipped = shipped_files(kind)
     path = shipped.get(str(name), Path(os.path.expanduser(name)))
     if not os.path.isfile(path):
