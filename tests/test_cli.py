@@ -154,6 +154,19 @@ def test_one_object_alone(tmp_path):
     assert "incomplete surfaces: 24 objects not made yet" in invoke("status", str(tmp_path))[1]
 
 
+def test_one_object_with_other_settings_says_how_it_can_be_looked_at(tmp_path):
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    for name in ("a", "b"):
+        trimesh.creation.box().export(folder / f"{name}.ply")
+    command = [*RUN, "--manifest", "directory", "--objects", str(folder), "--data", str(tmp_path / "d"), "--executor", "serial", "--set"]
+    assert invoke(*command, "points=100")[0] == 0
+    code, output = invoke(*command, "points=90", "--object", "a")
+    assert code == 0
+    assert "not published, because the others were made with other settings" in output
+    assert "to look at a alone, run each stage from sample-surfaces with another --data" in output
+
+
 def test_two_folders_of_meshes_do_not_share_a_data_directory(tmp_path):
     places = []
     for name in ("mugs", "bowls"):

@@ -102,6 +102,47 @@ def test_what_is_neither_object_nor_sensor_is_named() -> None:
         vt.touch(BALL, None, np.eye(4))
 
 
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (
+            lambda: vt.touch(BALL, SENSOR, np.stack([np.eye(4)] * 2)),
+            r"pose is \(4, 4\) numbers.* array \(2, 4, 4\); touch_many takes several",
+        ),
+        (lambda: vt.touch(BALL, SENSOR, "here"), "pose is .* this is str"),
+        (lambda: vt.touch(BALL, SENSOR, np.eye(4), object_pose=np.eye(3)), r"object_pose is .* an array \(3, 3\)"),
+        (lambda: vt.touch(BALL, SENSOR, np.eye(4), rng=3), "rng is a numpy.random.Generator"),
+        (lambda: vt.touch_many(BALL, SENSOR, np.zeros((2, 3, 3))), r"poses is \(N, 4, 4\) numbers"),
+        (lambda: vt.touch_many(BALL, SENSOR, [[1], [2, 3]]), "poses is .* this is list"),
+        (lambda: vt.touch_many(BALL, SENSOR, None), "poses is .* this is NoneType"),
+        (lambda: vt.touch_many(BALL, SENSOR, np.eye(4), workers=0), "workers is a number of processes"),
+        (lambda: vt.load_sensor(None), "a sensor is the name of a shipped one .* this is NoneType"),
+        (lambda: vt.load_object(("a", "b")), r"vertices \(V, 3\) and faces \(F, 3\) are arrays of numbers"),
+        (lambda: vt.load_object((MESH.vertices, MESH.faces), scale="mm"), "scale is metres per unit"),
+        (lambda: vt.grasp(BALL, seed="x"), "seed is a whole number"),
+    ],
+)
+def test_what_is_of_a_wrong_type_is_named(wrong, message) -> None:
+    with pytest.raises(TypeError, match=message):
+        wrong()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (lambda: vt.load_object((MESH.faces, MESH.vertices)), "faces hold numbers of .* vertices, integers from 0"),
+        (lambda: vt.load_object((MESH.vertices, MESH.faces + 10**6)), "these are int64 from 1000000"),
+        (lambda: vt.load_object((MESH.vertices[:, :2], MESH.faces)), r"they must be \(V, 3\) and \(F, 3\)"),
+        (lambda: vt.load_object((MESH.vertices, MESH.faces), scale=0), "scale is 0; it must be above 0"),
+        (lambda: vt.grasp(BALL, hand="alegro_right"), "there is no hand 'alegro_right', did you mean allegro_right?"),
+        (lambda: vt.grasp(BALL, atempts=3), "there is no entry atempts, did you mean attempts?"),
+    ],
+)
+def test_what_cannot_be_used_is_named(wrong, message) -> None:
+    with pytest.raises(vt.InvalidInput, match=message):
+        wrong()
+
+
 def test_a_mesh_file_is_loaded_in_metres(tmp_path: Path) -> None:
     MESH.copy().apply_scale(1000).export(tmp_path / "ball.stl")
     assert np.ptp(vt.load_object(tmp_path / "ball.stl", scale=1e-3).mesh.vertices) == pytest.approx(2 * RADIUS, rel=1e-3)

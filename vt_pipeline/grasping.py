@@ -7,10 +7,13 @@ from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Inputs
 from pipeline.engine.unit import Unit
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
@@ -83,13 +86,19 @@ def grasp(
     Raises
     ------
     InvalidInput
-        The hand file cannot be used, the object has no exterior, or the hand finds too few grasps: the message names the remedy.
+        A setting or the hand file cannot be used, the object has no exterior, or the hand finds too few grasps; the message names the
+        remedy.
     """
     from stages.simulate_grasps.settings import GraspSettings  # with physics, which a user of `touch` does without
     from stages.simulate_grasps.stage import SimulateGrasps
 
     object_ = as_object(object_)
-    chosen = GraspSettings(hand=hand, attempts=attempts, grasps=grasps, **settings)
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise TypeError(f"seed is a whole number, 0 or more; this is {seed!r}")
+    try:
+        chosen = GraspSettings.model_validate({"hand": hand, "attempts": attempts, "grasps": grasps, **settings})
+    except ValidationError as error:
+        raise InvalidInput(f"grasp: {invalid_entries(error, GraspSettings.model_fields)}") from error
     unit = Unit("object", seed=seed)
     points, normals = sample_exterior(object_.mesh, POINTS, unit.rng("sample-surfaces"))
     surface = {**mesh_row(object_.mesh), "points": points.astype(np.float32), "normals": normals.astype(np.float32)}

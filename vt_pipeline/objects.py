@@ -46,7 +46,7 @@ def load_object(source: Source, *, scale: float = 1.0) -> TouchObject:
     Raises
     ------
     InvalidInput
-        There is no such file, it cannot be read, or a corner is NaN or too far away.
+        There is no such file, it cannot be read, vertices and faces do not fit each other, or a corner is NaN or too far away.
     TypeError
         The source is something else.
 
@@ -55,16 +55,34 @@ def load_object(source: Source, *, scale: float = 1.0) -> TouchObject:
     >>> mug = load_object("mug.glb")
     >>> slab = load_object(([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), scale=1e-3)
     """
+    if isinstance(scale, bool) or not isinstance(scale, int | float | np.number):
+        raise TypeError(f"scale is metres per unit of the source, a number; this is {type(scale).__name__}")
+    if not 0 < scale < np.inf:
+        raise InvalidInput(f"scale is {scale}; it must be above 0")
     if isinstance(source, str | Path):
         if not Path(source).is_file():
             raise InvalidInput(f"{source}: file not found")
         mesh = load_mesh(Path(source))
     elif isinstance(source, tuple | list) and len(source) == 2:
-        mesh = Mesh.bare(np.asarray(source[0], float), np.asarray(source[1]))
+        mesh = Mesh.bare(*_checked(*source))
     else:
         raise TypeError(f"an object is a mesh file, vertices and faces, or what load_object returns; this is {type(source).__name__}")
     mesh = replace(mesh, vertices=scale * mesh.vertices)
     return TouchObject(mesh, box_faces(mesh.triangles))
+
+
+def _checked(given_vertices: ArrayLike, given_faces: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and faces as arrays, where they are of one mesh."""
+    try:
+        vertices, faces = np.asarray(given_vertices, float), np.asarray(given_faces)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"vertices (V, 3) and faces (F, 3) are arrays of numbers; these are not: {error}") from error
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
+        raise InvalidInput(f"vertices have shape {vertices.shape}, faces {faces.shape}; they must be (V, 3) and (F, 3)")
+    if faces.size and (faces.dtype.kind not in "iu" or faces.min() < 0 or faces.max() >= len(vertices)):
+        numbers = f"{faces.dtype} from {faces.min()} to {faces.max()}"
+        raise InvalidInput(f"faces hold numbers of {len(vertices)} vertices, integers from 0 to {len(vertices) - 1}; these are {numbers}")
+    return vertices, faces.astype(np.int64)
 
 
 def as_object(given: TouchObject | Source) -> TouchObject:

@@ -134,8 +134,10 @@ def touch(
     InvalidInput
         A pose is not a rigid motion.
     """
-    object_, sensor, pose = as_object(object_), as_sensor(sensor), check_pose(pose)
-    seen_from = pose if object_pose is None else invert_pose(check_pose(object_pose)) @ pose
+    object_, sensor, pose = as_object(object_), as_sensor(sensor), _as_poses("pose", pose, (4, 4))
+    seen_from = pose if object_pose is None else invert_pose(_as_poses("object_pose", object_pose, (4, 4))) @ pose
+    if not isinstance(rng, np.random.Generator | None):
+        raise TypeError(f"rng is a numpy.random.Generator, or None; this is {type(rng).__name__}")
     depth = ray_depth(object_.faces, seen_from, sensor).astype(np.float32)
     return Touch(sensor, pose, depth, tactile_image(depth, sensor, rng))
 
@@ -161,10 +163,9 @@ def touch_many(object_: TouchObject | Source, sensor: Sensor | str | Path, poses
     InvalidInput
         A pose is not a rigid motion.
     """
-    object_, sensor, poses = as_object(object_), as_sensor(sensor), np.asarray(poses)
-    if poses.shape == (4, 4):
-        poses = poses[None]
-    checked = np.stack([check_pose(pose) for pose in poses]) if len(poses) else np.zeros((0, 4, 4))
+    object_, sensor, checked = as_object(object_), as_sensor(sensor), _as_poses("poses", poses, (-1, 4, 4))
+    if workers is not None and (not isinstance(workers, int | np.integer) or workers < 1):
+        raise TypeError(f"workers is a number of processes, 1 or more, or None; this is {workers!r}")
     depth: NDArray[np.float32] = _shared((len(checked), *sensor.shape), np.float32)
     image: NDArray[np.uint8] = _shared((len(checked), *sensor.shape, 3), np.uint8)
 
@@ -176,6 +177,24 @@ def touch_many(object_: TouchObject | Source, sensor: Sensor | str | Path, poses
     cores = len(os.sched_getaffinity(0)) if workers is None else workers
     _in_processes(fill, len(checked), min(cores, max(1, len(checked) // WORTH_A_PROCESS)) if workers is None else cores)
     return Touches(sensor, checked, depth, image)
+
+
+def _as_poses(name: str, given: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return a pose, or several; of a wrong shape or type, it says which is wanted, and of a wrong matrix, what is wrong with it."""
+    try:
+        poses = np.asarray(given, np.float64)
+    except (TypeError, ValueError):  # no numbers, or not as many in each
+        poses = np.zeros(())
+    if len(shape) == 3 and poses.shape in ((4, 4), (0,)):
+        poses = poses.reshape(-1, 4, 4)
+    if poses.ndim != len(shape) or poses.shape[-2:] != (4, 4):
+        wanted = "(4, 4)" if len(shape) == 2 else "(N, 4, 4)"
+        several = "; touch_many takes several" if poses.ndim == 3 and len(shape) == 2 else ""
+        what = f"an array {np.shape(given)}" if isinstance(given, np.ndarray) else type(given).__name__
+        raise TypeError(f"{name} is {wanted} numbers, a frame as a matrix; this is {what}{several}")
+    for pose in poses.reshape(-1, 4, 4):
+        check_pose(pose)
+    return poses
 
 
 def as_sensor(given: Sensor | str | Path) -> Sensor:

@@ -132,7 +132,10 @@ def run_plan(plan: Plan[Any]) -> None:
         what = f"made {pluralise(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {pluralise(plan.total)}"
         left = f"; {pluralise(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
         if result.held_back:
-            left = "; not published, because other objects of the shard have to be made again first: run without --object"
+            left = (
+                "; not published, because the others were made with other settings, inputs or code: run without --object, or, to look at "
+                f"{request.only} alone, run each stage from {next(iter(STAGES))} with another --data"
+            )
         failures = failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
         print_line(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + left)
         if isinstance(plan.output, ShardOutput) and plan.output.shard is not None:

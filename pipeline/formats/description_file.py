@@ -53,7 +53,11 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     ------
     InvalidInput
         There is no such file, and the message lists the shipped ones; or several packages have one of this name.
+    TypeError
+        It is neither.
     """
+    if not isinstance(name, str | Path):
+        raise TypeError(f"a {kind} is the name of a shipped one or the path of a YAML file; this is {type(name).__name__}")
     shipped = _files_by_name(kind)
     files = shipped.get(str(name), [(Path(os.path.expanduser(name)), "")])
     plugins.check_unique(kind, str(name), [owner for _, owner in files])
