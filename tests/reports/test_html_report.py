@@ -8,7 +8,9 @@ import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from pipeline.cli import app
@@ -191,3 +193,22 @@ def test_a_full_disk_is_said_with_the_folder(data, monkeypatch):
     assert not (data / "report" / ".unfinished").exists()
     vt("report", data)
     assert "not valid" not in vt("validate", data)
+
+
+def test_an_object_fills_its_picture_in_the_gallery(made):
+    """The ball, 0.2 m wide, covers a third of the dataset's images."""
+    image = np.asarray(Image.open(made / "report" / "objects" / "a.webp").convert("RGB")).astype(int)
+    shown = np.abs(image - image[2, 2]).max(axis=-1) > 12
+    assert np.ptp(np.flatnonzero(shown.any(axis=1))) > 0.85 * image.shape[0]
+
+
+def test_a_report_of_objects_of_real_size_has_no_figures_of_the_paper(data, monkeypatch):
+    assert "Smith et al. 2020" in (data / "report" / "index.html").read_text()
+    monkeypatch.setattr("pipeline.reports.html_report.has_paper_sizes", lambda data: False)
+    vt("report", data)
+    assert "Smith et al. 2020" not in (data / "report" / "index.html").read_text()
+
+
+def test_numbers_and_their_units_stay_on_one_line():
+    page = _environment().from_string("{{ text|units }}").render(text="touch, 3.3 mm & 12 mm², 5 % of 2 m long")
+    assert page == "touch, 3.3&nbsp;mm &amp; 12&nbsp;mm², 5&nbsp;% of 2&nbsp;m long"

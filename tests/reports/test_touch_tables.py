@@ -31,3 +31,12 @@ def test_share_held_in_the_lift_test_is_told_where_it_was_asked_for():
         lines = written.getvalue().splitlines()
         start = next(number for number, line in enumerate(lines) if "area of contact" in line)
         assert next(line.split()[-1] for line in lines[start:] if line.split()[:1] == ["mug"]) == expected
+
+
+def test_columns_of_the_paper_are_left_out_where_sizes_differ():
+    entry = Tally([np.ones((2, 4), bool)], [np.ones(4)], attempts=2)
+    for paper in (True, False):
+        tables = touch_tables({"bottle": entry}, list("abcd"), paper=paper)
+        assert ("% in Smith et al. 2020" in tables[0].columns) == paper
+        assert ("71.8" in str(tables[0].rows)) == paper
+        assert any(row.cells[0] == "Smith et al. 2020" for table in tables for row in table.rows) == paper
