@@ -1,6 +1,6 @@
-"""Write the reference pages `docs/data-format.md` and `docs/settings.md`: `make docs`.
+"""Write the reference pages `docs/data-format.md`, `docs/settings.md` and the entries of observation files: `make docs`.
 
-What is above the marker in a page is written by hand; the rest is generated from `schemas/` and from the stages' settings.
+What is above the marker in a page is written by hand; the rest is generated from `schemas/`, the stages' settings and the models of files.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pydantic.fields import FieldInfo
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import ObjectStage
+from pipeline.inference.observation_file import RobotObservation
 from pipeline.store.atomic import write_at_once
 from schemas.base import COMMON, FIXED, Array
 from schemas.catalogue import ARTIFACTS
@@ -139,7 +140,58 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
 
 
-PAGES = {"data-format.md": data_format, "settings.md": settings}
+# ---- docs/guide/own-photographs.md
+
+
+def observation_entries() -> str:
+    """Describe every entry of an observation file."""
+    schema = RobotObservation.model_json_schema()
+    models = {"An observation": schema} | {TITLES[name]: schema["$defs"][name] for name in TITLES}
+    return "\n".join(part for title, model in models.items() for part in _entries(title, model))
+
+
+TITLES = {
+    "ObservedObject": "`object`",
+    "ObservedCamera": "`camera`",
+    "Intrinsics": "`intrinsics`",
+    "ObservedTouch": "`touches`",
+    "Pose": "`pose`",
+}
+"""Headings of the models in an observation."""
+
+
+def _entries(title: str, model: Mapping[str, Any]) -> Iterator[str]:
+    yield f"### {title}\n"
+    yield f"{model['description']}\n"
+    needed = model.get("required", ())
+    rows = [
+        (f"`{name}`", _schema_type(entry), "needed" if name in needed else _default(entry.get("default")), entry.get("description", ""))
+        for name, entry in model["properties"].items()
+    ]
+    yield _table(("entry", "type", "default", "meaning"), rows)
+
+
+def _default(value: Any) -> str:
+    return "" if value in (None, [], {}) or isinstance(value, dict) else f"`{_value(value)}`"
+
+
+def _schema_type(entry: Mapping[str, Any]) -> str:
+    """Name the type of an entry of a JSON schema."""
+    if "$ref" in entry:
+        return TITLES[entry["$ref"].rpartition("/")[2]]
+    if "anyOf" in entry:
+        return " or ".join(_schema_type(kind) for kind in entry["anyOf"] if kind != {"type": "null"})
+    if choices := entry.get("enum", [entry["const"]] if "const" in entry else []):
+        return " or ".join(f"`{choice}`" for choice in choices)
+    if "prefixItems" in entry:
+        count, inner = len(entry["prefixItems"]), _schema_type(entry["prefixItems"][0])
+        return f"{count} × {inner}" if inner.endswith("s") else f"{count} {inner}s"
+    if entry["type"] == "array":
+        return f"list of {_schema_type(entry['items'])}"
+    return {"string": "text", "boolean": "`true` or `false`"}.get(entry["type"], entry["type"])
+
+
+PAGES = {"data-format.md": data_format, "settings.md": settings, "guide/own-photographs.md": observation_entries}
 
 if __name__ == "__main__":
     main()

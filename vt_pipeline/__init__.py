@@ -1,4 +1,4 @@
-"""The tactile simulator as a library: sensors, touches and grasps of a mesh, without the pipeline.
+"""The tactile simulator as a library: sensors, touches and grasps of a mesh, without the pipeline; and reconstructions.
 
 >>> import vt_pipeline as vt
 >>> sensor = vt.load_sensor("gelsight_mini")
@@ -18,18 +18,22 @@ from pipeline.kernels.touch.sensor import Sensor  # noqa: E402
 from pipeline.kernels.touch.tactile_image import untouched_image  # noqa: E402
 from vt_pipeline.grasping import Grasps, grasp  # noqa: E402
 from vt_pipeline.objects import TouchObject, load_object  # noqa: E402
+from vt_pipeline.reconstructing import RobotObservation, load_observation, reconstruct  # noqa: E402
 from vt_pipeline.touching import Touch, Touches, touch, touch_many  # noqa: E402
 
 __all__ = [
     "Grasps",
     "InvalidInput",
+    "RobotObservation",
     "Sensor",
     "Touch",
     "TouchObject",
     "Touches",
     "grasp",
     "load_object",
+    "load_observation",
     "load_sensor",
+    "reconstruct",
     "touch",
     "touch_many",
     "untouched_image",

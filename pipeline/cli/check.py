@@ -9,23 +9,31 @@ import typer
 
 from pipeline.cli.completion import complete_described
 from pipeline.console import print_line
+from pipeline.store.storage import place
 
 
 def check(
     file: Annotated[
         str,
         typer.Argument(
-            help="A hand, sensor, scene or manifest file, or the name of a shipped one.",
+            help="A hand, sensor, scene, manifest or observation file, or the name of a shipped one.",
             autocompletion=complete_described("hand", "sensor", "scene", "manifest"),
         ),
     ],
     picture: Annotated[Path | None, typer.Option(help="PNG to draw it in; by default NAME.png in the current folder.")] = None,
+    models: Annotated[str | None, typer.Option(help="Folder of trained models, to check an observation against one.")] = None,
+    configuration: Annotated[str, typer.Option(help="Which model of MODELS.")] = "occluded-touch",
 ) -> None:
-    """Check and draw a hand, sensor, scene or manifest file.
+    """Check and draw a hand, sensor, scene, manifest or observation file.
 
     All faults are named at once.
     """
     from pipeline.reports.description_checks import check_file
 
-    for line in check_file(file, picture):
+    given = None
+    if models is not None:
+        from pipeline.inference.predict import model_reader
+
+        given = model_reader(place(models), configuration).inputs
+    for line in check_file(file, picture, given):
         print_line(line)

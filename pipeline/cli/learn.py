@@ -82,7 +82,10 @@ def sweep(
 
 
 def predict(
-    out: Annotated[Path, typer.Argument(help="Mesh file to write: .obj, .ply or .glb. Metres, world frame; GLB is y up.")],
+    out: Annotated[
+        Path,
+        typer.Argument(help="Mesh file to write: .obj, .ply or .glb. Metres, world frame, or the observation's; GLB is in metres, y up."),
+    ],
     configuration: Annotated[str, typer.Option(help="Which model of MODELS: touch, implicit-touch, single-image, …")] = "occluded-touch",
     data: Annotated[str | None, typer.Option(help="Data directory; with --object, instead of files.")] = None,
     models: Annotated[str | None, typer.Option(help="Folder of trained models; by default DATA/models.")] = None,
@@ -91,11 +94,9 @@ def predict(
     ] = None,
     grasps: Annotated[list[int] | None, typer.Option("--grasp", min=0, help="Of its grasps, from 0; several times for several.")] = None,
     view: Annotated[int, typer.Option(min=0, help="Of its renderings, from 0; for single-image.")] = 0,
-    image: Annotated[Path | None, typer.Option(help="8-bit RGB file from the camera the model was trained with.")] = None,
-    tactile_images: Annotated[
-        list[Path] | None, typer.Option("--tactile-image", help="A tactile image, one per sensor, as the poses.")
+    observation: Annotated[
+        Path | None, typer.Option(help="YAML file of what a robot saw and felt (docs/guide/own-photographs.md); instead of --data.")
     ] = None,
-    poses: Annotated[Path | None, typer.Option(help=".json or .npz: poses (4 x 4, sensor frame to world, m), perhaps touched.")] = None,
     training_seed: Annotated[int, typer.Option(min=0, help="Which training of the model, where there are several.")] = 0,
     surface: Annotated[str, typer.Option(help="charts, joined (at their seams), both, or closed: one smooth watertight mesh.")] = "both",
     resolution: Annotated[int, typer.Option(min=8, max=400, help="Of the closed mesh: edges along its longest side.")] = 128,
@@ -103,7 +104,7 @@ def predict(
 ) -> None:
     """Reconstruct an object from one or several grasps.
 
-    The grasps are those of a data directory, or of image and pose files.
+    The grasps are those of a data directory, or what an observation file describes: it is checked as a whole before anything runs.
     """
     from pipeline.inference import predict as prediction
 
@@ -120,14 +121,14 @@ def predict(
         object_id=object_id,
         grasps=grasps or [0],
         view=view,
-        image=image,
-        tactile_images=tactile_images or [],
-        poses=poses,
+        observation=observation,
         surface=cast(prediction.Surface, surface),
         resolution=resolution,
         training_seed=training_seed,
         seed=seed,
     )
+    for line in made.remarks:
+        print_line(line)
     touches = f"{made.touched.sum()} touches" if made.touched.any() else "no touch, so that no place of it is certain"
     if (mesh := made.closed) is not None:
         color = f"{mesh.seen.mean():.0%} coloured by the image" if mesh.seen.any() else "no colour: no image shows any of it"

@@ -96,10 +96,14 @@ def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
     try:
         return model.model_validate(read_yaml(path))
     except ValidationError as error:
-        entries = ", ".join(field.alias or name for name, field in model.model_fields.items() if not field.exclude)
-        raise InvalidInput(f"{kind} file {path}: {invalid_entries(error, entry_names(model))}. Its entries are {entries}") from error
+        raise InvalidInput(f"{kind} file {path}: {invalid_entries(error, entry_names(model))}. {entries_of(model)}") from error
     except (ValueError, yaml.YAMLError) as error:
         raise InvalidInput(f"{kind} file {path} cannot be read as YAML: {error}") from error
+
+
+def entries_of(model: type[BaseModel]) -> str:
+    """List a model's entries in a sentence."""
+    return "Its entries are " + ", ".join(field.alias or name for name, field in model.model_fields.items() if not field.exclude)
 
 
 def read_yaml(path: Path) -> Any:

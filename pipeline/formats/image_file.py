@@ -1,9 +1,12 @@
-"""Image files as arrays."""
+"""Image files as arrays: photographs, masks, depth images."""
 
 from __future__ import annotations
 
 import io
+import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +30,33 @@ def read_image(path: Path) -> NDArray[np.uint8]:
         The file cannot be read, is of another format than `FORMATS`, is damaged or too large, or has transparency or more than 8 bits
         per colour.
     """
+    remedy = "8-bit RGB, without transparency"
+    pixels: NDArray[np.uint8] = _opened(path, ("RGB", "L"), "colours", remedy, lambda image: np.asarray(image.convert("RGB")))
+    return pixels
+
+
+def read_mask(path: Path) -> NDArray[np.bool_]:
+    """Read a mask: (rows, cols) bool, true where the file is not 0 in some colour; errors as `read_image`."""
+    modes = ("1", "L", "P", "I;16", "RGB")
+    levels = _opened(path, modes, "colours", "8-bit grey, 0 outside", np.asarray)
+    return np.asarray(levels.any(axis=2) if levels.ndim == 3 else levels != 0)
+
+
+def read_depth(path: Path) -> NDArray[Any]:
+    """Read a depth image, a 16-bit PNG or TIFF file or a .npy file: (rows, cols) uint16 or floats; errors as `read_image`."""
+    numbers = _npy(path) if path.suffix.lower() == ".npy" else _opened(path, ("I;16",), "depths", "16-bit grey", np.asarray)
+    if numbers.ndim != 2 or not numbers.size or not (numbers.dtype == np.uint16 or numbers.dtype.kind == "f"):
+        raise InvalidInput(f"{path} holds {numbers.dtype} {numbers.shape}; a depth image has rows and columns of uint16 or float32")
+    return np.asarray(numbers)
+
+
+def _opened(path: Path, modes: tuple[str, ...], what: str, remedy: str, convert: Callable[[Image.Image], Any]) -> Any:
+    """Open an image in one of Pillow's modes, and convert it."""
     content = read_file(path, MAX_BYTES)
     try:
         with Image.open(io.BytesIO(content), formats=FORMATS) as image:
-            _check(path, image)
-            return np.asarray(image.convert("RGB"))
+            _check(path, image, modes, what, remedy)
+            return convert(image)
     except InvalidInput:
         raise
     except UnidentifiedImageError as error:
@@ -40,8 +65,23 @@ def read_image(path: Path) -> NDArray[np.uint8]:
         raise InvalidInput(f"{path} cannot be read as an image ({error}); save it again") from error
 
 
-def _check(path: Path, image: Image.Image) -> None:
+def _npy(path: Path) -> NDArray[Any]:
+    """Read a .npy file; compare its header with its size before allocating memory."""
+    file = io.BytesIO(read_file(path, MAX_BYTES))
+    try:
+        if (version := np.lib.format.read_magic(file)) != (1, 0):
+            raise ValueError(f"it is of numpy's format {version}")
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
+        values = file.read()
+        if dtype.hasobject or min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(values):
+            raise ValueError(f"it claims {dtype} {shape}, and has {len(values)} bytes of values")
+        return np.frombuffer(values, dtype).reshape(shape, order="F" if fortran else "C")
+    except Exception as error:  # numpy's parsing of headers raises whatever it trips over
+        raise InvalidInput(f"{path} cannot be read as an array ({error}); save it with numpy.save") from error
+
+
+def _check(path: Path, image: Image.Image, modes: tuple[str, ...], what: str, remedy: str) -> None:
     if image.width * image.height > MAX_PIXELS:
         raise InvalidInput(f"{path} has {image.width} x {image.height} pixels; {MAX_PIXELS} are the most that are read")
-    if image.mode not in ("RGB", "L"):
-        raise InvalidInput(f"{path} has colours {image.mode}; save it as 8-bit RGB, without transparency")
+    if image.mode not in modes:
+        raise InvalidInput(f"{path} has {what} {image.mode}; save it as {remedy}")

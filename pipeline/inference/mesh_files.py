@@ -30,30 +30,35 @@ Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """From the world, z up, to glTF's frame, y up."""
 
 
-def write_charts(path: Path, made: Reconstruction) -> None:
+def write_charts(path: Path, made: Reconstruction, metres_per_unit: float = 1.0) -> None:
     """Write a reconstruction's charts apart: each chart has its own vertices, colour and, in OBJ and GLB, its own named object.
 
-    Touch charts are orange and called touch_N, vision charts vision_N. Lengths are metres in the world frame; in GLB a node turns
-    it, z up, to glTF's y up. PLY and GLB hold float32, OBJ eight decimals: 0.03 µm and 5 nm in the scene.
+    Touch charts are orange and called touch_N, vision charts vision_N. Lengths and frame are the reconstruction's; in GLB a node turns
+    it, z up, to glTF's y up, and scales it to metres. PLY and GLB hold float32, OBJ eight decimals: 0.03 µm and 5 nm in the scene.
 
     Raises
     ------
     StageError
         A vertex is NaN or infinite.
     """
-    _write(path, [*_vision_charts(made), *_touch_charts(made)])
+    _write(path, [*_vision_charts(made), *_touch_charts(made)], metres_per_unit)
 
 
-def write_joined(path: Path, made: Reconstruction) -> None:
+def write_joined(path: Path, made: Reconstruction, metres_per_unit: float = 1.0) -> None:
     """Write a reconstruction's vision charts joined to one closed surface, with its touch charts beside it; frames as `write_charts`.
 
     Vertices that coincided before the deformation become one, in the middle of where they are now.
     """
-    _write(path, [("vision", _mesh(*join_vision_charts(made), VISION_COLORS[0])), *_touch_charts(made)])
+    _write(path, [("vision", _mesh(*join_vision_charts(made), VISION_COLORS[0])), *_touch_charts(made)], metres_per_unit)
 
 
 def write_closed(
-    path: Path, vertices: NDArray[np.float64], faces: NDArray[np.int64], colors: NDArray[np.uint8], seen: NDArray[np.bool_]
+    path: Path,
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    colors: NDArray[np.uint8],
+    seen: NDArray[np.bool_],
+    metres_per_unit: float = 1.0,
 ) -> None:
     """Write one closed mesh, called closed; frames as `write_charts`.
 
@@ -62,14 +67,16 @@ def write_closed(
     path
         The mesh file.
     vertices, faces
-        (V, 3) m, and (F, 3).
+        (V, 3), and (F, 3).
     colors
         (V, 3) sRGB.
     seen
         (V,) bool: which vertices have a colour; the others are grey.
+    metres_per_unit
+        Of the vertices.
     """
     painted = np.where(seen[:, None], np.insert(colors, 3, 255, axis=1), np.array(VISION_COLORS[0], np.uint8))
-    _write(path, [("closed", _mesh(vertices, faces, painted))])
+    _write(path, [("closed", _mesh(vertices, faces, painted))], metres_per_unit)
 
 
 def _vision_charts(made: Reconstruction) -> Parts:
@@ -109,11 +116,12 @@ def check_output(path: Path) -> None:
         raise InvalidInput(f"{path} is a folder; name a file to write")
 
 
-def _write(path: Path, parts: Parts) -> None:
+def _write(path: Path, parts: Parts, metres_per_unit: float) -> None:
     """Write named meshes into one file, at once."""
     suffix = path.suffix.lower()
     scene: Any = trimesh.Scene()
+    node = Y_UP @ np.diag([*(3 * [metres_per_unit]), 1.0])
     for name, mesh in parts:
-        scene.add_geometry(mesh, node_name=name, geom_name=name, transform=Y_UP if suffix == ".glb" else None)
+        scene.add_geometry(mesh, node_name=name, geom_name=name, transform=node if suffix == ".glb" else None)
     content = scene.export(file_type=suffix[1:])
     write_at_once(path, content.encode() if isinstance(content, str) else content)

@@ -1,11 +1,11 @@
-"""Inputs of a trained network: the image and touch charts of a stored object, or of a user's files."""
+"""Inputs of a trained network: the image and touch charts of a stored object, or of a robot's observation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -17,8 +17,8 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
-from pipeline.formats.image_file import read_image
-from pipeline.inference.grasp_input_files import read_poses, read_tactile_images
+from pipeline.inference.observation_checks import ModelInputs
+from pipeline.inference.observation_placement import Placement, network_tactile_images
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.vision.labels import Label
@@ -90,46 +90,23 @@ class ObservationReader:
         image = rows.read(config.image, object_id, grasps[0], camera=0) if config.image else None
         tactile_images, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
         self.unet.check_sensor(rows.sensor())
-        return Observation(image, *self._charts(tactile_images, poses, touched, object_id))
+        return Observation(image, *self._charts(tactile_images, poses, touched))
 
-    def of_files(self, image: Path | None, tactile_images: Sequence[Path], poses: Path | None) -> Observation:
-        """Read an observation from files.
+    def of_robot(self, placed: Placement) -> Observation:
+        """Fit charts to the touches of a robot's observation; its image is placed already."""
+        touches = placed.observation.touches
+        if not self.model.touch:
+            return Observation(placed.image, camera=placed.camera)
+        images = network_tactile_images(placed.observation, self.unet.sensor, self.unet.untouched)
+        vertices, touched = self._charts(images, placed.sensor_poses, [touch.touched for touch in touches])
+        return Observation(placed.image, vertices, touched, placed.camera)
 
-        Parameters
-        ----------
-        image
-            A photograph; None for a model without images.
-        tactile_images
-            (T) images, empty for a model without touch.
-        poses
-            See `read_poses`; None for a model without touch.
-
-        Raises
-        ------
-        StageError
-            The model needs a file that is missing, does not take a given one, or images and poses differ in number.
-        """
+    @cached_property
+    def inputs(self) -> ModelInputs:
+        """What the model was given in its training."""
         model = self.model
-        if model.image == "rendering":
-            raise StageError(f"model {model.configuration} needs the camera of its image: name a data directory, an object and a viewpoint")
-        needed = [
-            ("an image", model.image, image),
-            ("tactile images", model.touch, tactile_images),
-            ("the sensors' poses", model.touch, poses),
-        ]
-        if missing := [name for name, needs, given in needed if needs and not given]:
-            raise StageError(f"model {model.configuration} needs {' and '.join(missing)}, but none is given")
-        if model.image is None and image is not None:
-            raise StageError(f"model {model.configuration} takes no image: leave it out, or name one that does")
-        if not model.touch and (tactile_images or poses is not None):
-            raise StageError(f"model {model.configuration} takes no touch: leave tactile images and poses out, or name one that does")
-        seen = read_image(image) if model.image is not None and image is not None else None
-        if poses is None:
-            return Observation(seen)
-        felt, (placed, touched) = read_tactile_images(tactile_images), read_poses(poses)
-        if len(felt) != len(placed):
-            raise StageError(f"{len(felt)} tactile images and {len(placed)} poses in {poses}: there must be one pose per image, in order")
-        return Observation(seen, *self._charts(felt, placed, touched, "files"))
+        sensor = self.unet.sensor if model.touch else None
+        return ModelInputs(model.configuration, model.config, model.camera, model.resolution, model.background, sensor)
 
     @cached_property
     def unet(self) -> TouchModel:
@@ -141,7 +118,7 @@ class ObservationReader:
         return load_touch_model(DataDirectory(self.models).whole_folder("unet"), self.device)
 
     def _charts(
-        self, tactile_images: NDArray[np.uint8], poses: NDArray[np.float64], touched: NDArray[np.bool_] | None, name: str
+        self, tactile_images: NDArray[np.uint8], poses: NDArray[np.float64], touched: Sequence[bool | Literal["auto"]] | NDArray[np.bool_]
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Fit touch charts as in the model's training.
 
@@ -152,18 +129,16 @@ class ObservationReader:
         poses
             (T, 4, 4) sensor frame to world, m.
         touched
-            (T,) bool; None for all tactile images with points.
-        name
-            Seeds the fitting.
+            (T,); "auto" for tactile images that touched if they have points.
 
         Returns
         -------
         (T, side², 3) vertices, world, m, and (T,) bool: which sensors have a chart.
         """
         width, clouds = self.unet.sensor.width, self.unet.clouds(tactile_images)
-        flags = np.array([len(cloud) > 0 for cloud in clouds]) if touched is None else touched
+        flags = np.array([len(cloud) > 0 if flag == "auto" else flag for cloud, flag in zip(clouds, touched, strict=True)])
         given = [cloud if flag else cloud[:0] for cloud, flag in zip(clouds, flags, strict=True)]
-        generators = [torch_generator(self.seed, "predict", name, number) for number in range(len(given))]
+        generators = [torch_generator(self.seed, "predict", number) for number in range(len(given))]
         fits = fit_charts(given, width, generators, options=self._chart_settings().fit_options(width))
         vertices = [sensor_to_world(pose, *chart.T) for pose, chart in zip(poses, fits.vertices, strict=True)]
         return np.array(vertices, np.float32), flags & is_surface(fits.stop_rule)

@@ -1,9 +1,9 @@
-"""Predict an object's surface from a few grasps, and write it as a mesh file."""
+"""Predict an object's surface from stored grasps or a robot's observation, and write it as a mesh file."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -11,8 +11,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pipeline.errors import StageError
+from pipeline.errors import InvalidInput, StageError
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
+from pipeline.inference.observation_checks import faults
+from pipeline.inference.observation_file import RobotObservation, load_observation
+from pipeline.inference.observation_placement import describe_object, place_observation
 from pipeline.inference.observation_reader import ObservationReader, object_mask
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.vision.vertex_colors import foreground, seen_colors
@@ -28,24 +31,34 @@ Surface = Literal["charts", "joined", "both", "closed"]
 
 @dataclass(frozen=True)
 class Prediction:
-    """Describe the files that a prediction wrote.
+    """Describe a predicted surface and the files that hold it.
 
     Attributes
     ----------
-    files
-        The mesh files.
     reconstruction
-        The surface in them.
+        The surface, in the world, m, or in the observation's frame and unit.
     touched
         (T,) bool, of the given sensors: whether their charts are part of it.
     closed
         The closed mesh, if it was asked for.
+    metres_per_unit
+        Of the lengths.
+    remarks
+        What was assumed of an observation, and how it differs from the network's training.
+    files
+        The mesh files; none if it was not written.
     """
 
-    files: list[Path]
     reconstruction: Reconstruction
     touched: NDArray[np.bool_]
     closed: ClosedMesh | None = None
+    metres_per_unit: float = 1.0
+    remarks: list[str] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        made = self.closed or self.reconstruction
+        return f"Prediction({len(made.vertices)} vertices, {len(made.faces)} faces, {int(self.touched.sum())} touches)"
 
 
 @dataclass(frozen=True)
@@ -55,7 +68,7 @@ class ClosedMesh:
     Attributes
     ----------
     vertices, faces
-        (V, 3) float64 in the world, m, and (F, 3) int64, normals outwards.
+        (V, 3) float64, in the frame and unit of the reconstruction, and (F, 3) int64, normals outwards.
     colors
         (V, 3) uint8, from the image.
     seen
@@ -77,32 +90,29 @@ def predict(
     object_id: str | None = None,
     grasps: Sequence[int] = (0,),
     view: int = 0,
-    image: Path | None = None,
-    tactile_images: Sequence[Path] = (),
-    poses: Path | None = None,
+    observation: Path | RobotObservation | None = None,
     surface: Surface = "both",
     resolution: int = RESOLUTION,
     training_seed: int = 0,
     accelerator: str = "auto",
     seed: int = 0,
 ) -> Prediction:
-    """Reconstruct an object from a data directory or from files, and write its surface.
+    """Reconstruct an object from a data directory or from a robot's observation, and write its surface.
 
     Parameters
     ----------
     out
         File to write, .obj, .ply or .glb. With `surface` "both" the charts go there, and the joined surface beside it under the
-        same name with -joined; an implicit network's one mesh goes there alone. Metres, world frame (in GLB turned to y up).
+        same name with -joined; an implicit network's one mesh goes there alone. Metres, world frame, or the observation's unit and frame;
+        GLB is in metres, and y up.
     models, configuration
         A folder of models (DATA/models), and which of its gcn/ or implicit/ to use, or "single-image". Tactile images need its unet/
         too.
     data, object_id, grasps, view
         From a data directory: an object, and the grasps to give; the occluded image is the first one's. Touch charts that are stored
         there are taken as they are. The single-image model is given the rendering from this viewpoint, in place of grasps.
-    image, tactile_images, poses
-        From files: an image from the camera that the network was trained with; tactile images, one per sensor; and their sensors'
-        poses in that camera's world, see `read_poses`. If the poses' file does not state which sensors touched, those did whose
-        tactile image differs from an untouched one.
+    observation
+        In place of these: what a robot saw and felt, or the file that describes it. Networks without inputs need none.
     surface
         "charts", "joined" or "both"; or "closed": one closed, smooth mesh within 0.5 mm of the touch charts, coloured where the image shows
         it and grey elsewhere.
@@ -116,29 +126,104 @@ def predict(
     Raises
     ------
     StageError, StoreError, InvalidInput
-        A model or an input that it needs is missing; an image's size or a chart's is not the one it was trained on; the suffix is no
-        mesh's.
+        A model or an input that it needs is missing; a chart's size is not the one it was trained on; the observation has faults, all of
+        which are named; the suffix is no mesh's.
     """
     check_output(out)
-    device = device_of(accelerator)
-    reader = ObservationReader(_load_model(models, configuration, training_seed, device), models, device, seed)
-    if data is not None:
-        if object_id is None or image is not None or tactile_images or poses is not None:
-            raise StageError("give a data directory and an object, or files, not both")
-        if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
-            DataDirectory(data).check_origins([model_name(configuration, training_seed)])
-        observation = reader.of_object(data, object_id, [view] if reader.model.image == "rendering" else grasps)
-    else:
+    reader = model_reader(models, configuration, training_seed, accelerator, seed)
+    if data is None:
         if object_id is not None:
             raise StageError(f"object {object_id} needs a data directory; name one, or leave the object out")
-        observation = reader.of_files(image, tactile_images, poses)
-    made = reader.model.reconstruct([observation])[0]
+        made = _of_robot(reader, observation, surface, resolution)
+    else:
+        if object_id is None or observation is not None:
+            raise StageError("give a data directory and an object, or an observation, not both")
+        if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
+            DataDirectory(data).check_origins([model_name(configuration, training_seed)])
+        made = _of_object(reader, data, object_id, [view] if reader.model.image == "rendering" else grasps, surface, resolution)
+    return replace(made, files=_write(out, made, surface))
+
+
+def reconstruct(
+    observation: Path | RobotObservation,
+    models: Place,
+    configuration: str,
+    *,
+    resolution: int = RESOLUTION,
+    training_seed: int = 0,
+    accelerator: str = "auto",
+    seed: int = 0,
+) -> Prediction:
+    """Reconstruct an object from a robot's observation, with a closed mesh, and write nothing; parameters and errors as `predict`."""
+    return _of_robot(model_reader(models, configuration, training_seed, accelerator, seed), observation, "closed", resolution)
+
+
+def model_reader(models: Place, configuration: str, training_seed: int = 0, accelerator: str = "auto", seed: int = 0) -> ObservationReader:
+    """Load a model with what reads its inputs."""
+    device = device_of(accelerator)
+    return ObservationReader(_load_model(models, configuration, training_seed, device), models, device, seed)
+
+
+def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, surface: Surface, resolution: int) -> Prediction:
+    """Reconstruct from a robot's observation, in its frame and unit."""
+    model = reader.model
+    if given is None:
+        if model.image or model.touch:
+            wanted = " and ".join([*(["an image"] if model.image else []), *(["touches"] if model.touch else [])])
+            raise StageError(f"model {model.configuration} needs {wanted}: give an observation, or a data directory and an object")
+        made = model.reconstruct([nothing := Observation(None)])[0]
+        return Prediction(made, nothing.touched, _uncoloured(*close_reconstruction(made, resolution)) if surface == "closed" else None)
+    if isinstance(given, RobotObservation):
+        observed = given
+        if lines := faults(observed, reader.inputs):
+            raise InvalidInput(f"observation: {'; '.join(lines)}")
+    else:
+        observed = load_observation(given, lambda part: faults(part, reader.inputs))
+    placed = place_observation(observed, reader.inputs)
+    seen = reader.of_robot(placed)
+    made = model.reconstruct([seen])[0]
+    whole = Prediction(
+        placed.returned_surface(made),
+        seen.touched,
+        None,
+        observed.metres_per_unit,
+        [describe_object(observed, placed.box), *placed.remarks],
+    )
     if surface != "closed":
-        return Prediction(_write(out, made, surface), made, observation.touched)
-    mask = None if data is None or object_id is None else object_mask(data, object_id, reader.model.image, grasps)
-    mesh = _close(made, observation, reader.model.camera, mask, resolution)
-    write_closed(out, mesh.vertices, mesh.faces, mesh.colors, mesh.seen)
-    return Prediction([out], made, observation.touched, mesh)
+        return whole
+    vertices, faces = close_reconstruction(made, resolution, seen)
+    mesh = _uncoloured(placed.returned(vertices), faces)
+    if observed.camera is not None and observed.projection is not None:
+        matrix = observed.projection * [*(3 * [observed.metres_per_unit]), 1.0]  # of points in the observation's unit
+        mesh = _coloured(mesh, observed.camera.image, matrix, observed.camera.shown)
+    return replace(whole, closed=mesh)
+
+
+def _of_object(
+    reader: ObservationReader, data: Place, object_id: str, chosen: Sequence[int], surface: Surface, resolution: int
+) -> Prediction:
+    """Reconstruct from grasps of a data directory, or from the rendering of a viewpoint."""
+    model = reader.model
+    seen = reader.of_object(data, object_id, chosen)
+    made = model.reconstruct([seen])[0]
+    if surface != "closed":
+        return Prediction(made, seen.touched)
+    mesh = _uncoloured(*close_reconstruction(made, resolution, seen))
+    matrix = model.camera if seen.camera is None else seen.camera
+    if seen.image is not None and matrix is not None:
+        mask = object_mask(data, object_id, model.image, chosen)
+        mesh = _coloured(mesh, seen.image, matrix, foreground(seen.image) if mask is None else mask)
+    return Prediction(made, seen.touched, mesh)
+
+
+def _uncoloured(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> ClosedMesh:
+    return ClosedMesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8), np.zeros(len(vertices), bool))
+
+
+def _coloured(mesh: ClosedMesh, image: NDArray[np.uint8], matrix: NDArray[np.float64], shown: NDArray[np.bool_]) -> ClosedMesh:
+    """Colour a closed mesh by an image, where that shows the object."""
+    colors, seen = seen_colors(mesh.vertices, mesh.faces, image, matrix, shown)
+    return replace(mesh, colors=colors, seen=seen)
 
 
 def _load_model(models: Place, configuration: str, training_seed: int, device: torch.device) -> Reconstructor:
@@ -151,22 +236,15 @@ def _load_model(models: Place, configuration: str, training_seed: int, device: t
     return load_reconstructor(configuration, DataDirectory(trained[configuration]).whole_folder(configuration), device)
 
 
-def _close(
-    made: Reconstruction, given: Observation, camera: NDArray[np.float64] | None, mask: NDArray[np.bool_] | None, resolution: int
-) -> ClosedMesh:
-    """Close a reconstruction, and colour it by its image in the object's mask (rows, cols), or in front of the background."""
-    vertices, faces = close_reconstruction(made, resolution, given)
-    image, camera = given.image, camera if given.camera is None else given.camera
-    if image is None or camera is None:
-        return ClosedMesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8), np.zeros(len(vertices), bool))
-    return ClosedMesh(vertices, faces, *seen_colors(vertices, faces, image, camera, foreground(image) if mask is None else mask))
-
-
-def _write(out: Path, made: Reconstruction, surface: Surface) -> list[Path]:
-    if made.is_whole:  # joined already
+def _write(out: Path, made: Prediction, surface: Surface) -> list[Path]:
+    """Write a prediction to one file, or two beside each other."""
+    if (mesh := made.closed) is not None:
+        write_closed(out, mesh.vertices, mesh.faces, mesh.colors, mesh.seen, made.metres_per_unit)
+        return [out]
+    if made.reconstruction.is_whole:  # joined already
         surface = "charts"
     beside = out.with_name(f"{out.stem}-joined{out.suffix}")
-    files = {"charts": {out: write_charts}, "joined": {out: write_joined}, "both": {out: write_charts, beside: write_joined}}[surface]
+    files = {"charts": {out: write_charts}, "joined": {out: write_joined}}.get(surface, {out: write_charts, beside: write_joined})
     for path, write in files.items():
-        write(path, made)
+        write(path, made.reconstruction, made.metres_per_unit)
     return list(files)

@@ -29,7 +29,7 @@ class Observation:
     touched
         (T,) bool: whether the chart is that of a successful touch.
     camera
-        (3, 4) projection matrix of world points, m, to pixels of the image, where each image has one of its own.
+        (3, 4) projection matrix of world points, m, to pixels of the image, where it is not the training's.
     """
 
     image: np.ndarray | None
@@ -93,7 +93,7 @@ def stack_observations(observations: Sequence[Observation], config: NetworkInput
     config
         The network's inputs.
     camera
-        The projection matrix (3, 4) of their images; None where each has its own.
+        The projection matrix (3, 4) of images that have none of their own; None where each has its own.
     like
         A tensor of the network.
 
@@ -111,8 +111,9 @@ def stack_observations(observations: Sequence[Observation], config: NetworkInput
         pictures = [seen.image for seen in observations if seen.image is not None]
         if len(pictures) != len(observations) or len({picture.shape for picture in pictures}) != 1:
             raise InvalidInput("the network takes an image of each object, all of one size; some are missing or differ")
-        if camera is None:
-            camera = torch.from_numpy(np.stack([seen.camera for seen in observations if seen.camera is not None])).to(like.device)
+        if any(seen.camera is not None for seen in observations):
+            own = [camera if seen.camera is None else torch.tensor(seen.camera, device=like.device) for seen in observations]
+            camera = torch.stack([matrix for matrix in own if matrix is not None])
         images = network_input(torch.from_numpy(np.stack(pictures)).to(like.device), like.dtype)
     if not config.touch:
         none = like.new_zeros(0, config.side**2, 3)

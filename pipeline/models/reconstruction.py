@@ -6,12 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, create_model, model_validator
+from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 from torch import nn
 
 from pipeline.errors import InvalidInput
@@ -22,6 +22,7 @@ from pipeline.models.model_files import load_network, read_description
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
 
 ImageRow = tuple[float, float, float, float]
+Level = Annotated[int, Field(ge=0, le=255)]
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ class Description(BaseModel):
     network: NetworkInputs
     camera: tuple[ImageRow, ImageRow, ImageRow] | None
     resolution: tuple[int, int] | None
+    background: tuple[Level, Level, Level] | None = None
     charts: dict[str, Any] | None
 
     @model_validator(mode="after")
@@ -98,6 +100,8 @@ class Reconstructor(ABC):
         Whether it is given touch charts.
     camera
         (3, 4) float64, the projection matrix of its images; None without an image.
+    resolution, background
+        Rows and columns of its images, and the sRGB of their background; None without an image, or if not known.
     chart_settings
         The settings of `fit-charts` that its touch charts were fitted with; None without touch.
     """
@@ -114,7 +118,7 @@ class Reconstructor(ABC):
         self.image, self.touch = self.config.image, self.config.touch
         self.camera = None if description.camera is None else np.array(description.camera)
         self._camera = None if description.camera is None else torch.tensor(description.camera, dtype=torch.float64, device=device)
-        self._resolution = description.resolution and list(description.resolution)
+        self.resolution, self.background = description.resolution, description.background
 
     @torch.no_grad()
     def reconstruct(self, observations: Sequence[Observation]) -> list[Reconstruction]:
@@ -136,10 +140,9 @@ class Reconstructor(ABC):
     def _batch(self, observations: Sequence[Observation]) -> NetworkBatch:
         """Stack observations, whose images must be as large as those of the training."""
         batch = stack_observations(observations, self.config, self._camera, like=next(self.network.parameters()))
-        if batch.images is not None and list(batch.images.shape[2:]) != self._resolution:
-            raise InvalidInput(
-                f"{self.configuration} was trained on images of {self._resolution} pixels, these have {list(batch.images.shape[2:])}"
-            )
+        trained = list(self.resolution or ())
+        if batch.images is not None and list(batch.images.shape[2:]) != trained:
+            raise InvalidInput(f"{self.configuration} was trained on images of {trained} pixels, these have {list(batch.images.shape[2:])}")
         return batch
 
 

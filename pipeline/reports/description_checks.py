@@ -1,10 +1,10 @@
-"""Checks of description files: what a hand, sensor, scene or manifest file describes, as lines and as a picture."""
+"""Checks of description files: what a hand, sensor, scene, manifest or observation file describes, as lines and as a picture."""
 
 from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -20,11 +20,15 @@ from pipeline.reports.hand_check import check_hand
 from pipeline.reports.plots import save_figure
 from pipeline.reports.sensor_check import check_sensor
 
+if TYPE_CHECKING:
+    from pipeline.inference.observation_checks import ModelInputs
+
 ENTRIES: dict[Kind, set[str]] = {
     "sensor": {"w", "rows", "cols"},
     "hand": {"urdf", "palm", "fingers"},
     "scene": {"cameras", "background"},
     "manifest": {"sources", "splits"},
+    "observation": {"object", "camera", "touches"},
 }
 """Entries by which the kinds of description files are told apart."""
 
@@ -32,7 +36,7 @@ SIZE = 0.5
 """m, diagonal of the objects that are looked for in the images."""
 
 
-def check_file(name: str, picture: Path | None) -> list[str]:
+def check_file(name: str, picture: Path | None, model: ModelInputs | None = None) -> list[str]:
     """Check a description file, and draw what it describes.
 
     Parameters
@@ -41,6 +45,8 @@ def check_file(name: str, picture: Path | None) -> list[str]:
         Path of a file, or the name of a shipped one.
     picture
         PNG to write; by default NAME.png in the current folder.
+    model
+        A model that an observation is given to.
 
     Returns
     -------
@@ -55,8 +61,15 @@ def check_file(name: str, picture: Path | None) -> list[str]:
     path = description_path(shipped[name], name) if name in shipped else Path(name).expanduser()
     if not path.exists():
         raise InvalidInput(f"{path} does not exist; shipped files are {', '.join(sorted(shipped))}")
+    kind, picture = _kind_of(path), picture or Path(f"{path.stem}.png")
+    if kind == "observation":
+        from pipeline.reports.observation_check import check_observation  # networks: seconds to import
+
+        return check_observation(path, picture, model)
+    if model is not None:
+        raise InvalidInput(f"{path} is a {kind} file; only an observation is checked against models")
     checks = {"sensor": check_sensor, "hand": check_hand, "scene": check_scene, "manifest": check_manifest}
-    return checks[_kind_of(path)](path, picture or Path(f"{path.stem}.png"))
+    return checks[kind](path, picture)
 
 
 def _kind_of(path: Path) -> str:

@@ -58,6 +58,13 @@ class Items:
         """Read the rows and columns of the images; None without them."""
         return None if self.config.image is None else [self.rows.size(self.config.image, dim) for dim in ("row", "col")]
 
+    @property
+    def background(self) -> list[int] | None:
+        """Read the sRGB of the images' background, 0 to 255; None without images of a scene."""
+        if self.config.image in (None, "rendering") or (scene := self.rows.attributes("vision").get("scene")) is None:
+            return None
+        return [int(255 * level + 0.5) for level in scene["background"]]
+
     def target(self, item: int) -> SearchCloud:
         """Read the object's points, (N, 3) float32, m, world."""
         object_id = self.object_of(item)
@@ -135,6 +142,7 @@ class Items:
             "network": config.model_dump(mode="json", exclude={"checkpointing"}),
             "camera": None if self.camera is None else self.camera.tolist(),
             "resolution": self.resolution,
+            "background": self.background,
             "charts": self.rows.attributes("charts")["settings"] if self.config.touch else None,
         }
 

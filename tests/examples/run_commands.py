@@ -6,7 +6,6 @@ seconds; where they do not say which networks to train, two. `NOT_RUN` names tho
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
@@ -16,13 +15,11 @@ from pathlib import Path
 import pytest
 import trimesh
 import yaml
-from PIL import Image
-
-from pipeline.dataset.object_rows import ObjectRows
 
 ROOT = Path(__file__).parents[2]
 GUIDES = (
     "learning",
+    "own-photographs",
     "other-programs",
     "hand-sensor-camera",
     "speed-and-accuracy",
@@ -130,15 +127,6 @@ def run(command: str, repository: Path) -> None:
     assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
 
 
-def write_own_files(repository: Path) -> None:
-    """Write images and poses that a reader would have of a robot: those of the duck."""
-    rows = ObjectRows(repository / "data" / "toy" / "draft", ["occluded", "tactile_image", "sensor_pose"], None)
-    Image.fromarray(rows.read("occluded", "duck", 0, camera=0)).save(repository / "seen.png")
-    for name, tactile_image in zip(("index", "middle", "ring", "thumb"), rows.read("tactile_image", "duck", 0), strict=True):
-        Image.fromarray(tactile_image).save(repository / f"{name}.png")
-    (repository / "poses.json").write_text(json.dumps(rows.read("sensor_pose", "duck", 0).tolist()))
-
-
 DONE: set[str] = set()
 
 
@@ -151,7 +139,5 @@ def test_commands_of_a_page_run(page, repository):
         if "data/cluster" in asked and not (repository / "data" / "cluster").exists():
             for stage in ("sample-surfaces", "simulate-grasps"):
                 run(f"vt-pipeline run {stage} --data data/cluster --shards 8", repository)
-        if "seen.png" in asked:
-            write_own_files(repository)
         run(asked, repository)
         DONE.add(asked)

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.image_file import read_image
+from pipeline.formats.image_file import read_depth, read_image, read_mask
 
 
 def encoded(kind: str, mode: str = "RGB") -> bytes:
@@ -55,3 +55,53 @@ def test_other_formats_and_bombs_are_refused(tmp_path: Path, content: bytes, wor
     (tmp_path / "image").write_bytes(content)
     with pytest.raises(InvalidInput, match=words):
         read_image(tmp_path / "image")
+
+
+@pytest.mark.parametrize("mode", ["1", "L", "RGB", "P", "I;16"])
+def test_masks_are_where_files_are_not_0(tmp_path: Path, mode: str) -> None:
+    inside = np.array([[True, False, True], [False, False, True]])
+    levels = Image.fromarray(np.where(inside, 200, 0).astype(np.uint16 if mode == "I;16" else np.uint8))
+    image = levels if mode == "I;16" else levels.convert("L" if mode == "P" else mode)
+    if mode == "P":
+        image = Image.fromarray(inside.astype(np.uint8))
+        image.putpalette([0, 0, 0, 255, 0, 0])
+    image.save(tmp_path / "mask.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "mask.png"), inside)
+
+
+def test_depth_images_are_read_as_they_are(tmp_path: Path) -> None:
+    levels = np.array([[0, 500, 65535]], np.uint16)
+    Image.fromarray(levels).save(tmp_path / "depth.png")
+    np.save(tmp_path / "levels.npy", np.asfortranarray(levels))
+    np.save(tmp_path / "metres.npy", levels.astype(np.float32))
+    for name, expected in (("depth.png", levels), ("levels.npy", levels), ("metres.npy", levels.astype(np.float32))):
+        read = read_depth(tmp_path / name)
+        np.testing.assert_array_equal(read, expected)
+        assert read.dtype == expected.dtype
+    Image.new("L", (3, 2)).save(tmp_path / "grey.png")
+    with pytest.raises(InvalidInput, match="has depths L; save it as 16-bit grey"):
+        read_depth(tmp_path / "grey.png")
+
+
+def npy(header: str, values: bytes) -> bytes:
+    return b"\x93NUMPY\1\0" + len(header).to_bytes(2, "little") + header.encode() + values
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (npy("{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000, 4)}", bytes(128)), "claims float64 .* has 128 bytes"),
+        (npy("{'descr': '|O', 'fortran_order': False, 'shape': (4, 4)}", bytes(128)), "claims object"),
+        (npy("{'descr': '<f8', 'fortran_order': False, 'shape': (-4, -4)}", bytes(128)), "claims float64"),
+        (npy("{'descr': '<i8', 'fortran_order': False, 'shape': (4, 4)}", bytes(128)), "holds int64"),
+        (npy("{'descr': '<f8', 'fortran_order': False, 'shape': (16,)}", bytes(128)), r"holds float64 \(16,\)"),
+        (npy("{'descr': '<f8', 'fortran_order': False, 'shape': (0, 4)}", b""), r"holds float64 \(0, 4\)"),
+        (npy("x" * 100, bytes(128)), "cannot be read as an array"),
+        (b"", "cannot be read as an array"),
+    ],
+    ids=["shape", "objects", "negative", "integers", "row", "nothing", "header", "empty"],
+)
+def test_arrays_are_checked_before_memory_is_taken(tmp_path: Path, content: bytes, words: str) -> None:
+    (tmp_path / "depth.npy").write_bytes(content)
+    with pytest.raises(InvalidInput, match=words):
+        read_depth(tmp_path / "depth.npy")

@@ -1,4 +1,4 @@
-"""What `predict` reads: models, images, tactile images, poses."""
+"""What `predict` reads: models, and an observation file with the images that it names."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from PIL import Image
 
-from pipeline.formats.image_file import read_image
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.inference.grasp_input_files import read_poses, read_tactile_images
+from pipeline.inference.observation_checks import faults
+from pipeline.inference.observation_file import load_observation
 from pipeline.inference.predict import predict
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import NetworkConfig
@@ -31,6 +31,7 @@ from pipeline.store.record import FolderRecord
 from tests.fuzz.target import Files, Target, files_made_by, seal
 
 NAME, PIXELS = "occluded-touch", 16
+POSE = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]]
 WHOLE = 8
 """One in how many inputs goes through the networks; of the others, what was changed is read."""
 
@@ -40,15 +41,24 @@ class Predictions(Target):
 
     def sound(self) -> list[Files]:
         models = files_made_by(_models)
-        poses = np.eye(4)[None]
+        facing = {"position": [0, 0, 0.5], "quaternion": [0, 0, 0, 1]}
         file = io.BytesIO()
-        np.savez_compressed(file, poses=poses, touched=np.array([True]))
-        flags = {"poses": poses.tolist(), "touched": [True]}
+        np.save(file, np.full((PIXELS, PIXELS), 0.5, np.float32))
+        levels = _saved(np.full((PIXELS, PIXELS), 5000, np.uint16), "PNG")
         asked: list[Files] = [
-            {"image": _image("PNG"), "tactile_image": _image("JPEG"), "poses.json": json.dumps(poses.tolist()).encode()},
-            {"image": _image("BMP"), "tactile_image": _image("TIFF"), "poses.npz": file.getvalue()},
-            {"image": _image("TIFF"), "tactile_image": _image("PNG"), "poses.json": json.dumps(flags).encode()},
+            {"image": _image("PNG"), "tactile_image": _image("JPEG"), "depth": levels},
+            {"image": _image("BMP"), "tactile_image": _image("TIFF"), "depth.npy": file.getvalue()},
+            {"image": _image("TIFF"), "tactile_image": _image("PNG")},
         ]
+        for files, pose in zip(asked, (facing, {"position": [0, 0, 0.5], "rpy": [0, 0, 0]}, POSE), strict=True):
+            intrinsics = {"fx": 16, "fy": 16, "cx": 8, "cy": 8}
+            camera = {"image": "image", "mask": "mask", "hand_mask": "image", "intrinsics": intrinsics, "pose": np.eye(4).tolist()}
+            camera |= {"depth": next(iter(files.keys() - {"image", "tactile_image"}), None), "depth_scale": 1e-4, "convention": "opencv"}
+            touch = {"name": "index", "tactile_image": "tactile_image", "pose": pose, "touched": True}
+            observed = {"sensor": "gel_16mm", "untouched": "tactile_image", "touches": [touch], "camera": camera, "up": [0, -1, 0]}
+            observed |= {"object": {"centre": [0, 0, 0.6], "diagonal": 0.4}, "unit": "m"}
+            files["grasp.yaml"] = json.dumps(observed).encode()
+            files["mask"] = _saved(np.full((PIXELS, PIXELS), 255, np.uint8), "PNG")
         return [models | one for one in asked]
 
     def read(self, folder: Path, files: Files) -> None:
@@ -59,27 +69,28 @@ class Predictions(Target):
                     record,
                     lambda said, at=record.parent: {"files": hashes_of(at / said["location"])} if is_version(said["location"]) else {},
                 )
-        poses = folder / next(name for name in files if name.startswith("poses."))
+        path = folder / "grasp.yaml"
         if content // 8 % WHOLE == 0:
-            predict(folder / "made.ply", folder, NAME, image=folder / "image", tactile_images=[folder / "tactile_image"], poses=poses)
+            predict(folder / "made.ply", folder, NAME, observation=path)
             return
         readers: dict[str, Callable[[], object]] = {
             "gcn": lambda: DeformationReconstructor(DataDirectory(folder / "gcn").whole_folder(NAME)),
             "unet": lambda: load_touch_model(DataDirectory(folder).whole_folder("unet"), "cpu"),
-            "image": lambda: read_image(folder / "image"),
-            "tactile_image": lambda: read_tactile_images([folder / "tactile_image"]),
-            "poses": lambda: read_poses(poses),
+            **dict.fromkeys(("grasp.yaml", "image", "tactile_image", "depth", "mask"), lambda: load_observation(path, faults)),
         }
         sound = {content for seed in self.seeds for content in seed.values()}
         changed = [name for name in files if files[name] not in sound]
-        for kind, reader in readers.items():
-            if any(name.startswith(kind) for name in changed):
-                reader()
+        for reader in {reader for kind, reader in readers.items() if any(name.startswith(kind) for name in changed)}:
+            reader()
 
 
 def _image(kind: str) -> bytes:
+    return _saved(np.random.default_rng(0).integers(0, 256, (PIXELS, PIXELS, 3), np.uint8), kind)
+
+
+def _saved(pixels: np.ndarray, kind: str) -> bytes:
     file = io.BytesIO()
-    Image.fromarray(np.random.default_rng(0).integers(0, 256, (PIXELS, PIXELS, 3), np.uint8)).save(file, kind)
+    Image.fromarray(pixels).save(file, kind)
     return file.getvalue()
 
 

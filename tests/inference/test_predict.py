@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+import yaml
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -18,11 +19,13 @@ from pipeline.inference.predict import predict
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
+from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.reconstruction import join_vision_charts
 from pipeline.models.touch_model import save_touch_model
 from pipeline.store.directory import DataDirectory
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
+from tools.robot_grasp import BASE, write_grasp
 
 FELT = 3  # of a grasp's four sensors
 
@@ -43,22 +46,34 @@ def data(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def files(data, tmp_path_factory):
-    """Write grasp 2 as a user's files: an image, four tactile images, a file of poses."""
-    folder = tmp_path_factory.mktemp("files")
-    item = GraspDataset(data, ["occluded", "tactile_image", "sensor_pose", "touch_success"], "test")[2]
-    Image.fromarray(item["occluded"][0].numpy()).save(folder / "image.png")
-    for number, tactile_image in enumerate(item["tactile_image"].numpy()):
-        Image.fromarray(tactile_image).save(folder / f"touch-{number}.png")
-    poses, touched = item["sensor_pose"].numpy(), item["touch_success"].numpy()
-    (folder / "poses.json").write_text(json.dumps({"poses": poses.tolist(), "touched": touched.tolist()}))
-    (folder / "unsaid.json").write_text(json.dumps(poses.tolist()))
-    np.savez(folder / "poses.npz", poses=poses, touched=touched)
-    return folder
+def grasp(data, tmp_path_factory):
+    """Write grasp 2 as a robot would have recorded it, in the frame of its base."""
+    return write_grasp(data, "a", 2, tmp_path_factory.mktemp("files"))
 
 
-def tactile_images(files: Path) -> list[Path]:
-    return [files / f"touch-{number}.png" for number in range(4)]
+@pytest.fixture(scope="module")
+def uncharted(data, tmp_path_factory):
+    """Copy the data without charts: they are fitted to the tactile images, as a robot's are."""
+    return shutil.copytree(data, tmp_path_factory.mktemp("bare") / "data", ignore=shutil.ignore_patterns("charts"))
+
+
+def entries(grasp: Path, **changes: object) -> dict:
+    """Read the entries of a file, with absolute names of its images; changes name a path of entries, joined by two underscores."""
+    described = yaml.safe_load(grasp.read_text())
+    for holder in (described, described["camera"], *described["touches"]):
+        holder |= {name: str(grasp.parent / value) for name, value in holder.items() if str(value).endswith(".png")}
+    for name, value in changes.items():
+        *path, last = name.split("__")
+        holder = described
+        for step in path:
+            holder = holder[step]
+        holder[last] = value
+    return described
+
+
+def write(path: Path, described: dict) -> Path:
+    path.write_text(json.dumps(described))
+    return path
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
@@ -139,20 +154,72 @@ def test_a_closed_mesh_of_a_network_that_sees_and_feels_nothing_is_grey(data, tm
     assert mesh.volume == pytest.approx(4 / 3 * np.pi * 0.25**3, rel=0.1)
 
 
-def test_files_give_what_the_store_gives(data, files, tmp_path):
-    bare = tmp_path / "uncharted"
-    shutil.copytree(data, bare, ignore=shutil.ignore_patterns("charts"))
-    stored = predict(tmp_path / "a.ply", data / "models", "occluded-touch", data=bare, object_id="a", grasps=[2])
-    for poses in ("poses.json", "poses.npz", "unsaid.json"):
-        given = {"image": files / "image.png", "tactile_images": tactile_images(files), "poses": files / poses}
-        own = predict(tmp_path / "b.ply", data / "models", "occluded-touch", **given)
-        assert (own.touched == stored.touched).all()
-        np.testing.assert_array_equal(own.reconstruction.faces, stored.reconstruction.faces)
-        # the charts are fitted from other seeds to the same clouds
-        np.testing.assert_allclose(own.reconstruction.vertices, stored.reconstruction.vertices, atol=5e-3)
-    again = predict(tmp_path / "c.ply", data / "models", "occluded-touch", **given)
-    assert (again.reconstruction.vertices == own.reconstruction.vertices).all()
+def in_base(vertices: np.ndarray) -> np.ndarray:
+    """Transform points of the world to the robot's base."""
+    return vertices @ BASE[:3, :3].T + BASE[:3, 3]
+
+
+def test_a_robots_observation_gives_what_the_store_gives_in_its_frame(data, uncharted, grasp, tmp_path):
+    """The base is turned and moved against the world, the camera is OpenCV's: still the same surface, to the digits of the file."""
+    stored = predict(tmp_path / "a.ply", data / "models", "occluded-touch", data=uncharted, object_id="a", grasps=[2])
+    own = predict(tmp_path / "b.ply", data / "models", "occluded-touch", observation=grasp)
+    assert (own.touched == stored.touched).all()
+    np.testing.assert_array_equal(own.reconstruction.faces, stored.reconstruction.faces)
+    np.testing.assert_allclose(own.reconstruction.vertices, in_base(stored.reconstruction.vertices), atol=1e-6)
+    assert any("views differ by 0.0°" in line for line in own.remarks)
+    again = predict(tmp_path / "c.ply", data / "models", "occluded-touch", observation=grasp)
     assert again.files[0].read_bytes() == own.files[0].read_bytes()
+
+
+@pytest.fixture(scope="module")
+def millimetres(grasp):
+    """Write the grasp in millimetres."""
+    described = entries(grasp, unit="mm")
+    described["object"] = {"centre": [1e3 * value for value in described["object"]["centre"]]}
+    for holder in (described["camera"], *described["touches"]):
+        holder["pose"]["position"] = [1e3 * value for value in holder["pose"]["position"]]
+    return write(grasp.parent / "mm.yaml", described)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+def test_a_file_in_millimetres_gives_a_mesh_in_millimetres_and_gltf_in_metres(data, grasp, millimetres, tmp_path, suffix):
+    first, second = (
+        predict(tmp_path / f"{number}{suffix}", data / "models", "occluded-touch", observation=file, surface="charts")
+        for number, file in enumerate((grasp, millimetres))
+    )
+    np.testing.assert_allclose(second.reconstruction.vertices, 1e3 * first.reconstruction.vertices, atol=1e-3)
+    small, large = (trimesh.load_scene(made.files[0], process=False).to_mesh().extents for made in (first, second))
+    np.testing.assert_allclose(large, small if suffix == ".glb" else 1e3 * small, rtol=1e-5)
+
+
+def test_a_closed_mesh_of_an_observation_has_its_images_colours(data, millimetres, tmp_path):
+    asked = {"surface": "closed", "resolution": 24}
+    own = predict(tmp_path / "b.ply", data / "models", "occluded-touch", observation=millimetres, **asked)
+    seen = own.closed.seen
+    assert 0.2 < seen.mean() < 0.6
+    world = (own.closed.vertices[seen] / 1e3 - BASE[:3, 3]) @ BASE[:3, :3]
+    col, row = project_points(projection_matrix(spheres.CAMERA), world).astype(int).T
+    image = GraspDataset(data, ["occluded"], "test")[2]["occluded"][0].numpy()
+    assert (own.closed.colors[seen] == image[row, col]).all(axis=1).mean() > 0.95  # but for some at borders of pixels
+    felt = own.reconstruction.vertices[own.reconstruction.vision :]
+    assert np.sqrt(igl.point_mesh_squared_distance(felt, own.closed.vertices, own.closed.faces)[0]).max() <= 0.5
+
+
+def test_the_shipped_example_is_reconstructed_by_a_model_of_another_camera(data, tmp_path):
+    """Its camera looks down on the object, the balls' does not: the view is turned, and said to differ."""
+    example = Path(__file__).parents[2] / "examples" / "robot_grasp" / "grasp.yaml"
+    made = predict(tmp_path / "duck.ply", data / "models", "occluded-touch", observation=example)
+    assert made.touched.all()
+    assert np.linalg.norm(made.reconstruction.vertices - [0.62, -0.17, 0.25], axis=1).max() < 0.5
+    assert any(line.startswith("warning: camera 1.14 m from the object and 19.2° above its horizon; in training") for line in made.remarks)
+
+
+def test_touches_are_recognised_where_they_are_not_stated(data, grasp, tmp_path):
+    described = entries(grasp)
+    stated = [touch.pop("touched") for touch in described["touches"]]
+    made = predict(tmp_path / "a.ply", data / "models", "touch", observation=write(tmp_path / "g.yaml", described))
+    assert list(made.touched) == stated
+    assert "model touch takes no image: the photograph only colours a closed mesh" in made.remarks
 
 
 @pytest.mark.parametrize(("configuration", "asked"), [("none", {"object_id": "typo"}), ("unoccluded", {"object_id": "a", "grasps": [99]})])
@@ -177,11 +244,11 @@ def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
         ({"grasps": [5]}, StoreError, "no grasp 5; there are grasps 0 to 4"),
         ({"grasps": []}, StageError, "at least"),
         ({"object_id": "z"}, StoreError, "no object z"),
-        ({"object_id": None}, StageError, "give a data directory and an object, or files, not both"),
-        ({"image": "image.png"}, StageError, "not both"),
+        ({"object_id": None}, StageError, "give a data directory and an object, or an observation, not both"),
+        ({"observation": Path("grasp.yaml")}, StageError, "not both"),
         ({"data": None}, StageError, "object a needs a data directory"),
-        ({"data": None, "object_id": None}, StageError, "needs tactile images and the sensors' poses, but none is given"),
-        ({"data": None, "object_id": None, "configuration": "unoccluded"}, StageError, "needs an image"),
+        ({"data": None, "object_id": None}, StageError, "needs touches: give an observation"),
+        ({"data": None, "object_id": None, "configuration": "unoccluded"}, StageError, "needs an image: give"),
         ({"accelerator": "abacus"}, StageError, "abacus"),
     ],
 )
@@ -194,35 +261,31 @@ def test_what_cannot_be_predicted_is_an_error(data, tmp_path, asked, error, word
     assert [path.name for path in out.parent.iterdir()] == ["taken.ply"]
 
 
-def test_files_that_do_not_fit_are_errors(data, files, tmp_path):
-    given = {"tactile_images": tactile_images(files), "poses": files / "poses.json"}
-
-    def refused(words, **changes):
+def test_observations_that_do_not_fit_are_errors(data, grasp, tmp_path):
+    def refused(words, configuration="touch", models=data / "models", **changes):
         with pytest.raises(PipelineError, match=words):
-            predict(tmp_path / "ball.ply", data / "models", changes.pop("configuration", "touch"), **(given | changes))
+            predict(tmp_path / "ball.ply", models, configuration, observation=write(tmp_path / "g.yaml", entries(grasp, **changes)))
 
-    refused("3 tactile images and 4 poses", tactile_images=tactile_images(files)[:3])
-    small = tmp_path / "small.png"
-    Image.new("RGB", (50, 50)).save(small)
-    refused("50", tactile_images=[small] * 4)
-    refused(r"small.png has \(50, 50\)", tactile_images=[*tactile_images(files)[:3], small])
-    refused("trained on images", configuration="unoccluded", image=small, tactile_images=[], poses=None)
-    refused("takes no touch", configuration="unoccluded", image=small)
-    refused("takes no image", image=files / "image.png")
-    refused("cannot be read as an image", tactile_images=[files / "poses.json"] * 4)
-    clear = tmp_path / "clear.png"
-    Image.new("RGBA", (100, 100)).save(clear)
-    refused("RGBA", tactile_images=[clear] * 4)
+    Image.new("RGB", (100, 50)).save(tmp_path / "flat.png")
+    Image.new("RGBA", (100, 100)).save(tmp_path / "clear.png")
+    touch = entries(grasp)["touches"][0]
+    flat, clear = (touch | {"tactile_image": f"{name}.png"} for name in ("flat", "clear"))
+    refused("tactile images have 100 x 50 pixels, another shape than the model's 100 x 100", touches=[flat], untouched=None)
+    refused("index has 100 x 50 pixels, finger-0 100 x 100", touches=[touch, flat | {"name": "index"}])
+    refused("touches.0.tactile_image: .*clear.png has colours RGBA", touches=[clear])
+    refused("model touch needs touches", touches=[])
+    refused("model unoccluded needs a photograph", "unoccluded", camera=None)
+    refused("sensor digit has .* the model's gel_16mm 16.41", sensor="digit")
+    refused("there is no entry objekt, did you mean object", objekt=1)
     bare = tmp_path / "models"
     shutil.copytree(data / "models", bare, ignore=shutil.ignore_patterns("unet*"))
-    with pytest.raises(StageError, match="models has no U-Net, which makes points of tactile images; name the models of a data directory"):
-        predict(tmp_path / "ball.ply", bare, "touch", **given)
+    refused("models has no U-Net, which makes points of tactile images; name the models of a data directory", models=bare)
 
 
-def test_another_training_is_used_where_it_is_asked_for(data, files, tmp_path):
+def test_another_training_is_used_where_it_is_asked_for(data, grasp, tmp_path):
     copy = shutil.copytree(data, tmp_path / "data")
     spheres.make_model(copy, "touch", training_seed=1)
-    given = {"tactile_images": tactile_images(files), "poses": files / "poses.json"}
+    given = {"observation": grasp}
     first, second = (predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=seed, **given) for seed in (0, 1))
     assert not np.array_equal(first.reconstruction.vertices, second.reconstruction.vertices)
     with pytest.raises(StageError, match=r"seed-2 has no model touch: there are none at all; train it with"):
@@ -240,14 +303,14 @@ def test_stored_charts_of_another_size_are_an_error(data, tmp_path):
 
 
 @pytest.mark.parametrize("file", ["models/gcn/touch", "models/unet"])
-def test_a_model_of_which_a_bit_flipped_is_not_used(data, files, tmp_path, file):
+def test_a_model_of_which_a_bit_flipped_is_not_used(data, grasp, tmp_path, file):
     copy = shutil.copytree(data, tmp_path / "data")
     weights = DataDirectory(copy).folder_path(file) / "model.safetensors"
     content = bytearray(weights.read_bytes())
     content[-1] ^= 1
     weights.write_bytes(content)
     with pytest.raises(StoreError, match=r"model.safetensors differs from what was written; delete .* and run train-"):
-        predict(tmp_path / "ball.ply", copy / "models", "touch", tactile_images=tactile_images(files), poses=files / "poses.json")
+        predict(tmp_path / "ball.ply", copy / "models", "touch", observation=grasp)
 
 
 def test_a_file_beside_a_models_own_is_no_fault(data, tmp_path):
@@ -259,11 +322,11 @@ def test_a_file_beside_a_models_own_is_no_fault(data, tmp_path):
 @pytest.mark.parametrize(
     ("charts", "words"), [({"side": 9}, "takes charts of side 3, but .*side=9"), ({"samples": 10**9}, "samples: .* less than or equal")]
 )
-def test_chart_settings_that_cannot_be_used_are_errors(data, files, tmp_path, charts, words):
+def test_chart_settings_that_cannot_be_used_are_errors(data, grasp, tmp_path, charts, words):
     made = shutil.copytree(DataDirectory(data).folder_path("models/gcn/touch"), tmp_path / "made")
     description = json.loads((made / "model.json").read_text())
     (made / "model.json").write_text(json.dumps(description | {"charts": charts}))
     shutil.copytree(data / "models", tmp_path / "models")
     publish(tmp_path, "models/gcn/touch", made, "train-gcn")
     with pytest.raises(StoreError, match=words):
-        predict(tmp_path / "ball.ply", tmp_path / "models", "touch", tactile_images=tactile_images(files), poses=files / "poses.json")
+        predict(tmp_path / "ball.ply", tmp_path / "models", "touch", observation=grasp)

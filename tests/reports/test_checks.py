@@ -1,4 +1,4 @@
-"""`vt-pipeline check` of hands, scenes and manifests: what is wrong is named, and a picture drawn."""
+"""`vt-pipeline check` of hands, scenes, manifests and observations: what is wrong is named, and a picture drawn."""
 
 from __future__ import annotations
 
@@ -14,9 +14,14 @@ from PIL import Image
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
+from pipeline.formats.scene_file import load_scene
+from pipeline.inference.observation_checks import ModelInputs
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.reports.description_checks import check_file
 from pipeline.reports.plots import draw_curves, draw_histogram
 from pipeline.reports.results import training_losses
+from tests.inference.robot import SENSOR, write_files, write_observation
 
 
 def edited(kind: str, name: str, path: Path, **changed: object) -> Path:
@@ -74,6 +79,38 @@ def test_scene_whose_camera_looks_away_is_faulty(tmp_path: Path) -> None:
     lines = check_file(str(path), tmp_path / "a.png")
     assert "faults below" in lines[0]
     assert any(line.startswith("fault: away: 256 x 256 pixels") for line in lines)
+
+
+@pytest.mark.parametrize("unit", ["m", "mm"])
+def test_observation_is_described_and_drawn(tmp_path: Path, unit: str) -> None:
+    entries = write_files(tmp_path)
+    entries["touches"][1]["pose"] = (np.array(entries["touches"][1]["pose"]) @ np.diag([1.0, -1, -1, 1])).tolist()
+    if unit == "mm":
+        entries["unit"] = unit
+        entries["object"] = {"centre": [1e3 * value for value in entries["object"]["centre"]]}
+        for holder in (entries["camera"], *entries["touches"]):
+            holder["pose"] = (np.array(holder["pose"]) * np.vstack([[[1, 1, 1, 1e3]] * 3, [[1, 1, 1, 1]]])).tolist()
+    path = write_observation(tmp_path, entries)
+    lines = check_file(str(path), tmp_path / "a.png")
+    place = {"m": "[0.4, -0.1, 0.2] m (as stated), diagonal 0.208 m", "mm": "[400, -100, 200] mm (as stated), size not known"}[unit]
+    assert lines[:2] == [f"{path}: observation, no faults", f"object at {place}"]
+    assert "camera: 160 x 120 pixels, 0.5 m from the object, 0.0° above its horizon" in lines[2]
+    assert lines[3].startswith("touches.0: touches if its image shows so, 59 mm from the object's centre")
+    assert "warning: it faces away" in lines[4]
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.width > 900
+
+
+def test_observation_is_checked_against_a_model_and_drawn_as_it_is_given(tmp_path: Path) -> None:
+    path = write_observation(tmp_path, write_files(tmp_path))
+    camera = projection_matrix(load_scene("supplement").camera)
+    given = ModelInputs("occluded-touch", CONFIGURATIONS["occluded-touch"], camera, (256, 256), (230, 232, 235), SENSOR)
+    lines = check_file(str(path), tmp_path / "a.png", given)
+    assert "with model occluded-touch:" in lines
+    assert any("the views differ by 19.2°" in line for line in lines)
+    assert any("give camera.hand_mask too" in line for line in lines)
+    with pytest.raises(InvalidInput, match="is a scene file; only an observation is checked against models"):
+        check_file("supplement", tmp_path / "b.png", given)
 
 
 def test_picture_takes_the_place_of_a_link_and_leaves_what_it_leads_to(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.engine.shard import failures
-from pipeline.errors import StageError, StoreError
+from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.inference.predict import predict
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
@@ -41,6 +41,7 @@ SMALL = [
     *("evaluate-single-image.views=2", "sample-surfaces.points=2000"),
 ]
 QUIET = Console(file=io.StringIO())
+GRASP = Path(__file__).parents[2] / "examples" / "robot_grasp" / "grasp.yaml"
 
 
 @pytest.fixture(scope="module")
@@ -160,8 +161,10 @@ def test_a_view_of_an_object_becomes_a_mesh(data, tmp_path):
     assert coloured.seen.any()
     with pytest.raises(StoreError, match=f"{object_id} has no viewpoint 24; there are viewpoints 0 to 23"):
         predict(tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, view=24)
-    with pytest.raises(StageError, match="needs the camera of its image: name a data directory"):
-        predict(tmp_path / "out.ply", models, "single-image", image=tmp_path / "view.png")
+    with pytest.raises(InvalidInput, match=r"was trained on renderings from many sides, .*: name --data, an object and a --view"):
+        predict(tmp_path / "out.ply", models, "single-image", observation=GRASP)
+    with pytest.raises(StageError, match="needs an image: give an observation, or a data directory and an object"):
+        predict(tmp_path / "out.ply", models, "single-image")
     with pytest.raises(StageError, match=r"has no model touch: its models are single-image; train it with"):
         predict(tmp_path / "out.ply", models, "touch", data=data, object_id=object_id)
 

@@ -1,0 +1,213 @@
+"""Faults of a robot's observation: what its geometry, and a model that it is given to, tell about it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.inference.observation_file import RobotObservation
+from pipeline.kernels.geometry.transforms import invert_pose, transform_points
+from pipeline.kernels.networks.network_configurations import NetworkInputs
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.vision.camera import project_points
+from pipeline.kernels.vision.view_transfer import optical_centre, split_projection
+
+FARTHEST, NEAREST = 10.0, 0.01
+"""m: largest coordinate of a pose, and least distance of a camera from the object's centre."""
+SIZE_TOLERANCE = 0.02
+"""Relative difference of sensors, and of the sides of tactile images, that is taken for rounding."""
+NEAREST_SHARE = 2.0
+"""Percentile of the depths that is the object's front: some depths are wrong."""
+
+
+@dataclass(frozen=True)
+class ModelInputs:
+    """What a trained model was given.
+
+    Attributes
+    ----------
+    configuration, config
+        Its name, and its inputs.
+    camera, resolution, background
+        (3, 4) projection matrix, rows and columns, and background's sRGB of its images; None without images, or if not known.
+    sensor
+        Of its tactile images; None without touch.
+    """
+
+    configuration: str
+    config: NetworkInputs
+    camera: NDArray[np.float64] | None
+    resolution: tuple[int, int] | None
+    background: tuple[int, int, int] | None
+    sensor: Sensor | None
+
+
+@dataclass(frozen=True)
+class ObjectBox:
+    """Where an object is: centre (3,) and diagonal of its bounding box, m, the latter None if not known; and what says so."""
+
+    centre: NDArray[np.float64]
+    diagonal: float | None
+    source: str
+
+
+def find_object(observation: RobotObservation) -> ObjectBox | None:
+    """Find the object: as the observation states it, else by its depth image, else by its touches.
+
+    Notes
+    -----
+    Of a depth image, the mask's width and height are the object's. It is taken to be as deep as the mean of both, so that its middle is
+    half of that behind its nearest point. Touches are the middle of the box around the gels; there must be two.
+    """
+    said, unit = observation.object, observation.metres_per_unit
+    diagonal = None if said.diagonal is None else said.diagonal * unit
+    if said.centre is not None and diagonal is not None:
+        return ObjectBox(np.array(said.centre) * unit, diagonal, "as stated")
+    seen = _visible_box(observation)
+    if said.centre is not None:
+        return ObjectBox(np.array(said.centre) * unit, seen[1] if seen else None, "as stated")
+    if seen is not None:
+        return ObjectBox(seen[0], diagonal or seen[1], "estimated from depth and mask")
+    felt = [place for place, touch in zip(gel_centres(observation), observation.touches, strict=True) if touch.touched is not False]
+    if len(felt) < 2:
+        return None
+    return ObjectBox((np.min(felt, axis=0) + np.max(felt, axis=0)) / 2, diagonal, "estimated from the touches")
+
+
+def _visible_box(observation: RobotObservation) -> tuple[NDArray[np.float64], float] | None:
+    camera, matrix = observation.camera, observation.projection
+    if camera is None or matrix is None or camera.metres is None or camera.mask is None:
+        return None
+    depth, k = camera.metres[camera.shown & ~np.isnan(camera.metres)], camera.intrinsics
+    if not len(depth):
+        return None
+    row, col = np.nonzero(camera.shown)
+    low, high = np.array([col.min(), row.min()]), np.array([col.max(), row.max()]) + 1.0
+    slopes = (high - low) / [k.fx, k.fy]  # width and height per metre of distance
+    front = float(np.percentile(depth, NEAREST_SHARE))
+    away = front / max(1 - slopes.mean() / 2, 0.1)  # of the middle: half the mean of width and height behind the front
+    size = slopes * away
+    centre = np.array([*(((low + high) / 2 - [k.cx, k.cy]) / [k.fx, k.fy] * away), away])  # camera frame, as OpenCV's
+    return optical_centre(matrix) + split_projection(matrix)[1].T @ centre, float(np.linalg.norm([*size, size.mean()]))
+
+
+def gel_centres(observation: RobotObservation) -> NDArray[np.float64]:
+    """Compute the middles of the gels' fronts, (T, 3) m."""
+    thickness = observation.sensor.w if observation.sensor else 0.0
+    return transform_points(observation.sensor_poses, np.array([[0.0, 0.0, thickness]]))[:, 0]
+
+
+def faults(observation: RobotObservation, model: ModelInputs | None = None) -> list[str]:
+    """Find what is wrong with an observation whose entries are sound by themselves.
+
+    Parameters
+    ----------
+    observation
+        What the robot saw and felt.
+    model
+        The model that it is given to; None checks the observation alone.
+    """
+    if far := list(_far(observation)):
+        return far + ([] if model is None else list(_unfit(observation, model)))
+    box = find_object(observation)
+    found = [] if model is None else list(_unfit(observation, model))
+    if box is None:
+        return [*found, "object.centre is missing, and cannot be estimated: state it, or give a depth image with a mask, or two touches"]
+    return [*found, *_misplaced(observation, box, model)]
+
+
+def _far(observation: RobotObservation) -> Iterator[str]:
+    """Name positions that are too far away, perhaps in another unit."""
+    positions = [("object.centre", observation.object.centre), ("object.diagonal", observation.object.diagonal)]
+    positions += [("camera.pose", observation.camera.pose.array[:3, 3])] if observation.camera else []
+    positions += [(f"{observation.name_of(n)} pose", touch.pose.array[:3, 3]) for n, touch in enumerate(observation.touches)]
+    for name, position in positions:
+        if position is not None and (away := np.abs(position).max()) * observation.metres_per_unit > FARTHEST:
+            remedy = "write unit: mm if these are millimetres" if observation.unit == "m" else "check the unit"
+            yield f"{name} is {away:g} {observation.unit} away (at most {FARTHEST:g} m): {remedy}, and take a frame near the object"
+
+
+def _unfit(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
+    """Name what the model needs and is not given."""
+    name, config = model.configuration, model.config
+    if config.image == "rendering":
+        yield f"model {name} was trained on renderings from many sides, not on a camera's images: name --data, an object and a --view"
+    elif config.image is not None and observation.camera is None:
+        yield f"model {name} needs a photograph: add the entry camera"
+    if not config.touch:
+        return
+    if not observation.touches:
+        yield f"model {name} needs touches: add the entry touches"
+        return
+    ours, theirs = model.sensor, observation.sensor
+    if ours is None or theirs is None:
+        return
+    sizes = [(sensor.width, sensor.height, sensor.w) for sensor in (theirs, ours)]
+    if not np.allclose(*sizes, rtol=SIZE_TOLERANCE, atol=0):
+        given, known = (f"{1e3 * width:.4g} x {1e3 * height:.4g} mm with a gel of {1e3 * w:.4g} mm" for width, height, w in sizes)
+        yield (
+            f"sensor {theirs.name} has {given}, the model's {ours.name} {known}: "
+            "give photographs by such a sensor, or train a model with this one"
+        )
+    rows, cols = observation.touches[0].tactile_image.shape[:2]
+    if abs(cols / rows / (ours.cols / ours.rows) - 1) > SIZE_TOLERANCE:
+        yield f"tactile images have {cols} x {rows} pixels, another shape than the model's {ours.cols} x {ours.rows}: crop them to the gel"
+
+
+def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs | None) -> Iterator[str]:
+    """Name cameras and touches that do not fit the object's place."""
+    if model is not None and box.diagonal is not None and box.diagonal > 2 * model.config.radius * (1 + SIZE_TOLERANCE):
+        yield (
+            f"the object's diagonal is {box.diagonal:.3g} m ({box.source}), model {model.configuration} knows objects of at most "
+            f"{2 * model.config.radius:.3g} m: train one on objects of this size"
+        )
+    if observation.camera is not None and observation.projection is not None:
+        if (away := float(np.linalg.norm(optical_centre(observation.projection) - box.centre))) < NEAREST:
+            yield f"the camera is {1e3 * away:.3g} mm from the object's centre; check camera.pose and object.centre"
+        elif not _sees(observation, observation.projection, box):
+            yield _unseen(observation, box)
+    reach = np.inf if box.diagonal is None else box.diagonal / 2
+    limits = [(reach, f"the object's diagonal is {2 * reach:.3g} m")]
+    if model is not None:
+        limits.append((model.config.radius, f"model {model.configuration} knows objects within {model.config.radius:.3g} m of it"))
+    margin = 0.0 if (sensor := observation.sensor) is None else float(np.hypot(sensor.width, sensor.height)) / 2 + sensor.w
+    for number, place in enumerate(gel_centres(observation)):
+        away = float(np.linalg.norm(place - box.centre))
+        most, reason = min(limits)
+        if observation.touches[number].touched is not False and away > most + margin:
+            yield (
+                f"{observation.name_of(number)} is {away:.3g} m from the object's centre ({box.source}), but {reason}: check its pose, or "
+                "write touched: false"
+            )
+
+
+def _sees(observation: RobotObservation, matrix: NDArray[np.float64], box: ObjectBox) -> bool:
+    assert observation.camera is not None
+    rows, cols = observation.camera.image.shape[:2]
+    pixel = project_points(matrix, box.centre)
+    return bool(((pixel >= 0) & (pixel < [cols, rows])).all())  # NaN behind the camera is not
+
+
+def _unseen(observation: RobotObservation, box: ObjectBox) -> str:
+    """Say that the camera does not see the object, and which other reading of its pose would make it."""
+    camera = observation.camera
+    assert camera is not None
+    other = "opengl" if camera.convention == "opencv" else "opencv"
+    inverse = invert_pose(camera.pose.array)
+    readings: list[tuple[dict[str, Any], str]] = [
+        ({"convention": other}, f"with convention: {other} it would"),
+        ({"pose": inverse}, "with the inverse pose it would: give camera to frame, not frame to camera"),
+        ({"convention": other, "pose": inverse}, f"with the inverse pose and convention: {other} it would"),
+    ]
+    hint = "check camera.pose, convention, intrinsics and object.centre"
+    for changes, words in readings:
+        read = observation.changed(camera=camera.changed(**changes))
+        if read.projection is not None and _sees(read, read.projection, box):
+            hint = words
+            break
+    centre = ", ".join(f"{value / observation.metres_per_unit:.4g}" for value in box.centre)
+    return f"the camera does not see the object's centre, [{centre}] {observation.unit} ({box.source}): {hint}"

@@ -1,0 +1,270 @@
+"""Observations of a robot: what it saw and felt of one object, as a YAML file or as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, WithJsonSchema, model_validator
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, read_yaml, shipped_files
+from pipeline.formats.file_units import METRES
+from pipeline.formats.image_file import read_depth, read_image, read_mask
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.inference.observed_pose import Entries, Pose, Vector
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.vision.vertex_colors import foreground
+
+MAX_TOUCHES = 256
+
+
+def _read(read: Callable[[Path], Any], kind: str) -> BeforeValidator:
+    """Read a file that is named relative to the observation file; take an array as it is."""
+
+    def validate(given: Any, info: ValidationInfo) -> Any:
+        if isinstance(given, str | Path):
+            return read(((info.context or {}).get("folder") or Path()) / given)
+        if isinstance(given, np.ndarray) or given is None:
+            return given
+        raise ValueError(f"it must be the name of a file, or an array of {kind}")
+
+    return BeforeValidator(validate)
+
+
+def _sensor(given: Any, info: ValidationInfo) -> Any:
+    if not isinstance(given, str | Path):
+        if isinstance(given, Sensor):
+            return given
+        raise ValueError("it must be the name of a shipped sensor, or of a sensor file")
+    return load_sensor(given if str(given) in shipped_files("sensor") else ((info.context or {}).get("folder") or Path()) / given)
+
+
+_FILE = WithJsonSchema({"type": "file"})
+Image = Annotated[NDArray[np.uint8], _read(read_image, "uint8 (rows, cols, 3)"), _FILE]
+Mask = Annotated[NDArray[np.bool_], _read(read_mask, "bool (rows, cols)"), _FILE]
+Depth = Annotated[NDArray[Any], _read(read_depth, "uint16 or float32 (rows, cols)"), _FILE]
+SensorName = Annotated[Sensor, BeforeValidator(_sensor), WithJsonSchema({"type": "name"})]
+
+
+class ObservedObject(Entries):
+    """Where the object is."""
+
+    centre: Annotated[
+        Vector | None, Field(description="of its bounding box; by default estimated from `depth` and `mask`, else touches")
+    ] = None
+    diagonal: Annotated[float | None, Field(gt=0, description="of its bounding box; by default estimated from `depth` and `mask`")] = None
+
+
+class Intrinsics(Entries):
+    """Focal lengths and principal point, pixels; the centre of the top left pixel is (½, ½)."""
+
+    fx: Annotated[float, Field(ge=1e-3, le=1e6, description="focal length along columns")]
+    fy: Annotated[float, Field(ge=1e-3, le=1e6, description="focal length along rows")]
+    cx: Annotated[float, Field(ge=-1e6, le=1e6, description="column of the principal point; OpenCV's and ROS's plus ½")]
+    cy: Annotated[float, Field(ge=-1e6, le=1e6, description="row of the principal point; OpenCV's and ROS's plus ½")]
+
+
+class ObservedCamera(Entries):
+    """A rectified photograph and its camera."""
+
+    image: Annotated[Image, Field(description="8-bit RGB photograph, without distortion")]
+    intrinsics: Annotated[Intrinsics, Field(description="of the photograph")]
+    pose: Annotated[Pose, Field(description="camera to the file's frame: an extrinsic, as from hand-eye calibration")]
+    convention: Annotated[
+        Literal["opencv", "opengl"],
+        Field(
+            description="axes of the camera: `opencv` and ROS's optical frames look along +z, +y down; `opengl` and Blender along -z, +y up"
+        ),
+    ] = "opencv"
+    mask: Annotated[
+        Mask | None,
+        Field(
+            description="not 0 where the photograph shows the object; without it, all that differs in colour from the photograph's border"
+        ),
+    ] = None
+    hand_mask: Annotated[Mask | None, Field(description="not 0 where it shows the robot in front of the object")] = None
+    depth: Annotated[
+        Depth | None, Field(description="depth along the viewing direction, registered to the photograph: 16-bit PNG, or .npy, m")
+    ] = None
+    depth_scale: Annotated[float, Field(gt=0, le=1, description="m per level of a 16-bit depth image; 0.001 for mm")] = 1e-3
+
+    @model_validator(mode="after")
+    def _is_one_size(self) -> ObservedCamera:
+        _check_array("image", self.image, np.uint8, 3)
+        shape = self.image.shape[:2]
+        for name in ("mask", "hand_mask"):
+            if (mask := getattr(self, name)) is not None:
+                _check_array(name, mask, np.bool_, 2)
+        if self.depth is not None:
+            _check_array("depth", self.depth, np.uint16 if self.depth.dtype.kind == "u" else self.depth.dtype, 2)
+        for name in ("mask", "hand_mask", "depth"):
+            if (other := getattr(self, name)) is not None and other.shape != shape:
+                raise ValueError(f"{name} has {_size(other)} pixels, the image {_size(self.image)}; register them")
+        if self.mask is not None and not self.mask.any():
+            raise ValueError("the mask is 0 everywhere; the object's pixels must not be")
+        return self
+
+    @cached_property
+    def metres(self) -> NDArray[np.float64] | None:
+        """(rows, cols) depth, m; NaN where nothing was measured: at 0, negative and infinite numbers."""
+        if self.depth is None:
+            return None
+        depth = self.depth.astype(np.float64) * (self.depth_scale if self.depth.dtype == np.uint16 else 1.0)
+        return np.where(np.isfinite(depth) & (depth > 0), depth, np.nan)
+
+    @cached_property
+    def shown(self) -> NDArray[np.bool_]:
+        """(rows, cols): where the photograph shows the object, by its mask or else by its border's colour, and not the robot."""
+        shown = foreground(self.image) if self.mask is None else self.mask
+        return shown if self.hand_mask is None else shown & ~self.hand_mask
+
+
+class ObservedTouch(Entries):
+    """A tactile image and the pose of its sensor."""
+
+    tactile_image: Annotated[Image, Field(description="8-bit RGB photograph by the sensor's camera, +x along columns, +y along rows")]
+    pose: Annotated[Pose, Field(description="sensor frame to the file's frame: origin in the middle of the gel's base, +z out of the gel")]
+    touched: Annotated[
+        bool | Literal["auto"], Field(description="whether the sensor touches; `auto`: if the image differs from the untouched one")
+    ] = "auto"
+    name: Annotated[str | None, Field(max_length=100, description="for messages: `index`, `thumb`")] = None
+
+
+class RobotObservation(Entries):
+    """What a robot saw and felt of one object that does not move, in one frame of its own: its base, say."""
+
+    unit: Annotated[Literal["mm", "cm", "dm", "m", "in", "ft"], Field(description="of all lengths, and of the reconstruction")] = "m"
+    up: Annotated[Vector, Field(description="direction against gravity in the file's frame: networks know objects upright")] = (0, 0, 1)
+    object: Annotated[ObservedObject, Field(description="where the object is")] = ObservedObject()
+    camera: Annotated[ObservedCamera | None, Field(description="photograph and camera; needed by networks with an image")] = None
+    sensor: Annotated[SensorName | None, Field(description="name or file of the sensors' description; needed with touches")] = None
+    untouched: Annotated[
+        Image | None, Field(description="tactile image of the sensor without contact; by default the one that the model was trained with")
+    ] = None
+    touches: Annotated[tuple[ObservedTouch, ...], Field(max_length=MAX_TOUCHES, description="touches; needed by networks with touch")] = ()
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> RobotObservation:
+        if self.touches and self.sensor is None:
+            raise ValueError("touches need the entry sensor: a shipped sensor's name, or a sensor file")
+        if not any(self.up):
+            raise ValueError("up is the zero vector; it must point against gravity")
+        for name, image in [
+            ("untouched", self.untouched),
+            *((self.name_of(number), touch.tactile_image) for number, touch in self._numbered),
+        ]:
+            if image is None:
+                continue
+            _check_array(name, image, np.uint8, 3)
+            if image.shape != (first := self.touches[0].tactile_image if self.touches else image).shape:
+                raise ValueError(
+                    f"{name} has {_size(image)} pixels, {self.name_of(0)} {_size(first)}; give photographs by one kind of sensor"
+                )
+        return self
+
+    @property
+    def _numbered(self) -> list[tuple[int, ObservedTouch]]:
+        return list(enumerate(self.touches))
+
+    @property
+    def metres_per_unit(self) -> float:
+        """Metres per unit of length."""
+        return METRES[self.unit]
+
+    def name_of(self, number: int) -> str:
+        """Name a touch for messages."""
+        return self.touches[number].name or f"touches.{number}"
+
+    def metric(self, pose: Pose) -> NDArray[np.float64]:
+        """Return a pose (4, 4), m."""
+        scaled = pose.array.copy()
+        scaled[:3, 3] *= self.metres_per_unit
+        return scaled
+
+    @cached_property
+    def projection(self) -> NDArray[np.float64] | None:
+        """(3, 4) projection matrix of the photograph: this frame, m, to pixels."""
+        if self.camera is None:
+            return None
+        k, pose = self.camera.intrinsics, self.metric(self.camera.pose)
+        if self.camera.convention == "opengl":
+            pose = pose @ np.diag([1.0, -1, -1, 1])
+        intrinsic = np.array([[k.fx, 0, k.cx], [0, k.fy, k.cy], [0, 0, 1.0]])
+        return np.asarray(intrinsic @ np.column_stack([pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3]]))
+
+    @cached_property
+    def sensor_poses(self) -> NDArray[np.float64]:
+        """(T, 4, 4) sensor frames, m."""
+        return np.array([self.metric(touch.pose) for touch in self.touches]).reshape(-1, 4, 4)
+
+    def __repr__(self) -> str:
+        return f"RobotObservation({'a photograph' if self.camera else 'no photograph'}, {len(self.touches)} touches, {self.unit})"
+
+    __str__ = __repr__
+
+
+def _check_array(name: str, array: Any, kind: Any, dims: int) -> None:
+    if array.dtype != kind or array.ndim != dims or (dims == 3 and array.shape[2] != 3) or not array.size:
+        raise ValueError(f"{name} is {array.dtype} {array.shape}; it must be {np.dtype(kind)} (rows, cols{', 3' * (dims == 3)})")
+
+
+def _size(array: NDArray[Any]) -> str:
+    return f"{array.shape[1]} x {array.shape[0]}"
+
+
+def load_observation(path: Path | str, faults: Callable[[RobotObservation], list[str]] = lambda observation: []) -> RobotObservation:
+    """Read an observation file with all files that it names.
+
+    Parameters
+    ----------
+    path
+        The YAML file; names in it are relative to its folder.
+    faults
+        Finds further faults.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be used; the message lists every unknown, missing or unusable entry, every file that cannot be read, and what
+        `faults` finds in the rest.
+    """
+    path = Path(path)
+    try:
+        entries = read_yaml(path)
+    except (ValueError, yaml.YAMLError) as error:
+        raise InvalidInput(f"observation file {path} cannot be read as YAML: {error}") from error
+    context, lines = {"folder": path.parent}, []
+    try:
+        observation: RobotObservation | None = RobotObservation.model_validate(entries, context=context)
+    except ValidationError as error:
+        names = entry_names(RobotObservation)
+        lines, hint = [invalid_entries(error, names)], f". {entries_of(RobotObservation)}"
+        observation = _usable_part(entries, error, context)
+    else:
+        hint = ""
+    lines += faults(observation) if observation is not None else []
+    if lines:
+        raise InvalidInput(f"observation file {path}: {'; '.join(lines)}{hint}")
+    assert observation is not None
+    return observation
+
+
+def _usable_part(entries: Any, error: ValidationError, context: dict[str, Any]) -> RobotObservation | None:
+    """Validate what is left without the entries that an error names, so that faults of the rest are found too."""
+    places = {item["loc"][:2] if item["loc"][:1] == ("touches",) else item["loc"][:1] for item in error.errors()}
+    if not isinstance(entries, dict) or () in places:
+        return None
+    left = {name: value for name, value in entries.items() if (name,) not in places}
+    if isinstance(left.get("touches"), list):
+        numbered = [{"name": f"touches.{n}", **touch} if isinstance(touch, dict) else touch for n, touch in enumerate(left["touches"])]
+        left["touches"] = [touch for n, touch in enumerate(numbered) if ("touches", n) not in places]
+    try:
+        return RobotObservation.model_validate(left, context=context)
+    except ValidationError:
+        return None

@@ -1,0 +1,243 @@
+"""A robot's observation in the world that a network was trained in: the object moved to its place, the photograph to its camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from skimage.transform import resize
+
+from pipeline.errors import InvalidInput
+from pipeline.inference.observation_checks import ModelInputs, ObjectBox, find_object, gel_centres
+from pipeline.inference.observation_file import ObservedCamera, RobotObservation
+from pipeline.kernels.geometry.transforms import compose, invert_pose, transform_points
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.vision.camera import project_points
+from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera, transfer_view
+from pipeline.models.reconstruction import Reconstruction
+
+SMALL, FAR_VIEW, LITTLE = 0.5, 10.0, 0.9
+"""Share of the network's size below which an object is small; degrees between views, and share of an image, that are worth a warning."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """An observation as a network is given it.
+
+    Attributes
+    ----------
+    observation, box
+        What the robot saw and felt, and where the object is, in its own frame.
+    to_network
+        (4, 4) rigid motion from the observation's frame, m, to the network's world.
+    image, camera
+        The photograph as the network's camera would have taken it from the same place, (rows, cols, 3) uint8, and the (3, 4) projection
+        matrix of that; None for a network without images.
+    sensor_poses
+        (T, 4, 4) in the network's world, m.
+    remarks
+        What was assumed, and what differs from the training.
+    """
+
+    observation: RobotObservation
+    box: ObjectBox
+    to_network: NDArray[np.float64]
+    image: NDArray[np.uint8] | None
+    camera: NDArray[np.float64] | None
+    sensor_poses: NDArray[np.float64]
+    remarks: list[str]
+
+    def returned(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Transform points (V, 3) of the network's world, m, to the observation's frame and unit."""
+        return transform_points(invert_pose(self.to_network), points) / self.observation.metres_per_unit
+
+    def returned_surface(self, made: Reconstruction) -> Reconstruction:
+        """Transform a reconstruction to the observation's frame and unit."""
+        return replace(made, vertices=self.returned(made.vertices))
+
+
+def place_observation(observation: RobotObservation, model: ModelInputs) -> Placement:
+    """Move an observation to where a network expects it.
+
+    Parameters
+    ----------
+    observation
+        Without `faults` for the model.
+    model
+        What the network was given in its training.
+
+    Notes
+    -----
+    The object's centre is moved to the network's, the observation's up to +z. About +z, the observation is turned until its camera has the
+    azimuth of the training's; without a camera it keeps its own axes. Nothing is scaled: touches are as large as sensors are.
+    """
+    box = find_object(observation)
+    if box is None:
+        raise InvalidInput("object.centre is missing, and cannot be estimated")
+    centre = np.array(model.config.centre)
+    to_network = np.eye(4)
+    to_network[:3, :3] = turn_to_z(np.array(observation.up))
+    to_network[:3, 3] = centre - to_network[:3, :3] @ box.centre
+    training, image, camera = model.camera, None, None
+    remarks = list(_size_remarks(box, model))
+    if observation.camera is not None and observation.projection is not None and training is not None:
+        turned = camera_direction(moved_projection(observation.projection, to_network), centre).azimuth
+        to_network = compose(_about_z(camera_direction(training, centre).azimuth - turned, centre), to_network)
+        if model.config.image is not None and model.resolution is not None:
+            real = moved_projection(observation.projection, to_network)
+            camera = carried_camera(training, real, centre)
+            fill, photograph = _background(observation.camera, model)
+            image, shown = transfer_view(photograph, real, camera, model.resolution, fill)
+            remarks += [*_view_remarks(training, real, centre, shown), *_mask_remarks(observation, box, model)]
+    if model.config.touch and model.sensor is not None and observation.touches:
+        remarks += _touch_remarks(observation, box, model.sensor)
+    remarks += [f"model {model.configuration} {fact}" for fact in _left_out(observation, model)]
+    return Placement(observation, box, to_network, image, camera, compose(to_network, observation.sensor_poses), remarks)
+
+
+def network_tactile_images(observation: RobotObservation, sensor: Sensor, untouched: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Resample tactile images to the pixels of a network's sensor.
+
+    Parameters
+    ----------
+    observation
+        Has touches.
+    sensor, untouched
+        The network's sensor, and its image without contact.
+
+    Returns
+    -------
+    (T, rows, cols, 3). Where the observation has an untouched image, its difference to the network's is taken off.
+    """
+    images = np.stack([_resampled(touch.tactile_image, sensor) for touch in observation.touches])
+    if observation.untouched is None:
+        return images
+    changed = images.astype(np.int16) - _resampled(observation.untouched, sensor)
+    return np.clip(untouched + changed, 0, 255).astype(np.uint8)
+
+
+def turn_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the smallest rotation (3, 3) that turns a direction (3,) to +z."""
+    x, y, z = (scaled := up / np.abs(up).max()) / np.linalg.norm(scaled)
+    if z < -1 + 1e-12:
+        return np.diag([1.0, -1, -1])
+    return np.array([[1 - x * x / (1 + z), -x * y / (1 + z), -x], [-x * y / (1 + z), 1 - y * y / (1 + z), -y], [x, y, z]])
+
+
+def _about_z(angle: float, centre: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Make the turn (4, 4) by an angle about the vertical through a point."""
+    turn = np.eye(4)
+    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    turn[:3, 3] = centre - turn[:3, :3] @ centre
+    return turn
+
+
+def moved_projection(projection: NDArray[np.float64], motion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the projection matrix of a camera that moved with its frame."""
+    return compose(projection, invert_pose(motion))
+
+
+def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
+    if image.shape[:2] == sensor.shape:
+        return image
+    shrinks = image.shape[0] > sensor.rows
+    return np.rint(resize(image, sensor.shape, order=1, preserve_range=True, anti_aliasing=shrinks)).astype(np.uint8)
+
+
+def _background(camera: ObservedCamera, model: ModelInputs) -> tuple[tuple[int, int, int], NDArray[np.uint8]]:
+    """Choose the colour of what the photograph does not show, and paint what its mask leaves out."""
+    if model.background is None:
+        border = np.concatenate([camera.image[0], camera.image[-1], camera.image[:, 0], camera.image[:, -1]])
+        red, green, blue = (int(level) for level in np.median(border, axis=0))
+        return (red, green, blue), camera.image
+    if camera.mask is None:
+        return model.background, camera.image
+    kept = camera.mask
+    if camera.hand_mask is not None:
+        kept = kept | camera.hand_mask if model.config.image == "occluded" else kept & ~camera.hand_mask
+    return model.background, np.where(kept[..., None], camera.image, np.array(model.background, np.uint8))
+
+
+# ---- what is said
+
+
+def describe_object(observation: RobotObservation, box: ObjectBox) -> str:
+    """State where the object is, in the observation's frame and unit, and how large."""
+    unit = observation.metres_per_unit
+    place = ", ".join(f"{value:.4g}" for value in box.centre / unit)
+    size = "size not known" if box.diagonal is None else f"diagonal {box.diagonal / unit:.3g} {observation.unit}"
+    return f"object at [{place}] {observation.unit} ({box.source}), {size}"
+
+
+def degrees(angle: float) -> str:
+    """Write an angle, rad, in degrees, without the sign of zero."""
+    return f"{round(float(np.degrees(angle)), 1) + 0.0:.1f}"
+
+
+def _size_remarks(box: ObjectBox, model: ModelInputs) -> Iterator[str]:
+    size = 2 * model.config.radius
+    if box.diagonal is not None and box.diagonal < SMALL * size:
+        yield (
+            f"warning: the object's diagonal is {box.diagonal:.3g} m, the network knows objects of up to {size:.3g} m: train on objects "
+            "of this size, if there were none"
+        )
+
+
+def _view_remarks(training: NDArray[np.float64], real: NDArray[np.float64], centre: NDArray[np.float64], shown: float) -> Iterator[str]:
+    now, before = (camera_direction(matrix, centre) for matrix in (real, training))
+    apart = abs(float(np.degrees(now.elevation - before.elevation)))
+    yield (
+        f"{'warning: ' if apart > FAR_VIEW else ''}camera {now.distance:.3g} m from the object and {degrees(now.elevation)}° above "
+        f"its horizon; in training {before.distance:.3g} m and {degrees(before.elevation)}°: the views differ by {apart:.1f}°"
+    )
+    if shown < LITTLE:
+        yield f"warning: the photograph shows {shown:.0%} of what the training camera would; the rest is background"
+
+
+def _mask_remarks(observation: RobotObservation, box: ObjectBox, model: ModelInputs) -> Iterator[str]:
+    camera = observation.camera
+    if camera is None or observation.projection is None:
+        return
+    if camera.mask is None:
+        yield f"warning: no camera.mask: the {camera.shown.mean():.0%} of the photograph that differ from its border are the object"
+        return
+    if model.background is None:
+        yield "the model does not state its images' background: what is outside the mask stays"
+    row, col = np.nonzero(camera.mask)
+    pixel, low, high = (
+        project_points(observation.projection, box.centre),
+        np.array([col.min(), row.min()]),
+        np.array([col.max(), row.max()]),
+    )
+    if not ((pixel >= low) & (pixel <= high + 1)).all():
+        yield (
+            f"warning: the object's centre is seen at column {pixel[0]:.0f}, row {pixel[1]:.0f}, but the mask spans columns {low[0]} to "
+            f"{high[0]} and rows {low[1]} to {high[1]}: check camera.pose, intrinsics and object.centre"
+        )
+    if model.config.image == "occluded" and camera.hand_mask is None:
+        yield "warning: the network saw the hand in its images: give camera.hand_mask too, else background takes the hand's place"
+
+
+def _touch_remarks(observation: RobotObservation, box: ObjectBox, sensor: Sensor) -> Iterator[str]:
+    rows, cols = observation.touches[0].tactile_image.shape[:2]
+    if (rows, cols) != sensor.shape:
+        yield f"tactile images resampled from {cols} x {rows} to {sensor.cols} x {sensor.rows} pixels"
+    if observation.untouched is None:
+        yield f"untouched image: that of the model's sensor, {sensor.name}"
+    if turned := [observation.name_of(number) for number in np.flatnonzero(facing_away(observation, box))]:
+        yield f"warning: {', '.join(turned)} face away from the object's centre: +z must point out of the gel"
+
+
+def facing_away(observation: RobotObservation, box: ObjectBox) -> NDArray[np.bool_]:
+    """Tell which sensors (T,) that touch do not face the object's centre."""
+    towards = ((box.centre - gel_centres(observation)) * observation.sensor_poses[:, :3, 2]).sum(axis=1)
+    return np.asarray((towards < 0) & [touch.touched is not False for touch in observation.touches])
+
+
+def _left_out(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
+    if observation.camera is not None and model.config.image is None:
+        yield "takes no image: the photograph only colours a closed mesh"
+    if observation.touches and not model.config.touch:
+        yield "takes no touch: the touches are not used"

@@ -1,0 +1,84 @@
+"""Entries of observation files: their base class, and poses in the ways that robots' programs write them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Annotated, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from scipy.spatial.transform import Rotation
+
+from pipeline.kernels.geometry.transforms import rotation_from_euler
+
+ROTATION_TOLERANCE = 1e-3
+"""Deviation from orthonormal of a rotation that is rounded to the nearest one: files have few digits."""
+QUATERNION_TOLERANCE = 1e-2
+"""Deviation of a quaternion's length from 1."""
+
+Vector = tuple[float, float, float]
+Row = tuple[float, float, float, float]
+
+
+class Entries(BaseModel):
+    """Entries of an observation file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        for name in type(self).model_fields:
+            if (value := getattr(self, name)) is not None:
+                yield name, f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else value
+
+    def changed(self, **changes: Any) -> Self:
+        """Validate a copy with other values; what was computed of the old ones is computed again."""
+        return type(self).model_validate({name: getattr(self, name) for name in type(self).model_fields} | changes)
+
+
+class Pose(Entries):
+    """A frame in the file's frame: `position`, and `quaternion` or `rpy`; or `matrix`, which may be given in place of the mapping."""
+
+    position: Annotated[Vector | None, Field(description="of the frame's origin")] = None
+    quaternion: Annotated[Row | None, Field(description="[x, y, z, w], as ROS writes it")] = None
+    rpy: Annotated[Vector | None, Field(description="roll, pitch, yaw, rad, about the fixed x, y and z axes, as in a URDF")] = None
+    matrix: Annotated[tuple[Row, Row, Row, Row] | None, Field(description="4 × 4, four rows; the last is 0 0 0 1")] = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _bare_matrix(cls, given: Any) -> Any:
+        if isinstance(given, np.ndarray | list | tuple):
+            return {"matrix": given.tolist() if isinstance(given, np.ndarray) else given}
+        return given
+
+    @model_validator(mode="after")
+    def _is_rigid(self) -> Pose:
+        given = [name for name in ("matrix", "quaternion", "rpy") if getattr(self, name) is not None]
+        if len(given) != 1 or (self.position is None) != (given == ["matrix"]):
+            raise ValueError("a pose has a matrix, or a position and either a quaternion or rpy")
+        if self.quaternion is not None and abs(float(np.linalg.norm(self.quaternion)) - 1) > QUATERNION_TOLERANCE:
+            raise ValueError(f"the quaternion has the length {np.linalg.norm(self.quaternion):.4g}; it must be 1, as [x, y, z, w]")
+        if self.matrix is not None:
+            matrix = np.array(self.matrix)
+            if (matrix[3] != (0, 0, 0, 1)).any():
+                raise ValueError(f"the last row is {matrix[3].tolist()}; it must be 0 0 0 1 (is the matrix transposed?)")
+            with np.errstate(over="ignore", invalid="ignore"):
+                deviation = np.abs(matrix[:3, :3].T @ matrix[:3, :3] - np.eye(3)).max()
+            if not deviation <= ROTATION_TOLERANCE:
+                raise ValueError(f"it is not rigid: its axes are {deviation:.3g} from orthonormal (at most {ROTATION_TOLERANCE:g})")
+            if np.linalg.det(matrix[:3, :3]) < 0:
+                raise ValueError("it is not rigid: it mirrors (its axes are left-handed)")
+        return self
+
+    @cached_property
+    def array(self) -> NDArray[np.float64]:
+        """(4, 4) in the file's unit, with the nearest rotation."""
+        pose = np.eye(4)
+        if self.matrix is not None:
+            left, _, right = np.linalg.svd(np.array(self.matrix)[:3, :3])
+            pose[:3, :3], pose[:3, 3] = left @ right, np.array(self.matrix)[:3, 3]
+            return pose
+        turn = rotation_from_euler(self.rpy) if self.rpy is not None else Rotation.from_quat(self.quaternion).as_matrix()
+        pose[:3, :3], pose[:3, 3] = turn, self.position
+        return pose

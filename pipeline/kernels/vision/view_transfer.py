@@ -1,0 +1,168 @@
+"""Images as another camera would have taken them from the same place, and the training camera carried to that place.
+
+Projection matrices are those of `projection_matrix`: world, m, to (column, row) in pixels, pixel centres at ½.
+
+Valid range: cameras within 100 m of the origin, at least 1 mm from the point they look at.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+from skimage.transform import warp
+
+from pipeline.kernels.geometry.transforms import compose, length, solve_3x3, unit_vectors
+
+UNCHANGED = 1e-3
+"""Pixels by which an image is moved at most without being resampled."""
+OVERHEAD = 1e-3
+"""Cosine of the elevation below which a camera is straight above or below, and its image's top tells its azimuth."""
+
+
+class Direction(NamedTuple):
+    """Where a camera is, seen from a point: azimuth about +z and elevation above the horizon, rad, and distance, m."""
+
+    azimuth: float
+    elevation: float
+    distance: float
+
+
+def optical_centre(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the optical centre (3,), world, m, of a projection matrix (3, 4)."""
+    return -solve_3x3(matrix[:, :3], matrix[:, 3])
+
+
+def split_projection(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Split a projection matrix without skew.
+
+    Parameters
+    ----------
+    matrix
+        (3, 4), whose third row measures depth in m.
+
+    Returns
+    -------
+    The intrinsic matrix (3, 3), and the rotation (3, 3) from the world to the camera: x right, y down, z forward.
+    """
+    forward = matrix[2, :3]
+    centre = matrix[:2, :3] @ forward  # column and row of the principal point
+    across = matrix[:2, :3] - centre[:, None] * forward
+    focal = length(across)
+    intrinsic = np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1.0]])
+    return intrinsic, np.vstack([across / focal[:, None], forward])
+
+
+def camera_direction(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> Direction:
+    """Compute where a camera is, seen from a point.
+
+    Parameters
+    ----------
+    matrix
+        (3, 4) projection matrix.
+    target
+        (3,) world, m.
+
+    Notes
+    -----
+    The azimuth of a camera straight above or below is that of a camera nearby whose image has the same top.
+    """
+    offset = optical_centre(matrix) - target
+    distance, across = float(length(offset)), float(np.hypot(offset[0], offset[1]))
+    elevation = float(np.arctan2(offset[2], across))
+    if across < OVERHEAD * distance:
+        down = split_projection(matrix)[1][1]  # of the image, in the world
+        offset = down if elevation > 0 else -down
+    return Direction(float(np.arctan2(offset[1], offset[0])), elevation, distance)
+
+
+def carried_camera(training: NDArray[np.float64], real: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turn the training camera in the place of a real one, so that it shows the target as in training.
+
+    Parameters
+    ----------
+    training, real
+        (3, 4) projection matrices.
+    target
+        (3,) world, m: the middle of the object.
+
+    Returns
+    -------
+    (3, 4) projection matrix of a camera with the real one's optical centre. The target is at the same pixel as in training, is as large
+    there, and the world's up has the same direction.
+
+    Notes
+    -----
+    R = R_training Lᵀ(training) L(real), where L are the axes of a camera without roll that looks at the target. The focal lengths grow by
+    the ratio of the distances about the target's pixel.
+    """
+    intrinsic, rotation = split_projection(training)
+    before, now = (camera_direction(matrix, target) for matrix in (training, real))
+    turned = compose(compose(rotation, _level_axes(training, target).T), _level_axes(real, target))
+    seen = training @ np.append(target, 1.0)
+    pixel, zoom = seen[:2] / seen[2], now.distance / before.distance
+    zoomed = np.array([[zoom, 0, (1 - zoom) * pixel[0]], [0, zoom, (1 - zoom) * pixel[1]], [0, 0, 1.0]])
+    turned_matrix = compose(compose(zoomed, intrinsic), turned)
+    return np.column_stack([turned_matrix, -turned_matrix @ optical_centre(real)])
+
+
+def _level_axes(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute right, down and forward (3, 3), world, of a camera without roll that looks at a target from a camera's place."""
+    azimuth = camera_direction(matrix, target).azimuth
+    forward = unit_vectors(target - optical_centre(matrix))
+    level = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    right = unit_vectors(level - (level @ forward) * forward)
+    return np.array([right, np.cross(forward, right), forward])
+
+
+def transfer_view(
+    image: NDArray[np.uint8],
+    real: NDArray[np.float64],
+    other: NDArray[np.float64],
+    shape: tuple[int, int],
+    fill: tuple[int, int, int],
+) -> tuple[NDArray[np.uint8], float]:
+    """Resample an image as another camera with the same optical centre would have taken it.
+
+    Parameters
+    ----------
+    image
+        (rows, cols, 3) sRGB.
+    real, other
+        (3, 4) projection matrices of its camera and of the other.
+    shape
+        Rows and columns of the other camera's image.
+    fill
+        sRGB of pixels that the image does not show.
+
+    Returns
+    -------
+    The other camera's image, and the share of it that the image shows. An image that would move by less than `UNCHANGED` is returned
+    as it is; one that shrinks is smoothed first.
+
+    Notes
+    -----
+    The homography is M_real M_other⁻¹, of the first three columns; it is exact where the optical centres are equal.
+    """
+    to_image = real[:, :3] @ np.linalg.inv(other[:, :3])
+    corners = np.array([[0, 0, 1], [shape[1], 0, 1], [0, shape[0], 1], [shape[1], shape[0], 1.0]]).T
+    moved = to_image @ corners
+    if image.shape[:2] == tuple(shape) and (moved[2] > 0).all() and np.abs(moved[:2] / moved[2] - corners[:2]).max() < UNCHANGED:
+        return image, 1.0
+    shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])  # to pixel centres at ½ from those at whole numbers
+    mapping = np.linalg.inv(shift) @ to_image @ shift
+    shrinking = _scale(to_image, (shape[1] / 2, shape[0] / 2))
+    smooth = gaussian_filter(image.astype(np.float64), ((shrinking - 1) / 2,) * 2, axes=(0, 1)) if shrinking > 1 else image
+    cover = warp(np.ones(image.shape[:2]), mapping, output_shape=shape, order=1)[..., None]
+    made = warp(smooth.astype(np.float64), mapping, output_shape=shape, order=1) + (1 - cover) * np.array(fill, np.float64)
+    return np.clip(np.rint(made), 0, 255).astype(np.uint8), float(cover.mean())
+
+
+def _scale(homography: NDArray[np.float64], pixel: tuple[float, float]) -> float:
+    """Compute how many pixels of its target a pixel of a homography's source covers along a side."""
+    u, v, w = homography @ np.array([*pixel, 1.0])
+    numerators = np.array([u, v])
+    slopes = (homography[:2, :2] * w - numerators[:, None] * homography[2, :2]) / w**2
+    return float(np.sqrt(abs(np.linalg.det(slopes))))

@@ -1,0 +1,102 @@
+"""The check of an observation file: where its object, camera and sensors are, and what a network is given of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from pipeline.inference.observation_checks import ModelInputs, ObjectBox, faults, find_object, gel_centres
+from pipeline.inference.observation_file import RobotObservation, load_observation
+from pipeline.inference.observation_placement import degrees, describe_object, facing_away, moved_projection, place_observation, turn_to_z
+from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.vision.camera import project_points
+from pipeline.kernels.vision.view_transfer import camera_direction, optical_centre, split_projection
+from pipeline.reports.plots import save_figure
+
+SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) / 2
+"""The outline of a gel, in sides."""
+
+
+def check_observation(path: Path, picture: Path, model: ModelInputs | None = None) -> list[str]:
+    """Describe an observation file, and draw it; with a model, say what that is given. Parameters, result and errors as `check_file`."""
+    observation = load_observation(path, lambda part: faults(part, model))
+    box = find_object(observation)
+    assert box is not None  # else a fault
+    placed = None if model is None else place_observation(observation, model)
+    panels = [_draw_photograph, *(_draw_from(right, up) for right, up in ((0, 1), (0, 2)))][observation.camera is None :]
+    figure = Figure((5 * (len(panels) + (placed is not None and placed.image is not None)), 5), layout="constrained")
+    drawn = figure.subplots(1, len(panels) + (placed is not None and placed.image is not None)).tolist()
+    for axes, draw in zip(drawn, panels, strict=False):
+        draw(axes, observation, box)
+    if model is not None and placed is not None and placed.image is not None:
+        drawn[-1].imshow(placed.image)
+        drawn[-1].set(title=f"as {model.configuration} is given it", xticks=[], yticks=[])
+    save_figure(figure, picture)
+    said = [] if placed is None or model is None else [f"with model {model.configuration}:", *placed.remarks]
+    return [f"{path}: observation, no faults", *_described(observation, box), *said, f"picture: {picture}"]
+
+
+def _described(observation: RobotObservation, box: ObjectBox) -> Iterator[str]:
+    yield describe_object(observation, box)
+    if observation.camera is not None and observation.projection is not None:
+        upright = np.eye(4)
+        upright[:3, :3] = turn_to_z(np.array(observation.up))
+        upright[:3, 3] = -upright[:3, :3] @ box.centre
+        seen = camera_direction(moved_projection(observation.projection, upright), np.zeros(3))
+        rows, cols = observation.camera.image.shape[:2]
+        yield (
+            f"camera: {cols} x {rows} pixels, {seen.distance:.3g} m from the object, {degrees(seen.elevation)}° above its horizon; "
+            f"{observation.camera.shown.mean():.1%} of the photograph is the object"
+        )
+    away = np.linalg.norm(gel_centres(observation) - box.centre, axis=1)
+    for number, (touch, turned) in enumerate(zip(observation.touches, facing_away(observation, box), strict=True)):
+        touched = {True: "touches", False: "does not touch", "auto": "touches if its image shows so"}[touch.touched]
+        facing = "; warning: it faces away from there, +z must point out of the gel" if turned else ""
+        yield f"{observation.name_of(number)}: {touched}, {1e3 * away[number]:.3g} mm from the object's centre{facing}"
+
+
+def _draw_photograph(axes: Axes, observation: RobotObservation, box: ObjectBox) -> None:
+    """Draw the photograph with its mask, the object's centre and the gels' outlines where they should be seen."""
+    assert observation.camera is not None
+    assert observation.projection is not None
+    axes.imshow(observation.camera.image)
+    axes.contour(observation.camera.shown, levels=[0.5], colors="C3", linewidths=1)
+    axes.plot(*project_points(observation.projection, box.centre), "+", color="C3", markersize=14)
+    for outline in _outlines(observation):
+        axes.plot(*project_points(observation.projection, outline).T, color="C0")
+    rows, cols = observation.camera.image.shape[:2]
+    axes.set(title="mask, centre and gels in the photograph", xlim=(0, cols), ylim=(rows, 0), xticks=[], yticks=[])
+
+
+def _outlines(observation: RobotObservation) -> np.ndarray:
+    """Compute the outlines of the gels' fronts, (T, 5, 3) m."""
+    if observation.sensor is None:
+        return np.zeros((0, 5, 3))
+    sensor = observation.sensor
+    return transform_points(observation.sensor_poses, np.insert(SQUARE * [sensor.width, sensor.height], 2, sensor.w, axis=1))
+
+
+def _draw_from(right: int, up: int):  # type: ignore[no-untyped-def]
+    """Make a function that draws the scene along an axis of the file's frame."""
+
+    def draw(axes: Axes, observation: RobotObservation, box: ObjectBox) -> None:
+        unit = observation.metres_per_unit
+        axes.add_patch(Circle(box.centre[[right, up]] / unit, (box.diagonal or 0) / 2 / unit, fill=False, linestyle="--"))
+        axes.plot(*box.centre[[right, up]] / unit, "+", color="C3", markersize=12, label="object")
+        for number, outline in enumerate(_outlines(observation) / unit):
+            axes.plot(*outline[:, [right, up]].T, color="C0", label=None if number else "gels")
+        if observation.projection is not None:
+            eye, ahead = optical_centre(observation.projection), split_projection(observation.projection)[1][2]
+            tip = eye + 0.3 * np.linalg.norm(eye - box.centre) * ahead
+            axes.annotate("", xy=tip[[right, up]] / unit, xytext=eye[[right, up]] / unit, arrowprops={"arrowstyle": "->"})
+            axes.plot(*eye[[right, up]] / unit, "o", color="black", label="camera")
+        x, y, along = ("xyz"[axis] for axis in (right, up, 3 - right - up))
+        axes.set(xlabel=f"{x}, {observation.unit}", ylabel=f"{y}, {observation.unit}", aspect="equal", title=f"seen along {along}")
+        axes.legend(fontsize=8)
+
+    return draw

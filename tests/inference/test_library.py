@@ -1,0 +1,45 @@
+"""`vt_pipeline.reconstruct`: files and arrays give the same surface, and faults are named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vt_pipeline as vt
+from tests.stages import ball_dataset as spheres
+from tools.robot_grasp import write_grasp
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Make a grasp's files, and a folder of models that take an image."""
+    data = tmp_path_factory.mktemp("balls")
+    spheres.make_data(data, 1)
+    spheres.make_model(data, "occluded")
+    return write_grasp(data, "a", 0, data / "grasp"), data / "models"
+
+
+def test_a_file_and_arrays_give_the_same_surface(made: tuple[Path, Path]) -> None:
+    path, models = made
+    read = vt.load_observation(path)
+    assert read.camera is not None
+    from_file = vt.reconstruct(str(path), models, "occluded", resolution=16)
+    camera = {name: getattr(read.camera, name) for name in ("image", "mask", "intrinsics")} | {"pose": read.camera.pose.array}
+    observation = vt.RobotObservation(object={"centre": read.object.centre}, camera=camera)
+    from_arrays = vt.reconstruct(observation, str(models), "occluded", resolution=16)
+    np.testing.assert_allclose(from_arrays.reconstruction.vertices, from_file.reconstruction.vertices, atol=1e-9)
+    assert from_file.closed is not None
+    assert "takes no touch: the touches are not used" in " ".join(from_file.remarks)
+    assert len(repr(from_file)) < 100
+    assert not from_file.files
+
+
+def test_faults_of_arrays_are_named(made: tuple[Path, Path]) -> None:
+    with pytest.raises(vt.InvalidInput, match=r"model occluded needs a photograph: add the entry camera; object.centre is missing"):
+        vt.reconstruct(vt.RobotObservation(), made[1], "occluded")
+    with pytest.raises(ValueError, match=r"image is float64 \(4, 4\); it must be uint8 \(rows, cols, 3\)"):
+        vt.RobotObservation(
+            untouched=None, camera={"image": np.ones((4, 4)), "intrinsics": {"fx": 1, "fy": 1, "cx": 2, "cy": 2}, "pose": np.eye(4)}
+        )

@@ -1,0 +1,246 @@
+"""Observation files: poses in every form, everything that is wrong named at once, and objects found from depth and touches."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from pipeline.errors import InvalidInput
+from pipeline.inference.observation_checks import ModelInputs, faults, find_object
+from pipeline.inference.observation_file import RobotObservation, load_observation
+from pipeline.inference.observation_placement import network_tactile_images, place_observation, turn_to_z
+from pipeline.inference.observed_pose import Pose
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
+from tests.inference.robot import CENTRE, RADIUS, SENSOR, camera_pose, touch_pose, write_files, write_observation
+
+TRAINING = projection_matrix(Camera(position=(1.1, 0.3, 0.9), rotation=(75, 0, 105), focal=(200, 200), centre=(64, 64), resolution=128))
+
+
+def model(name: str = "occluded-touch", **changes: object) -> ModelInputs:
+    config = CONFIGURATIONS[name].model_copy(update=changes)
+    image = config.image is not None
+    fit = (TRAINING, (128, 128), (230, 232, 235)) if image else (None, None, None)
+    return ModelInputs(name, config, *fit, SENSOR if config.touch else None)
+
+
+def refused(path: Path, given: ModelInputs | None = None) -> str:
+    with pytest.raises(InvalidInput) as error:
+        load_observation(path, lambda part: faults(part, given))
+    return str(error.value)
+
+
+def test_a_sound_file_is_read_with_its_images(tmp_path: Path) -> None:
+    path = write_observation(tmp_path, write_files(tmp_path))
+    observation = load_observation(path, lambda part: faults(part, model()))
+    assert observation.camera is not None
+    assert observation.camera.image.shape == (120, 160, 3)
+    assert observation.projection is not None
+    np.testing.assert_allclose(project_points(observation.projection, CENTRE), [80, 60], atol=1e-9)
+    assert len(repr(observation)) < 100
+
+
+def test_every_fault_of_a_file_is_named_at_once(tmp_path: Path) -> None:
+    """Unknown keys, missing files, sizes, poses that are not rigid, units, a camera that looks away, touches off the object."""
+    entries = write_files(tmp_path)
+    Image.new("L", (80, 60), 255).save(tmp_path / "small.png")
+    entries["objekt"] = 3
+    entries["camera"]["pose"] = (camera_pose() @ np.diag([1.0, -1, -1, 1])).tolist()
+    far = touch_pose((0, 0, 1))
+    far[2, 3] += 0.4
+    entries["touches"] += [
+        {"tactile_image": "ring.png", "pose": far.tolist()},
+        {"tactile_image": "index.png", "pose": (2 * np.eye(4)).tolist()},
+        {"tactile_image": "index.png", "pose": far.tolist(), "name": "ring"},
+    ]
+    said = refused(write_observation(tmp_path, entries), model())
+    for words in (
+        "there is no entry objekt, did you mean object?",
+        "touches.2.tactile_image: ",
+        "ring.png cannot be read (No such file",
+        "touches.3.pose: the last row is [0.0, 0.0, 0.0, 2.0]; it must be 0 0 0 1",
+        "the camera does not see the object's centre, [0.4, -0.1, 0.2] m (as stated): with convention: opengl it would",
+        "ring is 0.459 m from the object's centre",
+        "Its entries are unit, up, object, camera",
+    ):
+        assert words in said
+    entries["camera"]["mask"] = "small.png"
+    assert "camera: mask has 80 x 60 pixels, the image 160 x 120" in refused(write_observation(tmp_path, entries))
+
+
+def test_millimetres_that_are_not_said_to_be_are_named(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    for touch in entries["touches"]:
+        touch["pose"] = np.array(touch["pose"])
+        touch["pose"][:3, 3] *= 1e3
+        touch["pose"] = touch["pose"].tolist()
+    said = refused(write_observation(tmp_path, entries))
+    assert "touches.0 pose is 400 m away (at most 10 m): write unit: mm if these are millimetres" in said
+    assert "touches.1 pose is 400 m" in said
+
+
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        ({"position": [0, 0, 0], "quaternion": [0, 0, 0, 2]}, "the quaternion has the length 2; it must be 1"),
+        ({"position": [0, 0, 0], "quaternion": [0, 0, 0, 1], "rpy": [0, 0, 0]}, "a position and either a quaternion or rpy"),
+        ({"position": [0, 0, 0]}, "a position and either a quaternion or rpy"),
+        ({"position": [0, 0, 0], "quaternoin": [0, 0, 0, 1]}, "no entry touches.0.pose.quaternoin, did you mean quaternion?"),
+        (np.diag([1.0, 1, -1, 1]).tolist(), "it mirrors"),
+        (np.diag([1.0, 1.1, 1, 1]).tolist(), "it is not rigid: its axes are 0.21 from orthonormal"),
+        (np.eye(3).tolist(), "touches.0.pose.matrix"),
+        ([[float("nan")] * 4] * 4, "touches.0.pose.matrix"),
+        ([[1e200, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "not rigid"),
+        (7, "touches.0.pose"),
+    ],
+)
+def test_poses_that_are_none_are_errors(tmp_path: Path, pose: object, words: str) -> None:
+    entries = write_files(tmp_path)
+    entries["touches"][0]["pose"] = pose
+    assert words in refused(write_observation(tmp_path, entries))
+
+
+def test_poses_of_every_form_are_equal_and_rounded_ones_are_made_rigid() -> None:
+    turn = Rotation.from_euler("xyz", [0.3, -0.7, 2.0])
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turn.as_matrix(), [0.1, 0.2, 0.3]
+    forms = [
+        {"position": (0.1, 0.2, 0.3), "quaternion": tuple(turn.as_quat())},
+        {"position": (0.1, 0.2, 0.3), "rpy": (0.3, -0.7, 2.0)},
+        {"matrix": matrix.tolist()},
+        matrix,
+    ]
+    for form in forms:
+        np.testing.assert_allclose(Pose.model_validate(form).array, matrix, atol=1e-12)
+    rounded = Pose.model_validate(np.round(matrix, 4)).array
+    np.testing.assert_allclose(rounded, matrix, atol=1e-4)
+    np.testing.assert_allclose(rounded[:3, :3].T @ rounded[:3, :3], np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("changed", ["opengl", "inverse", "both"])
+def test_a_camera_pose_in_another_reading_is_recognised(tmp_path: Path, changed: str) -> None:
+    entries = write_files(tmp_path)
+    pose = camera_pose() @ (np.diag([1.0, -1, -1, 1]) if changed != "inverse" else np.eye(4))
+    entries["camera"]["pose"] = (pose if changed == "opengl" else np.linalg.inv(pose)).tolist()
+    said = refused(write_observation(tmp_path, entries))
+    assert {
+        "opengl": "with convention: opengl it would",
+        "inverse": "with the inverse pose it would: give camera to frame",
+        "both": "with the inverse pose and convention: opengl it would",
+    }[changed] in said
+
+
+@pytest.mark.parametrize(("file", "scale"), [("depth.png", 1e-4), ("depth.npy", 1e-3)])
+def test_the_object_is_found_from_depth_and_mask(tmp_path: Path, file: str, scale: float) -> None:
+    entries = write_files(tmp_path)
+    del entries["object"]
+    entries["camera"] |= {"depth": file, "depth_scale": scale}
+    box = find_object(load_observation(write_observation(tmp_path, entries), faults))
+    assert box is not None
+    assert box.source == "estimated from depth and mask"
+    assert np.linalg.norm(box.centre - CENTRE) < 0.1 * RADIUS
+    assert box.diagonal == pytest.approx(2 * RADIUS * 3**0.5, rel=0.05)
+
+
+def test_the_object_is_found_between_touches_and_else_asked_for(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    del entries["object"]
+    box = find_object(load_observation(write_observation(tmp_path, entries), faults))
+    assert box is not None
+    assert box.diagonal is None
+    np.testing.assert_allclose(box.centre, CENTRE, atol=1e-9)
+    entries["touches"] = entries["touches"][:1]
+    assert "object.centre is missing, and cannot be estimated: state it, or" in refused(write_observation(tmp_path, entries))
+
+
+def test_what_a_model_needs_and_is_not_given_is_named(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    blind = {name: value for name, value in entries.items() if name not in ("camera", "touches", "sensor")}
+    said = refused(write_observation(tmp_path, blind), model())
+    assert "model occluded-touch needs a photograph: add the entry camera" in said
+    assert "model occluded-touch needs touches: add the entry touches" in said
+    wide = SENSOR.model_copy(update={"width": 0.02, "name": "wide"})
+    other = ModelInputs("touch", CONFIGURATIONS["touch"], None, None, None, wide)
+    said = refused(write_observation(tmp_path, entries), other)
+    assert "sensor gel_16mm has 16.41 x 16.41 mm with a gel of 6.8 mm, the model's wide 20 x 20 mm" in said
+    small = model(radius=0.05)
+    assert "the object's diagonal is 0.208 m (as stated), model occluded-touch knows objects of at most 0.1 m" in refused(
+        write_observation(tmp_path, entries), small
+    )
+    Image.new("RGB", (200, 100)).save(tmp_path / "index.png")
+    Image.new("RGB", (200, 100)).save(tmp_path / "thumb.png")
+    assert "tactile images have 200 x 100 pixels, another shape than the model's 100 x 100" in refused(
+        write_observation(tmp_path, entries), model()
+    )
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_an_observation_is_placed_where_the_network_expects_it_and_returned(tmp_path: Path, unit: float) -> None:
+    entries = write_files(tmp_path)
+    read = load_observation(write_observation(tmp_path, entries))
+    scaled = [touch.changed(pose=_scaled(touch.pose, 1 / unit)) for touch in read.touches]
+    assert read.camera is not None
+    observation = RobotObservation(
+        unit="m" if unit == 1 else "mm",
+        object={"centre": tuple(CENTRE / unit)},
+        camera=read.camera.changed(pose=_scaled(read.camera.pose, 1 / unit)),
+        sensor=SENSOR,
+        touches=tuple(scaled),
+    )
+    placed = place_observation(observation, model(centre=(0.1, 0.2, 0.7)))
+    np.testing.assert_allclose(placed.returned(np.array([[0.1, 0.2, 0.7]])), [CENTRE / unit], atol=1e-9)
+    expected = placed.to_network[:3, :3] @ (touch_pose((0, 1, 0))[:3, 3] - CENTRE) + [0.1, 0.2, 0.7]
+    np.testing.assert_allclose(placed.sensor_poses[0, :3, 3], expected, atol=1e-12)
+    np.testing.assert_allclose(placed.to_network[:3, 2], [0, 0, 1], atol=1e-12)  # up stays up
+    assert placed.image is not None
+    assert placed.image.shape == (128, 128, 3)
+    row, col = np.nonzero(placed.image[..., 0] < 215)
+    middle = project_points(TRAINING, np.array([0.1, 0.2, 0.7]))
+    np.testing.assert_allclose([col.mean() + 0.5, row.mean() + 0.5], middle, atol=1)
+    assert any("above its horizon" in line for line in placed.remarks)
+
+
+def _scaled(pose: Pose, scale: float) -> np.ndarray:
+    scaled = pose.array.copy()
+    scaled[:3, 3] *= scale
+    return scaled
+
+
+def test_pixels_outside_the_mask_become_the_trainings_background(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    messy = np.array(Image.open(tmp_path / "seen.png"))
+    messy[:, :40] = [10, 200, 10]  # a green cupboard
+    Image.fromarray(messy).save(tmp_path / "seen.png")
+    image = place_observation(load_observation(write_observation(tmp_path, entries)), model()).image
+    assert image is not None
+    assert not (image[..., 1].astype(int) - image[..., 0] > 30).any()
+    assert (image[0, 0] == (230, 232, 235)).all()
+
+
+def test_tactile_images_are_resampled_and_compared_with_the_robots_own_untouched_one() -> None:
+    rng = np.random.default_rng(0)
+    base = np.full((*SENSOR.shape, 3), 100, np.uint8)
+    pressed = base.copy()
+    pressed[30:60, 30:60] = rng.integers(60, 190, 3, dtype=np.uint8)
+    large = [np.repeat(np.repeat(image, 2, axis=0), 2, axis=1) for image in (pressed, base)]
+    touch = {"tactile_image": large[0], "pose": np.eye(4)}
+    plain = RobotObservation(sensor=SENSOR, touches=[touch])
+    made = network_tactile_images(plain, SENSOR, base)
+    assert made.shape == (1, *SENSOR.shape, 3)
+    assert np.abs(made[0].astype(int) - pressed)[32:58, 32:58].max() <= 1
+    np.testing.assert_array_equal(made[0][:25], base[:25])
+    shifted = RobotObservation(sensor=SENSOR, untouched=large[1] + 20, touches=[{**touch, "tactile_image": large[0] + 20}])
+    np.testing.assert_array_equal(network_tactile_images(shifted, SENSOR, base), made)
+
+
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, -1, 0), (0, 0, -1), (1e-300, 0, 0), (3e200, 1e200, -2e200), (0.1, 0.2, -0.99)])
+def test_up_is_turned_to_z(up: tuple[float, float, float]) -> None:
+    turn = turn_to_z(np.array(up, float))
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-9)
+    assert np.linalg.det(turn) == pytest.approx(1)
+    direction = np.array(up) / np.abs(up).max()
+    np.testing.assert_allclose(turn @ direction / np.linalg.norm(direction), [0, 0, 1], atol=1e-9)

@@ -1,0 +1,114 @@
+"""Write a simulated grasp as a robot would have recorded it: `examples/robot_grasp/`.
+
+    python -m tools.robot_grasp DATA OBJECT GRASP FOLDER
+
+The frame is that of a robot's base beside the object: turned and moved against the simulation's world. The camera's axes are OpenCV's.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.ndimage import binary_dilation
+from scipy.spatial.transform import Rotation
+
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.kernels.geometry.normalise import POSITION
+from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.view_transfer import optical_centre, split_projection
+from pipeline.store.storage import Place, place
+
+ARRAYS = ("sensor", "occluded", "segmentation", "projection", "tactile_image", "untouched", "sensor_pose", "touch_success", "points")
+BASE = np.array([[-0.5, -(0.75**0.5), 0, 0.62], [0.75**0.5, -0.5, 0, -0.17], [0, 0, 1, -0.35], [0, 0, 0, 1]])
+"""From the world to the robot's base: a third of a turn about the vertical, and a motion."""
+
+TEXT = """\
+# A grasp as a robot recorded it: `vt-pipeline check grasp.yaml`, then
+# vt-pipeline predict out.glb --models MODELS --observation grasp.yaml
+unit: m                            # of all lengths below
+                                   # frame of all poses: the robot's base, +z up
+object:
+  centre: {centre}     # middle of its bounding box
+  diagonal: {diagonal}                   # of that box
+
+camera:
+  image: seen.png                  # rectified
+  mask: mask.png                   # white where the image shows the object
+  hand_mask: hand.png              # white where it shows the hand
+  intrinsics: {{fx: {fx}, fy: {fy}, cx: {cx}, cy: {cy}}}   # OpenCV's cx and cy plus 0.5
+  convention: opencv               # the camera looks along +z, +y is down
+  pose:                            # camera to base, from hand-eye calibration
+    position: {position}
+    quaternion: {quaternion}   # x, y, z, w
+
+sensor: {sensor}
+untouched: untouched.png
+touches:                           # pose: forward kinematics of the fingertip, times the mounting of its sensor
+"""
+
+
+def main() -> None:
+    """Write the files of a grasp."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=place)
+    parser.add_argument("object")
+    parser.add_argument("grasp", type=int)
+    parser.add_argument("folder", type=Path)
+    given = parser.parse_args()
+    write_grasp(given.data, given.object, given.grasp, given.folder)
+
+
+def write_grasp(data: Place, object_id: str, grasp: int, folder: Path, sensor: str = "gel_16mm") -> Path:
+    """Write photographs, masks and `grasp.yaml` of a stored grasp; return the path of the latter."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = ObjectRows(data, ARRAYS, None)
+    seen, labels = rows.read("occluded", object_id, grasp, camera=0), rows.read("segmentation", object_id, camera=0)[1 + grasp]
+    drawn = (seen != seen[0, 0]).any(axis=2)  # at smooth edges, beyond the labels too
+    hand = drawn & (labels != Label.OBJECT) & binary_dilation(labels == Label.HAND)
+    points = rows.read("points", object_id)
+    _save(folder / "seen.png", seen)
+    _save(folder / "hand.png", 255 * hand.astype(np.uint8))
+    _save(folder / "mask.png", 255 * (drawn & ~hand).astype(np.uint8))
+    _save(folder / "untouched.png", rows.read("untouched", object_id)[0])
+    matrix = rows.read("projection", object_id)[0]
+    intrinsic, rotation = split_projection(matrix)
+    camera = np.eye(4)
+    camera[:3, :3], camera[:3, 3] = rotation.T, optical_centre(matrix)
+    position, quaternion = _moved(camera)
+    k = {"fx": intrinsic[0, 0], "fy": intrinsic[1, 1], "cx": intrinsic[0, 2], "cy": intrinsic[1, 2]}
+    text = TEXT.format(
+        centre=_listed((BASE @ [*POSITION, 1.0])[:3], 4),
+        diagonal=f"{np.linalg.norm(np.ptp(points, axis=0)):.3f}",
+        **{name: f"{value:.6g}" for name, value in k.items()},
+        **{"position": position, "quaternion": quaternion, "sensor": sensor},
+    )
+    arrays = (rows.read(name, object_id, grasp) for name in ("tactile_image", "sensor_pose", "touch_success"))
+    for name, image, pose, touched in zip(rows.read("sensor", object_id).tolist(), *arrays, strict=True):
+        _save(folder / f"{name}.png", image)
+        position, quaternion = _moved(pose)
+        text += f"  - name: {name}\n    tactile_image: {name}.png\n    touched: {str(bool(touched)).lower()}\n"
+        text += f"    pose: {{position: {position}, quaternion: {quaternion}}}\n"
+    (folder / "grasp.yaml").write_text(text)
+    return folder / "grasp.yaml"
+
+
+def _moved(pose: NDArray[np.float64]) -> tuple[str, str]:
+    """Write a pose of the world as position and quaternion in the robot's base."""
+    moved = BASE @ pose
+    return _listed(moved[:3, 3], 7), _listed(Rotation.from_matrix(moved[:3, :3]).as_quat(), 8)
+
+
+def _listed(values: NDArray[np.float64], digits: int) -> str:
+    return "[" + ", ".join(f"{value:.{digits}f}" for value in values + 0.0) + "]"
+
+
+def _save(path: Path, image: NDArray[np.uint8]) -> None:
+    Image.fromarray(image).save(path, optimize=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""Reconstructions: from what a robot saw and felt to the object's surface, by a trained network."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.inference import observation_file
+from pipeline.inference.observation_file import RobotObservation
+
+if TYPE_CHECKING:
+    from pipeline.inference.predict import Prediction
+
+
+def load_observation(path: str | Path) -> RobotObservation:
+    """Read an observation file with the photographs that it names; an `InvalidInput` lists all its faults."""
+    from pipeline.inference.observation_checks import faults  # torch, which a user of `touch` does without
+
+    return observation_file.load_observation(path, faults)
+
+
+def reconstruct(
+    observation: RobotObservation | str | Path,
+    models: str | Path,
+    configuration: str = "occluded-touch",
+    *,
+    resolution: int = 128,
+    training_seed: int = 0,
+    accelerator: str = "auto",
+    seed: int = 0,
+) -> Prediction:
+    """Reconstruct the surface of an object that a robot saw or felt.
+
+    Parameters
+    ----------
+    observation
+        From `load_observation`, or a `RobotObservation` of arrays, or the path of an observation file.
+    models
+        Folder of trained models: DATA/models.
+    configuration
+        Which of them.
+    resolution
+        Edges of the closed mesh along the longest side of its box.
+    training_seed
+        Which training of the model, where there are several.
+    accelerator
+        Where the networks run: "cpu", "cuda", or "auto".
+    seed
+        Of the chart fitting.
+
+    Returns
+    -------
+    `closed`, one mesh with colours, and `reconstruction`, the network's surface, both in the observation's frame and unit; and `remarks`.
+
+    Raises
+    ------
+    InvalidInput
+        The observation has faults; the message lists all.
+    StageError, StoreError
+        There is no such model, or it cannot be used.
+    """
+    from pipeline.inference import predict
+    from pipeline.store.storage import place
+
+    given = Path(observation) if isinstance(observation, str) else observation
+    options = {"resolution": resolution, "training_seed": training_seed, "seed": seed}
+    return predict.reconstruct(given, place(str(models)), configuration, accelerator=accelerator, **options)
