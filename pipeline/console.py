@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
 import re
 import sys
 import time
@@ -164,27 +165,39 @@ def show_tables(console: Console, tables: Iterable[Table]) -> None:
 
 
 class Meter:
-    """Shows how far a piece of work is, `of` being what is counted; a context manager."""
+    """Shows how far a piece of work is, `of` being what is counted; a context manager. Work of less than `after` seconds shows no bar."""
 
-    def __init__(self, console: Console, title: str, total: int, of: str, done: int = 0) -> None:
+    def __init__(self, console: Console, title: str, total: int, of: str, done: int = 0, after: float = 0.0) -> None:
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"))
-        self._bar = Progress(*columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal, transient=True)
+        self._bar = Progress(*columns, TimeRemainingColumn(), console=console, disable=not _owns_terminal(console), transient=True)
         self._bar.add_task(title, total=total, completed=done)
         (self._task,) = self._bar.tasks
         self._title, self._of, self._last = title, of, time.monotonic()
+        self._shown_from = self._last + after
 
     def __enter__(self) -> Meter:
-        self._bar.start()
+        self._show()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._bar.stop()
 
+    def _show(self) -> None:
+        """Show the bar, if it is time; what is shown stays."""
+        if time.monotonic() >= self._shown_from:
+            self._bar.start()
+
     def advance(self, note: str = "") -> None:
         """Count one more; `note` says how it goes."""
+        self._show()
         note, task = f", {note}" if note else "", self._task
         self._bar.update(task.id, advance=1, description=escape(self._title + note))
         if not self._bar.console.is_terminal and time.monotonic() - self._last > SECONDS_PER_LINE:
             self._last = time.monotonic()
             progress = f"{self._title}: {task.completed:.0f} of {task.total:.0f} {self._of}, {task.elapsed or 0:.0f} s{note}"
             self._bar.console.print(escape(progress))
+
+
+def _owns_terminal(console: Console) -> bool:
+    """Tell whether a console is a terminal that is not another process's: workers write on that of the command that started them."""
+    return console.is_terminal and multiprocessing.parent_process() is None

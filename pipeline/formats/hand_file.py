@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -18,7 +19,8 @@ from pipeline.formats.description_file import description_path, read_description
 from pipeline.formats.hand_joints import JointRoles, joint_roles, moved_links
 from pipeline.formats.urdf import read_urdf
 from pipeline.kernels.geometry.transforms import length
-from pipeline.kernels.hand.collision_shapes import collision_boxes, split_into_convex_parts
+from pipeline.kernels.hand.collision_shapes import collision_boxes
+from pipeline.kernels.hand.convex_shapes import with_convex_shapes
 from pipeline.kernels.hand.model import Finger, Hand, Joint, Mount
 from pipeline.kernels.hand.self_collision import overlapping_neighbours
 
@@ -73,7 +75,7 @@ class _HandFile(_Entry):
 
 
 def load_hand(name: str | Path) -> Hand:
-    """Read a hand with its URDF and meshes.
+    """Read a hand with its URDF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`).
 
     Parameters
     ----------
@@ -86,6 +88,29 @@ def load_hand(name: str | Path) -> Hand:
         A file is missing or malformed, or the hand file names what its URDF does not have; the message names file and entry.
     """
     path = description_path("hand", name).resolve()
+    if path in _last:
+        digests, hand = _last[path]
+        if digests == _digests(hand):
+            return hand
+    hand = _read(path)
+    _last.clear()
+    _last[path] = _digests(hand), hand
+    return hand
+
+
+_last: dict[Path, tuple[list[str] | None, Hand]] = {}
+"""The hand that this process loaded last, with the digests of its files: a stage asks for it several times, and meshes may be large."""
+
+
+def _digests(hand: Hand) -> list[str] | None:
+    """Hash the files of a hand; None where one is gone."""
+    try:
+        return [hashlib.sha256(file.read_bytes()).hexdigest() for file in hand.files]
+    except OSError:
+        return None
+
+
+def _read(path: Path) -> Hand:
     file = read_description("hand", path, _HandFile)
     urdf = path.parent / os.path.expanduser(file.urdf)
     if not os.path.isfile(urdf):
@@ -101,15 +126,12 @@ def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
     _check_entries(file, {link.name: i for i, link in enumerate(links)}, joints, path)
     roles = joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen)
     numbers = {link.name: i for i, link in enumerate(links)}
-    for name, count in file.convex_parts.items():
-        number = _find("link", name, numbers)
-        links = (*links[:number], split_into_convex_parts(links[number], count), *links[number + 1 :])
     fingers, sensors = _fingers(file, roles, numbers, path)
     return Hand(
         name=file.name,
         path=path,
         urdf=urdf,
-        links=links,
+        links=tuple(with_convex_shapes(link, file.convex_parts.get(link.name)) for link in links),
         joints=roles.joints,
         joint_links=tuple(joint.child for joint in roles.independent),
         joint_names=tuple(joint.name for joint in roles.independent),

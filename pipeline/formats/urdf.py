@@ -14,6 +14,7 @@ from xml.etree.ElementTree import Element, ParseError, fromstring
 
 import numpy as np
 
+from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import regular_stat
 from pipeline.formats.mesh_file import MAX_FACES, load_mesh
@@ -25,6 +26,8 @@ from pipeline.kernels.hand.model import Joint, Link, Mimic, Shape
 MOVING = ("revolute", "continuous", "prismatic")
 MAX_BYTES, MAX_PARTS = 10 * 2**20, 1000
 """What a URDF file may have: bytes; links, joints and shapes."""
+BAR_AFTER = 1.0
+"""Seconds of reading meshes after which a bar shows how far it is."""
 
 
 def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
@@ -53,8 +56,11 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
         robot = parse_urdf(path)
         kept = _below(robot, root)
         materials = {material.get("name", ""): named_color(material, {}) for material in robot.findall("material")}
-        read = _reader()
-        links = tuple(_link(element, path.parent, materials, read) for element in robot.findall("link") if _name(element) in kept)
+        elements = [element for element in robot.findall("link") if _name(element) in kept]
+        files = {mesh.get("filename") for element in elements for mesh in element.iter("mesh")}
+        with Meter(errors, f"{path.name}: reading meshes", len(files), "files", after=BAR_AFTER) as meter:
+            read = _reader(meter)
+            links = tuple(_link(element, path.parent, materials, read) for element in elements)
         numbers = {link.name: i for i, link in enumerate(links)}
         joints = [_joint(joint, numbers) for joint in robot.findall("joint") if root is None or _end(joint, "parent") in kept]
         return _in_tree_order(links, joints)
@@ -106,9 +112,14 @@ def _end(joint: Element, role: str) -> str:
     return end.get("link", "") if end is not None else ""
 
 
-def _reader() -> Callable[[Path], Mesh]:
+def _reader(meter: Meter) -> Callable[[Path], Mesh]:
     """Read each mesh file once, and no more faces than a hand may have."""
-    load, faces = cache(load_mesh), 0
+    faces = 0
+
+    @cache
+    def load(path: Path) -> Mesh:
+        meter.advance()
+        return load_mesh(path)
 
     def read(path: Path) -> Mesh:
         nonlocal faces

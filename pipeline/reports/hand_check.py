@@ -11,18 +11,22 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.console import pluralise
+from pipeline.console import Meter, abbreviate, errors, pluralise
+from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.physics_urdf import links_without_mass
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
+from pipeline.formats.urdf import read_urdf
 from pipeline.kernels.geometry.transforms import transform_points
-from pipeline.kernels.hand.collision_shapes import collision_boxes
+from pipeline.kernels.hand.collision_shapes import collision_boxes, collision_spheres
+from pipeline.kernels.hand.convex_shapes import convex_error
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import LinkOverlap, fingers_clear_of_palm, frequent_overlaps
 from pipeline.reports.contact_sheet_page import finger_colors
 from pipeline.reports.plots import save_figure
 from pipeline.rng import numpy_rng
+from stages.simulate_grasps.prepare import MEASURE_SPACING
 from stages.simulate_grasps.size_warnings import opening, sensor_places
 
 POSTURES = 512
@@ -39,6 +43,9 @@ VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
 
 MAX_TRIANGLES = 20_000
 """Per link and picture; the others are left out."""
+
+HOLLOW = 2e-3
+"""m, depth from which a hollow that a convex shape fills is named: more than a gel is pressed in."""
 
 STEP = 0.05
 """Share of every joint's range by which the closing directions look ahead."""
@@ -63,6 +70,7 @@ def check_hand(path: Path, picture: Path) -> list[str]:
         f"motors {hand.torque:g} N m (N), friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
         *faults,
         *(_overlap_line(hand, overlap) for overlap in overlaps),
+        *_convex_notes(hand),
         *_notes(hand),
         f"picture: {picture}",
     ]
@@ -88,7 +96,16 @@ def _faults(hand: Hand, free: np.ndarray) -> list[str]:
         for number, mount in enumerate(hand.sensors)
         if number in on_fingers and np.linalg.norm(way[number]) < MIN_TRAVEL
     ]
-    return [*stuck, *bare, *still, *_far_palm(hand)]
+    return [*stuck, *bare, *_unusable_shapes(hand), *still, *_far_palm(hand)]
+
+
+def _unusable_shapes(hand: Hand) -> list[str]:
+    """Detect a collision shape that is flat or too large, as `simulate-grasps` would."""
+    try:
+        collision_spheres(hand, spacing=MEASURE_SPACING)
+    except InvalidInput as error:
+        return [f"fault: {error}"]
+    return []
 
 
 def _far_palm(hand: Hand) -> list[str]:
@@ -110,6 +127,29 @@ def _overlap_line(hand: Hand, overlap: LinkOverlap) -> str:
         f"overlap: [{names}] in {100 * overlap.share:.0f} % of random postures, by {1e3 * overlap.depth:.1f} mm: list the pair under "
         "allowed_contacts, or split a mesh with convex_parts"
     )
+
+
+def _convex_notes(hand: Hand) -> list[str]:
+    """Say what the convex shapes in place of collision meshes lose, and the hollows that they fill."""
+    links, _ = read_urdf(hand.urdf, hand.links[0].name)  # as they are, meshes and all
+    meshed = [pair for pair in zip(links, hand.links, strict=True) if any(shape.kind == "mesh" for shape in pair[0].collisions)]
+    with Meter(errors, "measuring convex shapes", len(meshed), "links", after=1.0) as meter:
+        measured = {}
+        for link, convex in meshed:
+            measured[link.name] = convex_error(link, convex)
+            meter.advance()
+    if not measured:
+        return []
+    found = measured.values()
+    notes = [
+        f"collision meshes of {pluralise(len(measured), 'link')} are taken as convex: {sum(one.faces for one in found)} faces became "
+        f"{sum(one.kept for one in found)}, and {1e3 * max(one.lost for one in found):.2f} mm is the most that any of them lost"
+    ]
+    deep = sorted((name for name, one in measured.items() if one.filled > HOLLOW), key=lambda name: -measured[name].filled)
+    if deep:
+        depths = [f"{name} {1e3 * measured[name].filled:.0f} mm" for name in deep]
+        notes.append(f"hollows of meshes that this fills, by depth: {abbreviate(depths)}; `convex_parts` of a link follows its mesh closer")
+    return notes
 
 
 def _notes(hand: Hand) -> list[str]:

@@ -16,7 +16,8 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.formats.physics_urdf import links_without_mass, write_physics_urdf
 from pipeline.formats.urdf import parse_urdf, read_urdf
-from pipeline.kernels.hand.collision_shapes import collision_boxes
+from pipeline.kernels.hand.collision_shapes import collision_boxes, collision_spheres
+from pipeline.kernels.hand.convex_shapes import MAX_FACES
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import frequent_overlaps
@@ -206,4 +207,34 @@ def test_faces_of_all_shapes_are_bounded_and_a_file_is_read_once(tmp_path: Path,
     assert len(read) == 1
     monkeypatch.setattr("pipeline.formats.urdf.MAX_FACES", 100)
     with pytest.raises(InvalidInput, match=r"its shapes have 1\d\d faces or more, 100 are the most; decimate their meshes"):
+        read_urdf(path.parent / "urdf" / "claw.urdf")
+
+
+def test_heavy_hand_is_loaded_once_within_its_budget_and_again_when_a_file_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tip of 81,920 faces: physics and distances get a thousand; who asks again gets the same hand, until the mesh is another one."""
+    path = claw(tmp_path)
+    tip = path.parent / "meshes" / "tip.glb"
+    trimesh.creation.icosphere(subdivisions=6, radius=0.02).export(tip)
+    hand = load_hand(path)
+    (shape,) = hand.links[4].collisions
+    assert len(hand.links[4].visuals[0].mesh.faces) == 81_920
+    assert len(shape.mesh.faces) <= MAX_FACES
+    np.testing.assert_allclose(shape.mesh.vertices.max(axis=0), 0.02, atol=2e-4)
+    spheres = collision_spheres(hand, spacing=0.003).of_links([4])
+    assert len(spheres.radii) < 5000
+    with monkeypatch.context() as patched:
+        patched.setattr("pipeline.formats.urdf.load_mesh", lambda path: pytest.fail(f"{path} is read again"))
+        assert load_hand(path) is hand
+    trimesh.creation.icosphere(subdivisions=6, radius=0.01).export(tip)
+    assert load_hand(path).links[4].collisions[0].mesh.vertices.max() == pytest.approx(0.01, abs=2e-4)
+    tip.unlink()
+    with pytest.raises(InvalidInput, match=r"tip\.glb"):
         load_hand(path)
+
+
+def test_shape_that_is_too_large_to_fill_is_named(tmp_path: Path) -> None:
+    """A mesh in millimetres whose scale was forgotten would take all memory."""
+    path = claw(tmp_path)
+    trimesh.creation.box((20, 30, 50)).export(path.parent / "meshes" / "tip.glb")
+    with pytest.raises(InvalidInput, match=r"a collision shape of link tip is 20 x 30 x 50 m large; is the scale of its mesh right\?"):
+        collision_spheres(load_hand(path), spacing=0.003)

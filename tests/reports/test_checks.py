@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 import yaml
 from PIL import Image
 
@@ -152,3 +153,26 @@ def test_learning_curves_keep_the_powers_of_their_ticks_and_need_losses(tmp_path
         (tmp_path / "metrics.json").write_text(damage)
         with pytest.raises(StoreError, match=r"metrics.json lacks the losses"):
             training_losses(tmp_path)
+
+
+def test_check_of_a_hand_says_what_its_convex_shapes_lose_and_fill(tmp_path: Path) -> None:
+    """A palm of 20,480 faces with a dent of a centimetre."""
+    described = yaml.safe_load(description_path("hand", "two_finger_gripper").read_text())
+    palm = trimesh.creation.icosphere(subdivisions=5, radius=0.03)
+    away = np.linalg.norm(palm.vertices - [0, 0, 0.03], axis=1)
+    palm.vertices[:, 2] -= 0.01 * np.exp(-((away / 0.008) ** 2))
+    palm.export(tmp_path / "palm.stl")
+    urdf = load_hand("two_finger_gripper").urdf.read_text()
+    urdf = re.sub(r'<collision>(<origin[^>]*>)?<geometry><box size="0.06 0.17 0.05"/></geometry></collision>', PALM_MESH, urdf)
+    (tmp_path / "dented.urdf").write_text(urdf)
+    path = edited("hand", "two_finger_gripper", tmp_path / "dented.yaml", urdf="dented.urdf", fingers=described["fingers"])
+    lines = check_file(str(path), tmp_path / "a.png")
+    (taken,) = (line for line in lines if line.startswith("collision meshes of 1 link are taken as convex: 20480 faces became "))
+    lost = re.search(r"became (\d+), and (\d\.\d\d) mm is the most", taken)
+    assert lost is not None
+    assert int(lost[1]) <= 1000
+    assert float(lost[2]) <= 0.4
+    assert any(re.fullmatch(r"hollows of meshes that this fills, by depth: palm \d mm; `convex_parts` of a .*", line) for line in lines)
+
+
+PALM_MESH = '<collision><geometry><mesh filename="palm.stl"/></geometry></collision>'

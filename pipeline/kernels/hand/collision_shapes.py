@@ -1,21 +1,24 @@
-"""Collision shapes of a hand: spheres for distances to an object, boxes for distances between links, convex parts of meshes."""
+"""Collision shapes of a hand: spheres for distances to an object, boxes for distances between links."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import compose, invert_pose, transform_points
-from pipeline.kernels.hand.model import Hand, Link, Shape
+from pipeline.kernels.hand.model import Hand
+
+BLOCK = 4_000_000
+"""Points times faces of a shape whose distances are held at once: 32 MB."""
+MAX_LATTICE = 2_000_000
+"""Points of the lattice in a shape: at 3 mm a cube of 0.38 m, larger than any link of a hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +90,12 @@ def collision_spheres(hand: Hand, *, spacing: float, tolerance: float = 0.0) -> 
             except (QhullError, ValueError) as error:
                 what = shape.path or f"{shape.kind} of size {shape.size}"
                 raise InvalidInput(f"{hand.urdf}: collision shape {what} of link {link.name} is flat or not finite: {error}") from error
+            extent = np.ptp(hull.points, axis=0)
+            if (extent / spacing + 1).prod() > MAX_LATTICE:
+                sides = " x ".join(f"{side:.3g}" for side in extent)
+                raise InvalidInput(
+                    f"{hand.urdf}: a collision shape of link {link.name} is {sides} m large; is the scale of its mesh right?"
+                )
             points, depth = _fill(hull, spacing)
             kept = _prune(points, depth, tolerance) if tolerance > 0 else np.arange(len(points))
             parts.append((points[kept], depth[kept], np.full(len(kept), number, np.intp)))
@@ -135,7 +144,8 @@ def _fill(hull: ConvexHull, spacing: float) -> tuple[NDArray[np.float64], NDArra
     counts = np.ceil((high - low) / spacing).astype(int)
     axes = [a + (np.arange(n) + 0.5) / n * (b - a) for a, b, n in zip(low, high, counts, strict=True)]
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    depth = -(np.einsum("pc,cf->pf", lattice, np.ascontiguousarray(normals.T)) + offsets).max(axis=1)
+    blocks = np.array_split(lattice, 1 + len(lattice) * len(offsets) // BLOCK)
+    depth = np.concatenate([-(np.einsum("pc,cf->pf", block, np.ascontiguousarray(normals.T)) + offsets).max(axis=1) for block in blocks])
     subdivide: Any = trimesh.remesh.subdivide_to_size
     surface, _ = subdivide(hull.points, hull.simplices, max_edge=spacing)
     surface = np.unique(np.round(surface, 9), axis=0)  # faces are split one by one: their common edges come twice
@@ -144,60 +154,9 @@ def _fill(hull: ConvexHull, spacing: float) -> tuple[NDArray[np.float64], NDArra
 
 def _prune(points: NDArray[np.float64], depth: NDArray[np.float64], tolerance: float) -> NDArray[np.intp]:
     """Largest first, keep a sphere unless a kept one holds all of it but `tolerance`."""
-    order = np.argsort(-depth, kind="stable")
-    radius = float(depth.max()) + tolerance
-    neighbours = cKDTree(points).query_ball_point(points, radius)
-    kept = np.zeros(len(points), bool)
-    for i in order:
-        others = np.array([j for j in neighbours[i] if kept[j]], np.intp)
-        gap = np.linalg.norm(points[others] - points[i], axis=1) + depth[i] - depth[others]
-        kept[i] = not (gap <= tolerance).any()
-    return np.flatnonzero(kept)
-
-
-def split_into_convex_parts(link: Link, count: int) -> Link:
-    """Cut the meshes among a link's collision shapes into slabs across their longest side.
-
-    Parameters
-    ----------
-    link
-        Its boxes, spheres and cylinders stay as they are.
-    count
-        Slabs per mesh.
-
-    Returns
-    -------
-    The link with one convex shape per slab that holds something.
-    """
-    shapes: list[Shape] = []
-    for shape in link.collisions:
-        shapes += _slabs(shape, count) if shape.kind == "mesh" else [shape]
-    return replace(link, collisions=tuple(shapes))
-
-
-def _slabs(shape: Shape, count: int) -> list[Shape]:
-    low, high = shape.mesh.vertices.min(axis=0), shape.mesh.vertices.max(axis=0)
-    axis = int(np.argmax(high - low))
-    ends = np.linspace(low[axis], high[axis], count + 1)
-    across = np.eye(3)[axis]
-    triangles = np.asarray(shape.mesh.vertices)[shape.mesh.faces]
-    slabs = []
-    for start, end in pairwise(ends):
-        vertices, faces = _between(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), across, start, end)
-        try:
-            hull = ConvexHull(vertices) if len(faces) else None
-        except QhullError:  # a slab that is flat, such as where a plane face lies in the cut
-            hull = None
-        if hull is not None:
-            slabs.append(replace(shape, mesh=Mesh.bare(vertices[hull.vertices], np.searchsorted(hull.vertices, hull.simplices))))
-    return slabs or [shape]
-
-
-def _between(
-    vertices: NDArray[np.float64], faces: NDArray[np.intp], across: NDArray[np.float64], start: float, end: float
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    cut: Any = trimesh.intersections.slice_faces_plane
-    for normal, offset in ((across, start), (-across, end)):
-        if len(faces):
-            vertices, faces, _ = cut(vertices, faces, normal, across * offset)
-    return vertices, faces
+    kept = np.empty(0, np.intp)
+    for i in np.argsort(-depth, kind="stable"):
+        gap = np.linalg.norm(points[kept] - points[i], axis=1) + depth[i] - depth[kept]
+        if not (gap <= tolerance).any():
+            kept = np.append(kept, i)
+    return np.sort(kept)

@@ -1,0 +1,183 @@
+"""Convex collision shapes of links: physics, distances and overlaps take a mesh as its convex hull, or as the hulls of its slabs.
+
+The hull of a finely meshed link has thousands of faces, and time and memory grow with them. So a heavy mesh becomes a hull with a budget of
+faces when the hand is loaded: corners are left out that lie no more than a tolerance outside the others' hull.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import igl
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from pipeline.kernels.geometry.mesh import Mesh, directed_edges, without_slivers
+from pipeline.kernels.hand.model import Link, Shape
+
+MAX_FACES = 1000
+"""Faces of a collision shape. A mesh of no more is taken as it is: as many corners as this gives are no burden."""
+TOLERANCE = 1e-4
+"""m, that a hull of more than `MAX_FACES` faces may lose: a tenth of the clearance that grasps keep. It is doubled until the rest fits."""
+SAMPLE_SPACING = 2e-3
+"""m, between points on convex shapes at which their distance from the mesh is measured."""
+BLOCK = 4_000_000
+"""Points times planes that are compared at once: 32 MB."""
+ON_SURFACE = 1e-6
+"""m, within which a point counts as on a convex shape's surface."""
+
+
+@dataclass(frozen=True)
+class ConvexError:
+    """By how much convex shapes differ from the meshes of a link.
+
+    Attributes
+    ----------
+    faces, kept
+        Of the meshes, and of the convex shapes in their place.
+    lost
+        The meshes' farthest point outside the shapes, m.
+    filled
+        The deepest hollow of the meshes that the shapes fill, m, right to `SAMPLE_SPACING`.
+    """
+
+    faces: int
+    kept: int
+    lost: float
+    filled: float
+
+
+def with_convex_shapes(link: Link, slabs: int | None = None) -> Link:
+    """Replace the heavy meshes among a link's collision shapes by convex hulls, or all of them by hulls of slabs.
+
+    Parameters
+    ----------
+    link
+        Its boxes, spheres and cylinders stay as they are.
+    slabs
+        Cut each mesh into so many slabs across its longest side; by default, a mesh of more than `MAX_FACES` faces becomes one hull.
+
+    Returns
+    -------
+    The link; each new shape has at most `MAX_FACES` faces. A flat mesh stays as it is.
+    """
+    shapes: list[Shape] = []
+    for shape in link.collisions:
+        if shape.kind != "mesh" or (slabs is None and len(shape.mesh.faces) <= MAX_FACES):
+            shapes.append(shape)
+        else:
+            hulls = [_hull(points) for points in _slab_points(shape.mesh, slabs or 1)]
+            shapes += [replace(shape, mesh=hull) for hull in hulls if hull is not None] or [shape]
+    return replace(link, collisions=tuple(shapes))
+
+
+def _slab_points(mesh: Mesh, count: int) -> list[NDArray[np.float64]]:
+    """List the points (N, 3) that span each slab: the vertices in it, and where edges cross its ends."""
+    vertices = mesh.vertices[np.unique(mesh.faces)]
+    if count == 1:
+        return [vertices]
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    axis = int(np.argmax(high - low))
+    edges = mesh.vertices[np.unique(np.sort(directed_edges(mesh.faces), axis=1), axis=0)]  # (E, 2, 3)
+    ends = np.linspace(low[axis], high[axis], count + 1)
+    cuts = [_crossings(edges, axis, end) for end in ends]
+    height = vertices[:, axis]
+    return [
+        np.concatenate([vertices[(height >= start) & (height <= end)], *crossings])
+        for (start, end), crossings in zip(pairwise(ends), pairwise(cuts), strict=True)
+    ]
+
+
+def _crossings(edges: NDArray[np.float64], axis: int, place: float) -> NDArray[np.float64]:
+    """Compute where edges (E, 2, 3) cross a plane across an axis."""
+    above = edges[:, :, axis] > place
+    first, second = np.moveaxis(edges[above[:, 0] != above[:, 1]], 1, 0)
+    share = (place - first[:, axis]) / (second[:, axis] - first[:, axis])
+    points = first + share[:, None] * (second - first)
+    points[:, axis] = place
+    return points
+
+
+def _hull(points: NDArray[np.float64]) -> Mesh | None:
+    """Compute a convex hull of at most `MAX_FACES` faces; None where the points are flat."""
+    try:
+        hull = _exact_hull(points)
+    except (QhullError, ValueError):  # such as where a plane face lies in the cut
+        return None
+    corners, tolerance = hull.vertices, TOLERANCE
+    while len(hull.faces) > MAX_FACES:
+        hull = _hull_within(corners, tolerance)
+        tolerance *= 2
+    return hull
+
+
+def _hull_within(corners: NDArray[np.float64], tolerance: float) -> Mesh:
+    """Compute the hull of some corners (N, 3) of a convex body, outside of which no other corner is farther than `tolerance`."""
+    kept = np.zeros(len(corners), bool)
+    kept[ConvexHull(corners, qhull_options=f"Qt W{tolerance:.17g}").vertices] = True  # W: what is nearer to a facet's plane is left out
+    while True:
+        hull = _exact_hull(corners[kept])
+        distances, facets = _nearest(corners, hull)
+        missed = np.flatnonzero(distances > tolerance)  # beside a sharp edge, which is farther away than the planes that meet there
+        if not len(missed):
+            return hull
+        farthest = missed[np.argsort(-distances[missed], kind="stable")]
+        kept[farthest[np.unique(facets[farthest], return_index=True)[1]]] = True  # one for each facet
+
+
+def _exact_hull(points: NDArray[np.float64]) -> Mesh:
+    hull = ConvexHull(points)
+    return Mesh.bare(points[hull.vertices], np.searchsorted(hull.vertices, hull.simplices))
+
+
+def _nearest(points: NDArray[np.float64], mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Compute the distances (N,) of points (N, 3) from a mesh, m, and the nearest faces (N,)."""
+    squared, face, _ = igl.point_mesh_squared_distance(points, mesh.vertices, without_slivers(mesh.vertices, mesh.faces))
+    return np.sqrt(squared), face
+
+
+def convex_error(link: Link, convex: Link) -> ConvexError:
+    """Measure by how much the convex shapes of a link differ from its meshes.
+
+    Parameters
+    ----------
+    link
+        With its meshes as they were read; one at least collides.
+    convex
+        The same link from `with_convex_shapes`.
+
+    Returns
+    -------
+    Faces, and distances in m.
+    """
+    meshes = [shape.mesh for shape in link.collisions if shape.kind == "mesh"]
+    kept = [shape.mesh for shape in convex.collisions if shape.kind == "mesh"]
+    hulls = [ConvexHull(mesh.vertices) for mesh in kept]
+    corners = np.concatenate([mesh.vertices[np.unique(mesh.faces)] for mesh in meshes])
+    if len(hulls) == 1:  # the distance from a convex body is greatest at a corner of the rest's hull
+        corners = corners[ConvexHull(corners).vertices]
+    lost = np.min([_outside(corners, hull) for hull in hulls], axis=0).max()
+    filled = 0.0
+    for number, hull in enumerate(hulls):
+        subdivide: Any = trimesh.remesh.subdivide_to_size
+        points = subdivide(hull.points, hull.simplices, max_edge=SAMPLE_SPACING)[0]
+        points = points[np.unique(np.round(points / SAMPLE_SPACING), axis=0, return_index=True)[1]]  # one for each small cube
+        for other in (*hulls[:number], *hulls[number + 1 :]):
+            points = points[_outside(points, other) > ON_SURFACE]  # where slabs meet, the mesh may be solid
+        if len(points):
+            filled = max(filled, float(np.min([_nearest(points, mesh)[0] for mesh in meshes], axis=0).max()))
+    return ConvexError(sum(len(mesh.faces) for mesh in meshes), sum(len(mesh.faces) for mesh in kept), float(lost), filled)
+
+
+def _outside(points: NDArray[np.float64], hull: ConvexHull) -> NDArray[np.float64]:
+    """Compute the distances (N,) of points (N, 3) from a convex body, 0 inside, m."""
+    distance = np.zeros(len(points))
+    blocks = np.array_split(np.arange(len(points)), 1 + len(points) * len(hull.equations) // BLOCK)
+    outside = np.concatenate([(points[block] @ hull.equations[:, :3].T + hull.equations[:, 3] > 0).any(axis=1) for block in blocks])
+    if outside.any():
+        distance[outside] = _nearest(points[outside], Mesh.bare(hull.points, hull.simplices))[0]
+    return distance

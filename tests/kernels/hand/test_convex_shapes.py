@@ -1,0 +1,102 @@
+"""Convex shapes of heavy meshes: a budget of faces, an error within a bound, measured here on its own, and the same shapes each time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import ConvexHull
+
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.convex_shapes import MAX_FACES, TOLERANCE, convex_error, with_convex_shapes
+from pipeline.kernels.hand.model import Link, Shape
+
+
+def link(*meshes: Any) -> Link:
+    shapes = [Shape("mesh", (1.0, 1.0, 1.0), np.eye(4), Mesh.bare(mesh.vertices, mesh.faces)) for mesh in meshes]
+    return Link("link", (), tuple(shapes))
+
+
+def bumpy_link(rng: np.random.Generator, subdivisions: int = 6) -> Any:
+    """Make a finger's length of 81,920 faces, each vertex of which sticks out a little more or less than its neighbours."""
+    body = trimesh.creation.icosphere(subdivisions=subdivisions)
+    body.vertices = body.vertices * [0.012, 0.015, 0.05] * (1 + 2e-4 * rng.standard_normal((len(body.vertices), 1)))
+    return body
+
+
+def distance_outside(points: np.ndarray, mesh: Mesh) -> float:
+    """Compute the greatest distance of points from a convex body, by trimesh."""
+    body = trimesh.Trimesh(mesh.vertices, mesh.faces).convex_hull
+    hull = ConvexHull(mesh.vertices)
+    height = (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
+    beyond = points[np.argsort(height)[-500:]]  # a distance is no less than the height above a plane
+    beyond = beyond[np.sort(height)[-500:] > 0]
+    return float(trimesh.proximity.closest_point_naive(body, beyond)[1].max()) if len(beyond) else 0.0
+
+
+def test_heavy_mesh_becomes_a_hull_within_the_budget_that_loses_no_more_than_reported(rng: np.random.Generator) -> None:
+    body = bumpy_link(rng)
+    heavy = link(body)
+    (shape,) = with_convex_shapes(heavy).collisions
+    assert len(body.faces) == 81_920
+    assert len(ConvexHull(body.vertices).simplices) > 2 * MAX_FACES
+    assert len(shape.mesh.faces) <= MAX_FACES
+    corners = body.vertices[ConvexHull(body.vertices).vertices]
+    lost = distance_outside(corners, shape.mesh)
+    error = convex_error(heavy, with_convex_shapes(heavy))
+    assert (error.faces, error.kept) == (len(body.faces), len(shape.mesh.faces))
+    assert error.lost == pytest.approx(lost, abs=1e-9)
+    assert 0 < lost <= 4 * TOLERANCE
+    assert {tuple(vertex) for vertex in shape.mesh.vertices} <= {tuple(vertex) for vertex in body.vertices}  # so nothing is added
+
+
+def test_edges_of_a_blade_are_lost_no_more_than_its_faces(rng: np.random.Generator) -> None:
+    """Near the edge of a wedge a point may lie far outside, and yet near both planes that meet there."""
+    ends = np.column_stack([np.linspace(0, 0.1, 600), 1e-3 * np.sin(np.linspace(0, np.pi, 600)), np.zeros(600)])
+    blade = np.concatenate([ends, ends * [1, 0, 0] + [0, -0.02, 0.001], ends * [1, 0, 0] + [0, -0.02, -0.001]])
+    hull = ConvexHull(blade)
+    wedge = trimesh.Trimesh(blade, hull.simplices, process=False)
+    fine = Mesh.bare(*trimesh.remesh.subdivide_to_size(wedge.vertices, wedge.faces, max_edge=0.004))
+    heavy = replace(link(), collisions=(Shape("mesh", (1.0, 1.0, 1.0), np.eye(4), fine),))
+    (shape,) = with_convex_shapes(heavy).collisions
+    assert len(fine.faces) > MAX_FACES >= len(shape.mesh.faces)
+    assert distance_outside(blade, shape.mesh) <= TOLERANCE + 1e-9
+
+
+def test_mesh_within_the_budget_is_taken_as_it_is() -> None:
+    light = link(trimesh.creation.icosphere(subdivisions=2))
+    assert with_convex_shapes(light).collisions[0] is light.collisions[0]
+
+
+def test_shapes_are_the_same_each_time(rng: np.random.Generator) -> None:
+    heavy = link(bumpy_link(rng, subdivisions=5))
+    first, second = (with_convex_shapes(heavy, slabs).collisions for slabs in (3, 3))
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)
+        np.testing.assert_array_equal(one.mesh.faces, other.mesh.faces)
+
+
+def test_slabs_hold_what_lies_between_their_ends() -> None:
+    """An open tube: each slab is a drum, and together they are the tube's hull."""
+    tube = trimesh.creation.annulus(r_min=0.01, r_max=0.012, height=0.08)
+    slabs = with_convex_shapes(link(tube), 4).collisions
+    ends = np.linspace(-0.04, 0.04, 5)
+    for (low, high), slab in zip(pairwise(ends), slabs, strict=True):
+        assert slab.mesh.vertices[:, 2].min() == pytest.approx(low)
+        assert slab.mesh.vertices[:, 2].max() == pytest.approx(high)
+        assert trimesh.Trimesh(slab.mesh.vertices, slab.mesh.faces).convex_hull.volume == pytest.approx(tube.convex_hull.volume / 4)
+
+
+def test_depth_of_filled_hollows_is_measured() -> None:
+    """A tray with walls of 20 mm: its hull fills it to the brim; slabs across it do so too, except that bare ends of a bar are none."""
+    sides = [((0.1, 0.06, 0.002), (0, 0, 0.001)), ((0.1, 0.002, 0.02), (0, 0.029, 0.01)), ((0.1, 0.002, 0.02), (0, -0.029, 0.01))]
+    tray = trimesh.util.concatenate([trimesh.creation.box(size, trimesh.transformations.translation_matrix(at)) for size, at in sides])
+    error = convex_error(link(tray), with_convex_shapes(link(tray), 1))
+    assert error.lost == pytest.approx(0, abs=1e-12)
+    assert error.filled == pytest.approx(0.018, abs=0.001)
+    bar = link(trimesh.creation.box((0.1, 0.01, 0.01)))
+    assert convex_error(bar, with_convex_shapes(bar, 5)).filled == pytest.approx(0, abs=1e-9)  # where slabs meet, nothing is filled
