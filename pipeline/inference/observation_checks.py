@@ -122,7 +122,7 @@ def faults(observation: RobotObservation, model: ModelInputs | None = None) -> l
 
 def _far(observation: RobotObservation) -> Iterator[str]:
     """Name positions that are too far away, perhaps in another unit."""
-    positions = [("object.centre", observation.object.centre), ("object.diagonal", observation.object.diagonal)]
+    positions: list[tuple[str, Any]] = [("object.centre", observation.object.centre), ("object.diagonal", observation.object.diagonal)]
     positions += [("camera.pose", observation.camera.pose.array[:3, 3])] if observation.camera else []
     positions += [(f"{observation.name_of(n)} pose", touch.pose.array[:3, 3]) for n, touch in enumerate(observation.touches)]
     for name, position in positions:
@@ -147,7 +147,7 @@ def _unfit(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
     if ours is None or theirs is None:
         return
     sizes = [(sensor.width, sensor.height, sensor.w) for sensor in (theirs, ours)]
-    if not np.allclose(*sizes, rtol=SIZE_TOLERANCE, atol=0):
+    if not np.allclose(sizes[0], sizes[1], rtol=SIZE_TOLERANCE, atol=0):
         given, known = (f"{1e3 * width:.4g} x {1e3 * height:.4g} mm with a gel of {1e3 * w:.4g} mm" for width, height, w in sizes)
         yield (
             f"sensor {theirs.name} has {given}, the model's {ours.name} {known}: "

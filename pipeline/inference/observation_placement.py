@@ -143,7 +143,8 @@ def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
     if image.shape[:2] == sensor.shape:
         return image
     shrinks = image.shape[0] > sensor.rows
-    return np.rint(resize(image, sensor.shape, order=1, preserve_range=True, anti_aliasing=shrinks)).astype(np.uint8)
+    made = resize(image, sensor.shape, order=1, preserve_range=True, anti_aliasing=shrinks)  # type: ignore[no-untyped-call]
+    return np.asarray(np.rint(made), np.uint8)
 
 
 def _background(camera: ObservedCamera, model: ModelInputs) -> tuple[tuple[int, int, int], NDArray[np.uint8]]:
@@ -226,7 +227,7 @@ def _touch_remarks(observation: RobotObservation, box: ObjectBox, sensor: Sensor
         yield f"tactile images resampled from {cols} x {rows} to {sensor.cols} x {sensor.rows} pixels"
     if observation.untouched is None:
         yield f"untouched image: that of the model's sensor, {sensor.name}"
-    if turned := [observation.name_of(number) for number in np.flatnonzero(facing_away(observation, box))]:
+    if turned := [observation.name_of(number) for number, away in enumerate(facing_away(observation, box)) if away]:
         yield f"warning: {', '.join(turned)} face away from the object's centre: +z must point out of the gel"
 
 

@@ -86,15 +86,17 @@ def _draw_from(right: int, up: int):  # type: ignore[no-untyped-def]
 
     def draw(axes: Axes, observation: RobotObservation, box: ObjectBox) -> None:
         unit = observation.metres_per_unit
-        axes.add_patch(Circle(box.centre[[right, up]] / unit, (box.diagonal or 0) / 2 / unit, fill=False, linestyle="--"))
-        axes.plot(*box.centre[[right, up]] / unit, "+", color="C3", markersize=12, label="object")
+        column, row = box.centre[[right, up]] / unit
+        axes.add_patch(Circle((column, row), (box.diagonal or 0) / 2 / unit, fill=False, linestyle="--"))
+        axes.plot(column, row, "+", color="C3", markersize=12, label="object")
         for number, outline in enumerate(_outlines(observation) / unit):
             axes.plot(*outline[:, [right, up]].T, color="C0", label=None if number else "gels")
         if observation.projection is not None:
             eye, ahead = optical_centre(observation.projection), split_projection(observation.projection)[1][2]
-            tip = eye + 0.3 * np.linalg.norm(eye - box.centre) * ahead
-            axes.annotate("", xy=tip[[right, up]] / unit, xytext=eye[[right, up]] / unit, arrowprops={"arrowstyle": "->"})
-            axes.plot(*eye[[right, up]] / unit, "o", color="black", label="camera")
+            tip = (eye + 0.3 * np.linalg.norm(eye - box.centre) * ahead) / unit
+            eye = eye / unit
+            axes.annotate("", xy=(tip[right], tip[up]), xytext=(eye[right], eye[up]), arrowprops={"arrowstyle": "->"})
+            axes.plot(eye[right], eye[up], "o", color="black", label="camera")
         x, y, along = ("xyz"[axis] for axis in (right, up, 3 - right - up))
         axes.set(xlabel=f"{x}, {observation.unit}", ylabel=f"{y}, {observation.unit}", aspect="equal", title=f"seen along {along}")
         axes.legend(fontsize=8)
