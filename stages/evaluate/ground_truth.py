@@ -67,7 +67,7 @@ class TestObjects:
 
     def diagonal(self, row: int) -> float:
         """Compute the diagonal of an object's bounding box, m."""
-        return length(np.ptp(read_mesh(self.surfaces.view(self.rows.object_ids[row])).vertices, axis=0))
+        return float(length(np.ptp(read_mesh(self.surfaces.view(self.rows.object_ids[row])).vertices, axis=0)))
 
     def table(self) -> Arrays:
         """Make the group `objects` of the schema."""
