@@ -16,7 +16,7 @@ from pipeline import plugins
 from pipeline.errors import InvalidInput, meant
 from pipeline.formats.file_content import read_file
 
-Kind = Literal["manifest", "hand", "sensor", "scene", "cluster"]
+Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation"]
 Model = TypeVar("Model", bound=BaseModel)
 
 MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40

@@ -143,7 +143,7 @@ def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
     if image.shape[:2] == sensor.shape:
         return image
     shrinks = image.shape[0] > sensor.rows
-    made = resize(image, sensor.shape, order=1, preserve_range=True, anti_aliasing=shrinks)  # type: ignore[no-untyped-call]
+    made = resize(image, sensor.shape, order=1, preserve_range=True, anti_aliasing=shrinks)
     return np.asarray(np.rint(made), np.uint8)
 
 

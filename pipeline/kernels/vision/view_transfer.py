@@ -155,8 +155,8 @@ def transfer_view(
     mapping = np.linalg.inv(shift) @ to_image @ shift
     shrinking = _scale(to_image, (shape[1] / 2, shape[0] / 2))
     smooth = gaussian_filter(image.astype(np.float64), ((shrinking - 1) / 2,) * 2, axes=(0, 1)) if shrinking > 1 else image
-    cover = warp(np.ones(image.shape[:2]), mapping, output_shape=shape, order=1)[..., None]  # type: ignore[no-untyped-call]
-    moved_image = warp(smooth.astype(np.float64), mapping, output_shape=shape, order=1)  # type: ignore[no-untyped-call]
+    cover = warp(np.ones(image.shape[:2]), mapping, output_shape=shape, order=1)[..., None]
+    moved_image = warp(smooth.astype(np.float64), mapping, output_shape=shape, order=1)
     made = moved_image + (1 - cover) * np.array(fill, np.float64)
     return np.clip(np.rint(made), 0, 255).astype(np.uint8), float(cover.mean())
 
