@@ -1,4 +1,4 @@
-"""Grasp a manifest's objects with each of seven hands from PyPI, and print how often they touch: `make test-hands`."""
+"""Grasp a manifest's objects with each of some hands from PyPI; print how often they touch, minutes and memory: `make test-hands`."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import argparse
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
+import psutil
 import yaml
 
 from benchmarks.timing import Table
@@ -34,40 +36,56 @@ def main() -> None:
     parser.add_argument("--workers", default="0")
     options = parser.parse_args()
     options.data.mkdir(parents=True, exist_ok=True)
-    columns = ["fingers", "sensors", "joints", "loaded in, s", "objects", "failed", "% of touches", "% of all attempts"]
+    columns = ["fingers", "sensors", "joints", "loaded in, s", "minutes", "peak, MB", "objects", "failed"]
+    columns += ["% of touches", "% of all attempts"]
     table, reached = Table("Hands of others", columns), 0
     for name in options.hands:
         path = _installed(name, options.site_packages, options.data)
         began = time.perf_counter()
         hand = load_hand(path)
         seconds = round(time.perf_counter() - began, 1)
-        touches = _run(path, options.data / name, options)
+        began = time.perf_counter()
+        touches, peak = _run(path, options.data / name, options)
+        minutes = round((time.perf_counter() - began) / 60, 1)
         objects, share, tried = len(touches.touched), "–", "–"
         if objects:
             share, tried = (f"{value:.1f}" for value in touches.row()[3:])
             reached += touches.row()[3] >= ENOUGH
         failed = len(list(DataDirectory(options.data / name).collection(GRASPS))) - objects
-        table.add(name, len(hand.fingers), len(hand.sensors), len(hand.joint_names), seconds, objects, failed, share, tried)
+        table.add(name, len(hand.fingers), len(hand.sensors), len(hand.joint_names), seconds, minutes, peak, objects, failed, share, tried)
     print(table.markdown(f"{reached} of {len(table.rows)} hands reach {ENOUGH:g} % of successful touches."))
     if len(table.rows) >= HANDS > reached:
         sys.exit(1)
 
 
-def _run(hand: Path, data: Path, options: argparse.Namespace) -> Tally:
-    """Run the stages with one hand, print the summary, and add up its categories."""
+def _run(hand: Path, data: Path, options: argparse.Namespace) -> tuple[Tally, int]:
+    """Check a hand, run the stages with it, and print the summary; add up its categories, and find the largest process, MB."""
     pipeline = [sys.executable, "-m", "pipeline"]
+    peak = _peak([*pipeline, "check", str(hand)], cwd=data.parent)
     for stage in STAGES:
         settings = [f"{stage}.hand={hand}"] if stage in ("simulate-grasps", "render-vision") else []
         settings += [text for text in options.set if text.startswith(stage)]
         command = ["run", stage, "--manifest", options.manifest, "--data", str(data), "--workers", options.workers]
-        subprocess.run([*pipeline, *command, *(part for text in settings for part in ("--set", text))], check=True)
+        peak = max(peak, _peak([*pipeline, *command, *(part for text in settings for part in ("--set", text))]))
     subprocess.run([*pipeline, "summary", str(data)], check=False)
     try:
         found = tally(data).values()
     except StoreError as error:
         print(f"{hand.stem}: {error}")
         found = {}.values()
-    return Tally([t for entry in found for t in entry.touched], [t for entry in found for t in entry.tried])
+    return Tally([t for entry in found for t in entry.touched], [t for entry in found for t in entry.tried]), peak
+
+
+def _peak(command: list[str], cwd: Path | None = None) -> int:
+    """Run a command to its end; the most memory that one of its processes held at a time, MB."""
+    process, peak = psutil.Popen(command, cwd=cwd), 0
+    while process.poll() is None:
+        with suppress(psutil.Error):
+            peak = max([peak, *(each.memory_info().rss for each in (process, *process.children(recursive=True)))])
+        time.sleep(0.1)
+    if process.returncode:
+        sys.exit(f"{' '.join(command)} ended with status {process.returncode}")
+    return round(peak / 1e6)
 
 
 def _installed(name: str, folders: list[Path], data: Path) -> Path:

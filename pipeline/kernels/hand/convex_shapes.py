@@ -97,7 +97,7 @@ def _crossings(edges: NDArray[np.float64], axis: int, place: float) -> NDArray[n
     above = edges[:, :, axis] > place
     first, second = np.moveaxis(edges[above[:, 0] != above[:, 1]], 1, 0)
     share = (place - first[:, axis]) / (second[:, axis] - first[:, axis])
-    points = first + share[:, None] * (second - first)
+    points: NDArray[np.float64] = first + share[:, None] * (second - first)
     points[:, axis] = place
     return points
 
@@ -136,7 +136,7 @@ def _exact_hull(points: NDArray[np.float64]) -> Mesh:
 
 def _nearest(points: NDArray[np.float64], mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Compute the distances (N,) of points (N, 3) from a mesh, m, and the nearest faces (N,)."""
-    squared, face, _ = igl.point_mesh_squared_distance(points, mesh.vertices, without_slivers(mesh.vertices, mesh.faces))
+    squared, face, _ = igl.point_mesh_squared_distance(points, mesh.vertices, without_slivers(mesh.vertices, mesh.faces.astype(np.int64)))
     return np.sqrt(squared), face
 
 
