@@ -17,7 +17,7 @@ CANARY = "canary"
 PASSED = ("MANIFEST", "PRESET", "DATA", "OBJECTS", "UNITS", "UP", "SET", "WORKERS")
 """In the order in which `vt-pipeline run` is given them."""
 OPTIONAL = ("OBJECTS", "UNITS", "UP")
-REFUSED = (b"has a line break", b"it must be a whole number", b"is damaged", b"Argument list too long", b"File name too long")
+REFUSED = (b"has a line break", b"it must be a whole number", b"it must be whole numbers", b"is damaged", b"Argument list too long", b"File name too long")
 NEEDED = ("sh", "head", "tr", "seq", "touch", "env")
 SOUND = {
     "plain": {"MANIFEST": b"toy", "PRESET": b"draft", "DATA": b"d", "SET": b"a.b=1 c=[1,2]", "SHARDS": b"2", "SEEDS": b"0 1"},

@@ -115,6 +115,7 @@ def test_files_that_no_record_lists(tmp_path, put: Callable[[Path], None]):
     said = {
         "settings": {"points": 1, "scale": 1.0},
         "seed": 0,
+        "paper_sizes": True,
         "split": "test",
         "configurations": {"none": {"touch": False}},
         "left_out": {},
