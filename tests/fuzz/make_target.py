@@ -17,7 +17,9 @@ CANARY = "canary"
 PASSED = ("MANIFEST", "PRESET", "DATA", "OBJECTS", "UNITS", "UP", "SET", "WORKERS")
 """In the order in which `vt-pipeline run` is given them."""
 OPTIONAL = ("OBJECTS", "UNITS", "UP")
-REFUSED = (b"has a line break", b"it must be a whole number", b"it must be whole numbers", b"is damaged", b"Argument list too long", b"File name too long")
+REFUSED = (b"has a line break", b"must be a whole number", b"must be whole numbers", b"is damaged", b"list too long", b"name too long")
+ANSWERS = 'case "$2" in *ensurepip*) echo 3.13 yes yes /usr ;; *) echo 4 ;; esac'
+"""What Python says of itself to tools/install.sh, and of a dataset's shards to tools/shards.sh."""
 NEEDED = ("sh", "head", "tr", "seq", "touch", "env")
 SOUND = {
     "plain": {"MANIFEST": b"toy", "PRESET": b"draft", "DATA": b"d", "SET": b"a.b=1 c=[1,2]", "SHARDS": b"2", "SEEDS": b"0 1"},
@@ -71,7 +73,7 @@ def _make_workplace(work: Path) -> None:
         (work / folder).mkdir(parents=True)
     for name in NEEDED:
         (work / "programs" / name).symlink_to(str(shutil.which(name)))
-    for name, script in (("vt-pipeline", r"""printf '%s\0' "$@" >>log; echo >>log"""), ("python", "echo 4")):
+    for name, script in (("vt-pipeline", r"""printf '%s\0' "$@" >>log; echo >>log"""), ("python", ANSWERS)):
         (work / ".venv" / "bin" / name).write_text(f"#!/bin/sh\n{script}\n")
         (work / ".venv" / "bin" / name).chmod(0o755)
     (work / ".venv" / "installed").touch()
