@@ -101,7 +101,7 @@ fit-charts.%: train-unet
 TRAINING  = $(call run,$(1)) --set $(call quoted,$(1).configuration=$(basename $*)) --set $(call quoted,$(1).training_seed=$(subst .,,$(suffix $*)))
 train-gcn.%: every-sample-surfaces $$(if $$(findstring occluded,$$*),every-render-vision) $$(if $$(findstring touch,$$*),every-fit-charts)
 	@$(call TRAINING,train-gcn)
-train-implicit.%: every-sample-distances $$(if $$(findstring occluded,$$*),every-render-vision) $$(if $$(findstring touch,$$*),every-fit-charts)
+train-implicit.%: every-sample-surfaces every-sample-distances $$(if $$(findstring occluded,$$*),every-render-vision) $$(if $$(findstring touch,$$*),every-fit-charts)
 	@$(call TRAINING,train-implicit)
 
 FAMILIES  = implicit
