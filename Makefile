@@ -154,7 +154,7 @@ installed-%: setup FORCE
 
 household: installed-household  ## install sweethome3d-furniture, and unpack its 820 models for MANIFEST=household; as root (120 MB)
 
-docs: setup  ## regenerate docs/data-format.md and docs/settings.md
+docs: setup  ## regenerate the reference pages in docs: arrays, settings, manifests, observations
 	@$(BIN)/python -m tools.reference_pages docs
 
 lint: installed-dev  ## check style, types and import directions

@@ -61,7 +61,7 @@ def test_unit_is_doubted_where_objects_are_not_as_large_as_what_hands_grasp(tmp_
     trimesh.creation.box((0.1, 0.2, 0.3)).export(meshes / "case.glb")
     lines = check(tmp_path, meshes, units="mm")
     assert row(lines, "case")[2] == "mm, --units (its file: m)"
-    assert "warning: case is 0.00037 m large: is the unit m?" in lines
+    assert "warning: case is 0.000374 m large: is the unit m?" in lines
 
 
 def test_objects_without_a_unit_are_scaled_and_the_likely_unit_is_named(tmp_path: Path, meshes: Path) -> None:
