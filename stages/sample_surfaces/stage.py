@@ -45,6 +45,8 @@ class SampleSurfaces(ObjectStage):
 
     def remarks(self, settings: SurfaceSettings, shard: Shard) -> Iterator[str]:
         """Name the objects whose textures or materials are missing: they are rendered without."""
+        if not shard.has("missing_names"):  # all objects failed
+            return
         paths = shard.read("missing_names")
         yield from missing_remarks({name: str(paths[row]) for name, row in shard.position.items() if paths[row]})
 
