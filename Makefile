@@ -101,7 +101,7 @@ fit-charts.%: train-unet
 TRAINING  = $(call run,$(1)) --set $(call quoted,$(1).configuration=$(basename $*)) --set $(call quoted,$(1).training_seed=$(subst .,,$(suffix $*)))
 train-gcn.%: every-sample-surfaces $$(if $$(findstring occluded,$$*),every-render-vision) $$(if $$(findstring touch,$$*),every-fit-charts)
 	@$(call TRAINING,train-gcn)
-train-implicit.%: every-sample-distances $$(if $$(findstring occluded,$$*),every-render-vision) $$(if $$(findstring touch,$$*),every-fit-charts)
+train-implicit.%: every-sample-surfaces every-sample-distances $$(if $$(findstring occluded,$$*),every-render-vision) $$(if $$(findstring touch,$$*),every-fit-charts)
 	@$(call TRAINING,train-implicit)
 
 FAMILIES  = implicit
@@ -154,7 +154,7 @@ installed-%: setup FORCE
 
 household: installed-household  ## install sweethome3d-furniture, and unpack its 820 models for MANIFEST=household; as root (120 MB)
 
-docs: setup  ## regenerate docs/data-format.md and docs/settings.md
+docs: setup  ## regenerate the reference pages in docs: arrays, settings, manifests, observations
 	@$(BIN)/python -m tools.reference_pages docs
 
 lint: installed-dev  ## check style, types and import directions

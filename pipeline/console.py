@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import multiprocessing
 import re
@@ -162,6 +163,13 @@ def show_tables(console: Console, tables: Iterable[Table]) -> None:
             continue
         rows = [[f"[dim]{escape(cell)}[/]" if row.dim else escape(cell) for cell in table.text(row)] for row in table.rows]
         print_table(console, map(escape, table.columns), rows, escape(table.title))
+
+
+def table_lines(table: Table) -> list[str]:
+    """Write a table as lines of text, its columns aligned."""
+    text = io.StringIO()
+    show_tables(Console(file=text, width=REDIRECTED_WIDTH, highlight=False, emoji=False), [table])
+    return [line.rstrip() for line in text.getvalue().splitlines()]
 
 
 class Meter:

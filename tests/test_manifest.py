@@ -146,7 +146,7 @@ def test_counts_of_a_source_are_bounded():
 def test_entries_of_a_folder_are_bounded(tmp_path, monkeypatch):
     (tmp_path / "a.obj").write_text(CUBE)
     (tmp_path / "b.obj").write_text(CUBE)
-    monkeypatch.setattr("pipeline.config.sources.MAX_ENTRIES", 1)
+    monkeypatch.setattr("pipeline.config.folder_sources.MAX_ENTRIES", 1)
     with pytest.raises(InvalidInput, match="has more than 1 files and folders; give the folder of the meshes alone"):
         manifest(folder("directory", tmp_path)).objects()
 

@@ -1,4 +1,4 @@
-"""Write the reference pages `docs/data-format.md`, `docs/settings.md` and the entries of observation files: `make docs`.
+"""Write the reference pages: arrays, settings, and the entries of manifests and observation files: `make docs`.
 
 What is above the marker in a page is written by hand; the rest is generated from `schemas/`, the stages' settings and the models of files.
 """
@@ -14,8 +14,10 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
+from pipeline.config.manifest import Manifest
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
+from pipeline.config.sources import MeshSource, Source
 from pipeline.engine.stage import ObjectStage
 from pipeline.inference.observation_file import RobotObservation
 from pipeline.store.atomic import write_at_once
@@ -140,14 +142,31 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
 
 
-# ---- docs/guide/own-photographs.md
+# ---- docs/guide/own-photographs.md and docs/manifest.md: entries of YAML files
 
 
 def observation_entries() -> str:
     """Describe every entry of an observation file."""
     schema = RobotObservation.model_json_schema()
-    models = {"An observation": schema} | {TITLES[name]: schema["$defs"][name] for name in TITLES}
+    inner = ("ObservedObject", "ObservedCamera", "Intrinsics", "ObservedTouch", "Pose")
+    models = {"An observation": schema} | {TITLES[name]: schema["$defs"][name] for name in inner}
     return "\n".join(part for title, model in models.items() for part in _entries(title, model))
+
+
+def manifest_entries() -> str:
+    """Describe every entry of a manifest; those that several kinds of sources have once."""
+    schema = Manifest.model_json_schema()
+    models, source, meshes = schema["$defs"], Source.model_json_schema(), MeshSource.model_json_schema()
+    parts = [
+        _entries("A manifest", schema),
+        _entries(TITLES["Splits"], models["Splits"]),
+        _entries("Every source", source),
+        _entries("Every source of mesh files", meshes, known=source),
+        *(_entries(TITLES[name], models[name], known=meshes) for name in ("Directory", "Catalogue", "ShapeNet", "Pybullet")),
+        _entries(TITLES["PybulletFile"], models["PybulletFile"]),
+        _entries(TITLES["Procedural"], models["Procedural"], known=source),
+    ]
+    return "\n".join(part for entries in parts for part in entries)
 
 
 TITLES = {
@@ -156,17 +175,26 @@ TITLES = {
     "Intrinsics": "`intrinsics`",
     "ObservedTouch": "`touches`",
     "Pose": "`pose`",
+    "Splits": "`splits`",
+    "Directory": "`kind: directory`",
+    "Catalogue": "`kind: catalogue`",
+    "ShapeNet": "`kind: shapenet`",
+    "Pybullet": "`kind: pybullet`",
+    "PybulletFile": "`files` of `kind: pybullet`",
+    "Procedural": "`kind: procedural`",
 }
-"""Headings of the models in an observation."""
+"""Headings of the models in observations and manifests."""
 
 
-def _entries(title: str, model: Mapping[str, Any]) -> Iterator[str]:
+def _entries(title: str, model: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> Iterator[str]:
+    """Describe a model of a YAML file; entries that another model has are described there."""
     yield f"### {title}\n"
     yield f"{model['description']}\n"
-    needed = model.get("required", ())
+    needed, elsewhere = model.get("required", ()), known["properties"] if known else {}
     rows = [
         (f"`{name}`", _schema_type(entry), "needed" if name in needed else _default(entry.get("default")), entry.get("description", ""))
         for name, entry in model["properties"].items()
+        if name not in elsewhere
     ]
     yield _table(("entry", "type", "default", "meaning"), rows)
 
@@ -186,12 +214,22 @@ def _schema_type(entry: Mapping[str, Any]) -> str:
     if "prefixItems" in entry:
         count, inner = len(entry["prefixItems"]), _schema_type(entry["prefixItems"][0])
         return f"{count} × {inner}" if inner.endswith("s") else f"{count} {inner}s"
+    if "oneOf" in entry:
+        return "sources"
+    if "additionalProperties" in entry:
+        names = " or ".join(f"`{name}`" for name in entry.get("propertyNames", {}).get("enum", ()))
+        return f"{names or 'name'}: {_schema_type(entry['additionalProperties'])}, …"
     if entry["type"] == "array":
         return f"list of {_schema_type(entry['items'])}"
-    return {"string": "text", "boolean": "`true` or `false`"}.get(entry["type"], entry["type"])
+    return "path" if entry.get("format") == "path" else {"string": "text", "boolean": "`true` or `false`"}.get(entry["type"], entry["type"])
 
 
-PAGES = {"data-format.md": data_format, "settings.md": settings, "guide/own-photographs.md": observation_entries}
+PAGES = {
+    "data-format.md": data_format,
+    "settings.md": settings,
+    "manifest.md": manifest_entries,
+    "guide/own-photographs.md": observation_entries,
+}
 
 if __name__ == "__main__":
     main()

@@ -13,8 +13,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from pipeline.config.folder_sources import ShapeNet
 from pipeline.config.manifest import load_manifest
-from pipeline.config.sources import ShapeNet
 from pipeline.console import Meter, errors, print_line
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.errors import StageError

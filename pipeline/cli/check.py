@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.completion import complete_described
+from pipeline.cli.request import ObjectsOption, UnitsOption, UpOption
 from pipeline.console import print_line
 from pipeline.store.storage import place
 
@@ -23,17 +24,25 @@ def check(
     picture: Annotated[Path | None, typer.Option(help="PNG to draw it in; by default NAME.png in the current folder.")] = None,
     models: Annotated[str | None, typer.Option(help="Folder of trained models, to check an observation against one.")] = None,
     configuration: Annotated[str, typer.Option(help="Which model of MODELS.")] = "occluded-touch",
+    objects: ObjectsOption = None,
+    units: UnitsOption = None,
+    up: UpOption = None,
 ) -> None:
     """Check and draw a hand, sensor, scene, manifest or observation file.
 
-    All faults are named at once.
+    All faults are named at once; with one, the exit status is 1. A manifest's objects are all read: sizes, units, faces, textures.
     """
     from pipeline.reports.description_checks import check_file
+    from pipeline.reports.manifest_check import MeshFiles
 
     given = None
     if models is not None:
         from pipeline.inference.predict import model_reader
 
         given = model_reader(place(models), configuration).inputs
-    for line in check_file(file, picture, given):
+    meshes = None if objects is None and units is None and up is None else MeshFiles(objects, units, up)
+    lines = check_file(file, picture, given, meshes)
+    for line in lines:
         print_line(line)
+    if any(line.startswith("fault:") for line in lines):
+        raise typer.Exit(1)

@@ -13,8 +13,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
 from pipeline.config.objects import Object as Object
-from pipeline.config.sources import Catalogue, Directory, MeshSource, Procedural, Pybullet, ShapeNet
+from pipeline.config.sources import MeshSource, Procedural, Pybullet
 from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, read_description
@@ -28,11 +29,14 @@ OBJECT_ID = re.compile(r"(?!\.|zarr\.json$)[A-Za-z0-9._-]{1,120}")
 class Splits(BaseModel):
     """How many objects go to each split: shares that sum to 1, or counts that sum to the number of objects."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     train: float = Field(ge=0)
+    """For learning."""
     valid: float = Field(ge=0)
+    """To choose the best epoch by."""
     test: float = Field(ge=0)
+    """For evaluation."""
 
     @property
     def are_counts(self) -> bool:
@@ -62,15 +66,20 @@ def without_controls(name: str) -> str:
 class Manifest(BaseModel):
     """A dataset's objects, as its YAML file states them."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     name: Annotated[str, AfterValidator(without_controls)]
+    """Of the dataset, recorded in it."""
     description: str
+    """For readers: which objects these are."""
     seed: int = Field(ge=0)
+    """From which the splits are drawn, and all that is drawn for an object; `--seed` replaces the latter."""
     splits: Splits
+    """How many objects are for what."""
     sources: tuple[Annotated[Procedural | Pybullet | Directory | Catalogue | ShapeNet, Field(discriminator="kind")], ...] = Field(
         min_length=1
     )
+    """Where the objects come from, one or more, of any kinds."""
 
     def objects(self, root: Path | None = None) -> list[Object]:
         """List every object in id order, with its category, source and split.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,13 +9,13 @@ import numpy as np
 import yaml
 from matplotlib.figure import Figure
 
-from pipeline.config.manifest import SPLITS, load_manifest
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.normalise import POSITION
 from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
 from pipeline.reports.hand_check import check_hand
+from pipeline.reports.manifest_check import MeshFiles, check_manifest
 from pipeline.reports.plots import save_figure
 from pipeline.reports.sensor_check import check_sensor
 
@@ -36,7 +35,7 @@ SIZE = 0.5
 """m, diagonal of the objects that are looked for in the images."""
 
 
-def check_file(name: str, picture: Path | None, model: ModelInputs | None = None) -> list[str]:
+def check_file(name: str, picture: Path | None, model: ModelInputs | None = None, meshes: MeshFiles | None = None) -> list[str]:
     """Check a description file, and draw what it describes.
 
     Parameters
@@ -47,10 +46,12 @@ def check_file(name: str, picture: Path | None, model: ModelInputs | None = None
         PNG to write; by default NAME.png in the current folder.
     model
         A model that an observation is given to.
+    meshes
+        The mesh files that a manifest is checked with.
 
     Returns
     -------
-    Lines that describe the content of the file.
+    Lines that describe the content of the file; a fault that was found begins with "fault:".
 
     Raises
     ------
@@ -62,13 +63,17 @@ def check_file(name: str, picture: Path | None, model: ModelInputs | None = None
     if not path.exists():
         raise InvalidInput(f"{path} does not exist; shipped files are {', '.join(sorted(shipped))}")
     kind, picture = _kind_of(path), picture or Path(f"{path.stem}.png")
+    if meshes is not None and kind != "manifest":
+        raise InvalidInput(f"{path} is a {kind} file; only a manifest takes a folder of objects, their unit and up-axis")
     if kind == "observation":
         from pipeline.reports.observation_check import check_observation  # networks: seconds to import
 
         return check_observation(path, picture, model)
     if model is not None:
         raise InvalidInput(f"{path} is a {kind} file; only an observation is checked against models")
-    checks = {"sensor": check_sensor, "hand": check_hand, "scene": check_scene, "manifest": check_manifest}
+    if kind == "manifest":
+        return check_manifest(path, picture, meshes or MeshFiles())
+    checks = {"sensor": check_sensor, "hand": check_hand, "scene": check_scene}
     return checks[kind](path, picture)
 
 
@@ -82,31 +87,6 @@ def _kind_of(path: Path) -> str:
         known = "; ".join(f"a {kind} has {', '.join(sorted(entries))}" for kind, entries in ENTRIES.items())
         raise InvalidInput(f"{path} has no entries of a description file: {known}")
     return max(matches, key=lambda kind: matches[kind])
-
-
-def check_manifest(path: Path, picture: Path) -> list[str]:
-    """Describe a manifest, and draw it; parameters, result and errors as `check_file`."""
-    manifest = load_manifest(str(path))
-    objects = manifest.objects()
-    counts = Counter((item.category, item.split) for item in objects)
-    categories = sorted({item.category for item in objects})
-    figure = Figure((8, 1 + 0.3 * len(categories)), layout="constrained")
-    axes, left, places = figure.subplots(), np.zeros(len(categories)), np.arange(len(categories))
-    for split in SPLITS:
-        width = np.array([counts[category, split] for category in categories])
-        axes.barh(places, width, left=left, label=split)
-        left += width
-    axes.set(xlabel="objects", yticks=places, yticklabels=categories)
-    axes.legend()
-    save_figure(figure, picture)
-    unitless = sum("file" in item.source and item.source.get("metres_per_unit") is None for item in objects)
-    return [
-        f"{path}: manifest {manifest.name}, {len(objects)} objects, no faults",
-        *(f"{category}: " + ", ".join(f"{counts[category, split]} {split}" for split in SPLITS) for category in categories),
-        *manifest.remarks(),
-        *([f"{unitless} objects have no unit and are scaled to one size; state metres_per_unit to keep theirs"] if unitless else []),
-        f"picture: {picture}",
-    ]
 
 
 def check_scene(path: Path, picture: Path) -> list[str]:

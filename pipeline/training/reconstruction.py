@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
+from pipeline.console import pluralise
 from pipeline.engine.stage import DatasetJob, DatasetStage
+from pipeline.kernels.geometry.normalise import bounding_diagonal
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS
 from pipeline.models.families import model_name
 from pipeline.models.model_files import save_model
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.rng import torch_generator
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import Place
 from pipeline.training import checkpoint
 from pipeline.training.augmentation import vary_observation
 from pipeline.training.items import Items
@@ -26,10 +30,15 @@ from pipeline.training.settings import ReconstructionSettings
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.renderings import RENDERINGS
+from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 
 IMAGES = {"occluded": VISION, "unoccluded": VISION, "rendering": RENDERINGS}
 """The artifact that holds each kind of image."""
+
+
+ALIKE = 4.0
+"""Objects of which the largest is no more than as many times as large as the smallest are learned together."""
 
 
 @dataclass(frozen=True)
@@ -141,9 +150,10 @@ class ReconstructionTraining(DatasetStage):
     learner: ClassVar[type[ReconstructionLearner]]
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
-        """Name the artifacts of the target, the image and the touch charts, as far as the configuration takes them."""
+        """Name the artifacts of the objects' sizes, the target, the image and the touch charts, as far as the configuration takes them."""
         named = settings.named
-        return (self.learner.target, *([IMAGES[named.image]] if named.image else []), *([CHARTS] if named.touch else []))
+        target = [] if self.learner.target is SURFACES else [self.learner.target]
+        return (SURFACES, *target, *([IMAGES[named.image]] if named.image else []), *([CHARTS] if named.touch else []))
 
     def splits(self, settings: Any) -> tuple[str, ...]:
         """Name the splits: one to learn from, one to choose the best epoch by."""
@@ -165,11 +175,39 @@ class ReconstructionTraining(DatasetStage):
         splits = (("train", settings.samples_per_object), ("valid", settings.validation_items))
         learning, validation = (Items(job.data, split, settings.named, each, learned=self.learner.arrays) for split, each in splits)
         name = f"{self.name} {settings.configuration}{settings.label}"
-        network: Any = self.family.network_type(settings.network(learning.side), torch_generator(job.seed, name, "weights"))
-        for line in self.remarks(network, learning):
+        diagonals = {**_diagonals(job.data, learning), **_diagonals(job.data, validation)}
+        config = settings.network(learning.side, max(diagonals.values()) / 2)
+        network: Any = self.family.network_type(config, torch_generator(job.seed, name, "weights"))
+        for line in (*size_remarks(diagonals, config.radius), *self.remarks(network, learning)):
             job.console.print(f"{name}: {line}")
         learner = self.learner(network, learning, validation, settings, job.seed)
         facts = train(learner, settings, folder=job.folder, seed=job.seed, name=name)
         save_model(job.folder, network, learning.description(settings.configuration, network.config))
         checkpoint.discard(job.folder)
         return facts
+
+
+def _diagonals(data: Place, items: Items) -> dict[str, float]:
+    """Read the diagonal of each item's object, m."""
+    surfaces = DataDirectory(data).collection(SURFACES)
+    return {name: bounding_diagonal(surfaces.view(name)["meshes/vertices"]) for name in items.rows.object_ids}
+
+
+def size_remarks(diagonals: Mapping[str, float], radius: float) -> Iterator[str]:
+    """Warn of objects of very different sizes, which one network learns badly.
+
+    Parameters
+    ----------
+    diagonals
+        Of each object, m, by name.
+    radius
+        Of the ball that the network knows, m.
+    """
+    small, large = min(diagonals, key=diagonals.__getitem__), max(diagonals, key=diagonals.__getitem__)
+    if diagonals[large] > ALIKE * diagonals[small]:
+        few = sorted(name for name, diagonal in diagonals.items() if 2 * radius > ALIKE * diagonal)
+        yield (
+            f"objects are between {diagonals[small]:.3g} m ({small}) and {diagonals[large]:.3g} m ({large}) large, and the network "
+            f"learns in units of {2 * radius:.3g} m: the shape of {pluralise(len(few))} below {2 * radius / ALIKE:.3g} m hardly "
+            "counts; is a unit wrong? Else make a dataset of each size, or leave the units out, which scales all objects to one size"
+        )

@@ -16,6 +16,14 @@ class VisionSettings(ObjectSettings):
     hand: Annotated[str, described_by("hand")] | None = setting(
         None, "null follows the grasps: the hand that made them", changes="definition"
     )
+    zoom: float = setting(
+        1.0,
+        "factor of the focal lengths of the scene's cameras, which suit objects of 0.5 m: 5 shows objects of 0.1 m as large; where more "
+        "fits, the run says how much",
+        ge=0.01,
+        le=100,
+        changes="definition",
+    )
     resolution: int = setting(256, "pixels per side, the supplement's; the camera's intrinsics scale with it", ge=16, le=4096)
     occluded: bool = setting(
         True, "one image per grasp; false renders only the object alone, in a sixth of the time and the bytes", changes="definition"

@@ -28,7 +28,7 @@ from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
-from stages.render_vision.image_warnings import SPECK, is_speck, leaves_image
+from stages.render_vision.image_warnings import FILLED, SPECK, WORTHWHILE, is_speck, largest_zoom, leaves_image
 from stages.render_vision.opengl_context import shader_paths
 from stages.render_vision.renderer import MeshHandle, PosedMesh, RenderedImage, Renderer
 from stages.render_vision.settings import VisionSettings
@@ -69,35 +69,45 @@ class RenderVision(ObjectStage):
         raise InvalidInput(f"the files of hand {used} have changed since the grasps were made; run simulate-grasps again")
 
     def warnings(self, settings: VisionSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
-        """Name objects that an image does not hold, or that are too small in it."""
-        scene = load_scene(settings.scene)
-        checks = (
-            ("not whole in the image of camera", leaves_image),
-            (f"smaller than {100 * SPECK:.0f} % of the image of camera", is_speck),
-        )
-        names: dict[tuple[str, ...], list[str]] = {}
+        """Name objects that an image does not hold or that are too small in it, and the zoom with which all are as large as can be."""
+        cameras = _scene(settings).cameras
+        largest = np.inf
+        outside: dict[tuple[str, ...], list[str]] = {}
+        specks: dict[tuple[str, ...], list[str]] = {}
         for name, inputs in objects:
             points = inputs["surfaces"]["points"]
-            for fault, has_fault in checks:
-                if views := [camera.name for camera in scene.cameras if has_fault(camera, points)]:
-                    names.setdefault((fault, *views), []).append(name)
-        remedy = f"move it or change its focal length in a scene file ({settings.scene}), or scale the objects"
-        for (fault, *views), objects_named in names.items():
-            yield f"{pluralise(len(objects_named))} {fault} {', '.join(views)} ({abbreviate(objects_named)}): {remedy}"
+            largest = min([largest, *(largest_zoom(camera, points) for camera in cameras)])
+            for has_fault, found in ((leaves_image, outside), (is_speck, specks)):
+                if faulty := [camera.name for camera in cameras if has_fault(camera, points)]:
+                    found.setdefault((*faulty,), []).append(name)
+        for views, names in outside.items():
+            remedy = f"move it in a scene file ({settings.scene}), lower render-vision.zoom ({settings.zoom:g}), or scale the objects"
+            yield f"{pluralise(len(names))} not whole in the image of camera {', '.join(views)} ({abbreviate(names)}): {remedy}"
+        fitting = float(f"{FILLED * largest * settings.zoom:.2g}") if np.isfinite(largest) else 0.0
+        if fitting >= WORTHWHILE * settings.zoom:
+            yield (
+                f"the largest object fills {100 * FILLED * settings.zoom / fitting:.0f} % of an image; with --set "
+                f"render-vision.zoom={fitting:g} (make: SET=render-vision.zoom={fitting:g}) objects are seen as large as others of 0.5 m"
+            )
+            return
+        for views, names in specks.items():
+            remedy = "larger objects leave no room for a zoom; make a dataset of each size, or scale all objects to one"
+            share = f"smaller than {100 * SPECK:.0f} % of the image of camera {', '.join(views)}"
+            yield f"{pluralise(len(names))} {share} ({abbreviate(names)}): {remedy}"
 
     def constants(self, settings: VisionSettings) -> Row:
         """Name the cameras, and compute their projection matrices."""
-        scene = load_scene(settings.scene)
+        scene = _scene(settings)
         matrices = [projection_matrix(camera) for camera in _cameras(scene, settings)]
         return {"camera": np.array([camera.name for camera in scene.cameras]), "projection": np.stack(matrices)}
 
     def attributes(self, settings: VisionSettings) -> dict[str, Any]:
         """Describe the scene: its lamp, constant light and background are the project's choice, so they are stored with the data."""
-        return {"scene": load_scene(settings.scene).model_dump(mode="json")}
+        return {"scene": _scene(settings).model_dump(mode="json")}
 
     def cost(self, settings: VisionSettings) -> Cost:
         """Estimate six images, or one, with their segmentation, per camera."""
-        images = (6 if settings.occluded else 1) * len(load_scene(settings.scene).cameras)
+        images = (6 if settings.occluded else 1) * len(_scene(settings).cameras)
         pixels = (settings.resolution / 256) ** 2
         return Cost(seconds=0.05 + 0.025 * images * pixels, kilobytes=15 * images * pixels)
 
@@ -105,7 +115,7 @@ class RenderVision(ObjectStage):
     def session(self, settings: VisionSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Open one renderer per worker, with the hand's meshes in it."""
         hand = _hand(settings)
-        scene = load_scene(settings.scene)
+        scene = _scene(settings)
         cameras = _cameras(scene, settings)
         with Renderer(scene, settings.resolution) as renderer:
             meshes = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in hand.visual_meshes]
@@ -124,6 +134,12 @@ class RenderVision(ObjectStage):
 def _hand(settings: VisionSettings) -> Hand:
     """Load the hand that `resolve_settings` has named."""
     return load_hand(str(settings.hand))
+
+
+def _scene(settings: VisionSettings) -> Scene:
+    """Load the scene, its cameras zoomed."""
+    scene = load_scene(settings.scene)
+    return scene.model_copy(update={"cameras": tuple(camera.zoomed(settings.zoom) for camera in scene.cameras)})
 
 
 def _cameras(scene: Scene, settings: VisionSettings) -> list[Camera]:

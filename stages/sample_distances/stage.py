@@ -11,7 +11,9 @@ import numpy as np
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
+from pipeline.kernels.geometry.normalise import bounding_diagonal
 from pipeline.kernels.geometry.signed_distance import sample_around_surface, signed_distances
+from pipeline.kernels.networks.network_configurations import RADIUS
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.distances import DISTANCES
@@ -43,9 +45,11 @@ class SampleDistances(ObjectStage):
 
 def _process(unit: Unit, inputs: Inputs, settings: DistanceSettings) -> Row:
     view = inputs["surfaces"]
-    mesh, spread = read_mesh(view), (settings.least_spread, settings.most_spread)
+    mesh = read_mesh(view)
+    scale = bounding_diagonal(mesh.vertices) / (2 * RADIUS)
+    spread = (scale * settings.least_spread, scale * settings.most_spread)
     surface, rng = view["points"].astype(np.float64), unit.rng("sample-distances")
-    drawn = sample_around_surface(surface, settings.queries, rng, near=settings.near, spread=spread, reach=settings.reach)
+    drawn = sample_around_surface(surface, settings.queries, rng, near=settings.near, spread=spread, reach=scale * settings.reach)
     queries = drawn.astype(np.float32)
     distances = signed_distances(queries.astype(np.float64), mesh.vertices, mesh.faces)
     return {"query_points": queries, "signed_distance": distances.astype(np.float32)}

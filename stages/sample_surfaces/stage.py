@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -44,15 +45,10 @@ class SampleSurfaces(ObjectStage):
 
     def remarks(self, settings: SurfaceSettings, shard: Shard) -> Iterator[str]:
         """Name the objects whose textures or materials are missing: they are rendered without."""
+        if not shard.has("missing_names"):  # all objects failed
+            return
         paths = shard.read("missing_names")
-        missing = {name: str(paths[row]) for name, row in shard.position.items() if paths[row]}
-        if missing:
-            first = next(iter(missing))
-            yield (
-                f"{pluralise(len(missing))} drawn without textures or materials that are not below their folder "
-                f"({abbreviate([*missing])}): {first} names {missing[first]}; put such files anywhere below the folder of meshes, or name "
-                "a folder that holds both"
-            )
+        yield from missing_remarks({name: str(paths[row]) for name, row in shard.position.items() if paths[row]})
 
     def cost(self, settings: SurfaceSettings) -> Cost:
         """Estimate one mesh and its points."""
@@ -65,7 +61,7 @@ class SampleSurfaces(ObjectStage):
 
 
 def _process(unit: Unit, settings: SurfaceSettings) -> Row:
-    mesh, placement, report = normalised_mesh(unit, settings)
+    mesh, placement, report = normalised_mesh(unit.source, settings)
     points, normals = sample_exterior(mesh, settings.points, unit.rng("sample-surfaces"), directions=settings.directions)
     return {
         "points": points,
@@ -99,18 +95,28 @@ def _origin(unit: Unit) -> Row:
     }
 
 
-def normalised_mesh(unit: Unit, settings: SurfaceSettings) -> tuple[Mesh, np.ndarray, CleaningReport]:
-    """Clean and normalise an object's mesh; return it with its placement (4, 4) and the report of removed faces."""
-    source = unit.source
-    mesh, report = clean_mesh(source_mesh(unit), settings.max_faces)
+def missing_remarks(missing: Mapping[str, str]) -> Iterator[str]:
+    """Name the objects that are drawn without textures or materials, and the files that these name, by object."""
+    if missing:
+        first = next(iter(missing))
+        yield (
+            f"{pluralise(len(missing))} drawn without textures or materials that are not below their folder "
+            f"({abbreviate([*missing])}): {first} names {missing[first]}; put such files anywhere below the folder of meshes, or name "
+            "a folder that holds both"
+        )
+
+
+def normalised_mesh(source: Mapping[str, Any], settings: SurfaceSettings) -> tuple[Mesh, np.ndarray, CleaningReport]:
+    """Clean and normalise the mesh of an object's source; return it with its placement (4, 4) and the report of removed faces."""
+    mesh, report = clean_mesh(source_mesh(source), settings.max_faces)
     how = {"up": source.get("up", "z"), "diagonal": settings.diagonal, "metres_per_unit": source.get("metres_per_unit")}
     return normalise_mesh(mesh, **how), normalising_transform(mesh, **how), report
 
 
-def source_mesh(unit: Unit) -> Mesh:
+def source_mesh(source: Mapping[str, Any]) -> Mesh:
     """Make the mesh of a procedural object, or read the mesh from its file."""
-    if "procedural" not in unit.source:
-        return load_mesh(Path(unit.source["file"]), Path(unit.source["root"]))
-    category, variant, seed = (unit.source[name] for name in ("procedural", "variant", "seed"))
+    if "procedural" not in source:
+        return load_mesh(Path(source["file"]), Path(source["root"]))
+    category, variant, seed = (source[name] for name in ("procedural", "variant", "seed"))
     order = numpy_rng(seed, "procedural", category).permutation(len(KINDS[category]))  # every kind once before any repeats
     return generate(category, numpy_rng(seed, "procedural", category, variant), order[variant % len(order)])

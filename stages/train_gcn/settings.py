@@ -6,7 +6,7 @@ from typing import Literal, cast
 
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.image_encoder import Norm
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, SINGLE_IMAGE, NetworkConfig, Seams, TouchEdges
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, RADIUS, SINGLE_IMAGE, NetworkConfig, Seams, TouchEdges
 from pipeline.training.schedule import Schedule
 from pipeline.training.settings import ReconstructionSettings
 
@@ -33,8 +33,8 @@ class GcnSettings(ReconstructionSettings):
     touch_edges: TouchEdges = setting("centres", "all: touch charts speak to every vision vertex, and are not spoken to")
     edge_weight: float = setting(
         0.05,
-        "of the mean squared edge length of the vision charts, m², beside a Chamfer distance in m²: a third of the surplus area; the "
-        "supplement has none",
+        "of the mean squared edge length of the vision charts beside the Chamfer distance, both in m² of objects scaled to 0.5 m: a third "
+        "of the surplus area; the supplement has none",
         ge=0,
     )
     laplacian_weight: float = setting(0.0, "of the mean squared difference of a vertex's displacement to its neighbours', likewise", ge=0)
@@ -54,9 +54,9 @@ class GcnSettings(ReconstructionSettings):
     loss_points: int = setting(3000, "points sampled on the prediction and drawn from the object's for the loss", ge=1)
     checkpoint_passes: bool = setting(False, "recompute each pass in the backward one: less memory, more time", changes="speed")
 
-    def network(self, side: int) -> NetworkConfig:
-        """Describe the network of these settings, for touch charts of side x side vertices."""
-        return cast(NetworkConfig, super().network(side)).model_copy(update={"checkpointing": self.checkpoint_passes})
+    def network(self, side: int, radius: float = RADIUS) -> NetworkConfig:
+        """Describe the network of these settings; parameters as of any family's."""
+        return cast(NetworkConfig, super().network(side, radius)).model_copy(update={"checkpointing": self.checkpoint_passes})
 
 
 class SingleImageSettings(GcnSettings):

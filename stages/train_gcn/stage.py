@@ -14,6 +14,7 @@ from pipeline.kernels.metrics.chamfer import SearchCloud, squared_distances
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.metrics.surface_regularisers import bending, edge_length, laplacian, neighbouring_faces, neighbouring_vertices
 from pipeline.kernels.metrics.surface_sampling import sample_surface
+from pipeline.kernels.networks.network_configurations import RADIUS
 from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor, assemble_surfaces
 from pipeline.models.families import model_name
 from pipeline.models.observation import NetworkBatch
@@ -34,6 +35,7 @@ class GcnLearner(ReconstructionLearner):
         self._faces, self._edges, self._pairs = torch.tensor(faces), neighbouring_vertices(faces), neighbouring_faces(faces)
         sphere = torch.tensor(network.config.radius * network.charts.vertices + network.config.centre)  # (V, 3), m
         self._start = network.merge_coinciding(sphere[None])
+        self._unit: float = TABLE_3_FACTOR * (RADIUS / network.config.radius) ** 2  # of m²: objects of any size are learned alike
 
     def targets(self, items: Items, chosen: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> list[SearchCloud]:
         """Read the points of each item's object."""
@@ -51,7 +53,7 @@ class GcnLearner(ReconstructionLearner):
         return self._chamfer(network(**vars(seen)), seen, batch)
 
     def _chamfer(self, deformed: Tensor, seen: NetworkBatch, batch: Batch) -> Tensor:
-        """Compute (B,) Chamfer distances, m² x `TABLE_3_FACTOR`, of `loss_points` points each way to all the object's."""
+        """Compute (B,) Chamfer distances of `loss_points` points each way to all the object's, in Table 3's unit at 0.5 m."""
         distances, count = [], self.settings.loss_points
         surfaces = assemble_surfaces(self.network, deformed, seen)
         for (vertices, faces), target, generator in zip(surfaces, batch.targets, batch.generators, strict=True):
@@ -60,7 +62,7 @@ class GcnLearner(ReconstructionLearner):
             true = target.points[chosen].to(predicted)
             surface = target.points.to(predicted) if predicted.is_cuda else target
             distances.append(squared_distances(predicted, surface).mean() + squared_distances(true, predicted).mean())
-        return TABLE_3_FACTOR * torch.stack(distances)
+        return self._unit * torch.stack(distances)
 
     def _roughness(self, deformed: Tensor) -> Tensor:
         """Compute the weighted regularisers of vision charts (B, V, 3), which the supplement does not have; mean over the items."""
@@ -69,10 +71,10 @@ class GcnLearner(ReconstructionLearner):
             return total
         surface = self.network.merge_coinciding(deformed)
         if settings.edge_weight:
-            total = total + TABLE_3_FACTOR * settings.edge_weight * edge_length(surface, self._edges).mean()
+            total = total + self._unit * settings.edge_weight * edge_length(surface, self._edges).mean()
         if settings.laplacian_weight:
             moved = surface - self._start.to(surface)
-            total = total + TABLE_3_FACTOR * settings.laplacian_weight * laplacian(moved, self._edges).mean()
+            total = total + self._unit * settings.laplacian_weight * laplacian(moved, self._edges).mean()
         if settings.bending_weight:
             total = total + settings.bending_weight * bending(surface, self._faces, self._pairs).mean()
         return total

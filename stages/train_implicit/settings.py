@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, cast
 
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.image_encoder import Norm
-from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS
+from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS, ImplicitConfig
+from pipeline.kernels.networks.network_configurations import RADIUS
 from pipeline.training.schedule import Schedule
 from pipeline.training.settings import ReconstructionSettings
 
 
 class ImplicitSettings(ReconstructionSettings):
-    """How signed distances are learned from what is seen and felt."""
+    """How signed distances are learned from what is seen and felt.
+
+    Lengths are for objects of 0.5 m, and in proportion for others; but `touch_reach` is the sensor's.
+    """
 
     configurations = IMPLICIT_CONFIGURATIONS
 
     configuration: str = setting("implicit-unoccluded", f"which network: {', '.join(IMPLICIT_CONFIGURATIONS)}", changes="definition")
     features: int = setting(128, "of each layer of the decoder", ge=2)
     blocks: int = setting(3, "residual blocks of the decoder, of two layers each", ge=0)
-    band: float = setting(0.03, "m beyond which distances count the same: more than the 28 mm at which meshing begins to look closer", gt=0)
-    spacing: float = setting(0.004, "of the grid of a reconstruction's mesh, m; half of it takes four times as long", ge=1e-3)
+    band: float = setting(
+        0.03,
+        "m, at 0.5 m objects, beyond which distances count the same: more than the 28 mm at which meshing begins to look closer",
+        gt=0,
+    )
+    spacing: float = setting(
+        0.004, "of the grid of a reconstruction's mesh, m, at 0.5 m objects; half of it takes four times as long", ge=1e-3
+    )
     touch_reach: float = setting(
         0.01,
         "m around what was felt in which a reconstruction goes by it, not by the network; 0 goes by the network alone",
@@ -46,3 +56,9 @@ class ImplicitSettings(ReconstructionSettings):
         1, "per object and epoch; the grasp that each begins with is drawn where they are fewer than the grasps", ge=1
     )
     validation_items: int = setting(1, "items per validation object, with 1, 2, … grasps", ge=1)
+
+    def network(self, side: int, radius: float = RADIUS) -> ImplicitConfig:
+        """Describe the network of these settings, with lengths in proportion to the radius; parameters as of any family's."""
+        config = cast(ImplicitConfig, super().network(side, radius))
+        scale = config.radius / RADIUS
+        return config.model_copy(update={"band": scale * self.band, "spacing": scale * self.spacing})

@@ -39,7 +39,7 @@ class ImplicitLearner(ReconstructionLearner):
         """Compute the mean absolute error of the distances within the band, as a share of the band."""
         seen, (queries, distances) = self.stack(network, batch), batch.targets
         predicted: Tensor = network(queries.to(seen.touch_vertices), **vars(seen))
-        band: float = self.settings.band
+        band: float = self._config.band
         loss: Tensor = (predicted - distances.to(predicted).clamp(-band, band)).abs().mean() / band
         return loss
 
@@ -74,6 +74,6 @@ class TrainImplicit(ReconstructionTraining):
             reach, farthest = max(beyond)
             yield (
                 f"{len(beyond)} of {len(items.rows)} training objects are larger than the cube in which surfaces are sought; their "
-                f"reconstructions end {MARGIN * config.radius:.2f} m from its middle: {farthest} reaches {reach:.2f} m; state a smaller "
-                "unit with --units, or omit it if the files state none: they are then scaled"
+                f"reconstructions end {MARGIN * config.radius:.2f} m from its middle: {farthest} reaches {reach:.2f} m; leave "
+                "train-implicit.radius out"
             )

@@ -16,7 +16,7 @@ from PIL import Image
 
 from pipeline.cluster.cluster_profile import load_cluster
 from pipeline.cluster.slurm_jobs import Submission, plan_jobs, script_of
-from pipeline.config import sources
+from pipeline.config import folder_sources
 from pipeline.config.manifest import load_manifest
 from pipeline.config.objects import fingerprint
 from pipeline.formats.file_units import MODEL, stated_units
@@ -89,7 +89,7 @@ class Manifests(Target):
 
     def read(self, folder: Path, files: Files) -> None:
         os.chdir(folder)
-        sources.MAX_ENTRIES = 1000  # some manifests name the root of the file system
+        folder_sources.MAX_ENTRIES = 1000  # some manifests name the root of the file system
         load_manifest("manifest.yaml").objects(folder / "meshes")
 
 

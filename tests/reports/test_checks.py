@@ -31,7 +31,7 @@ def edited(kind: str, name: str, path: Path, **changed: object) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", ["two_finger_gripper", "supplement", "toy"])
+@pytest.mark.parametrize("name", ["two_finger_gripper", "supplement", "one-of-each"])
 def test_shipped_files_have_no_faults_and_a_picture(name: str, tmp_path: Path) -> None:
     lines = check_file(name, tmp_path / "a.png")
     assert "no faults" in lines[0]

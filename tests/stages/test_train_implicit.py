@@ -37,7 +37,7 @@ TRUE_RADIUS = 0.16
 SETTINGS = (
     *("train-implicit.configuration=implicit-touch", "train-implicit.features=32", "train-implicit.blocks=1", "train-implicit.epochs=150"),
     *("train-implicit.queries=200", "train-implicit.validation_queries=500", "train-implicit.patience=null"),
-    *("train-implicit.band=0.1", "train-implicit.spacing=0.01", "train-implicit.learning_rate=0.01"),
+    *("train-implicit.radius=0.25", "train-implicit.band=0.1", "train-implicit.spacing=0.01", "train-implicit.learning_rate=0.01"),
     *("evaluate.configurations=[implicit-touch]", "evaluate.points=500", "evaluate.grasps=[1,5]"),
 )
 
@@ -139,9 +139,9 @@ def test_objects_that_are_larger_than_what_is_meshed_are_named(data):
 
 def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
     reads = {name: {one.name for one in TrainImplicit().inputs(ImplicitSettings(configuration=name))} for name in IMPLICIT_CONFIGURATIONS}
-    assert reads["implicit-touch"] == {"distances", "charts"}
-    assert reads["implicit-occluded"] == reads["implicit-unoccluded"] == {"distances", "vision"}
-    assert reads["implicit-occluded-touch"] == reads["implicit-unoccluded-touch"] == {"distances", "vision", "charts"}
+    assert reads["implicit-touch"] == {"surfaces", "distances", "charts"}
+    assert reads["implicit-occluded"] == reads["implicit-unoccluded"] == {"surfaces", "distances", "vision"}
+    assert reads["implicit-occluded-touch"] == reads["implicit-unoccluded-touch"] == {"surfaces", "distances", "vision", "charts"}
 
 
 @pytest.mark.parametrize(

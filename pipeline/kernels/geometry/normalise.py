@@ -21,6 +21,15 @@ _TO_Z_UP = {
 }
 
 
+DIGITS = 4
+"""Of a diagonal: more than any result depends on, and objects that were scaled to one size have exactly this size."""
+
+
+def bounding_diagonal(vertices: NDArray[np.floating]) -> float:
+    """Compute the diagonal of the bounding box of vertices (V, 3), rounded to `DIGITS` digits, in their unit."""
+    return float(f"{length(np.ptp(vertices, axis=0)):.{DIGITS}g}")
+
+
 def normalise_mesh(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float | None = None) -> Mesh:
     """Turn a mesh upright, scale it and centre its bounding box at `POSITION`.
 

@@ -54,7 +54,7 @@ class ImplicitConfig(NetworkInputs):
     features: int = Field(default=128, ge=2, le=2**12)
     blocks: int = Field(default=3, ge=0, le=100)
     band: float = Field(default=0.03, gt=0)
-    spacing: float = Field(default=0.004, ge=1e-3)
+    spacing: float = Field(default=0.004, gt=0)
     touch_reach: float = Field(default=0.01, ge=0, le=1)
 
 

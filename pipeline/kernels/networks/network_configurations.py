@@ -15,6 +15,9 @@ ImageKind = Literal["occluded", "unoccluded", "rendering"]
 Seams = Literal["open", "tied"]
 TouchEdges = Literal["centres", "all"]
 
+RADIUS = 0.25
+"""m, of the ball that objects of diagonal 0.5 m lie in. Learning states lengths for these; others are learned in proportion."""
+
 
 class NetworkInputs(BaseModel):
     """The inputs of any network that reconstructs, and its image encoder; a family adds its own sizes.
@@ -43,7 +46,7 @@ class NetworkInputs(BaseModel):
     encoder_width: float = Field(default=1.0, gt=0, le=64)
     side: int = Field(default=9, ge=3, le=MAX_SIDE)
     centre: tuple[float, float, float] = (0.0, 0.0, 0.6)
-    radius: float = Field(default=0.25, gt=0)
+    radius: float = Field(default=RADIUS, gt=0)
 
 
 class NetworkConfig(NetworkInputs):

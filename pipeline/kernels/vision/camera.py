@@ -8,7 +8,7 @@ Valid range: cameras and points within 100 m of the origin, at least 1 mm apart.
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,10 @@ class Camera(BaseModel):
         scale = resolution / self.resolution
         focal, centre = (tuple(scale * length for length in pair) for pair in (self.focal, self.centre))
         return self.model_copy(update={"focal": focal, "centre": centre, "resolution": resolution})
+
+    def zoomed(self, factor: float) -> Self:
+        """Return the camera with its focal lengths multiplied."""
+        return self.model_copy(update={"focal": (factor * self.focal[0], factor * self.focal[1])})
 
 
 def camera_pose(camera: Camera) -> NDArray[np.float64]:

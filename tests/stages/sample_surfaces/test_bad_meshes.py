@@ -131,6 +131,15 @@ def test_status_lists_the_failures(mixed):
     assert "bad-nan" in CliRunner().invoke(app, ["status", str(data)]).output
 
 
+def test_folder_of_bad_meshes_alone_is_no_fault_of_the_run(tmp_path):
+    (tmp_path / "objects").mkdir()
+    (tmp_path / "objects" / "empty.obj").touch()
+    folders = ["--objects", str(tmp_path / "objects"), "--data", str(tmp_path / "data")]
+    result = CliRunner().invoke(app, ["run", "sample-surfaces", "--manifest", "directory", *folders, "--executor", "serial"])
+    assert result.exit_code == 0, result.output
+    assert DataDirectory(tmp_path / "data").collection(SURFACES).failure("empty") is not None
+
+
 @pytest.mark.slow
 def test_million_faces_need_a_higher_limit(tmp_path):
     write(tmp_path / "objects" / "million.obj", *grid(1_000_000))

@@ -1,0 +1,196 @@
+"""Folders of mesh files as sources: any folder, one with a catalogue, one laid out as ShapeNetCore is."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field, model_validator
+
+from pipeline.config.mesh_layout import Found, Layout, as_name, find_objects
+from pipeline.config.objects import Object
+from pipeline.config.sources import MeshSource
+from pipeline.console import abbreviate, pluralise
+from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import read_file
+from pipeline.formats.mesh_companions import SUFFIXES
+
+MAX_ENTRIES = 500_000
+"""Files and folders below a folder of meshes: with more, it is another folder that was meant."""
+
+MAX_CATALOGUE_BYTES = 100 * 2**20
+"""Size of a catalogue: 500 bytes for each of `MAX_OBJECTS`."""
+
+UNREAD = (".msh", ".3ds", ".fbx", ".blend", ".max", ".x3d", ".wrl", ".step", ".stp", ".iges", ".igs", ".skp", ".usd", ".usdz")
+"""Formats of meshes and solids that are not read."""
+
+
+class Directory(MeshSource):
+    """Any folder of mesh files, each an object, or with a folder per object; a sub-folder above is its category.
+
+    ```yaml
+    - {kind: directory, licence: CC0, path: ~/meshes, metres_per_unit: 0.001, up: y}
+    ```
+    """
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"kind": "directory", "licence": "CC0", "path": "~/meshes", "metres_per_unit": 0.001, "up": "y"}]}
+    )
+
+    kind: Literal["directory"]
+    path: Path | None = None
+    """The folder; by default, the one given with `--objects`."""
+    layout: Layout | None = None
+    """files: each mesh file is an object; folders: each folder is one, even with several meshes; by default what most folders look like."""
+    category: str = "object"
+    """Of objects without a sub-folder above."""
+
+    def each(self, root: Path | None) -> Iterator[Object]:
+        """List every mesh file below the folder, hidden ones apart."""
+        folder, found = self._found(root)
+        for item in found.objects:
+            yield Object(item.name, item.category or self.category, self.placed(folder / item.file, folder))
+
+    def _found(self, root: Path | None) -> tuple[Path, Found]:
+        """Find the folder, and the objects in it."""
+        folder = _folder(root or self.path, "a folder of meshes")
+        entries = list(islice(folder.rglob("*"), MAX_ENTRIES + 1))
+        if len(entries) > MAX_ENTRIES:
+            raise InvalidInput(f"{folder.resolve()} has more than {MAX_ENTRIES} files and folders; give the folder of the meshes alone")
+        inner = [path.relative_to(folder) for path in sorted(entries) if not path.is_dir()]
+        files = [file for file in inner if file.suffix.lower() in SUFFIXES and not any(part.startswith(".") for part in file.parts)]
+        if not files:
+            raise InvalidInput(f"no mesh files below {folder.resolve()}; looked for {', '.join(SUFFIXES)} in all its sub-folders")
+        return folder, find_objects(files, self.layout)
+
+    def remarks(self, root: Path | None) -> Iterator[str]:
+        """Name a layout that was recognised, other meshes of one object, formats that are not read, and links, which are not followed."""
+        folder, objects = self._found(root)
+        yield from objects.remarks()
+        found: dict[str, list[str]] = {}
+        for path in sorted(islice(folder.rglob("*"), MAX_ENTRIES)):
+            if path.is_symlink() and path.is_dir():
+                found.setdefault("links to folders are not followed; copy what they lead to", []).append(str(path.relative_to(folder)))
+            elif path.suffix.lower() in UNREAD:
+                reason = f"{path.suffix.lower()} cannot be read; convert to one of {', '.join(SUFFIXES)}"
+                found.setdefault(reason, []).append(str(path.relative_to(folder)))
+        for reason, files in found.items():
+            yield f"left out {pluralise(len(files), 'file')} ({abbreviate(files)}): {reason}"
+
+
+class Catalogue(MeshSource):
+    """A folder whose `catalogue.csv` lists mesh files below it, one per line.
+
+    Its columns are `object_id`, `category`, `file`, `up` (the source's where it is empty), and whatever else its readers want to know of an
+    object, such as `licence` and `creator`.
+
+    ```yaml
+    - {kind: catalogue, licence: see catalogue.csv, path: ~/furniture, up: y}
+    ```
+    """
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"kind": "catalogue", "licence": "see catalogue.csv", "path": "~/furniture", "up": "y"}]}
+    )
+
+    kind: Literal["catalogue"]
+    path: Path | None = None
+    """The folder; by default, the one given with `--objects`."""
+
+    def each(self, root: Path | None) -> Iterator[Object]:
+        """List the objects of the catalogue in its order; one whose file is missing fails when it is read."""
+        folder = _folder(root or self.path, "a folder with a catalogue.csv (`make household` fills data/meshes/household)")
+        file = folder / "catalogue.csv"
+        try:
+            lines = csv.DictReader(io.StringIO(read_file(file, MAX_CATALOGUE_BYTES).decode(), newline=""), restval="")
+            if missing := [name for name in ("object_id", "category", "file", "up") if name not in (lines.fieldnames or ())]:
+                raise InvalidInput(f"{file.resolve()} has no column {', '.join(missing)}; its first line names the columns")
+            for line in lines:
+                if line["up"] not in ("", "x", "y", "z"):
+                    raise InvalidInput(f"{file.resolve()}: {line['object_id']} has up {line['up']!r}; it must be x, y, z or empty")
+                if Path(line["file"]).is_absolute() or ".." in Path(line["file"]).parts:
+                    raise InvalidInput(
+                        f"{file.resolve()}: {line['object_id']} has file {line['file']!r}; it must be a path below {folder.resolve()}"
+                    )
+                yield Object(line["object_id"], as_name(line["category"]), self.placed(folder / line["file"], folder, line["up"]))
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise InvalidInput(f"{file.resolve()} cannot be read as CSV in UTF-8: {error}") from error
+
+
+class ShapeNet(MeshSource):
+    """A folder laid out as ShapeNetCore is: SYNSET/MODEL/models/model_normalized.obj, or SYNSET/MODEL/model.obj.
+
+    Renderings, where a manifest names their folder, lie in SYNSET/MODEL/rendering below it.
+
+    ```yaml
+    - {kind: shapenet, licence: ShapeNet terms of use, path: ~/ShapeNetCore.v2, up: y, synsets: {bottle: "02876657", knife: "03624134"}}
+    ```
+    """
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {"kind": "shapenet", "licence": "ShapeNet terms of use", "up": "y", "synsets": {"bottle": "02876657", "knife": "03624134"}}
+            ]
+        }
+    )
+
+    kind: Literal["shapenet"]
+    path: Path | None = None
+    """The folder; by default, the one given with `--objects`."""
+    meshes: str = "."
+    """Folder of the synsets, from the folder given."""
+    renderings: str | None = None
+    """Folder of the renderings' synsets, from the folder given."""
+    classes_may_be_missing: bool = False
+    """Whether a synset without a folder is left out."""
+    synsets: dict[str, Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]] = Field(min_length=1)
+    """The synset of each category."""
+    counts: dict[str, int] | None = None
+    """How many models each category must have; by default, any number."""
+
+    @model_validator(mode="after")
+    def _counts_are_of_the_synsets(self) -> ShapeNet:
+        if self.counts is not None and self.counts.keys() != self.synsets.keys():
+            raise ValueError(f"counts are of {sorted(self.counts)}, synsets of {sorted(self.synsets)}; they must be the same")
+        return self
+
+    def each(self, root: Path | None) -> Iterator[Object]:
+        """List every model of the named synsets, whose numbers must be those of `counts`; one without a file fails when it is read."""
+        given = _folder(root or self.path, "a folder laid out as ShapeNetCore")
+        folder = given / self.meshes
+        there = {category: synset for category, synset in self.synsets.items() if (folder / synset).is_dir()}
+        for category, synset in (there if there and self.classes_may_be_missing else self.synsets).items():
+            files = {model.name: _model_file(model) for model in sorted((folder / synset).glob("*")) if model.is_dir()}
+            whole = sum(file.is_file() for file in files.values())
+            where = (folder / synset).resolve()
+            if not whole:
+                raise InvalidInput(f"no models of {category} in {where}; looked for MODEL/models/model_normalized.obj and MODEL/model.obj")
+            if self.counts is not None and whole != self.counts[category]:
+                raise InvalidInput(
+                    f"{where} holds {whole} models of {category}, the manifest counts {self.counts[category]}; "
+                    "complete or prune the folder, or state other counts in a manifest of your own"
+                )
+            for name, file in files.items():
+                # its materials name ../images
+                source = self.placed(file, folder / synset / name)
+                if self.renderings is not None:
+                    source["renderings"] = str(given / self.renderings / synset / name / "rendering")
+                yield Object(f"{category}-{as_name(name)}", category, source)
+
+
+def _folder(path: Path | None, what: str) -> Path:
+    path = path and path.expanduser()
+    if path is None or not path.is_dir():
+        problem = "the manifest names no folder" if path is None else f"{path.resolve()} is no folder"
+        raise InvalidInput(f"{problem}; give {what} with --objects DIR (make: OBJECTS=DIR)")
+    return path
+
+
+def _model_file(model: Path) -> Path:
+    candidates = (model / "models" / "model_normalized.obj", model / "model.obj")
+    return next((file for file in candidates if file.is_file()), candidates[0])

@@ -1,0 +1,249 @@
+"""The check of a manifest: each object's size, unit, faces and textures, and what is wrong with it, before anything is made of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from pipeline.config.manifest import SPLITS, Object, load_manifest
+from pipeline.console import Meter, Row, Table, abbreviate, errors, pluralise, table_lines
+from pipeline.errors import InvalidInput
+from pipeline.formats.file_units import METRES, stated_units
+from pipeline.formats.mesh_companions import Companions
+from pipeline.kernels.geometry.normalise import bounding_diagonal
+from pipeline.reports.plots import save_figure
+from stages.sample_surfaces.settings import SurfaceSettings
+from stages.sample_surfaces.stage import SampleSurfaces, missing_remarks, normalised_mesh
+
+LISTED = 50
+"""Objects, faults or categories that are listed one by one."""
+USUAL = (0.01, 2.0)
+"""m, diagonals of what hands grasp: others make one ask for the unit."""
+LIKELY = (0.03, 0.6)
+"""m, diagonals that make a unit likely."""
+SCALED = "none: scaled"
+QUANTILES = {"smallest": 0.0, "5 % are smaller": 0.05, "half are smaller": 0.5, "95 % are smaller": 0.95, "largest": 1.0}
+
+
+@dataclass(frozen=True)
+class CheckedObject:
+    """What was read of an object.
+
+    Attributes
+    ----------
+    name
+        Its id.
+    unit
+        Of its file, and who states it.
+    real_size
+        Whether there is a unit, which keeps the size.
+    sides, diagonal
+        Of its bounding box as it will be, m; x, y and z up.
+    in_file
+        The diagonal in the unit of its file.
+    faces, watertight
+        Of its mesh, cleaned.
+    textures
+        How many there are.
+    missing
+        Files with textures or materials that it names and that are not there.
+    """
+
+    name: str
+    unit: str
+    real_size: bool
+    sides: tuple[float, ...]
+    diagonal: float
+    in_file: float
+    faces: int
+    watertight: bool
+    textures: int
+    missing: tuple[str, ...]
+
+    @property
+    def doubt(self) -> str | None:
+        """Ask for the unit, if the size is unusual."""
+        if not self.real_size or USUAL[0] <= self.diagonal <= USUAL[1]:
+            return None
+        likely = likely_units(self.in_file)
+        question = f"is the unit {' or '.join(likely)}?" if likely else "is the unit right?"
+        return f"warning: {self.name} is {self.diagonal:.3g} m large: {question}"
+
+    @property
+    def row(self) -> Row:
+        """Give the row of a table with `COLUMNS`."""
+        sides = " × ".join(f"{side:.3g}" for side in self.sides)
+        textures = f"{self.textures}, {len(self.missing)} missing" if self.missing else str(self.textures)
+        return Row([self.name, sides, self.unit, self.faces, textures, "yes" if self.watertight else "no"])
+
+
+@dataclass(frozen=True)
+class MeshFiles:
+    """State the folder of a manifest's mesh files, their unit and up-axis, where the manifest's are not meant."""
+
+    root: Path | None = None
+    units: str | None = None
+    up: str | None = None
+
+
+COLUMNS = ("object", "x × y × z, m", "unit of its file", "faces", "textures", "watertight")
+
+
+def likely_units(diagonal: float) -> list[str]:
+    """List the units in which a diagonal is one of objects that hands grasp."""
+    return [unit for unit in ("mm", "cm", "m", "in") if LIKELY[0] <= diagonal * METRES[unit] <= LIKELY[1]]
+
+
+def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
+    """Read each object of a manifest, describe them all, and draw categories and splits.
+
+    Parameters
+    ----------
+    path
+        The manifest.
+    picture
+        PNG to write.
+    meshes
+        The mesh files, as far as the manifest does not state them.
+
+    Returns
+    -------
+    Lines. Those of objects that cannot be used begin with "fault:".
+
+    Raises
+    ------
+    InvalidInput
+        Of the manifest, or its folders.
+    """
+    manifest = load_manifest(str(path)).with_units(meshes.units, meshes.up)
+    objects = manifest.objects(meshes.root)
+    read, faults = list[CheckedObject](), list[str]()
+    with Meter(errors, "reading objects", len(objects), "objects", after=2.0) as meter:
+        for item in objects:
+            try:
+                read.append(read_object(item, "--units" if meshes.units else "manifest"))
+            except (InvalidInput, OSError) as error:
+                faults.append(f"fault: {item.object_id}: {error}")
+            meter.advance()
+    _draw_splits(objects, picture)
+    read.sort(key=lambda item: (item.diagonal, item.in_file, item.name))
+    verdict = f"{len(faults)} of them cannot be used" if faults else "no faults"
+    return [
+        f"{path}: manifest {manifest.name}, {pluralise(len(objects))}, {verdict}",
+        *_categories(objects),
+        *manifest.remarks(meshes.root),
+        *_tables(read),
+        *_first(faults),
+        *_first([doubt for item in read if (doubt := item.doubt)]),
+        *missing_remarks({item.name: abbreviate(item.missing) for item in read if item.missing}),
+        *SampleSurfaces().notes(SurfaceSettings(), objects),
+        *_scaled([item.in_file for item in read if item.unit == SCALED]),
+        f"picture: {picture}",
+    ]
+
+
+def read_object(item: Object, stated_by: str) -> CheckedObject:
+    """Read an object as `sample-surfaces` does.
+
+    Parameters
+    ----------
+    item
+        The object.
+    stated_by
+        Who states its unit, if not its file.
+
+    Raises
+    ------
+    InvalidInput, OSError
+        It cannot be used; the message says why.
+    """
+    source, missing, unit = item.source, list[str](), "m, modelled"
+    if "file" in source:
+        file = Path(source["file"])
+        missing = Companions(file, Path(source["root"])).missing
+        unit = _unit(file, source["metres_per_unit"], stated_by)
+    mesh, placement, report = normalised_mesh(source, SurfaceSettings())
+    diagonal = bounding_diagonal(mesh.vertices)
+    return CheckedObject(
+        name=item.object_id,
+        unit=unit,
+        real_size=source.get("metres_per_unit") is not None,
+        sides=tuple(np.ptp(mesh.vertices, axis=0).tolist()),
+        diagonal=diagonal,
+        in_file=diagonal / float(np.linalg.norm(placement[:3, 0])),
+        faces=len(mesh.faces),
+        watertight=report.watertight,
+        textures=len(mesh.look.textures),
+        missing=tuple(missing),
+    )
+
+
+def _unit(file: Path, metres: float | None, stated_by: str) -> str:
+    """Name the unit of a file, and who states it."""
+    if metres is None:
+        return SCALED
+    stated = stated_units(file)[0]
+    if stated == metres:
+        return f"{_sign(metres)}, its file"
+    return f"{_sign(metres)}, {stated_by}" + (f" (its file: {_sign(stated)})" if stated else "")
+
+
+def _sign(metres: float) -> str:
+    return next((sign for sign, value in METRES.items() if value == metres), f"{metres:g} m")
+
+
+def _tables(read: Sequence[CheckedObject]) -> Iterator[str]:
+    """List the objects by size; where there are too many, the sizes' quantiles, and objects of unusual sizes or without their textures."""
+    if len(read) > LISTED:
+        places = [round(share * (len(read) - 1)) for share in QUANTILES.values()]
+        rows = [
+            Row([label, read[place].diagonal, read[place].in_file, read[place].faces, read[place].name])
+            for label, place in zip(QUANTILES, places, strict=True)
+        ]
+        yield from table_lines(Table("", ("by size", "diagonal, m", "in its file", "faces", "object"), rows, ("", ".3g", ".3g", "", "")))
+        read = [item for item in read if item.doubt or item.missing]
+    if read:
+        yield from table_lines(Table("", COLUMNS, [item.row for item in read[:LISTED]]))
+    if len(read) > LISTED:
+        yield f"and {len(read) - LISTED} more"
+
+
+def _first(lines: Sequence[str]) -> list[str]:
+    """Return the first lines, and how many more there are."""
+    return [*lines[:LISTED], *([f"and {len(lines) - LISTED} more"] if len(lines) > LISTED else [])]
+
+
+def _scaled(sizes: Sequence[float]) -> Iterator[str]:
+    """Say how large the objects without a unit are in their files, and which units are likely."""
+    if sizes:
+        middle = sorted(sizes)[len(sizes) // 2]
+        likely = " or ".join(f"{middle * METRES[unit]:.2g} m ({unit})" for unit in likely_units(middle))
+        guess = f"; half of them are at most {likely} large" if likely else ""
+        yield f"in their files, diagonals are between {min(sizes):.3g} and {max(sizes):.3g}{guess}"
+
+
+def _categories(objects: Sequence[Object]) -> list[str]:
+    """Count the objects of each category in each split."""
+    counts = Counter((item.category, item.split) for item in objects)
+    categories = sorted({item.category for item in objects})
+    return _first([f"{category}: " + ", ".join(f"{counts[category, split]} {split}" for split in SPLITS) for category in categories])
+
+
+def _draw_splits(objects: Sequence[Object], picture: Path) -> None:
+    """Draw how many objects of each category are in each split; the largest categories, where there are many."""
+    counts = Counter((item.category, item.split) for item in objects)
+    categories = sorted(name for name, _ in Counter(item.category for item in objects).most_common(LISTED))
+    figure = Figure((8, 1 + 0.3 * len(categories)), layout="constrained")
+    axes, left, places = figure.subplots(), np.zeros(len(categories)), np.arange(len(categories))
+    for split in SPLITS:
+        width = np.array([counts[category, split] for category in categories])
+        axes.barh(places, width, left=left, label=split)
+        left += width
+    axes.set(xlabel="objects", yticks=places, yticklabels=categories)
+    axes.legend()
+    save_figure(figure, picture)
