@@ -355,3 +355,11 @@ def test_names_with_control_characters_are_refused(tmp_path, character):
 def test_names_in_any_script_are_taken():
     source = {"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "duck.obj"}}, "category": "می\u200cخواهم 杯\u3000"}
     assert manifest(source).objects()[0].category == source["category"]
+
+
+def test_entry_of_another_kind_of_source_is_named(tmp_path):
+    source = "{kind: directory, licence: CC0, path: ., files: {can: {file: can.obj, up: z}}}"
+    path = tmp_path / "own.yaml"
+    path.write_text(f"name: own\ndescription: d\nseed: 0\nsplits: {{train: 1, valid: 0, test: 0}}\nsources:\n  - {source}\n")
+    with pytest.raises(InvalidInput, match=r"there is no entry sources\.0\.directory\.files"):
+        load_manifest(str(path))

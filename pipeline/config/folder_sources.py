@@ -187,7 +187,8 @@ def _folder(path: Path | None, what: str) -> Path:
     path = path and path.expanduser()
     if path is None or not path.is_dir():
         problem = "the manifest names no folder" if path is None else f"{path.resolve()} is no folder"
-        raise InvalidInput(f"{problem}; give {what} with --objects DIR (make: OBJECTS=DIR)")
+        counted = "" if path is None or path.is_absolute() else "; a relative `path` counts from where the command runs"
+        raise InvalidInput(f"{problem}; give {what} with --objects DIR (make: OBJECTS=DIR){counted}")
     return path
 
 

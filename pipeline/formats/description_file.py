@@ -128,7 +128,9 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
     """Name every entry that cannot be used, with the reason; of `names`, those of the entries there are, the one that was meant."""
     found: list[Any] = error.errors()
     places = [item["loc"] for item in found]
-    guesses = {item["loc"]: meant(item["loc"][-1], names) for item in found if item["type"] == "extra_forbidden"}
+    guesses = {  # an entry of another part of the file is not what was meant
+        item["loc"]: meant(item["loc"][-1], set(names) - {item["loc"][-1]}) for item in found if item["type"] == "extra_forbidden"
+    }
     misspelt = {(*place[:-1], name) for place, name in guesses.items()}
     choices = {item["loc"]: re.findall("'([^']*)'", item["ctx"]["expected"]) for item in found if item["type"] == "literal_error"}
     guesses |= {item["loc"]: meant(item["input"], choices[item["loc"]]) for item in found if item["loc"] in choices}

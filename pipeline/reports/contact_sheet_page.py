@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import matplotlib
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw, ImageFont, ImageOps
 
 from pipeline.kernels.touch.sensor import Sensor
 
@@ -205,8 +205,9 @@ def _legend(page: Image.Image, sensor: Sensor) -> None:
 
 
 def _scaled(image: NDArray[np.uint8], side: int) -> Image.Image:
+    """Scale an image (R, C, 3) into a square, with paper beside it where it is none."""
     made = Image.fromarray(np.ascontiguousarray(image))
-    return made if made.size == (side, side) else made.resize((side, side), Image.Resampling.LANCZOS)
+    return made if made.size == (side, side) else ImageOps.pad(made, (side, side), Image.Resampling.LANCZOS, color=PAPER)
 
 
 def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:

@@ -177,10 +177,10 @@ def _tiles(source: ReportSource) -> list[tuple[str, str]]:
     touched = np.concatenate([grasps for entry in tallies.values() for grasps in entry.touched])
     return [
         (str(len(source.object_ids)), "objects"),
-        (str(len(tallies)), "classes"),
+        (str(len(tallies)), "class" if len(tallies) == 1 else "classes"),
         (str(len(touched)), "grasps"),
         (str(touched.sum()), f"touches, {100 * touched.mean():.0f} % of {touched.size}"),
-        (str(len(source.failures)), "failures"),
+        (str(len(source.failures)), "failure" if len(source.failures) == 1 else "failures"),
     ]
 
 

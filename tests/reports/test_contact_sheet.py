@@ -13,7 +13,7 @@ from pipeline.errors import StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.reports.contact_sheet import BandMaker, band_maker, contact_sheets
-from pipeline.reports.contact_sheet_page import COLORS, PAGE, PICTURE, Band, depth_colors, draw, grasp_note
+from pipeline.reports.contact_sheet_page import COLORS, PAGE, PAPER, PICTURE, Band, _scaled, depth_colors, draw, grasp_note
 from tests.kernels.vision.shapes import ball
 from tests.stages import ball_dataset
 
@@ -139,3 +139,9 @@ def test_sheets_are_drawn_again_where_they_were_changed_and_never_through_links(
         (data / name).unlink()
         (data / name).write_bytes(written)
     assert mine.read_text() == "mine"
+
+
+def test_image_that_is_not_square_keeps_its_shape():
+    shown = np.asarray(_scaled(np.zeros((60, 80, 3), np.uint8), 80))
+    assert (shown[10:70] == 0).all()
+    assert (shown[[0, -1]] == PAPER).all()
