@@ -41,7 +41,7 @@ test-storage: installed-dev  ## run all stages with their data on two servers of
 test-sensors: installed-peers  ## test the shipped sensors on real photographs, beside Taxim; writes docs/sensors.md (2 minutes)
 	@OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks.real_sensors --write docs/sensors.md
 
-test-hands: installed-hands  ## grasp MANIFEST's objects with seven hands of others, from wheels; contact sheets in data/hands (half an hour on 2 cores; MANIFEST=one-of-each: a fifth)
+test-hands: installed-hands  ## grasp MANIFEST's objects with the hands of others, from wheels; contact sheets in data/hands (half an hour on 2 cores; MANIFEST=one-of-each: a fifth)
 	@$(BIN)/python -m benchmarks.hands --manifest $(call quoted,$(MANIFEST)) --site-packages .venv-hands/hands \
 	    --site-packages "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')"
 

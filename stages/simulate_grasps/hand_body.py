@@ -15,6 +15,10 @@ MOTOR_GAIN = 0.3
 """Share of the remaining way that a position motor asks for in one step: closes 0.3 rad to within 1e-4 in about 25 steps."""
 GEAR_FORCE = 1000.0
 """N m (N), with which a joint is held to the one that it follows: as rigid as a gear."""
+GEAR_ERP, CHAIN_ERP = 0.5, 5.0
+"""Correction of a gear's error, of which Bullet takes a fifth per step: between two branches; and in one chain, all of it at once.
+
+At a tenth per step, a joint that follows one further up its own finger sags under its links' weight by more than `GEAR_SLACK`."""
 GEAR_SLACK = 0.01
 """rad that a following joint may be off where the fingers rest: 0.5 mm at the end of 50 mm; of a prismatic joint a tenth of that in m."""
 
@@ -47,8 +51,15 @@ class HandBody:
         gear = self.client.createConstraint(self.body, leader, self.body, joint, pybullet.JOINT_GEAR, [0, 1, 0], frame, frame)
         ratio = -1 / follower.multiplier  # Bullet holds leader + ratio * follower at the target
         offset = ratio * follower.offset
-        self.client.changeConstraint(gear, gearRatio=ratio, erp=0.5, relativePositionTarget=offset, maxForce=GEAR_FORCE)
+        erp = CHAIN_ERP if self._is_above(self.hand.joint_links[follower.entry], follower.link) else GEAR_ERP
+        self.client.changeConstraint(gear, gearRatio=ratio, erp=erp, relativePositionTarget=offset, maxForce=GEAR_FORCE)
         return joint
+
+    def _is_above(self, upper: int, link: int) -> bool:
+        """Return whether one link of the hand carries another."""
+        while link > upper:  # parents come before children
+            link = self.hand.joints[link - 1].parent
+        return link == upper
 
     def place(self, hand_pose: NDArray[np.float64], start: NDArray[np.float64], target: NDArray[np.float64]) -> None:
         """Place the hand, and set the targets of its motors.

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.model import Hand
 from stages.simulate_grasps.physics import GRAVITY, Simulation
 from stages.simulate_grasps.quiet_pybullet import pybullet
@@ -104,3 +105,29 @@ def test_objects_that_were_loaded_leave_no_memory_behind(hand: Hand) -> None:
             physics.load(mesh)
             sizes.append(int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize())
     assert sizes[-1] - sizes[20] < 5e6
+
+
+CHAIN = """<robot name="chain"><link name="palm"/>
+<link name="near"><collision><origin xyz="0.02 0 0"/><geometry><box size="0.03 0.01 0.01"/></geometry></collision></link>
+<link name="far"><collision><origin xyz="0.02 0 0"/><geometry><box size="0.03 0.01 0.01"/></geometry></collision></link>
+<joint name="bend" type="revolute"><parent link="palm"/><child link="near"/><axis xyz="0 1 0"/>
+<limit lower="0" upper="1.5" effort="1" velocity="1"/></joint>
+<joint name="follow" type="revolute"><parent link="near"/><child link="far"/><origin xyz="0.04 0 0"/><axis xyz="0 1 0"/>
+<limit lower="0" upper="1.5" effort="1" velocity="1"/><mimic joint="bend" multiplier="1.05" offset="0"/></joint></robot>"""
+
+
+def test_joint_that_follows_one_of_its_own_finger_does_not_sag(tmp_path: Path) -> None:
+    """Bent freely; with the gear between two branches, gravity leaves the tip 5 mrad off."""
+    (tmp_path / "chain.urdf").write_text(CHAIN)
+    sensor = "sensor: {link: far, origin: [0.02, 0, -0.005], normal: [0, 0, -1], columns: [0, 1, 0]}"
+    text = "name: chain\nurdf: chain.urdf\nsensor: gel_16mm\ntorque: 2\npalm: {link: palm, facing: [0, 0, -1], centre: [0.04, 0, 0]}\n"
+    (tmp_path / "chain.yaml").write_text(text + f"fingers: [{{name: finger, joints: [bend], {sensor}}}]\n")
+    far = np.eye(4)
+    far[:3, 3] = [1, 1, 1]
+    with Simulation(load_hand(tmp_path / "chain.yaml")) as physics:
+        physics.load(mug())
+        angles, rests = physics.settle(far, np.array([0.1]), np.array([0.34]), max_steps=400, resting_speed=2e-3)
+        names = {physics.client.getJointInfo(1, number)[1]: number for number in range(2)}
+        tip = physics.client.getJointState(1, names[b"follow"])[0]
+    assert rests
+    assert tip == pytest.approx(1.05 * angles[0], abs=2e-3)
