@@ -31,11 +31,13 @@ comma   := ,
 space   := $(subst ,, )
 quoted   = '$(subst ','\'',$(1))'
 
-unknown := $(firstword $(foreach name,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $(name)))),$(filter-out $(VARIABLES),$(name)))))
-similar := $(if $(unknown),$(shell sh tools/meant.sh $(call quoted,$(unknown)) $(VARIABLES)))
-$(if $(unknown),$(error there is no variable $(unknown)$(if $(similar),$(comma) did you mean $(similar)?,;) there are $(VARIABLES)))
 $(foreach name,$(VARIABLES),$(if $(findstring $(newline),$(value $(name))),$(error $(name) has a line break; write it on one line)))
 $(foreach name,$(VARIABLES),$(if $(filter-out undefined,$(origin $(name))),$(eval override $(name) := $$(value $(name)))))
+
+unknown := $(strip $(foreach name,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $(name)))),$(filter-out $(VARIABLES),$(name)))))
+$(foreach name,$(unknown),$(eval unexport $(subst $$,,$(name))))  # make 4.4 expands what it exports to `shell`
+similar := $(if $(unknown),$(shell sh tools/meant.sh $(call quoted,$(firstword $(unknown))) $(VARIABLES)))
+$(if $(unknown),$(error there is no variable $(firstword $(unknown))$(if $(similar),$(comma) did you mean $(similar)?,;) there are $(VARIABLES)))
 
 no-digits = $(subst 0,,$(subst 1,,$(subst 2,,$(subst 3,,$(subst 4,,$(subst 5,,$(subst 6,,$(subst 7,,$(subst 8,,$(subst 9,,$(1)))))))))))
 $(if $(strip $(call no-digits,$(SEEDS))),$(error SEEDS is $(SEEDS); it must be whole numbers, such as SEEDS="0 1 2"))

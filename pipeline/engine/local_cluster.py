@@ -107,10 +107,18 @@ def _start(processes: int) -> Client:
             raise
 
 
+class _Cluster(LocalCluster):  # type: ignore[misc]
+    """A cluster in which a worker may be forgotten before the scheduler says that it has gone, which is an error in Dask's own."""
+
+    def _update_worker_status(self, op: str, msg: object) -> None:
+        with suppress(KeyError):
+            super()._update_worker_status(op, msg)
+
+
 def _cluster_of(processes: int) -> LocalCluster:
     folder = str(private_folder(dask.config.get("temporary-directory", None)))
     with dask.config.set(LOCAL | {"temporary-directory": folder}):
-        return LocalCluster(
+        return _Cluster(
             n_workers=processes,
             threads_per_worker=1,
             memory_limit=0,

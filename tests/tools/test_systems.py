@@ -47,6 +47,22 @@ def test_root_installs_what_make_names_and_the_user_goes_on(tmp_path):
     assert None not in row.minutes
 
 
+def test_root_is_not_asked_again_when_a_later_command_fails(tmp_path):
+    asked: list[str] = []
+
+    def run(command: str, log: IO[str]) -> int:
+        if command == "make dataset" and not asked:
+            print("    sudo apt-get install -y libegl1", file=log, flush=True)
+        return 1 if command == "make test" else 1 - len(asked)
+
+    def as_root(command: str, log: IO[str]) -> int:
+        asked.append(command)
+        return 0
+
+    try_commands(Row("a system", "not root"), ["make dataset", "make test"], run, tmp_path / "log", as_root)
+    assert len(asked) == 1
+
+
 def test_python_and_digests_are_read_from_the_clone(tmp_path):
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
     accounts = {name: {"digest": name[0] * 64} for name in ("grasps", "surfaces", "models/unet")}

@@ -61,9 +61,9 @@ def try_commands(row: Row, commands: list[str], run: Run, log_file: Path, as_roo
     """Run commands until one fails, and fill in the row's minutes; `as_root` runs what `make` says that root has to install."""
     with log_file.open("w") as log:
         for command in commands:
-            began = time.monotonic()
+            began, printed = time.monotonic(), len(log_file.read_bytes())
             status = run(command, log)
-            if status and as_root and (lacking := LACKING.findall(log_file.read_text())):
+            if status and as_root and (lacking := LACKING.findall(log_file.read_bytes()[printed:].decode())):
                 status = as_root(f"DEBIAN_FRONTEND=noninteractive {lacking[-1]}", log) or run(command, log)
             row.minutes.append(None if status else (time.monotonic() - began) / 60)
             if status:
