@@ -59,6 +59,7 @@ def test_the_wheel_holds_every_file_of_the_packages(unpacked):
     assert "vt-pipeline = pipeline.__main__:main" in (facts / "entry_points.txt").read_text()
 
 
+@pytest.mark.slow
 def test_commands_and_library_run_from_the_wheel_without_the_clone(unpacked, tmp_path):
     (tmp_path / "two-meshes.yaml").write_text(wheel.MANIFEST)
     (tmp_path / "tools_systems_wheel.py").write_text(Path(wheel.__file__).read_text())
