@@ -20,7 +20,6 @@ from pipeline.store.storage import is_machine_fault
 
 KEPT = "what is finished is kept, run the same command to continue"
 
-
 AGAIN_SECONDS = 0.5
 """After which Ctrl-C is raised again where it was swallowed."""
 
@@ -93,7 +92,7 @@ def _stoppable() -> Iterator[list[type[KeyboardInterrupt]]]:
 
 
 def _is_on_its_way(error: BaseException | None) -> bool:
-    """Whether what is being handled is, or came of, Ctrl-C: what was opened is being closed, which is not to be disturbed."""
+    """Tell whether Ctrl-C, or an error that came of it, is being handled: then what was opened is being closed."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
     return error is not None

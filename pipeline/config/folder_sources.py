@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from pipeline.config.mesh_layout import Found, Layout, as_name, find_objects
 from pipeline.config.objects import Object
@@ -36,10 +36,6 @@ class Directory(MeshSource):
     - {kind: directory, licence: CC0, path: ~/meshes, metres_per_unit: 0.001, up: y}
     ```
     """
-
-    model_config = ConfigDict(
-        json_schema_extra={"examples": [{"kind": "directory", "licence": "CC0", "path": "~/meshes", "metres_per_unit": 0.001, "up": "y"}]}
-    )
 
     kind: Literal["directory"]
     path: Path | None = None
@@ -93,10 +89,6 @@ class Catalogue(MeshSource):
     ```
     """
 
-    model_config = ConfigDict(
-        json_schema_extra={"examples": [{"kind": "catalogue", "licence": "see catalogue.csv", "path": "~/furniture", "up": "y"}]}
-    )
-
     kind: Literal["catalogue"]
     path: Path | None = None
     """The folder; by default, the one given with `--objects`."""
@@ -130,14 +122,6 @@ class ShapeNet(MeshSource):
     - {kind: shapenet, licence: ShapeNet terms of use, path: ~/ShapeNetCore.v2, up: y, synsets: {bottle: "02876657", knife: "03624134"}}
     ```
     """
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "examples": [
-                {"kind": "shapenet", "licence": "ShapeNet terms of use", "up": "y", "synsets": {"bottle": "02876657", "knife": "03624134"}}
-            ]
-        }
-    )
 
     kind: Literal["shapenet"]
     path: Path | None = None

@@ -75,10 +75,8 @@ def find_objects(files: Sequence[Path], layout: Layout | None = None) -> Found:
     for file in files:
         homes[_home(file)].append(file)
     loose = homes.pop((), [])
-    single = {home for home, inside in homes.items() if layout == "folders" or len(_names(inside)) < 2}
+    single = {home for home, inside in homes.items() if layout == "folders" or (layout is None and len(_names(inside)) < 2)}
     if layout is None and not (len(single) > len(homes) / 2 and (len(single) > 1 or _named_by_folder(*homes.items()))):
-        single = set()
-    if layout == "files":
         single = set()
     objects, others = [_by_file(file) for file in loose], []
     for home, inside in homes.items():

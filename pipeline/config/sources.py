@@ -80,10 +80,6 @@ class Procedural(Source):
     ```
     """
 
-    model_config = ConfigDict(
-        json_schema_extra={"examples": [{"kind": "procedural", "licence": "MIT", "count": {"bottle": 20, "knife": 5}, "seed": 0}]}
-    )
-
     kind: Literal["procedural"]
     count: dict[Category, Annotated[int, Field(gt=0)]] = Field(min_length=1)
     """Of each class; more of them leave the first ones as they are."""
@@ -116,12 +112,6 @@ class Pybullet(MeshSource):
     - {kind: pybullet, licence: zlib, files: {duck: {file: duck.obj, up: y}}, random_urdfs: 10}
     ```
     """
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "examples": [{"kind": "pybullet", "licence": "zlib", "files": {"duck": {"file": "duck.obj", "up": "y"}}, "random_urdfs": 10}]
-        }
-    )
 
     kind: Literal["pybullet"]
     files: dict[str, PybulletFile] = {}
