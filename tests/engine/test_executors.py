@@ -216,7 +216,7 @@ def test_workers_that_do_not_start_in_time_are_named_with_a_way_out(monkeypatch)
     def late(*_: object, **__: object) -> None:
         raise TimeoutError
 
-    monkeypatch.setattr(local_cluster, "LocalCluster", late)
+    monkeypatch.setattr(local_cluster, "_cluster_of", late)
     with pytest.raises(StageError, match=r"2 worker processes did not start in time.*--executor serial"):
         Dask(2)._connect()
 
