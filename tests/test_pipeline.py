@@ -105,6 +105,7 @@ def test_again_nothing_is_done_and_no_file_changes(manifest, made):
     assert {path: path.stat().st_mtime_ns for path in made.rglob("*")} == before
 
 
+@pytest.mark.slow
 def test_killed_in_every_stage_and_run_again_the_digests_are_equal(manifest, made, tmp_path):
     for stage in GRASP_STAGES:
         kept = ".work/models/**/checkpoint.safetensors" if stage.startswith("train") else ".work/*/rows/*/*.row"

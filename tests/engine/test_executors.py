@@ -92,6 +92,7 @@ def test_an_object_that_never_ends_is_given_up_with_its_worker_and_the_others_go
     assert published(tmp_path).failure("c") is None
 
 
+@pytest.mark.slow
 def test_of_a_bundle_that_dies_only_the_objects_to_blame_fail(tmp_path):
     items = objects(16, h="crash", j="hang")
     run(request(tmp_path, items=items, settings={"object_seconds": 6}, executor=Dask()))  # longer than a worker takes to be replaced

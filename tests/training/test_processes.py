@@ -61,7 +61,9 @@ GCN = {"configuration": "occluded-touch", "gcn_layers": 3, "gcn_features": 12, "
 GCN |= {"samples_per_object": 3, "validation_items": 2, "epochs": 2, "batch_size": 5}
 
 
-@pytest.mark.parametrize(("stage", "values"), [(TrainUnet(), UNET), (TrainGcn(), GCN)], ids=["unet", "gcn"])
+@pytest.mark.parametrize(
+    ("stage", "values"), [pytest.param(TrainUnet(), UNET, marks=pytest.mark.slow), (TrainGcn(), GCN)], ids=["unet", "gcn"]
+)
 def test_two_processes_have_the_losses_of_one_with_batch_norm(
     balls: Path, tmp_path: Path, stage: DatasetStage, values: dict[str, Any]
 ) -> None:

@@ -95,6 +95,7 @@ def test_processes_end_with_the_command_that_started_them(data: Path, number: in
         time.sleep(0.1)
 
 
+@pytest.mark.slow
 def test_two_processes_of_torchrun_make_one_model_with_the_losses_of_one(data: Path) -> None:
     output = finish(start("--nproc-per-node=2", *command(data, devices=2)))
     assert output.count("made from 3 objects") == 1
