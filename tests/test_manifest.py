@@ -251,6 +251,8 @@ def test_a_folder_gives_ids_and_categories(tmp_path):
     [
         (["object_id,file,up", "a,a.obj,y"], "has no column category; its first line names the columns"),
         (["object_id,category,file,up", "a,cup,a.obj,w"], "a has up 'w'; it must be x, y, z or empty"),
+        (["object_id,category,file,up,metres_per_unit", "a,cup,a.obj,,mm"], "a has metres_per_unit 'mm'; it must be a number above 0"),
+        (["object_id,category,file,up,metres_per_unit", "a,cup,a.obj,,nan"], "a has metres_per_unit 'nan'"),
         (["\udcff"], "cannot be read as CSV in UTF-8"),
         ([], "has no column object_id, category, file, up"),
     ],
@@ -265,6 +267,24 @@ def test_up_is_the_sources_where_a_catalogue_says_nothing(tmp_path):
     (tmp_path / "catalogue.csv").write_text("object_id,category,file,up,licence\na,cup,a.obj,,CC0\nb,cup,b.obj,z,CC0\n")
     ups = {item.object_id: item.source["up"] for item in manifest(folder("catalogue", up="x")).objects(tmp_path)}
     assert ups == {"a": "x", "b": "z"}
+
+
+def test_the_unit_is_the_sources_where_a_catalogue_says_nothing(tmp_path):
+    (tmp_path / "catalogue.csv").write_text("object_id,category,file,up,metres_per_unit\na,cup,a.obj,,0.001\nb,cup,b.obj,,\n")
+    units = {item.object_id: item.source["metres_per_unit"] for item in manifest(folder("catalogue", metres_per_unit=1.0)).objects(tmp_path)}
+    assert units == {"a": 0.001, "b": 1.0}
+
+
+def test_paths_count_from_the_manifest(tmp_path, monkeypatch):
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "a.obj").write_text(CUBE)
+    described = manifest(folder("directory", "meshes")).model_dump(mode="json")
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(described))
+    monkeypatch.chdir("/")
+    (item,) = load_manifest(str(tmp_path / "mine.yaml")).objects()
+    assert item.source["file"] == str(tmp_path / "meshes" / "a.obj")
+    with pytest.raises(InvalidInput, match=f"did you mean {tmp_path / 'mine.yaml'}"):
+        load_manifest(str(tmp_path / "mine.yml"))
 
 
 def test_household_says_how_to_get_it(tmp_path, monkeypatch):

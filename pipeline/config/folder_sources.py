@@ -81,8 +81,8 @@ class Directory(MeshSource):
 class Catalogue(MeshSource):
     """A folder whose `catalogue.csv` lists mesh files below it, one per line.
 
-    Its columns are `object_id`, `category`, `file`, `up` (the source's where it is empty), and whatever else its readers want to know of an
-    object, such as `licence` and `creator`.
+    Its columns are `object_id`, `category`, `file`, `up`, optionally `metres_per_unit` (these two the source's where they are empty), and
+    whatever else its readers want to know of an object, such as `licence` and `creator`.
 
     ```yaml
     - {kind: catalogue, licence: see catalogue.csv, path: ~/furniture, up: y}
@@ -108,9 +108,24 @@ class Catalogue(MeshSource):
                     raise InvalidInput(
                         f"{file.resolve()}: {line['object_id']} has file {line['file']!r}; it must be a path below {folder.resolve()}"
                     )
-                yield Object(line["object_id"], as_name(line["category"]), self.placed(folder / line["file"], folder, line["up"]))
+                unit = _unit(line.get("metres_per_unit", ""), f"{file.resolve()}: {line['object_id']}")
+                source = self.placed(folder / line["file"], folder, line["up"], unit)
+                yield Object(line["object_id"], as_name(line["category"]), source)
         except (UnicodeDecodeError, csv.Error) as error:
             raise InvalidInput(f"{file.resolve()} cannot be read as CSV in UTF-8: {error}") from error
+
+
+def _unit(text: str, line: str) -> float | None:
+    """Read the unit that a line states, m; None where it states none."""
+    if not text:
+        return None
+    try:
+        unit = float(text)
+    except ValueError:
+        unit = 0.0
+    if not 0 < unit < float("inf"):
+        raise InvalidInput(f"{line} has metres_per_unit {text!r}; it must be a number above 0, 0.001 for mm, or empty")
+    return unit
 
 
 class ShapeNet(MeshSource):
@@ -171,8 +186,7 @@ def _folder(path: Path | None, what: str) -> Path:
     path = path and path.expanduser()
     if path is None or not path.is_dir():
         problem = "the manifest names no folder" if path is None else f"{path.resolve()} is no folder"
-        counted = "" if path is None or path.is_absolute() else "; a relative `path` counts from where the command runs"
-        raise InvalidInput(f"{problem}; give {what} with --objects DIR (make: OBJECTS=DIR){counted}")
+        raise InvalidInput(f"{problem}; give {what} with --objects DIR (make: OBJECTS=DIR)")
     return path
 
 

@@ -18,7 +18,7 @@ from pipeline.config.objects import Object as Object
 from pipeline.config.sources import MeshSource, Procedural, Pybullet
 from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput
-from pipeline.formats.description_file import description_path, read_description
+from pipeline.formats.description_file import description_path, read_description, shipped_files
 from pipeline.formats.file_units import METRES
 
 SPLITS = ("train", "valid", "test")
@@ -117,6 +117,15 @@ class Manifest(BaseModel):
         changed = (source.model_copy(update=stated if placed else {}) for source, placed in zip(self.sources, files, strict=True))
         return self.model_copy(update={"sources": tuple(changed)})
 
+    def _with_paths_below(self, folder: Path) -> Manifest:
+        """Return the manifest with its sources' relative paths counted from a folder."""
+        paths = [getattr(source, "path", None) for source in self.sources]
+        changed = (
+            source.model_copy(update={"path": folder / path.expanduser()} if path else {})
+            for source, path in zip(self.sources, paths, strict=True)
+        )
+        return self.model_copy(update={"sources": tuple(changed)})
+
     def remarks(self, root: Path | None = None) -> list[str]:
         """Say how its folders were understood, and which files that look like objects are left out."""
         return [line for source in self.sources if isinstance(source, MeshSource) for line in source.remarks(root)]
@@ -167,5 +176,10 @@ def _check_names(found: Sequence[Object]) -> None:
 
 
 def load_manifest(name_or_path: str) -> Manifest:
-    """Read a manifest: one of the built-in names, or the path of a YAML file; an `InvalidInput` says what is wrong with it."""
-    return read_description("manifest", description_path("manifest", name_or_path), Manifest)
+    """Read a manifest: one of the built-in names, or the path of a YAML file; an `InvalidInput` says what is wrong with it.
+
+    A relative `path` of a file's source counts from the file's folder, of a built-in manifest from where the command runs.
+    """
+    file = description_path("manifest", name_or_path)
+    manifest = read_description("manifest", file, Manifest)
+    return manifest if str(name_or_path) in shipped_files("manifest") else manifest._with_paths_below(file.parent)

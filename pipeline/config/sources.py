@@ -56,14 +56,14 @@ class MeshSource(Source):
     metres_per_unit: float | None = Field(None, gt=0)
     """Keeps real sizes: 0.001 for mm; by default what a file or its format states, else objects are scaled to one size. Or `--units`."""
 
-    def placed(self, file: Path, root: Path, up: str | None = None) -> dict[str, Any]:
-        """Say how to load a file of this source, which may name files below `root`."""
+    def placed(self, file: Path, root: Path, up: str | None = None, metres_per_unit: float | None = None) -> dict[str, Any]:
+        """Say how to load a file of this source, which may name files below `root`, and has an up-axis and a unit of its own."""
         unit, axis = stated_units(file)
         return {
             "file": str(file),
             "root": str(root),
             "up": up or self.up or axis or "z",
-            "metres_per_unit": self.metres_per_unit or unit,
+            "metres_per_unit": metres_per_unit or self.metres_per_unit or unit,
             "licence": self.licence,
         }
 

@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Collection
 from importlib import resources
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -63,7 +64,7 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     plugins.check_unique(kind, str(name), [owner for _, owner in files])
     path = files[0][0]
     if not os.path.isfile(path):
-        guess = meant(name, shipped)
+        guess = meant(name, shipped) or _file_like(path)
         hint = f", did you mean {guess}?" if guess else ";"
         empty = [
             f"; package {plugins.package_of(entry)} names {entry.value} as its folder of {kind}s, which has no YAML files"
@@ -73,6 +74,12 @@ def description_path(kind: Kind, name: str | Path) -> Path:
         ways = f"built in are {', '.join(shipped)}, or give the path of a YAML file{''.join(empty)}"
         raise InvalidInput(f"there is no {kind} {str(name)!r}{hint} {ways}")
     return path
+
+
+def _file_like(path: Path) -> Path | None:
+    """Find a YAML file beside a path that is called much like it."""
+    beside = {file.name: file for file in islice(path.parent.glob("*.y*ml"), 1000)} if path.parent.is_dir() else {}
+    return beside.get(meant(path.name, beside) or "")
 
 
 def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:

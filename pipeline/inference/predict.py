@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pipeline.errors import InvalidInput, StageError
+from pipeline.errors import InvalidInput, StageError, meant
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
 from pipeline.inference.observation_checks import faults
 from pipeline.inference.observation_file import RobotObservation, load_observation
@@ -230,9 +230,10 @@ def _load_model(models: Place, configuration: str, training_seed: int, device: t
     trained = trained_models(models, training_seed)
     if configuration not in trained:
         known = f"its models are {', '.join(sorted(trained))}" if trained else "there are none at all"
-        meant = f"did you mean {models / 'models'}?" if "models" in names_in(models) else "train it with train-gcn, train-implicit, …"
+        guess = meant(configuration, trained) or ("models" in names_in(models) and models / "models")
+        way = f"did you mean {guess}?" if guess else "train it with train-gcn, train-implicit, …"
         seed = f"seed-{training_seed}" if training_seed else ""
-        raise StageError(f"{models / seed} has no model {configuration}: {known}; {meant}")
+        raise StageError(f"{models / seed} has no model {configuration}: {known}; {way}")
     return load_reconstructor(configuration, DataDirectory(trained[configuration]).whole_folder(configuration), device)
 
 

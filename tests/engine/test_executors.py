@@ -141,6 +141,7 @@ def test_memory_that_runs_out_is_the_objects_failure_and_the_others_go_on(tmp_pa
     assert published(tmp_path).failure("c") is None
 
 
+@pytest.mark.slow
 def test_a_worker_that_nobody_watches_over_any_more_is_replaced(tmp_path):
     plan = plan_of(request(tmp_path))
     work, units = Work(plan.stage, plan.settings, tmp_path, {}), plan.units
@@ -180,6 +181,7 @@ class _Cluster:
             process.wait()
 
 
+@pytest.mark.slow
 def test_a_cluster_that_is_killed_and_started_again_gives_the_same(tmp_path, monkeypatch):
     run(request(tmp_path / "here"))
     plan = plan_of(request(tmp_path / "there"))

@@ -290,6 +290,8 @@ def test_another_training_is_used_where_it_is_asked_for(data, grasp, tmp_path):
     assert not np.array_equal(first.reconstruction.vertices, second.reconstruction.vertices)
     with pytest.raises(StageError, match=r"seed-2 has no model touch: there are none at all; train it with"):
         predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=2, **given)
+    with pytest.raises(StageError, match=r"has no model tuch: its models are .*; did you mean touch\?"):
+        predict(tmp_path / "ball.ply", copy / "models", "tuch", **given)
 
 
 def test_stored_charts_of_another_size_are_an_error(data, tmp_path):

@@ -36,6 +36,7 @@ def assert_same_curves(one: Path, two: Path) -> None:
         assert double == pytest.approx(single, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_three_processes_have_the_losses_of_one_where_parts_are_uneven_or_empty(tmp_path: Path) -> None:
     learners = [Regression(), Regression()]
     for learner, devices in zip(learners, (1, 3), strict=True):  # 48 items: parts of 16, 15 and 15, then of 1, 1 and none
