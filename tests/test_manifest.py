@@ -271,8 +271,8 @@ def test_up_is_the_sources_where_a_catalogue_says_nothing(tmp_path):
 
 def test_the_unit_is_the_sources_where_a_catalogue_says_nothing(tmp_path):
     (tmp_path / "catalogue.csv").write_text("object_id,category,file,up,metres_per_unit\na,cup,a.obj,,0.001\nb,cup,b.obj,,\n")
-    units = {item.object_id: item.source["metres_per_unit"] for item in manifest(folder("catalogue", metres_per_unit=1.0)).objects(tmp_path)}
-    assert units == {"a": 0.001, "b": 1.0}
+    objects = manifest(folder("catalogue", metres_per_unit=1.0)).objects(tmp_path)
+    assert {item.object_id: item.source["metres_per_unit"] for item in objects} == {"a": 0.001, "b": 1.0}
 
 
 def test_paths_count_from_the_manifest(tmp_path, monkeypatch):
