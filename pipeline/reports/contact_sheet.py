@@ -21,7 +21,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
-from pipeline.reports.contact_sheet_page import Band, draw, enlarged, finger_colors, grasp_note, spread_evenly
+from pipeline.reports.contact_sheet_page import Band, draw, enlarged, finger_colors, grasp_note, size_note, spread_evenly
 from pipeline.reports.report_pages import WrittenFiles
 from pipeline.reports.second_view import GraspView, gel_squares, second_view, touch_patch
 from pipeline.store import digest
@@ -131,7 +131,7 @@ class BandMaker:
         masks = vision["segmentation"][:2, 0] > 0
         (unoccluded, scale), (occluded, _) = (enlarged(image, masks) for image in (unoccluded, occluded))
         return Band(
-            title=object_id,
+            title=f"{object_id}, {size_note(rows['surfaces'])}",
             note=grasp_note(grasps, 0),
             pictures=[
                 (f"unoccluded{scale}", unoccluded),

@@ -170,6 +170,11 @@ def surroundings(shown: NDArray[np.bool_]) -> tuple[slice, slice]:
     return row, col
 
 
+def size_note(surface: Mapping[str, NDArray[Any]]) -> str:
+    """Describe an object's size, along x, y and z, from its row of `surfaces`."""
+    return f"{' × '.join(f'{100 * extent:.3g}' for extent in np.ptp(surface['meshes/vertices'], axis=0))} cm"
+
+
 def grasp_note(row: Mapping[str, NDArray[Any]], grasp: int) -> str:
     """Describe a grasp, from an object's row of `grasps`: touches, penetration, contacts, force closure, lift test."""
     touched = row["touch_success"][grasp]

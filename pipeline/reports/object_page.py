@@ -20,7 +20,7 @@ from PIL import Image
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.touch.contact import pressed_pixels
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.reports.contact_sheet_page import depth_colors, enlarged, finger_colors, grasp_note
+from pipeline.reports.contact_sheet_page import depth_colors, enlarged, finger_colors, grasp_note, size_note
 from pipeline.reports.grasp_scene import GraspScenes, Rows
 from pipeline.reports.reconstruction_gallery import render_mesh
 from pipeline.reports.report_source import ReportSource, best, dataset_scene, errors_table
@@ -96,6 +96,7 @@ class ObjectPages:
             id=object_id,
             category=surface.category,
             split=surface.split,
+            size=size_note(rows["surfaces"]),
             grasps=grasps,
             parts=[(part, label) for part, label in PARTS.items() if part != "charts" or "charts" in rows],
             predictions=[{"value": made.name, "label": made.label, "best": made is best(predictions)} for made in predictions],

@@ -13,7 +13,7 @@ from pipeline.errors import StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.reports.contact_sheet import BandMaker, band_maker, contact_sheets
-from pipeline.reports.contact_sheet_page import COLORS, PAGE, PAPER, PICTURE, Band, _scaled, depth_colors, draw, grasp_note
+from pipeline.reports.contact_sheet_page import COLORS, PAGE, PAPER, PICTURE, Band, _scaled, depth_colors, draw, grasp_note, size_note
 from tests.kernels.vision.shapes import ball
 from tests.stages import ball_dataset
 
@@ -115,6 +115,10 @@ def test_a_grasp_is_described_in_words(margin, words) -> None:
     expected = f"150 mm² of contact, normals up to 120° apart; {words}; dropped in the lift test"
     assert note == f"2 of 3 sensors touch; rigid parts at most 0.40 mm inside; {expected}"
     assert grasp_note(row, 0).endswith("inside")  # of a dataset without these figures
+
+
+def test_size_is_that_of_the_box_along_the_axes() -> None:
+    assert size_note({"meshes/vertices": np.array([[0, 0, 0.5], [0.32, 0.1, 0.55], [0.1, 0.2, 0.65]])}) == "32 × 20 × 15 cm"
 
 
 def test_sheets_are_drawn_again_where_they_were_changed_and_never_through_links(tmp_path, monkeypatch) -> None:
