@@ -25,7 +25,8 @@ def measure(data: Path, turns: int) -> Table:
         for case in touched_objects(data):
             points, normals = sample_exterior(case.mesh, 10_000, numpy_rng(0, "points"))
             physics.load(case.mesh)
-            search = GraspSearch(prepared_hand, prepare_object(case.mesh, points, normals, cell=settings.grid_cell), physics, settings)
+            prepared_object = prepare_object(case.mesh, points, normals, cell=settings.grid_cell, reach=prepared_hand.reach)
+            search = GraspSearch(prepared_hand, prepared_object, physics, settings)
             attempts = each(lambda number, s=search: s.attempt(numpy_rng(0, "attempt", number)), range(ATTEMPTS))
             table.add(case.name, side_by_side({"": attempts}, turns)[""])
     return table

@@ -24,8 +24,8 @@ MEASURE_SPACING = 0.003
 """m, of the spheres that measure penetration: right to 0.3 mm at edges, better on faces."""
 FINGER_GAP = 0.001
 """m kept between fingers, and between fingers and palm."""
-GRID_BAND = 0.012
-"""m around the surface in which the distance grid holds: more than any sphere's radius, and clear of the gel."""
+RIM_CELLS = 2
+"""Cells that the distance grid reaches beyond what it is asked: the largest error of a look-up (`object_distances.LOOKUP_ERROR_CELLS`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +37,11 @@ class PreparedHand:
     palm_spheres: CollisionSpheres
     spheres: CollisionSpheres
     ik: GraspIk
+
+    @property
+    def reach(self) -> float:
+        """The distance from an object, m, up to which the fingers' clearance must be known: that of their largest sphere's centre."""
+        return self.ik.clearance + max(float(own.radii.max()) for own in self.ik.fingers.spheres)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +69,7 @@ def prepare_hand(settings: GraspSettings) -> PreparedHand:
     )
 
 
-def prepare_object(mesh: Mesh, points: np.ndarray, normals: np.ndarray, *, cell: float) -> PreparedObject:
+def prepare_object(mesh: Mesh, points: np.ndarray, normals: np.ndarray, *, cell: float, reach: float) -> PreparedObject:
     """Prepare an object for grasping.
 
     Parameters
@@ -75,10 +80,12 @@ def prepare_object(mesh: Mesh, points: np.ndarray, normals: np.ndarray, *, cell:
         (N, 3) exterior points, m, and outward unit normals.
     cell
         Of the distance grid, m.
+    reach
+        Of the hand, m: distances above it are bounds only.
     """
     return PreparedObject(
         points=points.astype(np.float64),
         normals=normals.astype(np.float64),
-        field=build_distance_field(mesh.vertices, mesh.faces, cell=cell, band=GRID_BAND),
+        field=build_distance_field(mesh.vertices, mesh.faces, cell=cell, band=reach + RIM_CELLS * cell),
         faces=box_faces(mesh.triangles),
     )

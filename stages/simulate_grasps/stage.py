@@ -103,7 +103,7 @@ def _grasp(
 ) -> Row:
     surface = inputs["surfaces"]
     mesh = read_mesh(surface)
-    prepared_object = prepare_object(mesh, surface["points"], surface["normals"], cell=settings.grid_cell)
+    prepared_object = prepare_object(mesh, surface["points"], surface["normals"], cell=settings.grid_cell, reach=prepared_hand.reach)
     physics.load(mesh)
     search = GraspSearch(prepared_hand, prepared_object, physics, settings)
     kept: list[Grasp] = []

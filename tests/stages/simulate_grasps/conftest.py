@@ -19,7 +19,7 @@ Grasped = list[tuple[Mesh, list[Grasp]]]
 
 def attempt(prepared: PreparedHand, physics: Simulation, mesh: Mesh, number: int) -> Grasp | None:
     """Make an attempt, by number, at a mesh that is loaded."""
-    thing = prepare_object(mesh, *points_on(mesh, 2000, seed=1), cell=SETTINGS.grid_cell)
+    thing = prepare_object(mesh, *points_on(mesh, 2000, seed=1), cell=SETTINGS.grid_cell, reach=prepared.reach)
     return GraspSearch(prepared, thing, physics, SETTINGS).attempt(numpy_rng(0, "grasped", number))
 
 
