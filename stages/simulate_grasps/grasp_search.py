@@ -4,28 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.grasp_closure import Contact, closure_margin, contact_from_depth, opposition_angle
-from pipeline.kernels.hand.grasp_ik import fingers_fit, grasp_ik
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.object_distances import finger_clearance, penetration_depth
-from pipeline.kernels.hand.pregrasp import pregrasp_angles, tangent_palm_pose
+from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.hand.self_collision import hand_gap
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.ray_depth import ray_depth
 from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
 from stages.simulate_grasps.settings import GraspSettings
-
-MAX_POSES = 40
-"""Draws of palm point, distance and rotation per attempt; one at which the hand would be in the object is drawn again."""
-MAX_SEARCHES = 3
-"""Poses per attempt for which the inverse kinematics may fail before the attempt is given up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,38 +49,27 @@ class Grasp:
         return opposition_angle([contact for contact in self.contacts if contact])
 
 
+class Plan(NamedTuple):
+    """A grasp before physics: pose of the hand (4, 4), and joint angles (J,) with which its gels press into the object."""
+
+    hand_pose: NDArray[np.float64]
+    joint_angles: NDArray[np.float64]
+
+
 @dataclass(frozen=True, eq=False)
 class GraspSearch:
-    """The search for grasps of one object, which `physics` has loaded."""
+    """The search for grasps of one object, which `physics` has loaded, by plans that depend on a random generator alone."""
 
     prepared_hand: PreparedHand
     prepared_object: PreparedObject
     physics: Simulation
     settings: GraspSettings
+    plan: Callable[[np.random.Generator], Plan | None]
 
     def attempt(self, rng: np.random.Generator) -> Grasp | None:
-        """Make one grasp, which depends on the search and `rng` alone; None where the hand finds no room around the object."""
-        poses = (self._draw_hand_pose(rng) for _ in range(MAX_POSES))
-        for pose in islice(filter(self._has_room, poses), MAX_SEARCHES):
-            rounds = self.settings.ik_refinements
-            joint_angles = grasp_ik(self.prepared_hand.ik, self.prepared_object.field, pose, rounds=rounds, rng=rng)
-            if joint_angles is not None:
-                return self._close(pose, joint_angles)
-        return None
-
-    def _draw_hand_pose(self, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Draw a pose (4, 4): the palm tangent at a random surface point, at a random distance, randomly turned in the plane."""
-        index = rng.integers(len(self.prepared_object.points))
-        point, normal = self.prepared_object.points[index], self.prepared_object.normals[index]
-        distance = rng.uniform(self.settings.least_distance, self.settings.greatest_distance)
-        return tangent_palm_pose(self.prepared_hand.hand, point, normal, distance=distance, angle=rng.uniform(0, 2 * np.pi))
-
-    def _has_room(self, pose: NDArray[np.float64]) -> bool:
-        """Tell whether the palm stays clear of the object, and every finger can."""
-        hand, palm, field = self.prepared_hand.hand, self.prepared_hand.palm_spheres, self.prepared_object.field
-        frames = forward_kinematics(hand, pose, hand.lower)[None]
-        gap = field.exact(palm.world_centres(frames)[:, 0].T) - palm.radii
-        return bool((gap >= self.settings.clearance).all()) and fingers_fit(self.prepared_hand.ik, field, pose)
+        """Make one grasp, which depends on the search and `rng` alone; None where there is no plan."""
+        plan = self.plan(rng)
+        return None if plan is None else self._close(*plan)
 
     def _close(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> Grasp:
         """Close the fingers to a target posture and measure where they come to rest."""

@@ -21,6 +21,16 @@ class GraspSettings(ObjectSettings):
         changes="definition",
     )
     grasps: int = setting(5, "the best five are kept (supplement 1.3)", ge=1, changes="definition")
+    search: Literal["touch", "hold"] = setting(
+        "touch",
+        "the supplement's (1.3): palms tangent to the object at random, as many touches as can be; hold: gels on opposed points, contacts "
+        "that carry the object, kept if it stays in the hand",
+        changes="definition",
+    )
+    plans: int = setting(2, "of a hold search, the best of so many goes to physics", ge=1)
+    spread: float = setting(
+        0.05, "m from the centre of mass at which a hold search places a quarter of the grasps that it places there", gt=0
+    )
     prefer: Literal["touches", "area", "closure"] = setting(
         "touches",
         "the supplement's rule (1.3); area: most area of contact; closure: the greatest margin of force closure, then most touches; "

@@ -113,7 +113,7 @@ def prepare_grasp_ik(
     for finger in hand.fingers:
         joints = list(finger.joints)
         unit = qmc.Sobol(len(joints), scramble=False).random_base2(int(np.ceil(np.log2(samples))))[:samples]
-        margin = _limit_margin(hand)[joints]
+        margin = limit_margin(hand)[joints]
         low, high = hand.lower[joints] + margin, hand.upper[joints] - margin
         angles[:, joints] = low + unit * (high - low)
     frames = forward_kinematics(hand, np.eye(4), angles)
@@ -138,7 +138,7 @@ def _check_free(hand: Hand, boxes: CollisionBoxes, frames: Float64Array, free: N
             )
 
 
-def _limit_margin(hand: Hand) -> Float64Array:
+def limit_margin(hand: Hand) -> Float64Array:
     """(J,) kept from the joint limits."""
     return np.minimum(LIMIT_MARGIN, LIMIT_SHARE * (hand.upper - hand.lower))
 
@@ -164,7 +164,41 @@ def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> b
     return bool((clear & ik.free[rows]).any(axis=0).all())
 
 
-def grasp_ik(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, rounds: int, rng: np.random.Generator) -> Float64Array | None:
+@dataclass(frozen=True, eq=False)
+class GraspChoices:
+    """Choices of one posture per finger that keep the fingers apart, best first; there may be none.
+
+    Attributes
+    ----------
+    hand
+        The hand.
+    options
+        (O, J) float64, rad: joint angles in each of which every finger has a posture.
+    frames
+        (O, L, 4, 4) float64, their link frames, world.
+    picks
+        (N, F) the option that each finger takes.
+    """
+
+    hand: Hand
+    options: Float64Array
+    frames: Float64Array
+    picks: NDArray[np.intp]
+
+    def joint_angles(self, number: int) -> Float64Array:
+        """Combine the fingers' postures of a choice, (J,), rad."""
+        return _combine_fingers(self.hand, self.options, self.picks[number][None])[0]
+
+
+def grasp_ik(
+    ik: GraspIk,
+    field: DistanceField,
+    hand_pose: Float64Array,
+    *,
+    rounds: int,
+    rng: np.random.Generator,
+    start: Float64Array | None = None,
+) -> GraspChoices:
     """Find joint angles with which the sensors touch an object.
 
     Parameters
@@ -179,13 +213,17 @@ def grasp_ik(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, roun
         Of refinement.
     rng
         Draws the refinement's steps.
+    start
+        (J,) float64, rad, a posture to be refined beside the best samples.
 
     Returns
     -------
-    (J,) float64, rad, within the limits; or None where some finger has no posture that is clear of object and hand. A finger that
-    cannot touch takes, of the free postures found, the one that comes nearest to touching.
+    Postures within the limits; none where some finger has no posture that is clear of object and hand. A finger that cannot touch
+    takes, of the free postures found, the one that comes nearest to touching.
     """
     lines, rest = _best_samples(ik, field, hand_pose)
+    if start is not None:
+        lines = np.concatenate([lines, start[None]])
     slides = np.array([ik.hand.joints[link - 1].kind == "prismatic" for link in ik.hand.joint_links])
     size = np.where(slides, STEP_SHARE * (ik.hand.upper - ik.hand.lower), STEP)
     for k in range(rounds):
@@ -197,8 +235,7 @@ def grasp_ik(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, roun
     values = np.where(clearance >= ik.clearance, value, -np.inf)
     at_origin = forward_kinematics(ik.hand, np.eye(4), options)
     values[~fingers_clear_of_palm(ik.hand, ik.boxes, at_origin, ik.finger_gap)] = -np.inf
-    rows = choose_postures(ik.hand, ik.boxes, frames=frames, values=values, gap=ik.finger_gap)
-    return None if rows is None else _combine_fingers(ik.hand, options, rows[None])[0]
+    return GraspChoices(ik.hand, options, frames, choose_postures(ik.hand, ik.boxes, frames=frames, values=values, gap=ik.finger_gap))
 
 
 def _evaluate_postures(ik: GraspIk, field: DistanceField, frames: Float64Array) -> tuple[Float64Array, NDArray[np.float32]]:
@@ -257,7 +294,7 @@ def _refine(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, lines
     """Replace each posture (P, J), finger by finger, by the best of itself and its neighbours at `steps` (P, STEPS_PER_POSTURE + 1, J)."""
     children = lines[:, None] + steps
     children[:, 0] = lines
-    margin = _limit_margin(ik.hand)
+    margin = limit_margin(ik.hand)
     children = np.clip(children, ik.hand.lower + margin, ik.hand.upper - margin).reshape(-1, lines.shape[1])
     value, _ = _evaluate_postures(ik, field, forward_kinematics(ik.hand, hand_pose, children))
     best = value.reshape(len(lines), STEPS_PER_POSTURE + 1, -1).argmax(axis=1)  # (REFINED_POSTURES, F)

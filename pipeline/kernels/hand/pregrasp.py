@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pipeline.kernels.geometry.transforms import compose, invert_pose, length, sin_cos, solve_3x3
 from pipeline.kernels.hand.kinematics import sensor_poses
@@ -46,20 +46,34 @@ def tangent_palm_pose(
     if not (np.isfinite(point).all() and 0 < longest < np.inf):
         raise ValueError(f"no hand can face the point {point} with normal {normal}: they must be finite, the normal not zero")
     normal = normal / longest
-    palm = _frame(-hand.palm_facing, 0.0, hand.palm_centre)
-    return compose(_frame(normal, angle, point + distance * normal / length(normal)), invert_pose(palm))
+    palm = frame_along(-hand.palm_facing, 0.0, hand.palm_centre)
+    return compose(frame_along(normal, angle, point + distance * normal / length(normal)), invert_pose(palm))
 
 
-def _frame(z: NDArray[np.float64], angle: float, origin: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make a right-handed frame with the given third axis, turned about it by `angle`."""
-    z = z / length(z)
-    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
-    x /= length(x)
+def frame_along(z: NDArray[np.float64], angle: ArrayLike, origin: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Make right-handed frames with a given third axis.
+
+    Parameters
+    ----------
+    z
+        (..., 3) axis, of any length but 0.
+    angle
+        (...) of the frame about it, rad; 0 is an arbitrary direction that depends on the axis alone.
+    origin
+        (..., 3) m.
+
+    Returns
+    -------
+    (..., 4, 4) float64.
+    """
+    z = z / length(z)[..., None]
+    x = np.cross(np.eye(3)[np.abs(z).argmin(axis=-1)], z)
+    x /= length(x)[..., None]
     y = np.cross(z, x)
-    sin, cos = sin_cos(angle)
-    frame = np.eye(4)
-    frame[:3, :3] = np.column_stack([cos * x + sin * y, cos * y - sin * x, z])
-    frame[:3, 3] = origin
+    sin, cos = (part[..., None] for part in sin_cos(angle))
+    frame = np.broadcast_to(np.eye(4), (*z.shape[:-1], 4, 4)).copy()
+    frame[..., :3, :3] = np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=-1)
+    frame[..., :3, 3] = origin
     return frame
 
 

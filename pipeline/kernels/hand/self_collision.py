@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -122,9 +122,34 @@ def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.
     return np.stack([~near[:, owner[second[own]] == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
 
 
+def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], fingers: Sequence[int], gap: float) -> NDArray[np.bool_]:
+    """Find the postures in which some fingers keep a gap from each other, from their own links and from the palm.
+
+    Parameters
+    ----------
+    hand, boxes
+        The hand and its boxes, from `collision_boxes`.
+    frames
+        (N, L, 4, 4) link frames.
+    fingers
+        Numbers of the fingers.
+    gap
+        m.
+
+    Returns
+    -------
+    (N,) bool.
+    """
+    first, second = _pairs(hand, boxes)
+    owner = hand.link_fingers[boxes.link]
+    theirs = np.isin(owner, [*fingers, -1])
+    own = theirs[first] & theirs[second]
+    return (_pair_gaps(boxes, frames, (first[own], second[own])) >= gap).all(axis=1)
+
+
 def choose_postures(
     hand: Hand, boxes: CollisionBoxes, *, frames: NDArray[np.float64], values: NDArray[np.float64], gap: float
-) -> NDArray[np.intp] | None:
+) -> NDArray[np.intp]:
     """Choose one posture per finger, of greatest total value, so that all fingers keep a gap from each other.
 
     Parameters
@@ -140,7 +165,7 @@ def choose_postures(
 
     Returns
     -------
-    (F,) option taken for each finger, or None when no choice keeps them apart.
+    (N, F) option taken for each finger in up to `BEAM_WIDTH` choices, best first; N is 0 when no choice keeps them apart.
 
     Notes
     -----
@@ -159,7 +184,7 @@ def choose_postures(
         best = best[np.isfinite(scores[best])]
         picks = np.concatenate([picks[best // options], (best % options)[:, None]], axis=1)
         total = scores[best]
-    return picks[0] if len(picks) else None
+    return picks
 
 
 def overlapping_neighbours(hand: Hand, boxes: CollisionBoxes) -> frozenset[tuple[int, int]]:

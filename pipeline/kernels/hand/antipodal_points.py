@@ -1,0 +1,93 @@
+"""Pairs of surface points that two fingers could press together: their normals oppose each other within the friction cone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
+from pipeline.kernels.hand.distance_field import DistanceField
+
+Float64Array = NDArray[np.float64]
+
+RAYS = 4000
+"""From surface points through the object."""
+TILT = 0.25
+"""Standard deviation of a ray's slope against the inward normal: objects have more pairs than those that face each other exactly."""
+CONE_SHARE = 0.8
+"""Share of the friction angle by which a normal may be off the line between the points."""
+LEAST_WIDTH = 2e-4
+"""m between two points; a ray meets the surface that it starts from at less."""
+BEHIND = 0.003
+"""m behind a point at which the object must have ended: room for the other finger."""
+
+
+@dataclass(frozen=True, eq=False)
+class AntipodalPoints:
+    """P pairs of surface points: `centre` (P, 3) between them, unit `axis` (P, 3) from the first to the second, `width` (P,), world, m."""
+
+    centre: Float64Array
+    axis: Float64Array
+    width: Float64Array
+
+
+def antipodal_points(
+    field: DistanceField, points: Float64Array, normals: Float64Array, *, friction: float, widest: float, rng: np.random.Generator
+) -> AntipodalPoints:
+    """Find pairs of points on an object that two fingers could press together (Chen and Burdick, 1993).
+
+    Parameters
+    ----------
+    field
+        The object.
+    points, normals
+        (N, 3) of its surface, world, m; unit normals outward.
+    friction
+        Coefficient between finger and object.
+    widest
+        Greatest distance between the two points, m.
+    rng
+        Draws the rays.
+
+    Returns
+    -------
+    The pairs, of every place where a ray leaves the object; there may be none.
+    """
+    start = rng.integers(len(points), size=RAYS)
+    origin, outward = points[start], normals[start]
+    direction = unit_vectors(-outward + TILT * rng.standard_normal((RAYS, 3)))
+    hits = field.tree.intersect_ray(field.vertices, field.faces, origin, direction)
+    ray = np.repeat(np.arange(RAYS), [len(own) for own in hits])
+    face, distance, _, _ = np.array([hit for own in hits for hit in own], np.float64).reshape(-1, 4).T
+    origin, outward, direction = origin[ray], outward[ray], direction[ray]
+    corners = field.vertices[field.faces[face.astype(np.intp)]]
+    facing = np.abs((unit_vectors(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])) * direction).sum(axis=1))
+    within = sin_cos(CONE_SHARE * np.arctan(friction))[1]
+    end = origin + distance[:, None] * direction
+    kept = (distance > LEAST_WIDTH) & (distance <= widest) & (facing >= within) & (-(outward * direction).sum(axis=1) >= within)
+    kept[kept] = field.lookup((end + BEHIND * direction)[kept].T.astype(np.float32)) > 0
+    return AntipodalPoints(((origin + end) / 2)[kept], direction[kept], distance[kept])
+
+
+def central_weights(pairs: AntipodalPoints, centre: Float64Array, *, spread: float) -> Float64Array:
+    """Weigh pairs by how near they are to the centre of mass: gravity turns an object less that is held there.
+
+    Parameters
+    ----------
+    pairs
+        P pairs.
+    centre
+        (3,) centre of mass, world, m.
+    spread
+        Distance from it at which the weight is a quarter, m.
+
+    Returns
+    -------
+    (P,) float64 that sum to 1.
+    """
+    away = length(pairs.centre - centre)
+    beyond = np.maximum(away - np.quantile(away, 0.05), 0)  # also of an object that is hollow there
+    weights = (1 + (beyond / spread) ** 2) ** -2
+    return np.asarray(weights / weights.sum())

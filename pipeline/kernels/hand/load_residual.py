@@ -1,0 +1,164 @@
+"""How much of an object's weight the contacts of a grasp cannot carry, whichever way gravity points."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.compiled import compiled
+
+Float64Array = NDArray[np.float64]
+
+EDGES = 6
+"""Edges of the pyramid that stands for a friction cone."""
+MOST_FORCE = 10.0
+"""Weights of the object with which an edge presses at most: 20 N of an object of 0.2 kg."""
+LEVER = 0.05
+"""m, by which moments are divided so that they count like forces: half the size of what a hand holds."""
+CONTACT_RADIUS = 0.004
+"""m, of a gel's contact, which resists being turned about its normal."""
+ITERATIONS = 80
+"""Of accelerated projected gradients: right to a few hundredths where contacts hardly differ, enough to rank grasps."""
+SMALL = 1e-3
+"""Share of the weight below which a residual counts as none."""
+
+
+@compiled
+def load_residuals(points: Float64Array, normals: Float64Array, touching: NDArray[np.bool_], friction: float) -> Float64Array:
+    """Compute what grasps cannot carry of an object's weight, along ± x, ± y and ± z.
+
+    Parameters
+    ----------
+    points, normals
+        (N, C, 3) of C contacts in N grasps, m, from the centre of mass; unit normals into the object.
+    touching
+        (N, C) which of them there are.
+    friction
+        Coefficient of every contact.
+
+    Returns
+    -------
+    (N,) float64: the root mean square, over six directions, of the force and moment (divided by `LEVER`) that remain, as a share of the
+    weight. 0: held in all; 1: not held at all.
+
+    Notes
+    -----
+    Least squares over forces within the friction cones, the pyramids' edges and the moments of a soft finger, by projected gradients
+    (FISTA; Beck and Teboulle, 2009).
+    """
+    residuals = np.empty(len(points))
+    columns = np.empty((points.shape[1] * (EDGES + 2), 6))
+    for n in range(len(points)):
+        count = 0
+        for c in range(points.shape[1]):
+            if touching[n, c]:
+                _cone(points[n, c], normals[n, c], friction, columns[count : count + EDGES + 2])
+                count += EDGES + 2
+        residuals[n] = _residual(columns[:count])
+    return residuals
+
+
+@compiled
+def _cone(point: Float64Array, normal: Float64Array, friction: float, columns: Float64Array) -> None:
+    """Fill the wrenches (EDGES + 2, 6) of a contact with normal force 1: forces on its cone, and moments about its normal."""
+    thin = 0
+    for k in range(1, 3):
+        if abs(normal[k]) < abs(normal[thin]):
+            thin = k
+    across = np.zeros(3)
+    across[thin] = 1.0
+    along = _cross(normal, across)
+    along /= np.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2)
+    across = _cross(along, normal)
+    twist = 2 / 3 * friction * CONTACT_RADIUS / LEVER
+    half, high = 0.5, np.sqrt(0.75)  # corners of a hexagon
+    for edge in range(EDGES + 2):
+        force = normal.copy()
+        if edge < EDGES:
+            cosine = (1.0, half, -half, -1.0, -half, half)[edge]
+            sine = (0.0, high, high, 0.0, -high, -high)[edge]
+            force += friction * (cosine * along + sine * across)
+        columns[edge, :3] = force
+        columns[edge, 3:] = _cross(point, force) / LEVER
+    columns[EDGES, 3:] += twist * normal
+    columns[EDGES + 1, 3:] -= twist * normal
+
+
+@compiled
+def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+@compiled
+def _residual(columns: Float64Array) -> float:
+    """Root mean square of what wrenches (M, 6), each taken 0 to `MOST_FORCE` times, leave of unit forces in six directions."""
+    if not len(columns):
+        return 1.0
+    step = 1 / _largest_eigenvalue(columns)
+    total = 0.0
+    force, ahead = np.empty(len(columns)), np.empty(len(columns))
+    left = np.empty(6)
+    for direction in range(6):
+        force[:] = 0.0
+        ahead[:] = 0.0
+        momentum = 1.0
+        squared = 1.0
+        for _ in range(ITERATIONS):
+            _remaining(columns, ahead, direction, left)
+            faster = (1 + np.sqrt(1 + 4 * momentum * momentum)) / 2
+            for m in range(len(columns)):
+                slope = 0.0
+                for k in range(6):
+                    slope += columns[m, k] * left[k]
+                pressed = min(max(ahead[m] - step * slope, 0.0), MOST_FORCE)
+                ahead[m] = pressed + (momentum - 1) / faster * (pressed - force[m])
+                force[m] = pressed
+            momentum = faster
+            squared = _remaining(columns, force, direction, left)
+            if squared < SMALL * SMALL:
+                break
+        total += squared
+    return float(np.sqrt(total / 6))
+
+
+@compiled
+def _remaining(columns: Float64Array, force: Float64Array, direction: int, left: Float64Array) -> float:
+    """Fill what forces leave of a unit load (6,), and return its squared length."""
+    left[:] = 0.0
+    left[direction // 2] = 1.0 if direction % 2 else -1.0
+    for m in range(len(columns)):
+        if force[m] != 0.0:
+            for k in range(6):
+                left[k] += force[m] * columns[m, k]
+    squared = 0.0
+    for k in range(6):
+        squared += left[k] * left[k]
+    return squared
+
+
+@compiled
+def _largest_eigenvalue(columns: Float64Array) -> float:
+    """Bound the largest eigenvalue of the wrenches' 6 x 6 moment matrix from above, by the eighth root of its eighth power's trace."""
+    power = np.zeros((6, 6))
+    for m in range(len(columns)):
+        for i in range(6):
+            for j in range(6):
+                power[i, j] += columns[m, i] * columns[m, j]
+    scale = _trace(power)
+    power /= scale
+    for _ in range(3):
+        square = np.zeros((6, 6))
+        for i in range(6):
+            for j in range(6):
+                for k in range(6):
+                    square[i, j] += power[i, k] * power[k, j]
+        power = square
+    return float(scale * np.sqrt(np.sqrt(np.sqrt(_trace(power)))))
+
+
+@compiled
+def _trace(matrix: Float64Array) -> float:
+    total = 0.0
+    for k in range(len(matrix)):
+        total += matrix[k, k]
+    return total

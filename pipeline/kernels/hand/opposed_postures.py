@@ -1,0 +1,214 @@
+"""Postures in which two gels of a hand face each other: what the hand can pinch, by width, prepared once per hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.compiled import compiled
+from pipeline.kernels.geometry.transforms import length, unit_vectors
+from pipeline.kernels.hand.grasp_ik import GraspIk, limit_margin
+from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.self_collision import fingers_apart
+
+Float64Array = NDArray[np.float64]
+
+WIDTH_STEP = 0.004
+"""m, by which widths are told apart: postures of every width are kept alike, and each serves widths up to this far from its own."""
+POSTURES_PER_STEP = 16
+"""Postures kept of each pair of gels and width: enough that palms come from many sides."""
+LEAST_WIDTH = 0.0005
+"""m, the thinnest sheet that is pinched; gels that are nearer cross each other."""
+FACING, SIN_FACING = float(np.sqrt(0.75)), 0.5
+"""Cosine and sine of the angle, 30°, by which the two normals may be off: what two gels and a friction coefficient of 0.5 forgive."""
+SIDE, SIDE_SHARE = 0.004, 0.27
+"""m, and share of the width, that one gel may be beside the other's axis."""
+START_STEPS = 128
+"""Steps of width from which postures start: up to half a metre."""
+ROUGHLY_FACING, ROUGH_SIDE = 0.5, 0.02
+"""The same of sampled postures, cosine and m: what least squares can make good."""
+MAX_STEP, TINY = 0.3, 1e-300
+ROUNDS, DAMPING, DIFFERENCE_STEP = 6, 0.03, 1e-5
+"""Steps of damped least squares (Levenberg, 1944) that turn the gels towards each other, and their finite differences, rad."""
+
+
+@dataclass(frozen=True, eq=False)
+class OpposedPostures:
+    """R postures of two gels that face each other, in the root link's frame.
+
+    Attributes
+    ----------
+    joint_angles
+        (R, J) rad; joints of fingers that are not in the pair are at rest.
+    sensors
+        (R, 2) the pair.
+    centre, axis
+        (R, 3) the middle between the gels, m, and the unit vector from the first to the second.
+    width
+        (R,) between the gels, m, ascending.
+    """
+
+    joint_angles: Float64Array
+    sensors: NDArray[np.intp]
+    centre: Float64Array
+    axis: Float64Array
+    width: Float64Array
+
+
+def opposed_postures(ik: GraspIk) -> OpposedPostures:
+    """Find postures of two fingers, or of a finger and the palm, whose gels face each other.
+
+    Parameters
+    ----------
+    ik
+        The hand, with its sampled postures.
+
+    Returns
+    -------
+    Postures of all widths that the hand has, the best of each width and pair of gels.
+
+    Raises
+    ------
+    InvalidInput
+        No two gels of the hand can face each other.
+
+    Notes
+    -----
+    Sampled postures of both fingers are paired where the gels roughly face each other, and turned towards each other by least squares.
+    """
+    parts = [_postures_of_pair(ik, pair) for pair in combinations(range(len(ik.hand.sensors)), 2)]
+    *arrays, _ = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if not len(arrays[0]):
+        raise InvalidInput(f"{ik.hand.name}: no two of its gels can face each other, so it cannot hold; use simulate-grasps.search=touch")
+    order = np.argsort(arrays[-1], kind="stable")
+    return OpposedPostures(*(array[order] for array in arrays))
+
+
+def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> _Grips:
+    """Postures of one pair of gels, the best of each width."""
+    hand = ik.hand
+    fingers = [int(hand.link_fingers[hand.sensors[sensor].link]) for sensor in pair]
+    rows = _facing_samples(ik, pair, fingers)
+    angles = np.tile(np.clip(0.0, hand.lower, hand.upper), (len(rows), 1))
+    for finger, own in zip(fingers, rows.T, strict=True):
+        if finger >= 0:
+            joints = list(hand.fingers[finger].joints)
+            angles[:, joints] = ik.joint_angles[own][:, joints]
+    moving = [joint for finger in dict.fromkeys(fingers) if finger >= 0 for joint in hand.fingers[finger].joints]
+    margin = limit_margin(hand)
+    wanted = np.maximum(_grips(ik, angles, pair).width, LEAST_WIDTH)
+    for _ in range(ROUNDS):
+        angles[:, moving] += _step(ik, angles, pair, wanted, moving)
+        angles = np.clip(angles, hand.lower + margin, hand.upper - margin)
+    grips = _grips(ik, angles, pair)
+    apart = fingers_apart(hand, ik.boxes, forward_kinematics(hand, np.eye(4), angles), fingers, ik.finger_gap)
+    return _Grips(*(array[_best_of_each_width(np.where(apart, grips.fault, np.inf), grips.width)] for array in grips))
+
+
+def _step(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float64Array, moving: list[int]) -> Float64Array:
+    """Step (N, K) of the moving joints by which the gels of postures (N, J) come nearer to facing each other across a width (N,), rad."""
+    nudged = angles[:, None] + DIFFERENCE_STEP * np.eye(angles.shape[1])[moving]  # (N, K, J)
+    at = _offsets(ik, angles, pair, width)
+    after = _offsets(ik, nudged.reshape(-1, angles.shape[1]), pair, np.repeat(width, len(moving))).reshape(*nudged.shape[:2], 6)
+    slopes = (after - at[:, None]) / DIFFERENCE_STEP  # (N, K, 6)
+    step = np.zeros(slopes.shape[:2])
+    residual = -np.einsum("nkr,nr->nk", slopes, at)
+    direction = residual
+    for _ in moving:  # conjugate gradients: exact after as many steps as there are joints, and no LAPACK
+        image = np.einsum("nkr,nr->nk", slopes, np.einsum("nkr,nk->nr", slopes, direction)) + DAMPING * direction
+        squared = (residual**2).sum(axis=1, keepdims=True)
+        share = squared / np.maximum((direction * image).sum(axis=1, keepdims=True), TINY)
+        step, residual = step + share * direction, residual - share * image
+        direction = residual + (residual**2).sum(axis=1, keepdims=True) / np.maximum(squared, TINY) * direction
+    return np.clip(step, -MAX_STEP, MAX_STEP)
+
+
+def _offsets(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float64Array) -> Float64Array:
+    """How far two gels are from facing each other across a width (N,): (N, 6), in units of what is allowed."""
+    points, normals = _gels(ik, forward_kinematics(ik.hand, np.eye(4), angles), pair)
+    axis = unit_vectors(normals[:, 0] - normals[:, 1])
+    return np.concatenate(
+        [(points[:, 1] - points[:, 0] - width[:, None] * axis) / SIDE, (normals[:, 0] + normals[:, 1]) / SIN_FACING], axis=1
+    )
+
+
+def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> NDArray[np.intp]:
+    """Pair sampled postures (N, 2) of two fingers in which their gels roughly face each other: a few hundred of every width at most."""
+    points, normals = _gels(ik, ik.frames, pair)
+    every = np.arange(len(ik.joint_angles))
+    first, second = (every[ik.free[:, finger]] if finger >= 0 else every[:1] for finger in fingers)
+    if fingers[0] == fingers[1]:  # one motor moves both
+        together = np.stack([first, first], axis=1)
+        return together if fingers[0] >= 0 else together[:0]
+    found = _facing(points[first, 0], normals[first, 0], points[second, 1], normals[second, 1])
+    return np.stack([first[found[:, 0]], second[found[:, 1]]], axis=1)
+
+
+@compiled
+def _facing(first: Float64Array, first_normals: Float64Array, second: Float64Array, second_normals: Float64Array) -> NDArray[np.intp]:
+    """Rows (N, 2) of points (A, 3) and (B, 3) whose normals roughly face each other, `POSTURES_PER_STEP` of every step of width."""
+    counts = np.zeros(START_STEPS, np.intp)
+    found = np.empty((START_STEPS * POSTURES_PER_STEP, 2), np.intp)
+    count = 0
+    for shift in range(len(second)):  # all pairs, in an order that visits all of both alike
+        for i in range(len(first)):
+            j = (shift + i) % len(second)
+            facing, along, squared = 0.0, 0.0, 0.0
+            for k in range(3):
+                facing -= first_normals[i, k] * second_normals[j, k]
+                across = second[j, k] - first[i, k]
+                along += across * (first_normals[i, k] - second_normals[j, k]) / 2
+                squared += across * across
+            if facing < ROUGHLY_FACING or along < 0 or squared - along * along > (ROUGH_SIDE + SIDE_SHARE * along) ** 2:
+                continue
+            step = int(along / WIDTH_STEP)
+            if step < START_STEPS and counts[step] < POSTURES_PER_STEP:
+                counts[step] += 1
+                found[count, 0], found[count, 1] = i, j
+                count += 1
+    return found[:count]
+
+
+def _gels(ik: GraspIk, frames: Float64Array, sensors: Sequence[int]) -> tuple[Float64Array, Float64Array]:
+    """Middle points (N, S, 3) of gels at the depth to which they touch, m, and their outward normals, in the root link's frame."""
+    mounts = [ik.hand.sensors[sensor] for sensor in sensors]
+    tips = frames[:, [mount.link for mount in mounts]]
+    points = np.einsum("nsij,sj->nsi", tips[..., :3, :3], ik.fingers.probes[list(sensors)].mean(axis=1)) + tips[..., :3, 3]
+    return points, np.einsum("nsij,sj->nsi", tips[..., :3, :3], np.stack([mount.pose[:3, 2] for mount in mounts]))
+
+
+class _Grips(NamedTuple):
+    """Postures (N, J) of a pair of gels (N, 2), as `OpposedPostures`; above a `fault` of 1 they do not face each other."""
+
+    joint_angles: Float64Array
+    sensors: NDArray[np.intp]
+    centre: Float64Array
+    axis: Float64Array
+    width: Float64Array
+    fault: Float64Array
+
+
+def _grips(ik: GraspIk, angles: Float64Array, pair: tuple[int, int]) -> _Grips:
+    points, normals = _gels(ik, forward_kinematics(ik.hand, np.eye(4), angles), pair)
+    facing, across = normals[:, 0] - normals[:, 1], points[:, 1] - points[:, 0]
+    axis = unit_vectors(facing)
+    width = (across * axis).sum(axis=1)
+    side = length(across - width[:, None] * axis) / np.maximum(SIDE, SIDE_SHARE * width)
+    turned = (2 - length(facing)) / (2 - np.sqrt(2 + 2 * FACING))
+    fault = np.where(width < LEAST_WIDTH, np.inf, np.maximum(side, turned))
+    return _Grips(angles, np.tile(np.array(pair), (len(angles), 1)), points.mean(axis=1), axis, width, fault)
+
+
+def _best_of_each_width(fault: Float64Array, width: Float64Array) -> NDArray[np.intp]:
+    """Select, of every step of width, the postures (K,) with least fault, if it is below 1."""
+    order = np.lexsort((fault, np.floor(width / WIDTH_STEP)))
+    order = order[fault[order] < 1]
+    step = np.floor(width[order] / WIDTH_STEP)
+    rank = np.arange(len(order)) - np.searchsorted(step, step)
+    return order[rank < POSTURES_PER_STEP]

@@ -1,0 +1,154 @@
+"""Plans of grasps that hold: two gels on opposed points of the surface, and fingers whose contacts carry the object's weight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.geometry.transforms import compose, invert_pose
+from pipeline.kernels.hand.antipodal_points import AntipodalPoints, antipodal_points, central_weights
+from pipeline.kernels.hand.grasp_closure import contact_from_depth
+from pipeline.kernels.hand.grasp_ik import GraspChoices, grasp_ik
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
+from pipeline.kernels.hand.load_residual import load_residuals
+from pipeline.kernels.hand.object_distances import finger_clearance, gel_contact, gel_probes
+from pipeline.kernels.hand.opposed_postures import WIDTH_STEP, OpposedPostures, opposed_postures
+from pipeline.kernels.hand.pregrasp import frame_along
+from pipeline.kernels.touch.ray_depth import ray_depth
+from stages.simulate_grasps.grasp_search import Plan
+from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
+from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_grasps.touch_plan import TouchPlanner
+
+DRAWS = 256
+"""Poses drawn at once, among which one is chosen that has room."""
+MAX_DRAWS = 4
+"""Times that so many are drawn before a pose is drawn as for touches."""
+FINGER_ROOM = -0.003
+"""m that the two fingers may overlap the object in a drawn posture: the inverse kinematics finds the rest."""
+GEL_DISTANCE = 0.002
+"""m that their gels may be from it."""
+WEIGHED_CHOICES = 128
+"""Choices of fingers' postures whose contacts are weighed."""
+RESIDUAL_STEP = 0.02
+"""Share of the weight below which two residuals count as equal, and the number of touches decides."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pinches:
+    """A hand's opposed postures, by width, with what a plan reads of them: their grips' frames and their links', in the root link's frame."""
+
+    postures: OpposedPostures
+    grips: NDArray[np.float64]
+    frames: NDArray[np.float64]
+    fingers: NDArray[np.intp]
+
+
+def prepare_pinches(prepared_hand: PreparedHand) -> Pinches:
+    """Find a hand's opposed postures, once per session."""
+    hand, postures = prepared_hand.hand, opposed_postures(prepared_hand.ik)
+    owners = hand.link_fingers[[mount.link for mount in hand.sensors]]
+    grips = frame_along(postures.axis, np.zeros(len(postures.axis)), postures.centre)
+    return Pinches(postures, grips, forward_kinematics(hand, np.eye(4), postures.joint_angles), owners[postures.sensors])
+
+
+@dataclass(frozen=True, eq=False)
+class HoldPlanner:
+    """Plans grasps of one object, each the best of a few, that hold it whichever way gravity points."""
+
+    prepared_hand: PreparedHand
+    prepared_object: PreparedObject
+    settings: GraspSettings
+    pinches: Pinches
+    pairs: AntipodalPoints
+    weights: NDArray[np.float64]
+    centre: NDArray[np.float64]
+
+    @classmethod
+    def of_object(
+        cls, hand: PreparedHand, thing: PreparedObject, settings: GraspSettings, pinches: Pinches, rng: np.random.Generator
+    ) -> HoldPlanner:
+        """Find the object's opposed points; `rng` draws rays."""
+        widest = float(pinches.postures.width.max()) + WIDTH_STEP
+        pairs = antipodal_points(thing.field, thing.points, thing.normals, friction=hand.hand.friction, widest=widest, rng=rng)
+        centre = thing.points.mean(axis=0)
+        weights = central_weights(pairs, centre, spread=settings.spread) if len(pairs.width) else np.empty(0)
+        return cls(hand, thing, settings, pinches, pairs, weights, centre)
+
+    def __call__(self, rng: np.random.Generator) -> Plan | None:
+        """Draw a few plans and return the best; None where the hand finds no room around the object."""
+        plans = [plan for _ in range(self.settings.plans) if (plan := self._plan(rng)) is not None]
+        return min(plans, key=lambda plan: plan[0])[1] if plans else None
+
+    def _plan(self, rng: np.random.Generator) -> tuple[tuple[float, ...], Plan] | None:
+        """Draw one plan, with its rank: what it cannot carry of the object's weight, and how few gels touch."""
+        pose, start = self._draw_opposed_pose(rng)
+        if pose is None:
+            pose = next(TouchPlanner(self.prepared_hand, self.prepared_object, self.settings).poses_with_room(rng), None)
+        if pose is None:
+            return None
+        field, rounds = self.prepared_object.field, self.settings.ik_refinements
+        choices = grasp_ik(self.prepared_hand.ik, field, pose, rounds=rounds, rng=rng, start=start)
+        if not len(choices.picks):
+            return None
+        residuals, touches = self._weigh(choices)
+        ranks = list(zip(np.floor(residuals / RESIDUAL_STEP).tolist(), (-touches).tolist(), strict=True))
+        best = min(range(len(ranks)), key=ranks.__getitem__)
+        return ranks[best], Plan(pose, choices.joint_angles(best))
+
+    def _draw_opposed_pose(self, rng: np.random.Generator) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+        """Draw a pose (4, 4) at which an opposed posture (J,) has both gels at the object and room for palm and fingers; None for none."""
+        for _ in range(MAX_DRAWS if len(self.weights) else 0):
+            poses, rows = self._draw(rng)
+            usable = self._usable(poses, rows)
+            if len(usable):
+                chosen = usable[rng.integers(len(usable))]
+                return poses[chosen], self.pinches.postures.joint_angles[rows[chosen]]
+        return None, None
+
+    def _draw(self, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """Draw poses (N, 4, 4) of the hand and rows (N,) of its opposed postures, set on opposed points of their width."""
+        postures = self.pinches.postures
+        pair = rng.choice(len(self.weights), DRAWS, p=self.weights)
+        width = self.pairs.width[pair]
+        first, last = (np.searchsorted(postures.width, width + side * WIDTH_STEP) for side in (-1, 1))
+        rows = first + np.floor(rng.random(DRAWS) * (last - first)).astype(np.intp)
+        swapped, turn = rng.integers(2, size=DRAWS), rng.uniform(0, 2 * np.pi, DRAWS)
+        found = last > first
+        pair, rows = pair[found], rows[found]
+        axis = self.pairs.axis[pair] * np.where(swapped, -1.0, 1.0)[found, None]
+        return compose(frame_along(axis, turn[found], self.pairs.centre[pair]), invert_pose(self.pinches.grips[rows])), rows
+
+    def _usable(self, poses: NDArray[np.float64], rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Select the draws (K,) at which palm and both fingers have room, and both gels are at the object."""
+        hand, ik, field = self.prepared_hand.hand, self.prepared_hand.ik, self.prepared_object.field
+        palm = self.prepared_hand.palm_spheres
+        frames = compose(poses[:, None], self.pinches.frames[rows])
+        has_room = (field.lookup(palm.world_centres(frames.astype(np.float32))) - palm.radii >= self.settings.clearance).all(axis=1)
+        clear = np.column_stack([finger_clearance(field, ik.fingers, frames) >= FINGER_ROOM, np.ones(len(rows), bool)])  # the palm last
+        at_object = np.abs(gel_contact(field, gel_probes(hand, ik.fingers, frames))[0]) <= GEL_DISTANCE
+        fingers, sensors = self.pinches.fingers[rows], self.pinches.postures.sensors[rows]
+        both = np.take_along_axis(clear, fingers, axis=1) & np.take_along_axis(at_object, sensors, axis=1)
+        return np.flatnonzero(has_room & both.all(axis=1))
+
+    def _weigh(self, choices: GraspChoices) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """Compute what choices leave of the object's weight (N,), and how many gels touch (N,)."""
+        hand = self.prepared_hand.hand
+        owners = hand.link_fingers[[mount.link for mount in hand.sensors]]
+        picks = choices.picks[:WEIGHED_CHOICES]
+        options = np.where(owners >= 0, picks[:, owners], 0)  # (N, S)
+        points, normals = np.zeros((2, len(choices.options), len(owners), 3))
+        touching = np.zeros(points.shape[:2], bool)
+        poses = sensor_poses_from_links(hand, choices.frames)
+        for number, sensor in enumerate(self.prepared_hand.sensors):
+            for option in np.unique(options[:, number]):
+                pose = poses[option, number]
+                contact = contact_from_depth(ray_depth(self.prepared_object.faces, pose, sensor), pose, sensor)
+                if contact is not None:
+                    points[option, number], normals[option, number] = contact.point - self.centre, contact.normal
+                    touching[option, number] = True
+        of_choices = options, np.arange(len(owners))
+        residuals = load_residuals(points[of_choices], normals[of_choices], touching[of_choices], hand.friction)
+        return residuals, touching[of_choices].sum(axis=1)
