@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.kernels.hand.model import Hand
-from stages.simulate_grasps.quiet_pybullet import PhysicsClient, pybullet
+from pipeline.physics.quiet_pybullet import PhysicsClient, pybullet
 
 MOTOR_GAIN = 0.3
 """Share of the remaining way that a position motor asks for in one step: closes 0.3 rad to within 1e-4 in about 25 steps."""
