@@ -80,7 +80,11 @@ class HandBody:
         following = [joint.multiplier * start[joint.entry] + joint.offset for joint in self.hand.followers]
         for motor, angle in zip([*self.motors, *self._followers], [*start.tolist(), *map(float, following)], strict=True):
             client.resetJointState(self.body, motor, angle)
-        client.setJointMotorControlArray(
+        self.drive(target)
+
+    def drive(self, target: NDArray[np.float64]) -> None:
+        """Give the motors other targets (J,), rad."""
+        self.client.setJointMotorControlArray(
             self.body,
             self.motors,
             pybullet.POSITION_CONTROL,

@@ -13,7 +13,8 @@ from pipeline.kernels.hand.grasp_closure import Contact, contact_from_depth
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.physics.hold_test import GEL_MODULUS, HoldTest
+from pipeline.physics.gel_plates import GEL_MODULUS
+from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.simulation import GRAVITY
 from tests.kernels.hand.meshes import centred, points_on
 
