@@ -7,9 +7,9 @@ from pathlib import Path
 from benchmarks.cases import touched_objects
 from benchmarks.timing import Table, each, side_by_side
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
+from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.grasp_search import GraspSearch
-from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
 

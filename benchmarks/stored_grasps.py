@@ -22,11 +22,11 @@ from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.physics.simulation import Simulation
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from stages.simulate_grasps.grasp_search import Grasp
-from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand
 from stages.simulate_grasps.settings import GraspSettings
 

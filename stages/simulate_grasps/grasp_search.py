@@ -17,7 +17,7 @@ from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.hand.self_collision import hand_gap
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.ray_depth import ray_depth
-from stages.simulate_grasps.physics import Simulation
+from pipeline.physics.simulation import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
 from stages.simulate_grasps.settings import GraspSettings
 

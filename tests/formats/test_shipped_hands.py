@@ -8,7 +8,7 @@ import trimesh
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
-from stages.simulate_grasps.physics import Simulation
+from pipeline.physics.simulation import Simulation
 from tests.kernels.hand.meshes import centred
 
 FAR = np.eye(4)

@@ -6,9 +6,9 @@ import pytest
 
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
+from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.grasp_search import Grasp, GraspSearch
-from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
 from tests.kernels.hand.meshes import bar, mug, points_on

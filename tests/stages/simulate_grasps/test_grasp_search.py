@@ -9,8 +9,8 @@ import trimesh
 
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
+from pipeline.physics.simulation import Simulation
 from stages.simulate_grasps.grasp_search import Grasp, keep_best
-from stages.simulate_grasps.physics import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand
 from tests.kernels.hand.meshes import bar, mug
 from tests.stages.simulate_grasps.conftest import SETTINGS, Grasped, attempt

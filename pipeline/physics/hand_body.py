@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.kernels.hand.model import Hand
-from stages.simulate_grasps.quiet_pybullet import PhysicsClient, pybullet
+from pipeline.physics.quiet_pybullet import PhysicsClient, pybullet
 
 MOTOR_GAIN = 0.3
 """Share of the remaining way that a position motor asks for in one step: closes 0.3 rad to within 1e-4 in about 25 steps."""
@@ -80,7 +80,11 @@ class HandBody:
         following = [joint.multiplier * start[joint.entry] + joint.offset for joint in self.hand.followers]
         for motor, angle in zip([*self.motors, *self._followers], [*start.tolist(), *map(float, following)], strict=True):
             client.resetJointState(self.body, motor, angle)
-        client.setJointMotorControlArray(
+        self.drive(target)
+
+    def drive(self, target: NDArray[np.float64]) -> None:
+        """Give the motors other targets (J,), rad."""
+        self.client.setJointMotorControlArray(
             self.body,
             self.motors,
             pybullet.POSITION_CONTROL,

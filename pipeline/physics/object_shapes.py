@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import Mesh
-from stages.simulate_grasps.quiet_pybullet import PhysicsClient, pybullet
+from pipeline.physics.quiet_pybullet import PhysicsClient, pybullet
 
 FACES_PER_SHAPE = 131_072 // 3
 """PyBullet refuses shapes of more than 131,072 vertices, and every face may have three of its own: larger meshes become several."""

@@ -11,8 +11,8 @@ import trimesh
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.model import Hand
-from stages.simulate_grasps.physics import GRAVITY, Simulation
-from stages.simulate_grasps.quiet_pybullet import pybullet
+from pipeline.physics.quiet_pybullet import pybullet
+from pipeline.physics.simulation import GRAVITY, Simulation
 from tests.kernels.hand.meshes import centred, mug
 
 STEP = 1 / 240

@@ -1,4 +1,4 @@
-"""The lift test against Coulomb's law: a post between the pads of a gripper."""
+"""The hold test against Coulomb's law: a post between the pads of a gripper."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from pipeline.kernels.hand.grasp_closure import Contact, contact_from_depth
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
-from stages.simulate_grasps.lift_test import GEL_MODULUS, LiftTest
-from stages.simulate_grasps.physics import GRAVITY
+from pipeline.physics.gel_plates import GEL_MODULUS
+from pipeline.physics.hold_test import HoldTest
+from pipeline.physics.simulation import GRAVITY
 from tests.kernels.hand.meshes import centred, points_on
 
 GRIPPER, SENSOR = load_hand("two_finger_gripper"), load_sensor("gel_16mm")
@@ -39,9 +40,9 @@ def lifted(mesh: Mesh, *, mass: float, sideways: float = 0.0) -> bool:
     contacts: list[Contact | None] = []
     for sensor_pose in sensor_poses(GRIPPER, pose, angles):
         contacts.append(contact_from_depth(ray_depth(box_faces(mesh.triangles), sensor_pose, SENSOR), sensor_pose, SENSOR))
-    with LiftTest(GRIPPER, [SENSOR, SENSOR], mass=mass) as test:
+    with HoldTest(GRIPPER, [SENSOR, SENSOR], mass=mass) as test:
         test.load(mesh, points_on(mesh, 2000, seed=0)[0])
-        return test.stays(pose, angles, contacts)
+        return test.hold(pose, angles, contacts).moved <= 0.1
 
 
 @pytest.mark.parametrize(("share", "holds"), [(0.8, True), (1.25, False)])

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from pipeline.formats.physics_urdf import write_physics_urdf
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
+from pipeline.physics.hand_body import HandBody
+from pipeline.physics.object_shapes import COLLISION_MARGIN, ObjectShapes
+from pipeline.physics.quiet_pybullet import PhysicsClient
 from pipeline.store.temporary import temporary_folder
-from stages.simulate_grasps.hand_body import HandBody
-from stages.simulate_grasps.object_shapes import COLLISION_MARGIN, ObjectShapes
-from stages.simulate_grasps.quiet_pybullet import PhysicsClient
 
 GRAVITY = -9.81
 """m/s², along the world's z."""

@@ -1,0 +1,1 @@
+"""Hands and objects in a physics engine: closing the fingers, and whether a grasp holds."""

@@ -1,0 +1,99 @@
+"""Gels as physics has them: plates on springs, which slide along the sensor's normal from its plane to the gel's surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import SubElement, parse
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pipeline.kernels.hand.grasp_closure import Contact
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.gel_surface import gel_top
+from pipeline.kernels.touch.sensor import Sensor
+
+GEL_MODULUS = 1e5
+"""Pa, Young's modulus of soft silicone. Pressed in by 2 mm over 60 mm², a gel of 7 mm presses back with 2 N."""
+GEL_MASS = 0.02
+"""kg, of a gel's plate: a lighter one swings on its spring faster than steps of 1/240 s can follow."""
+DAMPING = 0.25
+"""Of that spring, as a share of the critical one."""
+
+
+@dataclass(frozen=True)
+class GelSpring:
+    """The spring of a gel's plate in a contact.
+
+    Attributes
+    ----------
+    height
+        Of the plate above the sensor plane where it meets the object, m.
+    stiffness, damping
+        N/m and N s/m.
+    torsion
+        Moment about the normal that friction resists per newton of normal force, m.
+    """
+
+    height: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+    torsion: float = 0.0
+
+
+def gel_spring(sensor: Sensor, contact: Contact | None, *, friction: float, margin: float = 0.0) -> GelSpring:
+    """Compute the spring of a gel in a contact; one that does not touch is drawn in and has none.
+
+    Parameters
+    ----------
+    sensor, contact
+        A sensor and its contact, None where it does not touch.
+    friction
+        Coefficient between gel and object.
+    margin
+        m around the object at which the engine's contact begins.
+
+    Notes
+    -----
+    As stiff as an elastic layer with the contact's indentation (Winkler's foundation: pressure = modulus * indentation / thickness).
+    Friction about the normal is that of a disc of the contact's area under constant pressure, 2/3 μ times its radius.
+    """
+    if contact is None:
+        return GelSpring()
+    height = max(contact.nearest - margin, 0.0)
+    stiffness = GEL_MODULUS / sensor.w * contact.volume / (gel_top(sensor) - height)
+    torsion = 2 / 3 * friction * float(np.sqrt(contact.area / np.pi))
+    return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * GEL_MASS)), torsion)
+
+
+def gel_name(number: int) -> str:
+    """Name the link of a sensor's plate, and the joint that moves it."""
+    return f"gel of sensor {number}"
+
+
+def add_gel_plates(urdf: Path, hand: Hand, sensors: Sequence[Sensor]) -> None:
+    """Add a plate per sensor to a hand's URDF file."""
+    tree = parse(urdf)
+    for number, (mount, sensor) in enumerate(zip(hand.sensors, sensors, strict=True)):
+        link = SubElement(tree.getroot(), "link", name=gel_name(number))
+        inertial = SubElement(link, "inertial")
+        SubElement(inertial, "mass", value=str(GEL_MASS))
+        SubElement(inertial, "inertia", ixx="1e-6", iyy="1e-6", izz="1e-6", ixy="0", ixz="0", iyz="0")
+        plate = SubElement(link, "collision")
+        SubElement(plate, "origin", xyz=f"0 0 {-sensor.w / 2}")
+        SubElement(SubElement(plate, "geometry"), "box", size=f"{sensor.width} {sensor.height} {sensor.w}")
+        joint = SubElement(tree.getroot(), "joint", name=gel_name(number), type="prismatic")
+        SubElement(joint, "parent", link=hand.links[mount.link].name)
+        SubElement(joint, "child", link=gel_name(number))
+        angles = Rotation.from_matrix(mount.pose[:3, :3]).as_euler("xyz")
+        SubElement(joint, "origin", xyz=_text(mount.pose[:3, 3]), rpy=_text(angles))
+        SubElement(joint, "axis", xyz="0 0 1")
+        SubElement(joint, "limit", lower="0", upper=str(gel_top(sensor)), effort="1000", velocity="10")
+    tree.write(urdf)
+
+
+def _text(numbers: NDArray[np.float64]) -> str:
+    return " ".join(repr(float(number)) for number in numbers)

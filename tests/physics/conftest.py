@@ -1,0 +1,13 @@
+"""The default hand, loaded once."""
+
+from __future__ import annotations
+
+import pytest
+
+from pipeline.formats.hand_file import load_hand
+from pipeline.kernels.hand.model import Hand
+
+
+@pytest.fixture(scope="session")
+def hand() -> Hand:
+    return load_hand("allegro_right")
