@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from pipeline.errors import InvalidInput
 from pipeline.formats.urdf import MOVING
 from pipeline.kernels.geometry.transforms import compose
@@ -89,7 +87,7 @@ def _check_angles(frozen: Mapping[str, float], moving: Mapping[str, Joint]) -> N
 
 
 def _freeze(joint: Joint, angle: float) -> Joint:
-    return replace(joint, kind="fixed", origin=compose(joint.origin, joint_motion(joint.kind, joint.axis, np.array(angle))), mimic=None)
+    return replace(joint, kind="fixed", origin=compose(joint.origin, joint_motion(joint.kind, joint.axis, angle)), mimic=None)
 
 
 def moved_links(joints: Sequence[Joint], names: Collection[str]) -> list[int]:

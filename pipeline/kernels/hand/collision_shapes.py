@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull, QhullError
 from pipeline.errors import InvalidInput
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import compose, invert_pose, transform_points
+from pipeline.kernels.hand.grid_loops import Spheres
 from pipeline.kernels.hand.model import Hand
 
 BLOCK = 4_000_000
@@ -44,6 +45,11 @@ class CollisionSpheres:
         """Select the spheres of the given links."""
         own = np.isin(self.link, links)
         return CollisionSpheres(self.centres[own], self.radii[own], self.link[own])
+
+    @property
+    def single(self) -> Spheres:
+        """The spheres in float32, as compiled loops take them."""
+        return Spheres(self.centres.astype(np.float32), self.radii.astype(np.float32), self.link)
 
     def world_centres(self, frames: NDArray[Any]) -> NDArray[Any]:
         """Compute the centres (3, N, B), m, for link frames (N, L, 4, 4); precision and frame of reference are the link frames'."""

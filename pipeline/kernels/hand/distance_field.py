@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, without_slivers
 from pipeline.kernels.geometry.transforms import unit_vectors
+from pipeline.kernels.hand.grid_loops import Grid, look_up
 
 Float32Array = NDArray[np.float32]
 
@@ -56,6 +56,11 @@ class DistanceField:
     records: Float32Array
     inside: NDArray[np.int8]
 
+    @property
+    def grid(self) -> Grid:
+        """The grid as compiled loops take it."""
+        return Grid(self.origin.astype(np.float32), np.float32(1 / self.cell), np.float32(self.cell), self.records)
+
     def lookup(self, points: Float32Array) -> Float32Array:
         """Look up approximate signed distances, to first order in the nearest cell.
 
@@ -71,8 +76,7 @@ class DistanceField:
         may be wrong, but no point inside gets more than 2 cells. Rounding of coordinates to float32 adds half a micrometre per metre
         from the origin.
         """
-        flat, origin = np.ascontiguousarray(points).reshape(3, -1), self.origin.astype(np.float32)
-        return _look_up(flat, origin, np.float32(1 / self.cell), np.float32(self.cell), self.records).reshape(points.shape[1:])
+        return look_up(self.grid, np.ascontiguousarray(points).reshape(3, -1)).reshape(points.shape[1:])
 
     def exact(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute exact signed distances.
@@ -120,27 +124,6 @@ class DistanceField:
             squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, points)
             distance, direction = np.sqrt(squared), unit_vectors(points - closest)
         return inside
-
-
-@compiled
-def _clamp(value: np.float32, top: np.float32) -> np.float32:
-    """Clamp a value to 0 … `top`; NaN gives 0."""
-    return min(value, top) if value > 0 else np.float32(0)
-
-
-@compiled
-def _look_up(points: Float32Array, origin: Float32Array, scale: np.float32, cell: np.float32, cells: Float32Array) -> Float32Array:
-    """Distances (N,) of points (3, N) from the nearest cells' records, to first order; `scale` is cells per metre."""
-    distance = np.empty(points.shape[1], np.float32)
-    for n in range(len(distance)):
-        x = _clamp((points[0, n] - origin[0]) * scale, np.float32(cells.shape[0] - 1))
-        y = _clamp((points[1, n] - origin[1]) * scale, np.float32(cells.shape[1] - 1))
-        z = _clamp((points[2, n] - origin[2]) * scale, np.float32(cells.shape[2] - 1))
-        i, j, k = int(x + np.float32(0.5)), int(y + np.float32(0.5)), int(z + np.float32(0.5))
-        dx, dy, dz = (x - np.float32(i)) * cell, (y - np.float32(j)) * cell, (z - np.float32(k)) * cell
-        record = cells[i, j, k]
-        distance[n] = record[0] + ((record[1] * dx + record[2] * dy) + record[3] * dz)
-    return distance
 
 
 def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, cell: float, band: float) -> DistanceField:

@@ -22,6 +22,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, CollisionSpheres, collision_boxes
 from pipeline.kernels.hand.distance_field import DistanceField
+from pipeline.kernels.hand.grid_loops import MILLIMETRE, measure_best
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.object_distances import FingerGeometry, finger_clearance, finger_geometry, gel_contact, gel_probes
@@ -29,8 +30,8 @@ from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_
 from pipeline.kernels.touch.sensor import Sensor
 
 Float64Array = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
 
-MILLIMETRE = 1e-3
 LIMIT_MARGIN, LIMIT_SHARE = 0.01, 0.02
 """rad kept from the joint limits, so that a motor's residue does not cross them; no more than this share of what is between them."""
 NEAR_CONTACT = 0.0025
@@ -160,8 +161,8 @@ def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> b
     True where every finger has, among some samples, one that keeps clear of object and palm.
     """
     rows = _even_samples(ik)
-    clear = finger_clearance(field, ik.fingers, compose(hand_pose, ik.frames[rows])) >= ik.clearance
-    return bool((clear & ik.free[rows]).any(axis=0).all())
+    any_will_do = np.where(ik.free[rows], np.float32(0), -np.inf)
+    return bool(_measure_best(ik, field, compose(hand_pose, ik.frames[rows]), any_will_do, clear=1)[1].any(axis=0).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,21 +232,33 @@ def grasp_ik(
         lines = _refine(ik, field, hand_pose, lines=lines, steps=steps)
     options = np.concatenate([lines, rest])
     frames = forward_kinematics(ik.hand, hand_pose, options)
-    value, clearance = _evaluate_postures(ik, field, frames)
-    values = np.where(clearance >= ik.clearance, value, -np.inf)
+    clear = finger_clearance(field, ik.fingers, frames, floor=ik.clearance) >= ik.clearance
+    values = np.where(clear, _contact_values(ik, field, frames), -np.inf)
     at_origin = forward_kinematics(ik.hand, np.eye(4), options)
     values[~fingers_clear_of_palm(ik.hand, ik.boxes, at_origin, ik.finger_gap)] = -np.inf
     return GraspChoices(ik.hand, options, frames, choose_postures(ik.hand, ik.boxes, frames=frames, values=values, gap=ik.finger_gap))
 
 
-def _evaluate_postures(ik: GraspIk, field: DistanceField, frames: Float64Array) -> tuple[Float64Array, NDArray[np.float32]]:
-    """Compute the value (N, F) of postures, more than 1 per touch, and the clearance (N, F) of rigid links, m, from frames (N, L, 4, 4)."""
+def _contact_values(ik: GraspIk, field: DistanceField, frames: Float64Array) -> Float32Array:
+    """Compute the values (N, F), more than 1 per touch, of postures with clearance, from frames (N, L, 4, 4)."""
     contact, coverage = gel_contact(field, gel_probes(ik.hand, ik.fingers, frames))
     miss = np.maximum(contact, 0) / MILLIMETRE
-    clearance = finger_clearance(field, ik.fingers, frames)
-    lack = np.maximum(ik.clearance - clearance, 0) / MILLIMETRE
-    value = _by_finger(ik.hand, np.where(miss == 0, 2 + coverage, 0) - 0.1 * miss) - 2 * lack
-    return value.astype(np.float64), clearance
+    return _by_finger(ik.hand, np.where(miss == 0, 2 + coverage, 0) - 0.1 * miss)
+
+
+def _measure_best(
+    ik: GraspIk, field: DistanceField, frames: Float64Array, contact: Float32Array, *, groups: int = 1, best: int = 0, clear: int = 0
+) -> tuple[Float32Array, NDArray[np.bool_]]:
+    """Compute the values (N, F) of the best postures of each group, and find clear ones (N, F): see `measure_best`."""
+    by_finger = np.ascontiguousarray(contact.T)
+    ranks = np.argsort(-by_finger.reshape(len(by_finger), groups, -1), axis=-1, kind="stable")
+    order = ranks + ranks.shape[-1] * np.arange(groups)[:, None]  # (F, groups, N / groups)
+    measured = [
+        measure_best(field.grid, frames, own.single, by_finger[f], order[f], best, clear, np.float32(ik.clearance))
+        for f, own in enumerate(ik.fingers.spheres)
+    ]
+    value, is_clear = (np.stack(parts, axis=1) for parts in zip(*measured, strict=True))
+    return value, is_clear
 
 
 def _by_finger(hand: Hand, gains: NDArray[Any]) -> NDArray[Any]:
@@ -257,9 +270,10 @@ def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) ->
     """Choose the samples to refine (REFINED_POSTURES, J) and those for fingers that cannot touch (UNTOUCHING_POSTURES, J)."""
     rows = _candidates(ik, field, hand_pose)
     frames = ik.frames[rows[:, ik.hand.link_fingers], np.arange(len(ik.hand.links))]  # a link that no finger moves is where it always is
-    value, clearance = _evaluate_postures(ik, field, compose(hand_pose, frames))
-    value = np.where(np.take_along_axis(ik.free, rows, axis=0), value, -np.inf)
-    clear_value = np.where(clearance >= ik.clearance, value, -np.inf)
+    frames = compose(hand_pose, frames)
+    contact = np.where(np.take_along_axis(ik.free, rows, axis=0), _contact_values(ik, field, frames), -np.inf)
+    value, is_clear = _measure_best(ik, field, frames, contact, best=REFINED_POSTURES, clear=UNTOUCHING_POSTURES)
+    clear_value = np.where(is_clear, value, -np.inf)
     best = np.argsort(-value, axis=0, kind="stable")[:REFINED_POSTURES]
     clearest = np.argsort(-clear_value, axis=0, kind="stable")[:UNTOUCHING_POSTURES]
     angles = _combine_fingers(ik.hand, ik.joint_angles, rows)
@@ -296,6 +310,7 @@ def _refine(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, lines
     children[:, 0] = lines
     margin = limit_margin(ik.hand)
     children = np.clip(children, ik.hand.lower + margin, ik.hand.upper - margin).reshape(-1, lines.shape[1])
-    value, _ = _evaluate_postures(ik, field, forward_kinematics(ik.hand, hand_pose, children))
+    frames = forward_kinematics(ik.hand, hand_pose, children)
+    value, _ = _measure_best(ik, field, frames, _contact_values(ik, field, frames), groups=len(lines), best=1)
     best = value.reshape(len(lines), STEPS_PER_POSTURE + 1, -1).argmax(axis=1)  # (REFINED_POSTURES, F)
     return _combine_fingers(ik.hand, children, best + (STEPS_PER_POSTURE + 1) * np.arange(len(lines))[:, None])

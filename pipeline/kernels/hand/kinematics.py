@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import compose, sin_cos
 from pipeline.kernels.hand.model import Hand
+
+Float64Array = NDArray[np.float64]
 
 
 def forward_kinematics(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -40,14 +46,85 @@ def forward_kinematics(hand: Hand, hand_pose: NDArray[np.float64], joint_angles:
     batch = np.broadcast_shapes(np.shape(hand_pose)[:-2], np.shape(joint_angles)[:-1])
     frames = np.empty((*batch, len(hand.links), 4, 4))
     frames[..., 0, :, :] = hand_pose
-    values = {link: joint_angles[..., j] for j, link in enumerate(hand.joint_links)}
-    values |= {follower.link: follower.multiplier * joint_angles[..., follower.entry] + follower.offset for follower in hand.followers}
-    for joint in hand.joints:  # parents first
-        frame = compose(frames[..., joint.parent, :, :], joint.origin)
-        if joint.child in values:
-            frame = compose(frame, joint_motion(joint.kind, joint.axis, values[joint.child]))
-        frames[..., joint.child, :, :] = frame
+    tree = _joint_tree(hand)
+    values = np.broadcast_to(joint_angles, (*batch, len(hand.joint_names)))[..., tree.entry] * tree.multiplier + tree.offset
+    values = values.reshape(-1, len(tree.entry))
+    _follow_joints(frames.reshape(-1, *frames.shape[-3:]), tree, values, *sin_cos(values))
     return frames
+
+
+class _JointTree(NamedTuple):
+    """A hand's tree as the compiled loop takes it: per joint, parents first; and per moving joint the entry of the joint vector it follows.
+
+    `moving` is a joint's number among those that move, -1 where it is fixed.
+    """
+
+    parent: NDArray[np.intp]
+    child: NDArray[np.intp]
+    origin: NDArray[np.float64]
+    axis: NDArray[np.float64]
+    slides: NDArray[np.bool_]
+    moving: NDArray[np.intp]
+    entry: NDArray[np.intp]
+    multiplier: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+
+@lru_cache(maxsize=16)
+def _joint_tree(hand: Hand) -> _JointTree:
+    links = [*hand.joint_links, *(follower.link for follower in hand.followers)]
+    alone, joints, followers = len(hand.joint_links), hand.joints, hand.followers
+    return _JointTree(
+        parent=np.array([joint.parent for joint in joints], np.intp),
+        child=np.array([joint.child for joint in joints], np.intp),
+        origin=np.array([joint.origin for joint in joints]).reshape(-1, 4, 4),
+        axis=np.array([joint.axis for joint in joints], np.float64).reshape(-1, 3),
+        slides=np.array([joint.kind == "prismatic" for joint in joints], np.bool_),
+        moving=np.array([links.index(joint.child) if joint.child in links else -1 for joint in joints], np.intp),
+        entry=np.array([*range(alone), *(follower.entry for follower in followers)], np.intp),
+        multiplier=np.array([1.0] * alone + [follower.multiplier for follower in followers]),
+        offset=np.array([0.0] * alone + [follower.offset for follower in followers]),
+    )
+
+
+@compiled
+def _follow_joints(frames: Float64Array, tree: _JointTree, values: Float64Array, sin: Float64Array, cos: Float64Array) -> None:
+    """Fill the link frames (N, L, 4, 4), of which the root's are given, from the values (N, M) of the moving joints."""
+    rest, motion = np.empty((4, 4)), np.empty((4, 4))
+    for n in range(len(frames)):
+        for j in range(len(tree.parent)):
+            frame, m = frames[n, tree.child[j]], tree.moving[j]
+            if m < 0:
+                _multiply(frames[n, tree.parent[j]], tree.origin[j], frame)
+            else:
+                _multiply(frames[n, tree.parent[j]], tree.origin[j], rest)
+                _set_motion(motion, tree.slides[j], tree.axis[j], values[n, m], sin[n, m], cos[n, m])
+                _multiply(rest, motion, frame)
+
+
+@compiled
+def _multiply(left: Float64Array, right: Float64Array, product: Float64Array) -> None:
+    """Multiply matrices (4, 4), with the bits of `compose`."""
+    for row in range(4):
+        for col in range(4):
+            product[row, col] = (
+                left[row, 0] * right[0, col] + left[row, 1] * right[1, col] + left[row, 2] * right[2, col] + left[row, 3] * right[3, col]
+            )
+
+
+@compiled
+def _set_motion(motion: Float64Array, slides: bool, axis: Float64Array, value: float, sin: float, cos: float) -> None:
+    """Fill `motion` (4, 4) with the displacement of a joint: Rodrigues' formula, or a slide along the axis."""
+    x, y, z = axis
+    motion[:] = 0
+    motion[3, 3] = 1
+    if slides:
+        sin, cos = 0.0, 1.0
+        motion[0, 3], motion[1, 3], motion[2, 3] = value * x, value * y, value * z
+    rest = 1 - cos
+    motion[0, 0], motion[0, 1], motion[0, 2] = 1 + rest * (-z * z - y * y), sin * -z + rest * (x * y), sin * y + rest * (x * z)
+    motion[1, 0], motion[1, 1], motion[1, 2] = sin * z + rest * (x * y), 1 + rest * (-z * z - x * x), sin * -x + rest * (y * z)
+    motion[2, 0], motion[2, 1], motion[2, 2] = sin * -y + rest * (x * z), sin * x + rest * (y * z), 1 + rest * (-y * y - x * x)
 
 
 def sensor_poses(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -87,8 +164,8 @@ def sensor_poses_from_links(hand: Hand, link_frames: NDArray[np.float64]) -> NDA
     return np.stack([compose(link_frames[..., mount.link, :, :], mount.pose) for mount in hand.sensors], axis=-3)
 
 
-def joint_motion(kind: str, axis: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the displacement of a joint: Rodrigues' formula, or a slide along the axis.
+def joint_motion(kind: str, axis: NDArray[np.float64], value: float) -> NDArray[np.float64]:
+    """Compute the displacement of a joint.
 
     Parameters
     ----------
@@ -97,18 +174,12 @@ def joint_motion(kind: str, axis: NDArray[np.float64], value: NDArray[np.float64
     axis
         (3,) unit vector.
     value
-        (...) rad, of a prismatic joint m.
+        rad, of a prismatic joint m.
 
     Returns
     -------
-    (..., 4, 4) float64.
+    (4, 4) float64.
     """
-    motion = np.broadcast_to(np.eye(4), (*np.shape(value), 4, 4)).copy()
-    if kind == "prismatic":
-        motion[..., :3, 3] = value[..., None] * axis
-        return motion
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    sin, cos = (part[..., None, None] for part in sin_cos(value))
-    motion[..., :3, :3] += sin * cross + (1 - cos) * compose(cross, cross)
+    motion = np.empty((4, 4))
+    _set_motion(motion, kind == "prismatic", np.asarray(axis, np.float64), float(value), *map(float, sin_cos(value)))
     return motion

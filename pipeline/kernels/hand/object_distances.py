@@ -12,6 +12,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres
 from pipeline.kernels.hand.distance_field import DistanceField
+from pipeline.kernels.hand.grid_loops import gaps, least_distances
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 
@@ -111,11 +112,14 @@ def gel_contact(field: DistanceField, probes: NDArray[np.float32]) -> tuple[NDAr
     coverage
         (N, S) float32, share of its probes that are inside the object.
     """
-    distance = field.lookup(probes)
-    return distance.min(axis=-1), (distance < 0).mean(axis=-1, dtype=np.float32)
+    groups = probes.shape[1:3]
+    contact, coverage = least_distances(field.grid, probes.reshape(3, -1, probes.shape[3]))
+    return contact.reshape(groups), coverage.reshape(groups)
 
 
-def finger_clearance(field: DistanceField, fingers: FingerGeometry, frames: NDArray[np.float64]) -> NDArray[np.float32]:
+def finger_clearance(
+    field: DistanceField, fingers: FingerGeometry, frames: NDArray[np.float64], floor: float = -np.inf
+) -> NDArray[np.float32]:
     """Measure the distance of every finger's rigid links from an object.
 
     Parameters
@@ -125,15 +129,15 @@ def finger_clearance(field: DistanceField, fingers: FingerGeometry, frames: NDAr
     fingers
         Their collision spheres.
     frames
-        (N, L, 4, 4) link frames, world.
+        (N, L, 4, 4) float64 link frames, world.
+    floor
+        m; below it some value below it will do.
 
     Returns
     -------
     (N, F) float32, m, negative inside the object.
     """
-    single = frames.astype(np.float32)
-    distances = [field.lookup(own.world_centres(single)) - own.radii.astype(np.float32) for own in fingers.spheres]
-    return np.stack([distance.min(axis=1) for distance in distances], axis=1)
+    return np.stack([gaps(field.grid, frames, own.single, np.float32(floor)) for own in fingers.spheres], axis=1)
 
 
 def penetration_depth(field: DistanceField, spheres: CollisionSpheres, frames: NDArray[np.float64]) -> float:

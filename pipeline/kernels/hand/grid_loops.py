@@ -1,0 +1,166 @@
+"""Compiled loops over an object's distance grid: look-ups, and the clearance of postures, measured no further than it matters.
+
+All arithmetic on distances is float32, in a fixed order.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.compiled import compiled
+
+Float32Array = NDArray[np.float32]
+
+MILLIMETRE = np.float32(1e-3)
+LACK_WEIGHT = np.float32(2)
+"""By what a posture's value falls per millimetre that its clearance lacks."""
+FLOOR_SLACK = np.float32(1e-6)
+"""m that a gap may be below one that matters before its exact value does not: far more than the rounding of values."""
+
+
+class Grid(NamedTuple):
+    """A distance grid: centre of the first cell (3,), cells per metre, side of a cell, and records (X, Y, Z, 4); all float32."""
+
+    origin: Float32Array
+    scale: np.float32
+    cell: np.float32
+    records: Float32Array
+
+
+class Spheres(NamedTuple):
+    """Spheres in the frames of links: centres (B, 3) and radii (B,), float32, m; link (B,)."""
+
+    centres: Float32Array
+    radii: Float32Array
+    link: NDArray[np.intp]
+
+
+@compiled
+def _clamp(value: np.float32, top: np.float32) -> np.float32:
+    """Clamp a value to 0 … `top`; NaN gives 0."""
+    return min(value, top) if value > 0 else np.float32(0)
+
+
+@compiled
+def _distance(grid: Grid, px: np.float32, py: np.float32, pz: np.float32) -> np.float32:
+    """Distance of a point from the nearest cell's record, to first order."""
+    shape = grid.records.shape
+    x = _clamp((px - grid.origin[0]) * grid.scale, np.float32(shape[0] - 1))
+    y = _clamp((py - grid.origin[1]) * grid.scale, np.float32(shape[1] - 1))
+    z = _clamp((pz - grid.origin[2]) * grid.scale, np.float32(shape[2] - 1))
+    i, j, k = int(x + np.float32(0.5)), int(y + np.float32(0.5)), int(z + np.float32(0.5))
+    dx, dy, dz = (x - np.float32(i)) * grid.cell, (y - np.float32(j)) * grid.cell, (z - np.float32(k)) * grid.cell
+    record = grid.records[i, j, k]
+    distance: np.float32 = record[0] + ((record[1] * dx + record[2] * dy) + record[3] * dz)
+    return distance
+
+
+@compiled
+def look_up(grid: Grid, points: Float32Array) -> Float32Array:
+    """Distances (N,) of points (3, N)."""
+    distance = np.empty(points.shape[1], np.float32)
+    for n in range(len(distance)):
+        distance[n] = _distance(grid, points[0, n], points[1, n], points[2, n])
+    return distance
+
+
+@compiled
+def least_distances(grid: Grid, points: Float32Array) -> tuple[Float32Array, Float32Array]:
+    """Least distance (N,) of groups of points (3, N, P), and the share (N,) of each that is inside."""
+    count, size = points.shape[1:]
+    least, share = np.full(count, np.float32(np.inf)), np.empty(count, np.float32)
+    for n in range(count):
+        inside = 0
+        for p in range(size):
+            distance = _distance(grid, points[0, n, p], points[1, n, p], points[2, n, p])
+            least[n] = min(least[n], distance)
+            inside += int(distance < 0)
+        share[n] = np.float32(inside) / np.float32(size)
+    return least, share
+
+
+@compiled
+def _gap(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.float32) -> np.float32:
+    """Least distance of spheres less their radius, carried by link frames (L, 4, 4); some value below `floor` where the least one is."""
+    least, link, pose = np.float32(np.inf), -1, np.empty((3, 4), np.float32)
+    for b in range(len(spheres.link) - 1, -1, -1):  # the fingertip, which comes last, is most often in the way
+        if spheres.link[b] != link:
+            link = spheres.link[b]
+            pose[:] = frames[link, :3].astype(np.float32)
+        x, y, z = spheres.centres[b, 0], spheres.centres[b, 1], spheres.centres[b, 2]
+        px = (pose[0, 0] * x + pose[0, 1] * y) + (pose[0, 2] * z + pose[0, 3])
+        py = (pose[1, 0] * x + pose[1, 1] * y) + (pose[1, 2] * z + pose[1, 3])
+        pz = (pose[2, 0] * x + pose[2, 1] * y) + (pose[2, 2] * z + pose[2, 3])
+        least = min(least, _distance(grid, px, py, pz) - spheres.radii[b])
+        if least < floor:
+            break
+    return least
+
+
+@compiled
+def gaps(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.float32) -> Float32Array:
+    """Least distances (N,) of spheres carried by frames (N, L, 4, 4) less their radii; some value below `floor` where the least one is."""
+    return np.array([_gap(grid, frames[n], spheres, floor) for n in range(len(frames))], np.float32)
+
+
+@compiled
+def measure_best(
+    grid: Grid,
+    frames: NDArray[np.float64],
+    spheres: Spheres,
+    contact: Float32Array,
+    order: NDArray[np.intp],
+    best: int,
+    clear: int,
+    clearance: np.float32,
+) -> tuple[Float32Array, NDArray[np.bool_]]:
+    """Measure the clearance of postures where it can decide which have most value, and which are clear.
+
+    Parameters
+    ----------
+    grid, spheres
+        The object's grid, and the spheres of one finger.
+    frames
+        (N, L, 4, 4) link frames.
+    contact
+        (N,) values of the postures if nothing is in their way; -inf for those that are not to be had.
+    order
+        (G, M) numbers of the postures of each group, by falling `contact`.
+    best, clear
+        Numbers of postures of each group that are asked for: those of greatest value, and the first clear ones in that order.
+    clearance
+        m that is asked for: what a posture lacks is taken off its value.
+
+    Returns
+    -------
+    value
+        (N,) of the measured postures, exact for the best of each group; others have less, or -inf.
+    is_clear
+        (N,), False for those not measured.
+    """
+    value, is_clear = np.full(len(frames), np.float32(-np.inf)), np.zeros(len(frames), np.bool_)
+    top = np.empty(best + 1, np.float32)  # the best values so far, falling; the last is spare
+    for group in order:
+        top[:] = -np.inf
+        if not best:
+            top[0] = np.inf
+        found = 0
+        for n in group:
+            least = top[max(best - 1, 0)]
+            if contact[n] == -np.inf or (contact[n] < least and found >= clear):
+                break  # no other can be among the best
+            spare = max(contact[n] - least, np.float32(0)) / LACK_WEIGHT * MILLIMETRE
+            gap = _gap(grid, frames[n], spheres, clearance - spare - FLOOR_SLACK)
+            value[n] = contact[n] - LACK_WEIGHT * (max(clearance - gap, np.float32(0)) / MILLIMETRE)
+            is_clear[n] = gap >= clearance
+            found += int(gap >= clearance)
+            place = best
+            while place > 0 and top[place - 1] < value[n]:
+                top[place] = top[place - 1]
+                place -= 1
+            if best:
+                top[place] = value[n]
+    return value, is_clear

@@ -1,0 +1,67 @@
+"""The inverse kinematics, which measures as little as it can, against one that measures every posture in full: equal to the last bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.collision_shapes import collision_spheres
+from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
+from pipeline.kernels.hand.grasp_ik import GraspIk, fingers_fit, grasp_ik, prepare_grasp_ik
+from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.object_distances import finger_clearance
+from pipeline.kernels.hand.pregrasp import tangent_palm_pose
+from tests.kernels.hand.meshes import bar, mug, points_on, random_pose
+from tests.references.slow_grasp_ik import slow_clearance, slow_fingers_fit, slow_grasp_ik, slow_link_frames
+
+OBJECTS = [mug(), bar()]
+
+
+@pytest.fixture(scope="module", params=["allegro_right", "two_finger_gripper"])
+def ik(request: pytest.FixtureRequest) -> GraspIk:
+    hand = load_hand(request.param)
+    sensors = [load_sensor(mount.sensor) for mount in hand.sensors]
+    spheres = collision_spheres(hand, spacing=0.01, tolerance=0.002)
+    return prepare_grasp_ik(hand, spheres, sensors, samples=512, clearance=0.001, finger_gap=0.001)
+
+
+@pytest.fixture(scope="module", params=OBJECTS, ids=["mug", "bar"])
+def field(request: pytest.FixtureRequest) -> DistanceField:
+    return build_distance_field(request.param.vertices, request.param.faces, cell=0.005, band=0.03)
+
+
+def poses_around(ik: GraspIk, mesh: Mesh, count: int) -> list[np.ndarray]:
+    """Palms over points of a mesh, one after the other further away."""
+    places = zip(*points_on(mesh, count, seed=0), np.linspace(0.02, 0.08, count), strict=True)
+    return [tangent_palm_pose(ik.hand, point, normal, distance=distance, angle=9 * distance) for point, normal, distance in places]
+
+
+def test_link_frames_are_equal(ik: GraspIk, rng: np.random.Generator) -> None:
+    pose, angles = random_pose(rng), rng.uniform(ik.hand.lower, ik.hand.upper, (20, len(ik.hand.joint_names)))
+    np.testing.assert_array_equal(forward_kinematics(ik.hand, pose, angles), slow_link_frames(ik.hand, pose, angles))
+
+
+def test_postures_are_equal(ik: GraspIk, field: DistanceField) -> None:
+    found = 0
+    for pose in poses_around(ik, Mesh.bare(field.vertices, field.faces), 4):
+        fast, slow = (search(ik, field, pose, rounds=1, rng=np.random.default_rng(0)) for search in (grasp_ik, slow_grasp_ik))
+        np.testing.assert_array_equal(fast, slow)  # None where neither finds any
+        found += fast is not None
+    assert found > 0
+
+
+def test_fingers_fit_where_some_sample_is_clear(ik: GraspIk, field: DistanceField) -> None:
+    poses = poses_around(ik, Mesh.bare(field.vertices, field.faces), 12)
+    assert [fingers_fit(ik, field, pose) for pose in poses] == [slow_fingers_fit(ik, field, pose) for pose in poses]
+
+
+def test_clearance_is_exact_down_to_the_floor(ik: GraspIk, field: DistanceField) -> None:
+    frames = np.concatenate([pose @ ik.frames[:20] for pose in poses_around(ik, Mesh.bare(field.vertices, field.faces), 3)])
+    exact = slow_clearance(ik, field, frames)
+    np.testing.assert_array_equal(finger_clearance(field, ik.fingers, frames), exact)
+    floor = float(np.median(exact))
+    cut = finger_clearance(field, ik.fingers, frames, floor=floor)
+    assert ((cut == exact) | (exact <= cut) & (cut < floor)).all()
