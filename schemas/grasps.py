@@ -19,6 +19,20 @@ GRASPS = Artifact(
         "joint_angles": Array(
             ("object", "grasp", "joint"), "float64", "rad", "Joint angles as simulated, finger by finger; m of a joint that slides."
         ),
+        "pregrasp_angles": Array(
+            ("object", "grasp", "joint"),
+            "float64",
+            "rad",
+            "Joint angles from which the fingers closed, every sensor drawn back along its normal where there is room.",
+            optional=True,
+        ),
+        "squeeze_angles": Array(
+            ("object", "grasp", "joint"),
+            "float64",
+            "rad",
+            "Joint angles at which every sensor would be `squeeze` m further along its normal: what a robot drives to in order to hold.",
+            optional=True,
+        ),
         "sensor_pose": Array(
             ("object", "grasp", "sensor", "pose_row", "pose_column"),
             "float64",
@@ -31,6 +45,20 @@ GRASPS = Artifact(
             "bool",
             "1",
             "M: whether the sensor touches, 0 < min D < w - 0.1 mm; w is the height of a curved gel at the pixel.",
+        ),
+        "contact_point": Array(
+            ("object", "grasp", "sensor", "xyz"),
+            "float64",
+            "m",
+            "Middle of the contact, in the world; 0 without a touch.",
+            optional=True,
+        ),
+        "contact_normal": Array(
+            ("object", "grasp", "sensor", "xyz"),
+            "float64",
+            "1",
+            "Unit normal of the object's surface there, into the object, in the world; 0 without a touch.",
+            optional=True,
         ),
         "contact_area": Array(
             ("object", "grasp", "sensor"),
@@ -57,7 +85,14 @@ GRASPS = Artifact(
             ("object", "grasp"),
             "bool",
             "1",
-            "Whether the object, freed in the grasp, stays in the hand for a second of gravity: its centre within 0.1 m of where it was.",
+            "Whether the object, freed in the grasp, stays in the hand for a second of gravity: its centre within 2 cm of where it was.",
+            optional=True,
+        ),
+        "held_directions": Array(
+            ("object", "grasp", "direction"),
+            "bool",
+            "1",
+            "The same with gravity along -z, +z, -x, +x, -y, +y of the world.",
             optional=True,
         ),
         "penetration": Array(

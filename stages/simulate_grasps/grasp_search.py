@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +26,8 @@ from stages.simulate_grasps.settings import GraspSettings
 class Grasp:
     """A grasp as simulated; `sound` when it rests, keeps its joint limits and penetrates neither the object nor itself.
 
-    `contacts` are those of the sensors that touch, None for others; `closure` is their margin.
+    `contacts` are those of the sensors that touch, None for others; `closure` is their margin. `pregrasp_angles` are those that the
+    fingers closed from; `holds` tells that the hold test was passed, where the search asks for it.
     """
 
     hand_pose: NDArray[np.float64]
@@ -37,6 +38,8 @@ class Grasp:
     sound: bool
     contacts: Sequence[Contact | None] = ()
     closure: float = 0.0
+    pregrasp_angles: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    holds: bool = False
 
     @property
     def contact_area(self) -> NDArray[np.float64]:
@@ -90,7 +93,7 @@ class GraspSearch:
             and penetration <= self.settings.penetration_limit
         )
         contacts = [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, worn, touched, strict=True)]
-        return Grasp(pose, angles, poses, touched, penetration, sound, contacts, self._closure(contacts) if sound else 0.0)
+        return Grasp(pose, angles, poses, touched, penetration, sound, contacts, self._closure(contacts) if sound else 0.0, start)
 
     def _closure(self, contacts: list[Contact | None]) -> float:
         points = self.prepared_object.points
@@ -119,7 +122,7 @@ SCORES: dict[str, Callable[[Grasp], tuple[float, ...]]] = {
 
 
 def keep_best(kept: list[Grasp], grasp: Grasp | None, count: int, prefer: str = "touches") -> list[Grasp]:
-    """Keep the best sound grasps so far.
+    """Keep the best sound grasps so far, those that hold first.
 
     Parameters
     ----------
@@ -138,4 +141,4 @@ def keep_best(kept: list[Grasp], grasp: Grasp | None, count: int, prefer: str = 
     """
     if grasp is None or not grasp.sound:
         return kept
-    return sorted([*kept, grasp], key=lambda kept_grasp: tuple(-value for value in SCORES[prefer](kept_grasp)))[:count]  # a stable sort
+    return sorted([*kept, grasp], key=lambda one: tuple(-value for value in (one.holds, *SCORES[prefer](one))))[:count]  # a stable sort

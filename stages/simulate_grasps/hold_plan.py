@@ -38,7 +38,7 @@ RESIDUAL_STEP = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Pinches:
-    """A hand's opposed postures, by width, with what a plan reads of them: their grips' frames and their links', in the root link's frame."""
+    """A hand's opposed postures, with the frames of their grips and of their links, in the root link's frame, and their two fingers."""
 
     postures: OpposedPostures
     grips: NDArray[np.float64]

@@ -78,14 +78,25 @@ class GraspSettings(ObjectSettings):
         le=1,
     )
 
-    lift_test: bool = setting(
-        False,
-        "free the object in each kept grasp and record whether it stays in the hand for a second of gravity; 0.1 to 0.3 s per object",
+    hold_test: Literal["none", "lift", "six"] | None = setting(
+        None,
+        "lift: the object is freed in the grasp and may move 2 cm in a second of gravity; six: along ± x, ± y and ± z in turn, in six "
+        "times the time; by default none for search touch, where it is recorded only, and lift for hold, which keeps what passes",
         changes="definition",
     )
-    lift_mass: float = setting(
-        0.2, "kg of any object in the lift test, spread evenly over its surface: a full glass; with 1 kg few grasps hold", gt=0, le=1000
+    hold_mass: float = setting(
+        0.2, "kg of any object in the hold test, spread evenly over its surface: a full glass; with 1 kg few grasps hold", gt=0, le=1000
     )
+    squeeze: float = setting(
+        0.002,
+        "m that every sensor presses on beyond the grasp in `squeeze_angles`, for robots and other simulators",
+        ge=0,
+    )
+
+    @property
+    def test(self) -> Literal["none", "lift", "six"]:
+        """The hold test, with its default."""
+        return self.hold_test or ("lift" if self.search == "hold" else "none")
 
     @model_validator(mode="after")
     def _distances_are_in_order(self) -> GraspSettings:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.console import abbreviate
 from pipeline.dataset.mesh_rows import read_mesh
@@ -18,21 +20,23 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.physics_urdf import links_without_mass
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor_names
+from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
-from stages.simulate_grasps.grasp_search import Grasp, GraspSearch, keep_best
-from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
+from stages.simulate_grasps.grasp_search import Grasp, GraspSearch, Plan, keep_best
+from stages.simulate_grasps.hold_directions import directions_held, passes
+from stages.simulate_grasps.hold_plan import HoldPlanner, Pinches, prepare_pinches
+from stages.simulate_grasps.prepare import PreparedHand, PreparedObject, prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
 from stages.simulate_grasps.size_warnings import opening, size_warnings
+from stages.simulate_grasps.touch_plan import TouchPlanner
 
 SECOND_CHANCES = 4
 """Times `attempts` after which an object that has yielded some sound grasps, but not enough, is given up."""
-STAYS = 0.1
-"""m that a lifted object's centre may move: one that slides or tilts less lies in the hand; one that falls moves so far in 0.14 s."""
 
 
 class SimulateGrasps(ObjectStage):
@@ -83,63 +87,102 @@ class SimulateGrasps(ObjectStage):
         yield from size_warnings(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
 
     def cost(self, settings: GraspSettings) -> Cost:
-        """Mostly attempts, of about 0.08 s each; some dozen are enough where not all are asked for."""
+        """Mostly attempts, of about 0.05 s each; some dozen are enough where not all are asked for. A hold search tests what it finds."""
         attempts = settings.attempts if settings.exhaustive else min(settings.attempts, 12)
-        lifts = 0.05 * settings.grasps if settings.lift_test else 0
-        return Cost(seconds=0.3 + 0.08 * attempts + lifts, kilobytes=settings.grasps)
+        tests = {"none": 0.0, "lift": 0.1, "six": 0.6}[settings.test] * settings.grasps
+        return Cost(seconds=0.3 + 0.05 * attempts + tests, kilobytes=settings.grasps)
 
     @contextmanager
     def session(self, settings: GraspSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        """Prepare the hand and open a physics client, for all objects of a worker."""
+        """Prepare the hand and open physics clients, for all objects of a worker."""
         prepared_hand = prepare_hand(settings)
         with ExitStack() as opened:
-            physics = opened.enter_context(Simulation(prepared_hand.hand))
-            lift = HoldTest(prepared_hand.hand, prepared_hand.sensors, mass=settings.lift_mass) if settings.lift_test else None
-            if lift is not None:
-                opened.enter_context(lift)
-            yield lambda unit, inputs: _grasp(prepared_hand, physics, lift, settings, unit, inputs)
+            yield _Grasping(
+                settings,
+                prepared_hand,
+                pinches=prepare_pinches(prepared_hand) if settings.search == "hold" else None,
+                physics=opened.enter_context(Simulation(prepared_hand.hand)),
+                test=opened.enter_context(HoldTest(prepared_hand.hand, prepared_hand.sensors, mass=settings.hold_mass))
+                if settings.test != "none"
+                else None,
+            )
 
 
-def _grasp(
-    prepared_hand: PreparedHand, physics: Simulation, lift: HoldTest | None, settings: GraspSettings, unit: Unit, inputs: Inputs
-) -> Row:
-    surface = inputs["surfaces"]
-    mesh = read_mesh(surface)
-    prepared_object = prepare_object(mesh, surface["points"], surface["normals"], cell=settings.grid_cell, reach=prepared_hand.reach)
-    physics.load(mesh)
-    search = GraspSearch(prepared_hand, prepared_object, physics, settings)
-    kept: list[Grasp] = []
-    touched = []
-    for number in range(SECOND_CHANCES * settings.attempts):
-        if number >= settings.attempts and (not kept or len(kept) == settings.grasps):
-            break
-        first_are_best = settings.prefer == "touches" and not settings.exhaustive
-        if first_are_best and len(kept) == settings.grasps and all(grasp.touched.all() for grasp in kept):
-            break
-        grasp = search.attempt(unit.rng("simulate-grasps", number))
-        touched.append(grasp.touched if grasp else np.zeros(len(prepared_hand.hand.sensors), bool))
-        kept = keep_best(kept, grasp, settings.grasps, settings.prefer)
-    if len(kept) < settings.grasps:
-        raise InvalidInput(
-            f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: the hand has no room around the object "
-            f"({', '.join(f'{extent:.3g}' for extent in np.ptp(mesh.vertices, axis=0))} m); scale it to between one and five hands, "
-            f"or raise simulate-grasps.attempts"
-        )
-    held: Row = {}
-    if lift is not None:
-        lift.load(mesh, prepared_object.points)
-        motions = [lift.hold(grasp.hand_pose, grasp.joint_angles, grasp.contacts, limit=STAYS) for grasp in kept]
-        held["held"] = np.array([motion.moved <= STAYS for motion in motions])
-    return {
-        "hand_pose": np.stack([grasp.hand_pose for grasp in kept]),
-        "joint_angles": np.stack([grasp.joint_angles for grasp in kept]),
-        "sensor_pose": np.stack([grasp.sensor_pose for grasp in kept]),
-        "touch_success": np.stack([grasp.touched for grasp in kept]),
-        "contact_area": np.stack([grasp.contact_area for grasp in kept]).astype(np.float32),
-        "opposition": np.array([grasp.opposition for grasp in kept], np.float32),
-        "closure": np.array([grasp.closure for grasp in kept], np.float32),
-        "penetration": np.array([grasp.penetration for grasp in kept], np.float32),
-        "attempts": np.array(len(touched), np.int32),
-        "attempt_success": np.mean(touched, axis=0).astype(np.float32),
-        **held,
-    }
+@dataclass(frozen=True, eq=False)
+class _Grasping:
+    """Finds the grasps of one object after the other."""
+
+    settings: GraspSettings
+    hand: PreparedHand
+    pinches: Pinches | None
+    physics: Simulation
+    test: HoldTest | None
+
+    def __call__(self, unit: Unit, inputs: Inputs) -> Row:
+        """Find the best grasps of an object and return its row."""
+        settings, surface = self.settings, inputs["surfaces"]
+        mesh = read_mesh(surface)
+        thing = prepare_object(mesh, surface["points"], surface["normals"], cell=settings.grid_cell, reach=self.hand.reach)
+        self.physics.load(mesh)
+        if self.test is not None:
+            self.test.load(mesh, thing.points)
+        search = GraspSearch(self.hand, thing, self.physics, settings, self._planner(thing, unit))
+        kept, touched = self._search(search, unit)
+        if len(kept) < settings.grasps:
+            raise InvalidInput(
+                f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: the hand has no room around the object "
+                f"({', '.join(f'{extent:.3g}' for extent in np.ptp(mesh.vertices, axis=0))} m); scale it to between one and five hands, "
+                f"or raise simulate-grasps.attempts"
+            )
+        return {
+            "hand_pose": np.stack([grasp.hand_pose for grasp in kept]),
+            "pregrasp_angles": np.stack([grasp.pregrasp_angles for grasp in kept]),
+            "joint_angles": np.stack([grasp.joint_angles for grasp in kept]),
+            "squeeze_angles": np.stack([pregrasp_angles(self.hand.hand, grasp.joint_angles, [-settings.squeeze])[0] for grasp in kept]),
+            "sensor_pose": np.stack([grasp.sensor_pose for grasp in kept]),
+            "touch_success": np.stack([grasp.touched for grasp in kept]),
+            "contact_point": np.stack([[contact.point if contact else np.zeros(3) for contact in grasp.contacts] for grasp in kept]),
+            "contact_normal": np.stack([[contact.normal if contact else np.zeros(3) for contact in grasp.contacts] for grasp in kept]),
+            "contact_area": np.stack([grasp.contact_area for grasp in kept]).astype(np.float32),
+            "opposition": np.array([grasp.opposition for grasp in kept], np.float32),
+            "closure": np.array([grasp.closure for grasp in kept], np.float32),
+            "penetration": np.array([grasp.penetration for grasp in kept], np.float32),
+            "attempts": np.array(len(touched), np.int32),
+            "attempt_success": np.mean(touched, axis=0).astype(np.float32),
+            **self._held(kept),
+        }
+
+    def _planner(self, thing: PreparedObject, unit: Unit) -> Callable[[np.random.Generator], Plan | None]:
+        if self.pinches is None:
+            return TouchPlanner(self.hand, thing, self.settings)
+        return HoldPlanner.of_object(self.hand, thing, self.settings, self.pinches, unit.rng("simulate-grasps", "rays"))
+
+    def _search(self, search: GraspSearch, unit: Unit) -> tuple[list[Grasp], list[NDArray[np.bool_]]]:
+        """Attempt grasps until no better ones are needed; the best ones, and which sensors touched in each attempt."""
+        settings = self.settings
+        kept: list[Grasp] = []
+        touched = []
+        for number in range(SECOND_CHANCES * settings.attempts):
+            full = len(kept) == settings.grasps
+            if (number >= settings.attempts and (full or not kept)) or (full and self._are_enough(kept)):
+                break
+            grasp = search.attempt(unit.rng("simulate-grasps", number))
+            touched.append(grasp.touched if grasp else np.zeros(len(self.hand.hand.sensors), bool))
+            if grasp is not None and grasp.sound and settings.search == "hold":
+                grasp = replace(grasp, holds=self.test is None or passes(self.test, grasp, settings.test))
+            kept = keep_best(kept, grasp, settings.grasps, settings.prefer)
+        return kept, touched
+
+    def _are_enough(self, kept: list[Grasp]) -> bool:
+        """Tell whether no attempt could better these."""
+        if self.settings.exhaustive:
+            return False
+        if self.settings.search == "hold":
+            return all(grasp.holds for grasp in kept)
+        return self.settings.prefer == "touches" and all(grasp.touched.all() for grasp in kept)
+
+    def _held(self, kept: list[Grasp]) -> Row:
+        if self.test is None:
+            return {}
+        held = np.stack([directions_held(self.test, grasp, self.settings.test) for grasp in kept])
+        return {"held": held[:, 0]} | ({"held_directions": held} if self.settings.test == "six" else {})

@@ -188,7 +188,7 @@ class GraspChoices:
 
     def joint_angles(self, number: int) -> Float64Array:
         """Combine the fingers' postures of a choice, (J,), rad."""
-        return _combine_fingers(self.hand, self.options, self.picks[number][None])[0]
+        return np.asarray(_combine_fingers(self.hand, self.options, self.picks[number][None])[0])
 
 
 def grasp_ik(

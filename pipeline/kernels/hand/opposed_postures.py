@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +50,9 @@ class OpposedPostures:
     centre, axis
         (R, 3) the middle between the gels, m, and the unit vector from the first to the second.
     width
-        (R,) between the gels, m, ascending.
+        (R,) between the gels, m.
+    fault
+        (R,) how far they are from facing each other: above 1, they do not.
     """
 
     joint_angles: Float64Array
@@ -59,6 +60,11 @@ class OpposedPostures:
     centre: Float64Array
     axis: Float64Array
     width: Float64Array
+    fault: Float64Array
+
+    def rows(self, rows: NDArray[np.intp]) -> OpposedPostures:
+        """Select some postures, in that order."""
+        return OpposedPostures(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 def opposed_postures(ik: GraspIk) -> OpposedPostures:
@@ -71,7 +77,7 @@ def opposed_postures(ik: GraspIk) -> OpposedPostures:
 
     Returns
     -------
-    Postures of all widths that the hand has, the best of each width and pair of gels.
+    Postures of all widths that the hand has, ascending, the best of each width and pair of gels.
 
     Raises
     ------
@@ -83,14 +89,13 @@ def opposed_postures(ik: GraspIk) -> OpposedPostures:
     Sampled postures of both fingers are paired where the gels roughly face each other, and turned towards each other by least squares.
     """
     parts = [_postures_of_pair(ik, pair) for pair in combinations(range(len(ik.hand.sensors)), 2)]
-    *arrays, _ = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if not len(arrays[0]):
+    every = OpposedPostures(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(OpposedPostures)))
+    if not len(every.width):
         raise InvalidInput(f"{ik.hand.name}: no two of its gels can face each other, so it cannot hold; use simulate-grasps.search=touch")
-    order = np.argsort(arrays[-1], kind="stable")
-    return OpposedPostures(*(array[order] for array in arrays))
+    return every.rows(np.argsort(every.width, kind="stable"))
 
 
-def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> _Grips:
+def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> OpposedPostures:
     """Postures of one pair of gels, the best of each width."""
     hand = ik.hand
     fingers = [int(hand.link_fingers[hand.sensors[sensor].link]) for sensor in pair]
@@ -108,7 +113,7 @@ def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> _Grips:
         angles = np.clip(angles, hand.lower + margin, hand.upper - margin)
     grips = _grips(ik, angles, pair)
     apart = fingers_apart(hand, ik.boxes, forward_kinematics(hand, np.eye(4), angles), fingers, ik.finger_gap)
-    return _Grips(*(array[_best_of_each_width(np.where(apart, grips.fault, np.inf), grips.width)] for array in grips))
+    return grips.rows(_best_of_each_width(np.where(apart, grips.fault, np.inf), grips.width))
 
 
 def _step(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float64Array, moving: list[int]) -> Float64Array:
@@ -183,18 +188,7 @@ def _gels(ik: GraspIk, frames: Float64Array, sensors: Sequence[int]) -> tuple[Fl
     return points, np.einsum("nsij,sj->nsi", tips[..., :3, :3], np.stack([mount.pose[:3, 2] for mount in mounts]))
 
 
-class _Grips(NamedTuple):
-    """Postures (N, J) of a pair of gels (N, 2), as `OpposedPostures`; above a `fault` of 1 they do not face each other."""
-
-    joint_angles: Float64Array
-    sensors: NDArray[np.intp]
-    centre: Float64Array
-    axis: Float64Array
-    width: Float64Array
-    fault: Float64Array
-
-
-def _grips(ik: GraspIk, angles: Float64Array, pair: tuple[int, int]) -> _Grips:
+def _grips(ik: GraspIk, angles: Float64Array, pair: tuple[int, int]) -> OpposedPostures:
     points, normals = _gels(ik, forward_kinematics(ik.hand, np.eye(4), angles), pair)
     facing, across = normals[:, 0] - normals[:, 1], points[:, 1] - points[:, 0]
     axis = unit_vectors(facing)
@@ -202,7 +196,7 @@ def _grips(ik: GraspIk, angles: Float64Array, pair: tuple[int, int]) -> _Grips:
     side = length(across - width[:, None] * axis) / np.maximum(SIDE, SIDE_SHARE * width)
     turned = (2 - length(facing)) / (2 - np.sqrt(2 + 2 * FACING))
     fault = np.where(width < LEAST_WIDTH, np.inf, np.maximum(side, turned))
-    return _Grips(angles, np.tile(np.array(pair), (len(angles), 1)), points.mean(axis=1), axis, width, fault)
+    return OpposedPostures(angles, np.tile(np.array(pair), (len(angles), 1)), points.mean(axis=1), axis, width, fault)
 
 
 def _best_of_each_width(fault: Float64Array, width: Float64Array) -> NDArray[np.intp]:

@@ -144,7 +144,7 @@ def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]
     owner = hand.link_fingers[boxes.link]
     theirs = np.isin(owner, [*fingers, -1])
     own = theirs[first] & theirs[second]
-    return (_pair_gaps(boxes, frames, (first[own], second[own])) >= gap).all(axis=1)
+    return np.asarray((_pair_gaps(boxes, frames, (first[own], second[own])) >= gap).all(axis=1))
 
 
 def choose_postures(
