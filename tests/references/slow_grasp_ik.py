@@ -115,10 +115,10 @@ def slow_grasp_ik(ik: GraspIk, field: DistanceField, pose: np.ndarray, *, rounds
     clear &= fingers_clear_of_palm(hand, ik.boxes, slow_link_frames(hand, np.eye(4), options), ik.finger_gap)
     values = np.where(clear, values.astype(np.float64), -np.inf)
     rows = choose_postures(hand, ik.boxes, frames=frames, values=values, gap=ik.finger_gap)
-    if rows is None:
+    if not len(rows):
         return None
     chosen = options[0].copy()
-    for own, row in zip(columns, rows, strict=True):
+    for own, row in zip(columns, rows[0], strict=True):
         chosen[own] = options[row, own]
     return chosen
 

@@ -17,8 +17,8 @@ LEVER = 0.05
 """m, by which moments are divided so that they count like forces: half the size of what a hand holds."""
 CONTACT_RADIUS = 0.004
 """m, of a gel's contact, which resists being turned about its normal."""
-ITERATIONS = 80
-"""Of accelerated projected gradients: right to a few hundredths where contacts hardly differ, enough to rank grasps."""
+SWEEPS, SLOW = 200, 1e-3
+"""Rounds over all forces at most; the share by which the squared residual must fall in one, else it is the least."""
 SMALL = 1e-3
 """Share of the weight below which a residual counts as none."""
 
@@ -43,8 +43,8 @@ def load_residuals(points: Float64Array, normals: Float64Array, touching: NDArra
 
     Notes
     -----
-    Least squares over forces within the friction cones, the pyramids' edges and the moments of a soft finger, by projected gradients
-    (FISTA; Beck and Teboulle, 2009).
+    Least squares over forces within the friction cones, the pyramids' edges and the moments of a soft finger, one force after the other
+    (coordinate descent).
     """
     residuals = np.empty(len(points))
     columns = np.empty((points.shape[1] * (EDGES + 2), 6))
@@ -94,71 +94,27 @@ def _residual(columns: Float64Array) -> float:
     """Root mean square of what wrenches (M, 6), each taken 0 to `MOST_FORCE` times, leave of unit forces in six directions."""
     if not len(columns):
         return 1.0
-    step = 1 / _largest_eigenvalue(columns)
+    squares = (columns**2).sum(axis=1)
     total = 0.0
-    force, ahead = np.empty(len(columns)), np.empty(len(columns))
-    left = np.empty(6)
+    force, left = np.empty(len(columns)), np.empty(6)
     for direction in range(6):
         force[:] = 0.0
-        ahead[:] = 0.0
-        momentum = 1.0
+        left[:] = 0.0
+        left[direction // 2] = 1.0 if direction % 2 else -1.0
         squared = 1.0
-        for _ in range(ITERATIONS):
-            _remaining(columns, ahead, direction, left)
-            faster = (1 + np.sqrt(1 + 4 * momentum * momentum)) / 2
+        for _ in range(SWEEPS):
             for m in range(len(columns)):
                 slope = 0.0
                 for k in range(6):
                     slope += columns[m, k] * left[k]
-                pressed = min(max(ahead[m] - step * slope, 0.0), MOST_FORCE)
-                ahead[m] = pressed + (momentum - 1) / faster * (pressed - force[m])
+                pressed = min(max(force[m] - slope / squares[m], 0.0), MOST_FORCE)
+                for k in range(6):
+                    left[k] += (pressed - force[m]) * columns[m, k]
                 force[m] = pressed
-            momentum = faster
-            squared = _remaining(columns, force, direction, left)
-            if squared < SMALL * SMALL:
+            before, squared = squared, 0.0
+            for k in range(6):
+                squared += left[k] * left[k]
+            if squared < SMALL * SMALL or before - squared < SLOW * squared:
                 break
         total += squared
     return float(np.sqrt(total / 6))
-
-
-@compiled
-def _remaining(columns: Float64Array, force: Float64Array, direction: int, left: Float64Array) -> float:
-    """Fill what forces leave of a unit load (6,), and return its squared length."""
-    left[:] = 0.0
-    left[direction // 2] = 1.0 if direction % 2 else -1.0
-    for m in range(len(columns)):
-        if force[m] != 0.0:
-            for k in range(6):
-                left[k] += force[m] * columns[m, k]
-    squared = 0.0
-    for k in range(6):
-        squared += left[k] * left[k]
-    return squared
-
-
-@compiled
-def _largest_eigenvalue(columns: Float64Array) -> float:
-    """Bound the largest eigenvalue of the wrenches' 6 x 6 moment matrix from above, by the eighth root of its eighth power's trace."""
-    power = np.zeros((6, 6))
-    for m in range(len(columns)):
-        for i in range(6):
-            for j in range(6):
-                power[i, j] += columns[m, i] * columns[m, j]
-    scale = _trace(power)
-    power /= scale
-    for _ in range(3):
-        square = np.zeros((6, 6))
-        for i in range(6):
-            for j in range(6):
-                for k in range(6):
-                    square[i, j] += power[i, k] * power[k, j]
-        power = square
-    return float(scale * np.sqrt(np.sqrt(np.sqrt(_trace(power)))))
-
-
-@compiled
-def _trace(matrix: Float64Array) -> float:
-    total = 0.0
-    for k in range(len(matrix)):
-        total += matrix[k, k]
-    return total

@@ -89,9 +89,9 @@ def opposed_postures(ik: GraspIk) -> OpposedPostures:
     Sampled postures of both fingers are paired where the gels roughly face each other, and turned towards each other by least squares.
     """
     parts = [_postures_of_pair(ik, pair) for pair in combinations(range(len(ik.hand.sensors)), 2)]
-    every = OpposedPostures(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(OpposedPostures)))
-    if not len(every.width):
+    if not any(len(part.width) for part in parts):
         raise InvalidInput(f"{ik.hand.name}: no two of its gels can face each other, so it cannot hold; use simulate-grasps.search=touch")
+    every = OpposedPostures(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(OpposedPostures)))
     return every.rows(np.argsort(every.width, kind="stable"))
 
 

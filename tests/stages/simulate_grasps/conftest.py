@@ -11,6 +11,7 @@ from pipeline.rng import numpy_rng
 from stages.simulate_grasps.grasp_search import Grasp, GraspSearch
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_grasps.touch_plan import TouchPlanner
 from tests.kernels.hand.meshes import bar, mug, points_on
 
 SETTINGS = GraspSettings(ik_samples=512, attempts=5)
@@ -20,7 +21,7 @@ Grasped = list[tuple[Mesh, list[Grasp]]]
 def attempt(prepared: PreparedHand, physics: Simulation, mesh: Mesh, number: int) -> Grasp | None:
     """Make an attempt, by number, at a mesh that is loaded."""
     thing = prepare_object(mesh, *points_on(mesh, 2000, seed=1), cell=SETTINGS.grid_cell, reach=prepared.reach)
-    return GraspSearch(prepared, thing, physics, SETTINGS).attempt(numpy_rng(0, "grasped", number))
+    return GraspSearch(prepared, thing, physics, SETTINGS, TouchPlanner(prepared, thing, SETTINGS)).attempt(numpy_rng(0, "grasped", number))
 
 
 @pytest.fixture(scope="session")

@@ -29,19 +29,39 @@ def unit_of(mesh: Mesh, points: np.ndarray, normals: np.ndarray) -> tuple[Unit, 
     return Unit("thing"), {"surfaces": surfaces}
 
 
-@pytest.mark.parametrize("lift_test", [False, True])
-def test_row_has_the_arrays_of_the_schema(lift_test: bool) -> None:
-    settings = SETTINGS.model_copy(update={"attempts": 3, "grasps": 2, "lift_test": lift_test})
+@pytest.mark.parametrize("hold_test", ["none", "lift", "six"])
+def test_row_has_the_arrays_of_the_schema(hold_test: str) -> None:
+    settings = SETTINGS.model_copy(update={"attempts": 3, "grasps": 2, "hold_test": hold_test})
     with SimulateGrasps().session(settings, {}) as process:
         row = process(*unit_of(bar(), *points_on(bar(), 1000, seed=3)))
-    sizes = {"grasp": 2, "sensor": 4, "joint": 16, "pose_row": 4, "pose_column": 4}
+    sizes = {"grasp": 2, "sensor": 4, "joint": 16, "pose_row": 4, "pose_column": 4, "xyz": 3, "direction": 6}
     declared = {name: array for name, array in GRASPS.arrays.items() if name not in COMMON and array.dims[0] == "object"}
-    if not lift_test:
-        del declared["held"]
+    tested = {"none": set(), "lift": {"held"}, "six": {"held", "held_directions"}}[hold_test]
+    declared = {name: array for name, array in declared.items() if name in tested or not name.startswith("held")}
     assert set(row) == set(declared)
     for name, array in declared.items():
         assert row[name].dtype == np.dtype(array.dtype), name
         assert row[name].shape == tuple(sizes[dim] for dim in array.dims[1:]), name
+
+
+@pytest.mark.parametrize(("hand", "size"), [("allegro_right", (0.05, 0.06, 0.12)), ("two_finger_gripper", (0.03, 0.03, 0.1))])
+def test_hold_search_keeps_grasps_that_oppose_each_other_and_hold(hand: str, size: tuple[float, float, float]) -> None:
+    box = centred(trimesh.creation.box(size))
+    settings = GraspSettings(hand=hand, search="hold", grasps=2, ik_samples=512)
+    with SimulateGrasps().session(settings, {}) as process:
+        rows = [process(*unit_of(box, *points_on(box, 2000, seed=3))) for _ in range(2)]
+    row = rows[0]
+    assert row["held"].all()
+    assert row["opposition"].min() > 150
+    assert row["closure"].min() > 0
+    touched = row["touch_success"]
+    surface = np.abs(np.abs(row["contact_point"] - [0, 0, 0.6]) - np.array(size) / 2).min(axis=2)
+    assert surface[touched].max() < 5e-4  # contact points lie on the box, their normals point into it
+    assert ((row["contact_normal"] * (row["contact_point"] - [0, 0, 0.6])).sum(axis=2)[touched] < 0).all()
+    assert not row["contact_point"][~touched].any()
+    assert (row["pregrasp_angles"] != row["squeeze_angles"]).any()
+    for name, array in row.items():
+        np.testing.assert_array_equal(rows[1][name], array)
 
 
 def test_stage_that_stops_early_keeps_the_same_grasps() -> None:
