@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 
 import numpy as np
@@ -13,7 +14,7 @@ from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.grasp_closure import Contact, closure_margin, contact_from_depth, opposition_angle
 from pipeline.kernels.hand.grasp_ik import fingers_fit, grasp_ik
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
-from pipeline.kernels.hand.object_distances import finger_clearance, penetration_depth
+from pipeline.kernels.hand.object_distances import finger_clearance, near_gaps, penetration_depth
 from pipeline.kernels.hand.pregrasp import pregrasp_angles, tangent_palm_pose
 from pipeline.kernels.hand.self_collision import hand_gap
 from pipeline.kernels.touch.contact import touch_success
@@ -32,7 +33,7 @@ MAX_SEARCHES = 3
 class Grasp:
     """A grasp as simulated; `sound` when it rests, keeps its joint limits and penetrates neither the object nor itself.
 
-    `contacts` are those of the sensors that touch, None for others; `closure` is their margin.
+    `find_contacts` gives those of the sensors that touch, None for others, and `find_closure` their margin; each is computed when read.
     """
 
     hand_pose: NDArray[np.float64]
@@ -41,8 +42,18 @@ class Grasp:
     touched: NDArray[np.bool_]
     penetration: float
     sound: bool
-    contacts: Sequence[Contact | None] = ()
-    closure: float = 0.0
+    find_contacts: Callable[[], Sequence[Contact | None]] = tuple
+    find_closure: Callable[[list[Contact]], float] = lambda contacts: 0.0
+
+    @cached_property
+    def contacts(self) -> Sequence[Contact | None]:
+        """Contacts of the S sensors; None for one that does not touch."""
+        return self.find_contacts()
+
+    @cached_property
+    def closure(self) -> float:
+        """The margin of force closure."""
+        return self.find_closure([contact for contact in self.contacts if contact])
 
     @property
     def contact_area(self) -> NDArray[np.float64]:
@@ -84,9 +95,9 @@ class GraspSearch:
     def _has_room(self, pose: NDArray[np.float64]) -> bool:
         """Tell whether the palm stays clear of the object, and every finger can."""
         hand, palm, field = self.prepared_hand.hand, self.prepared_hand.palm_spheres, self.prepared_object.field
-        frames = forward_kinematics(hand, pose, hand.lower)[None]
-        gap = field.exact(palm.world_centres(frames)[:, 0].T) - palm.radii
-        return bool((gap >= self.settings.clearance).all()) and fingers_fit(self.prepared_hand.ik, field, pose)
+        frames = forward_kinematics(hand, pose, hand.lower)
+        gaps = near_gaps(field, palm, frames, self.settings.clearance)
+        return bool((gaps >= self.settings.clearance).all()) and fingers_fit(self.prepared_hand.ik, field, pose)
 
     def _close(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> Grasp:
         """Close the fingers to a target posture and measure where they come to rest."""
@@ -106,19 +117,22 @@ class GraspSearch:
             and hand_gap(hand, ik.boxes, frames) >= 0
             and penetration <= self.settings.penetration_limit
         )
-        contacts = [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, worn, touched, strict=True)]
-        return Grasp(pose, angles, poses, touched, penetration, sound, contacts, self._closure(contacts) if sound else 0.0)
 
-    def _closure(self, contacts: list[Contact | None]) -> float:
+        def contacts() -> list[Contact | None]:
+            return [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, worn, touched, strict=True)]
+
+        return Grasp(pose, angles, poses, touched, penetration, sound, contacts, self._closure)
+
+    def _closure(self, contacts: list[Contact]) -> float:
         points = self.prepared_object.points
         size = float(length(points.max(axis=0) - points.min(axis=0))) / 2
-        return closure_margin([contact for contact in contacts if contact], friction=self.prepared_hand.hand.friction, size=size)
+        return closure_margin(contacts, friction=self.prepared_hand.hand.friction, size=size)
 
     def _pregrasp(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joint angles from which the fingers close: each drawn back as far as there is room behind it."""
         hand, ik = self.prepared_hand.hand, self.prepared_hand.ik
         ways = pregrasp_angles(hand, target, [share * self.settings.opening for share in (1.0, 0.5, 0.0)])
-        clear = finger_clearance(self.prepared_object.field, ik.fingers, forward_kinematics(hand, pose, ways)) >= 0  # (3, S)
+        clear = finger_clearance(self.prepared_object.field, ik.fingers, forward_kinematics(hand, pose, ways), floor=0.0) >= 0  # (3, S)
         start = target.copy()
         for s, finger in enumerate(hand.fingers):
             if clear[:, s].any():
