@@ -1,6 +1,6 @@
 """Compiled loops over an object's distance grid: look-ups, and the clearance of postures, measured no further than it matters.
 
-All arithmetic on distances is float32, in a fixed order.
+All arithmetic on distances is float32, in a fixed order. The loops share a file: numba's cache notices changes of a function's own only.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ MILLIMETRE = np.float32(1e-3)
 LACK_WEIGHT = np.float32(2)
 """By what a posture's value falls per millimetre that its clearance lacks."""
 FLOOR_SLACK = np.float32(1e-6)
-"""m that a gap may be below one that matters before its exact value does not: far more than the rounding of values."""
+"""m below the least gap with which a posture could win, at which its measurement stops: far more than the rounding of values."""
 
 
 class Grid(NamedTuple):
