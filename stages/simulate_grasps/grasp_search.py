@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +27,8 @@ from stages.simulate_grasps.settings import GraspSettings
 class Grasp:
     """A grasp as simulated; `sound` when it rests, keeps its joint limits and penetrates neither the object nor itself.
 
-    `contacts` are those of the sensors that touch, None for others; `closure` is their margin. `pregrasp_angles` are those that the
-    fingers closed from; `holds` tells that the hold test was passed, where the search asks for it.
+    `find_contacts` gives those of the sensors that touch, None for others, and `find_closure` their margin; each is computed when read.
+    `pregrasp_angles` are those that the fingers closed from; `holds` tells that the hold test was passed, where the search asks for it.
     """
 
     hand_pose: NDArray[np.float64]
@@ -36,10 +37,20 @@ class Grasp:
     touched: NDArray[np.bool_]
     penetration: float
     sound: bool
-    contacts: Sequence[Contact | None] = ()
-    closure: float = 0.0
+    find_contacts: Callable[[], Sequence[Contact | None]] = tuple
+    find_closure: Callable[[list[Contact]], float] = lambda contacts: 0.0
     pregrasp_angles: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     holds: bool = False
+
+    @cached_property
+    def contacts(self) -> Sequence[Contact | None]:
+        """Contacts of the S sensors; None for one that does not touch."""
+        return self.find_contacts()
+
+    @cached_property
+    def closure(self) -> float:
+        """The margin of force closure."""
+        return self.find_closure([contact for contact in self.contacts if contact])
 
     @property
     def contact_area(self) -> NDArray[np.float64]:
@@ -92,19 +103,22 @@ class GraspSearch:
             and hand_gap(hand, ik.boxes, frames) >= 0
             and penetration <= self.settings.penetration_limit
         )
-        contacts = [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, worn, touched, strict=True)]
-        return Grasp(pose, angles, poses, touched, penetration, sound, contacts, self._closure(contacts) if sound else 0.0, start)
 
-    def _closure(self, contacts: list[Contact | None]) -> float:
+        def contacts() -> list[Contact | None]:
+            return [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, worn, touched, strict=True)]
+
+        return Grasp(pose, angles, poses, touched, penetration, sound, contacts, self._closure, start)
+
+    def _closure(self, contacts: list[Contact]) -> float:
         points = self.prepared_object.points
         size = float(length(points.max(axis=0) - points.min(axis=0))) / 2
-        return closure_margin([contact for contact in contacts if contact], friction=self.prepared_hand.hand.friction, size=size)
+        return closure_margin(contacts, friction=self.prepared_hand.hand.friction, size=size)
 
     def _pregrasp(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joint angles from which the fingers close: each drawn back as far as there is room behind it."""
         hand, ik = self.prepared_hand.hand, self.prepared_hand.ik
         ways = pregrasp_angles(hand, target, [share * self.settings.opening for share in (1.0, 0.5, 0.0)])
-        clear = finger_clearance(self.prepared_object.field, ik.fingers, forward_kinematics(hand, pose, ways)) >= 0  # (3, S)
+        clear = finger_clearance(self.prepared_object.field, ik.fingers, forward_kinematics(hand, pose, ways), floor=0.0) >= 0  # (3, S)
         start = target.copy()
         for s, finger in enumerate(hand.fingers):
             if clear[:, s].any():

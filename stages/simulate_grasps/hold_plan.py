@@ -11,6 +11,7 @@ from pipeline.kernels.geometry.transforms import compose, invert_pose
 from pipeline.kernels.hand.antipodal_points import AntipodalPoints, antipodal_points, central_weights
 from pipeline.kernels.hand.grasp_closure import contact_from_depth
 from pipeline.kernels.hand.grasp_ik import GraspChoices, grasp_ik
+from pipeline.kernels.hand.grid_loops import gaps
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.load_residual import load_residuals
 from pipeline.kernels.hand.object_distances import finger_clearance, gel_contact, gel_probes
@@ -126,8 +127,9 @@ class HoldPlanner:
         hand, ik, field = self.prepared_hand.hand, self.prepared_hand.ik, self.prepared_object.field
         palm = self.prepared_hand.palm_spheres
         frames = compose(poses[:, None], self.pinches.frames[rows])
-        has_room = (field.lookup(palm.world_centres(frames.astype(np.float32))) - palm.radii >= self.settings.clearance).all(axis=1)
-        clear = np.column_stack([finger_clearance(field, ik.fingers, frames) >= FINGER_ROOM, np.ones(len(rows), bool)])  # the palm last
+        has_room = gaps(field.grid, frames, palm.single, np.float32(self.settings.clearance)) >= self.settings.clearance
+        clear = finger_clearance(field, ik.fingers, frames, floor=FINGER_ROOM) >= FINGER_ROOM
+        clear = np.column_stack([clear, np.ones(len(rows), bool)])  # the palm is the last
         at_object = np.abs(gel_contact(field, gel_probes(hand, ik.fingers, frames))[0]) <= GEL_DISTANCE
         fingers, sensors = self.pinches.fingers[rows], self.pinches.postures.sensors[rows]
         both = np.take_along_axis(clear, fingers, axis=1) & np.take_along_axis(at_object, sensors, axis=1)

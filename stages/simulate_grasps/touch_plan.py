@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.hand.grasp_ik import fingers_fit, grasp_ik
 from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.object_distances import near_gaps
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 from stages.simulate_grasps.grasp_search import Plan
 from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
@@ -52,6 +53,5 @@ class TouchPlanner:
     def _has_room(self, pose: NDArray[np.float64]) -> bool:
         """Tell whether the palm stays clear of the object, and every finger can."""
         hand, palm, field = self.prepared_hand.hand, self.prepared_hand.palm_spheres, self.prepared_object.field
-        frames = forward_kinematics(hand, pose, hand.lower)[None]
-        gap = field.exact(palm.world_centres(frames)[:, 0].T) - palm.radii
-        return bool((gap >= self.settings.clearance).all()) and fingers_fit(self.prepared_hand.ik, field, pose)
+        gaps = near_gaps(field, palm, forward_kinematics(hand, pose, hand.lower), self.settings.clearance)
+        return bool((gaps >= self.settings.clearance).all()) and fingers_fit(self.prepared_hand.ik, field, pose)

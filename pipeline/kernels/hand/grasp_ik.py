@@ -252,7 +252,7 @@ def _measure_best(
     """Compute the values (N, F) of the best postures of each group, and find clear ones (N, F): see `measure_best`."""
     by_finger = np.ascontiguousarray(contact.T)
     ranks = np.argsort(-by_finger.reshape(len(by_finger), groups, -1), axis=-1, kind="stable")
-    order = ranks + ranks.shape[-1] * np.arange(groups)[:, None]  # (F, groups, N / groups)
+    order = np.insert(ranks, 0, 0, axis=-1) + ranks.shape[-1] * np.arange(groups)[:, None]  # the first of a group is that to improve on
     measured = [
         measure_best(field.grid, frames, own.single, by_finger[f], order[f], best, clear, np.float32(ik.clearance))
         for f, own in enumerate(ik.fingers.spheres)
@@ -282,8 +282,7 @@ def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) ->
 
 def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> NDArray[np.intp]:
     """Select the samples whose clearance is measured, (MAX_CANDIDATES + EVEN_SAMPLES, F) rows: those with most contact, and some of all."""
-    turn, shift = hand_pose[:3, :3].astype(np.float32), hand_pose[:3, 3].astype(np.float32)
-    contact, coverage = gel_contact(field, np.einsum("ij,jksp->iksp", turn, ik.probes) + shift[:, None, None, None])  # (K, S)
+    contact, coverage = gel_contact(field, ik.probes, hand_pose)  # (K, S)
     excess = np.maximum(np.abs(contact + NEAR_CONTACT) - NEAR_CONTACT, 0) / MILLIMETRE
     first = np.where(ik.free, _by_finger(ik.hand, coverage - excess), -np.inf)
     order = np.argsort(-first, axis=0, kind="stable")[:MAX_CANDIDATES]

@@ -1,6 +1,6 @@
 """Compiled loops over an object's distance grid: look-ups, and the clearance of postures, measured no further than it matters.
 
-All arithmetic on distances is float32, in a fixed order.
+All arithmetic on distances is float32, in a fixed order. The loops share a file: numba's cache notices changes of a function's own only.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ MILLIMETRE = np.float32(1e-3)
 LACK_WEIGHT = np.float32(2)
 """By what a posture's value falls per millimetre that its clearance lacks."""
 FLOOR_SLACK = np.float32(1e-6)
-"""m that a gap may be below one that matters before its exact value does not: far more than the rounding of values."""
+"""m below the least gap with which a posture could win, at which its measurement stops: far more than the rounding of values."""
 
 
 class Grid(NamedTuple):
@@ -68,14 +68,18 @@ def look_up(grid: Grid, points: Float32Array) -> Float32Array:
 
 
 @compiled
-def least_distances(grid: Grid, points: Float32Array) -> tuple[Float32Array, Float32Array]:
-    """Least distance (N,) of groups of points (3, N, P), and the share (N,) of each that is inside."""
+def least_distances(grid: Grid, pose: Float32Array, points: Float32Array) -> tuple[Float32Array, Float32Array]:
+    """Least distance (N,) of groups of points (3, N, P) in a frame of that pose (4, 4), and the share (N,) of each that is inside."""
     count, size = points.shape[1:]
     least, share = np.full(count, np.float32(np.inf)), np.empty(count, np.float32)
     for n in range(count):
         inside = 0
         for p in range(size):
-            distance = _distance(grid, points[0, n, p], points[1, n, p], points[2, n, p])
+            x, y, z = points[0, n, p], points[1, n, p], points[2, n, p]
+            px = ((pose[0, 0] * x + pose[0, 1] * y) + pose[0, 2] * z) + pose[0, 3]
+            py = ((pose[1, 0] * x + pose[1, 1] * y) + pose[1, 2] * z) + pose[1, 3]
+            pz = ((pose[2, 0] * x + pose[2, 1] * y) + pose[2, 2] * z) + pose[2, 3]
+            distance = _distance(grid, px, py, pz)
             least[n] = min(least[n], distance)
             inside += int(distance < 0)
         share[n] = np.float32(inside) / np.float32(size)
@@ -128,7 +132,7 @@ def measure_best(
     contact
         (N,) values of the postures if nothing is in their way; -inf for those that are not to be had.
     order
-        (G, M) numbers of the postures of each group, by falling `contact`.
+        (G, 1 + M) numbers of the postures of each group: one that may well be the best, then all by falling `contact`.
     best, clear
         Numbers of postures of each group that are asked for: those of greatest value, and the first clear ones in that order.
     clearance
@@ -150,8 +154,10 @@ def measure_best(
         found = 0
         for n in group:
             least = top[max(best - 1, 0)]
-            if contact[n] == -np.inf or (contact[n] < least and found >= clear):
+            if contact[n] < least and found >= clear:
                 break  # no other can be among the best
+            if contact[n] == -np.inf or value[n] > -np.inf:
+                continue
             spare = max(contact[n] - least, np.float32(0)) / LACK_WEIGHT * MILLIMETRE
             gap = _gap(grid, frames[n], spheres, clearance - spare - FLOOR_SLACK)
             value[n] = contact[n] - LACK_WEIGHT * (max(clearance - gap, np.float32(0)) / MILLIMETRE)

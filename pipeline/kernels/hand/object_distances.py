@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres
 from pipeline.kernels.hand.distance_field import DistanceField
@@ -21,7 +22,8 @@ PROBE_DEPTH = 0.6
 PROBES = 4
 """Probe points along a side of the gel: 4 mm apart on a 16 mm gel."""
 LOOKUP_ERROR_CELLS = 2
-"""Largest error of a look-up within the grid's band, in cells: spheres whose gap may be below 0 by this much are measured exactly."""
+"""Largest error of a look-up within the grid's band, in cells: spheres whose gap may be too small by this much are measured exactly."""
+IDENTITY = np.eye(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,13 +91,28 @@ def gel_probes(hand: Hand, fingers: FingerGeometry, frames: NDArray[np.float64])
     -------
     (3, N, S, PROBES²) float32, m, in the frame that the link frames are given in.
     """
-    tips = frames[:, [mount.link for mount in hand.sensors]]  # (N, S, 4, 4)
-    turned = np.einsum("nsij,spj->insp", tips[..., :3, :3], fingers.probes)
-    points: NDArray[np.float32] = (turned + np.moveaxis(tips[..., :3, 3], -1, 0)[..., None]).astype(np.float32)
+    points = np.empty((3, len(frames), *fingers.probes.shape[:2]), np.float32)
+    _transform_probes(frames, np.array([mount.link for mount in hand.sensors], np.intp), fingers.probes, points)
     return points
 
 
-def gel_contact(field: DistanceField, probes: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+@compiled
+def _transform_probes(
+    frames: NDArray[np.float64], link: NDArray[np.intp], probes: NDArray[np.float64], points: NDArray[np.float32]
+) -> None:
+    """Fill `points` (3, N, S, P) with probes (S, P, 3) carried by the frames (N, L, 4, 4) of their links (S,)."""
+    for axis in range(3):
+        for n in range(len(frames)):
+            for s in range(len(link)):
+                row = frames[n, link[s], axis]
+                for p in range(probes.shape[1]):
+                    x, y, z = probes[s, p]
+                    points[axis, n, s, p] = ((row[0] * x + row[1] * y) + row[2] * z) + row[3]
+
+
+def gel_contact(
+    field: DistanceField, probes: NDArray[np.float32], pose: NDArray[np.float64] = IDENTITY
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Measure how gels meet an object.
 
     Parameters
@@ -104,6 +121,8 @@ def gel_contact(field: DistanceField, probes: NDArray[np.float32]) -> tuple[NDAr
         The object.
     probes
         (3, N, S, P) from `gel_probes`.
+    pose
+        (4, 4) of the frame in which they are given, world.
 
     Returns
     -------
@@ -113,7 +132,7 @@ def gel_contact(field: DistanceField, probes: NDArray[np.float32]) -> tuple[NDAr
         (N, S) float32, share of its probes that are inside the object.
     """
     groups = probes.shape[1:3]
-    contact, coverage = least_distances(field.grid, probes.reshape(3, -1, probes.shape[3]))
+    contact, coverage = least_distances(field.grid, pose.astype(np.float32), probes.reshape(3, -1, probes.shape[3]))
     return contact.reshape(groups), coverage.reshape(groups)
 
 
@@ -156,16 +175,12 @@ def penetration_depth(field: DistanceField, spheres: CollisionSpheres, frames: N
     -------
     m; 0 when hand and object are apart.
     """
-    points = spheres.world_centres(frames[None])[:, 0]  # (3, B)
-    measured = possibly_overlapping_spheres(field, spheres, points)
-    if not len(measured):
-        return 0.0
-    gap = field.exact(points[:, measured].T) - spheres.radii[measured]
-    return max(0.0, -float(gap.min()))
+    gaps_below = near_gaps(field, spheres, frames, 0.0)
+    return max(0.0, -float(gaps_below.min(initial=0.0)))
 
 
-def possibly_overlapping_spheres(field: DistanceField, spheres: CollisionSpheres, points: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Select the spheres that may overlap the object as far as the grid can tell.
+def near_gaps(field: DistanceField, spheres: CollisionSpheres, frames: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
+    """Measure the exact gaps between the object and those spheres that may be nearer than a limit, as far as the grid can tell.
 
     Parameters
     ----------
@@ -173,11 +188,15 @@ def possibly_overlapping_spheres(field: DistanceField, spheres: CollisionSpheres
         The object.
     spheres
         B spheres.
-    points
-        (3, B) float64, their centres, world, m.
+    frames
+        (L, 4, 4) link frames, world.
+    limit
+        m.
 
     Returns
     -------
-    (K,) intp, numbers of the selected spheres, ascending.
+    (K,) float64, m, in the order of the spheres; all of those that are below the limit, and some others.
     """
-    return np.flatnonzero(field.lookup(points.astype(np.float32)) - spheres.radii < LOOKUP_ERROR_CELLS * field.cell)
+    points = spheres.world_centres(frames[None])[:, 0]  # (3, B)
+    near = np.flatnonzero(field.lookup(points.astype(np.float32)) - spheres.radii < limit + LOOKUP_ERROR_CELLS * field.cell)
+    return field.exact(points[:, near].T) - spheres.radii[near]

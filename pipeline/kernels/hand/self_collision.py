@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from functools import lru_cache
 
 import numpy as np
+from numba import guvectorize
 from numpy.typing import NDArray
 
+from pipeline.kernels.compiled import cached, compiled
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 
+Float64Array = NDArray[np.float64]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 PARALLEL_SINE2 = 1e-6
@@ -52,22 +55,44 @@ def box_gap(
     -------
     (...) float64, m: a lower bound of the distance of boxes that are apart; of boxes that overlap, minus their least overlap.
     """
-    turn_a, turn_b = frames_a[..., :3, :3], frames_b[..., :3, :3]
-    offset = frames_b[..., :3, 3] - frames_a[..., :3, 3]
-    half_a, half_b = (np.moveaxis(np.broadcast_to(half, offset.shape), -1, 0) for half in (half_a, half_b))  # (3, ...)
-    rotation = np.einsum("...ji,...jk->ik...", turn_a, turn_b)
-    size = np.abs(rotation)
-    shift = np.einsum("...ji,...j->i...", turn_a, offset)  # in a's axes
-    gap_a = np.abs(shift) - half_a - np.einsum("ij...,j...->i...", size, half_b)
-    shift_b = np.einsum("ji...,j...->i...", rotation, shift)
-    gap_b = np.abs(shift_b) - half_b - np.einsum("ij...,i...->j...", size, half_a)
-    k, m = [1, 2, 0], [2, 0, 1]
-    distance = np.abs(shift[m, None] * rotation[k] - shift[k, None] * rotation[m])  # (3, 3, ...) along the cross products of two axes
-    extent = half_a[k, None] * size[m] + half_a[m, None] * size[k]
-    extent = extent + half_b[k] * size[:, m] + half_b[m] * size[:, k]
-    sine2 = 1 - rotation**2
-    along = np.where(sine2 > PARALLEL_SINE2, (distance - extent) / np.sqrt(np.maximum(sine2, PARALLEL_SINE2)), -np.inf)
-    return np.asarray(np.maximum(np.maximum(gap_a.max(axis=0), gap_b.max(axis=0)), along.max(axis=(0, 1))))
+    return np.asarray(_box_gaps(frames_a, half_a, frames_b, half_b))
+
+
+@compiled
+def _gap(a: Float64Array, half_a: Float64Array, b: Float64Array, half_b: Float64Array, enough: float) -> float:
+    """Gap of two boxes with poses (4, 4) and half extents (3,); where it reaches `enough`, some value that does."""
+    rotation, size, shift = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    gap = -np.inf
+    x, y, z = b[0, 3] - a[0, 3], b[1, 3] - a[1, 3], b[2, 3] - a[2, 3]
+    for i in range(3):  # the axes of a
+        for k in range(3):
+            rotation[i, k] = a[0, i] * b[0, k] + a[1, i] * b[1, k] + a[2, i] * b[2, k]
+            size[i, k] = abs(rotation[i, k])
+        shift[i] = a[0, i] * x + a[1, i] * y + a[2, i] * z
+        gap = max(gap, abs(shift[i]) - half_a[i] - (size[i, 0] * half_b[0] + size[i, 1] * half_b[1] + size[i, 2] * half_b[2]))
+    if gap >= enough:
+        return gap
+    for k in range(3):  # the axes of b
+        along = abs(rotation[0, k] * shift[0] + rotation[1, k] * shift[1] + rotation[2, k] * shift[2])
+        gap = max(gap, along - half_b[k] - (size[0, k] * half_a[0] + size[1, k] * half_a[1] + size[2, k] * half_a[2]))
+    if gap >= enough:
+        return gap
+    for i in range(3):  # the cross products of two
+        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        for k in range(3):
+            sine2 = 1 - rotation[i, k] ** 2
+            if sine2 > PARALLEL_SINE2:
+                k1, k2 = (k + 1) % 3, (k + 2) % 3
+                distance = abs(shift[i2] * rotation[i1, k] - shift[i1] * rotation[i2, k])
+                extent = half_a[i1] * size[i2, k] + half_a[i2] * size[i1, k]
+                extent = extent + half_b[k1] * size[i, k2] + half_b[k2] * size[i, k1]
+                gap = max(gap, (distance - extent) / np.sqrt(sine2))
+    return gap
+
+
+@cached(guvectorize, ["void(float64[:, :], float64[:], float64[:, :], float64[:], float64[:])"], "(n,n),(m),(n,n),(m)->()")
+def _box_gaps(a: Float64Array, half_a: Float64Array, b: Float64Array, half_b: Float64Array, gap: Float64Array) -> None:
+    gap[0] = _gap(a, half_a, b, half_b, np.inf)
 
 
 def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> float:
@@ -86,7 +111,16 @@ def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> 
     -------
     m, from `box_gap`: negative where links overlap, +inf where no two can meet.
     """
-    return float(_pair_gaps(boxes, frames[None], _pairs(hand, boxes)).min(initial=np.inf))
+    return _least_gap(_world_boxes(boxes, frames), boxes.half, *_pairs(hand, boxes))
+
+
+@compiled
+def _least_gap(world: Float64Array, half: Float64Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> float:
+    """Least gap of pairs of boxes; inf where there are none."""
+    least = np.inf
+    for a, b in zip(first, second):  # noqa: B905 - as numba has it
+        least = min(least, _gap(world[a], half[a], world[b], half[b], least))
+    return least
 
 
 def rigid_bodies(hand: Hand) -> NDArray[np.intp]:
@@ -118,7 +152,7 @@ def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
     own = (owner[first] == owner[second]) | (owner[first] < 0)
-    near = _pair_gaps(boxes, frames, (first[own], second[own])) < gap  # (N, pairs)
+    near = _are_near(_world_boxes(boxes, frames), boxes.half, first[own], second[own], gap)  # (N, pairs)
     return np.stack([~near[:, owner[second[own]] == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
 
 
@@ -144,7 +178,7 @@ def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]
     owner = hand.link_fingers[boxes.link]
     theirs = np.isin(owner, [*fingers, -1])
     own = theirs[first] & theirs[second]
-    return np.asarray((_pair_gaps(boxes, frames, (first[own], second[own])) >= gap).all(axis=1))
+    return ~_are_near(_world_boxes(boxes, frames), boxes.half, first[own], second[own], gap).any(axis=1)
 
 
 def choose_postures(
@@ -172,7 +206,7 @@ def choose_postures(
     A beam search over fingers in their order, `BEAM_WIDTH` partial choices wide.
     """
     options = len(frames)
-    conflicts = _conflicts(hand, boxes, frames, gap)
+    conflicts = _conflicts(_world_boxes(boxes, frames), boxes.half, hand.link_fingers[boxes.link], len(hand.fingers), gap)
     picks = np.empty((1, 0), np.intp)
     total = np.zeros(1)
     for finger in range(len(hand.fingers)):
@@ -227,7 +261,7 @@ def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.floa
 
 def _link_gaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> Iterator[tuple[tuple[int, int], NDArray[np.float64]]]:
     """Yield the pairs of links that can meet, each with its least gap (N,), m."""
-    world = compose(frames[:, boxes.link], boxes.frames)  # (N, C, 4, 4)
+    world = _world_boxes(boxes, frames)
     for first, second in np.argwhere(_meeting_links(hand)).tolist():
         a, b = (rows.ravel() for rows in np.meshgrid(np.flatnonzero(boxes.link == first), np.flatnonzero(boxes.link == second)))
         if len(a):
@@ -247,21 +281,35 @@ def _are_neighbours(hand: Hand, first: int, second: int) -> bool:
     return False
 
 
-def _conflicts(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
-    """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b."""
-    fingers, options = len(hand.fingers), len(frames)
-    conflicts = np.zeros((fingers, fingers, options, options), bool)
-    own = [np.flatnonzero(np.isin(boxes.link, finger.links)) for finger in hand.fingers]
-    world = compose(frames[:, boxes.link], boxes.frames)  # (O, C, 4, 4)
-    centres, radius = world[..., :3, 3], np.linalg.norm(boxes.half, axis=1)
-    for a, b in combinations(range(fingers), 2):
-        apart = np.linalg.norm(
-            centres[:, own[a]][:, None, :, None] - centres[:, own[b]][None, :, None], axis=-1
-        )  # (O, O, boxes of a, of b)
-        i, j, k, m = np.nonzero(apart < radius[own[a]][:, None] + radius[own[b]] + gap)
-        left, right = own[a][k], own[b][m]
-        near = box_gap(world[i, left], boxes.half[left], world[j, right], boxes.half[right]) < gap
-        conflicts[a, b][i[near], j[near]] = True
+@compiled
+def _are_near(world: Float64Array, half: Float64Array, first: NDArray[np.intp], second: NDArray[np.intp], gap: float) -> NDArray[np.bool_]:
+    """(N, pairs) whether boxes keep less than `gap`, for boxes (N, C, 4, 4)."""
+    near = np.empty((len(world), len(first)), np.bool_)
+    for n in range(len(world)):
+        for pair in range(len(first)):
+            a, b = first[pair], second[pair]
+            near[n, pair] = _gap(world[n, a], half[a], world[n, b], half[b], gap) < gap
+    return near
+
+
+@compiled
+def _conflicts(world: Float64Array, half: Float64Array, owner: NDArray[np.intp], fingers: int, gap: float) -> NDArray[np.bool_]:
+    """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b. World frames (O, C, 4, 4) of boxes."""
+    options = len(world)
+    conflicts = np.zeros((fingers, fingers, options, options), np.bool_)
+    radius = np.sqrt(half[:, 0] ** 2 + half[:, 1] ** 2 + half[:, 2] ** 2)
+    for k in range(len(owner)):
+        for m in range(len(owner)):
+            if 0 <= owner[k] < owner[m]:
+                reach = radius[k] + radius[m] + gap
+                found = conflicts[owner[k], owner[m]]
+                for i in range(options):
+                    for j in range(options):
+                        if not found[i, j]:
+                            a, b = world[i, k], world[j, m]
+                            x, y, z = a[0, 3] - b[0, 3], a[1, 3] - b[1, 3], a[2, 3] - b[2, 3]
+                            if np.sqrt(x * x + y * y + z * z) < reach:
+                                found[i, j] = _gap(a, half[k], b, half[m], gap) < gap
     return conflicts
 
 
@@ -277,6 +325,7 @@ def _meeting_links(hand: Hand) -> NDArray[np.bool_]:
     return np.triu(meet & (bodies[:, None] != bodies), 1)
 
 
+@lru_cache(maxsize=16)
 def _pairs(hand: Hand, boxes: CollisionBoxes) -> Pairs:
     """List the pairs of boxes whose links can meet and are not allowed to."""
     meet = _meeting_links(hand)
@@ -286,8 +335,6 @@ def _pairs(hand: Hand, boxes: CollisionBoxes) -> Pairs:
     return first, second
 
 
-def _pair_gaps(boxes: CollisionBoxes, frames: NDArray[np.float64], pairs: Pairs) -> NDArray[np.float64]:
-    """(N, pairs) gaps for link frames (N, L, 4, 4)."""
-    world = compose(frames[:, boxes.link], boxes.frames)
-    first, second = pairs
-    return box_gap(world[:, first], boxes.half[first], world[:, second], boxes.half[second])
+def _world_boxes(boxes: CollisionBoxes, frames: Float64Array) -> Float64Array:
+    """(..., C, 4, 4) frames of boxes for link frames (..., L, 4, 4)."""
+    return compose(frames[..., boxes.link, :, :], boxes.frames)

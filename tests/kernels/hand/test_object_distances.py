@@ -16,7 +16,7 @@ from pipeline.kernels.hand.collision_shapes import CollisionSpheres, collision_s
 from pipeline.kernels.hand.distance_field import build_distance_field
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.object_distances import finger_clearance, finger_geometry, gel_contact, gel_probes, penetration_depth
+from pipeline.kernels.hand.object_distances import finger_clearance, finger_geometry, gel_contact, gel_probes, near_gaps, penetration_depth
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 from tests.kernels.hand.meshes import random_pose
 from tests.strategies import random_rotation, seeds
@@ -83,3 +83,16 @@ def test_penetration_of_thin_parts_is_measured_where_the_grid_is_wrong(rng: np.r
         assert penetration_depth(field, sphere, np.eye(4)[None]) == pytest.approx(max(0, -exact[worst]), abs=1e-12)
         mistaken += bool(seen[worst] > CELL / 4)
     assert mistaken > 0
+
+
+def test_near_gaps_hold_all_gaps_below_the_limit(hand: Hand, rng: np.random.Generator) -> None:
+    body = trimesh.creation.icosphere(subdivisions=2, radius=0.1)
+    field = build_distance_field(body.vertices, body.faces, cell=0.005, band=0.03)
+    spheres = collision_spheres(hand, spacing=0.02)
+    for limit in (0.0, 0.002):
+        frames = forward_kinematics(hand, random_pose(rng, rng.normal(size=3) * 0.1), rng.uniform(hand.lower, hand.upper))
+        gaps = field.exact(spheres.world_centres(frames[None])[:, 0].T) - spheres.radii
+        measured = near_gaps(field, spheres, frames, limit)
+        assert len(measured) < len(gaps)
+        np.testing.assert_array_equal(measured[measured < limit], gaps[gaps < limit])
+        assert penetration_depth(field, spheres, frames) == max(0.0, -gaps.min())

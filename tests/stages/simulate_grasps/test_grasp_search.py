@@ -126,7 +126,7 @@ def test_keep_best_keeps_most_touches_and_the_earlier_of_equals() -> None:
 
 def grasp_with(areas: list[float], closure: float) -> Grasp:
     contacts = [Contact(np.zeros(3), np.array([0.0, 0, 1]), area) if area else None for area in areas]
-    return Grasp(np.eye(4), np.zeros(16), np.eye(4), np.array(areas) > 0, 0.0, True, contacts, closure)
+    return Grasp(np.eye(4), np.zeros(16), np.eye(4), np.array(areas) > 0, 0.0, True, lambda: contacts, lambda _: closure)
 
 
 def test_best_grasps_are_those_with_most_touches_area_or_closure() -> None:

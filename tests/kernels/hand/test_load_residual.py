@@ -1,0 +1,57 @@
+"""What contacts leave of an object's weight: closed forms, and a solver that scipy wrote."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from pipeline.kernels.hand.load_residual import CONTACT_RADIUS, EDGES, LEVER, MOST_FORCE, load_residuals
+
+
+def residual(points: np.ndarray, normals: np.ndarray, friction: float) -> float:
+    points, normals = np.asarray(points, float), np.asarray(normals, float)
+    return float(load_residuals(points[None], normals[None], np.ones((1, len(points)), bool), friction)[0])
+
+
+def slow_residual(points: np.ndarray, normals: np.ndarray, friction: float) -> float:
+    """Solve the same by scipy, on wrenches of its own whose edges are turned otherwise."""
+    columns = []
+    for point, normal in zip(points, normals, strict=True):
+        across, along = np.linalg.svd(normal[None])[2][1:]
+        for angle in np.arange(EDGES) * 2 * np.pi / EDGES:
+            force = normal + friction * (np.cos(angle) * across + np.sin(angle) * along)
+            columns.append([*force, *np.cross(point, force) / LEVER])
+        for sign in (1, -1):
+            twist = sign * 2 / 3 * friction * CONTACT_RADIUS * normal
+            columns.append([*normal, *(np.cross(point, normal) + twist) / LEVER])
+    left = [2 * lsq_linear(np.array(columns).T, sign * np.eye(6)[axis], (0, MOST_FORCE)).cost for axis in range(3) for sign in (1, -1)]
+    return float(np.sqrt(np.mean(left)))
+
+
+def test_two_opposed_contacts_carry_all_with_friction_and_their_own_axis_without() -> None:
+    points, normals = [[0.03, 0, 0], [-0.03, 0, 0]], [[-1, 0, 0], [1, 0, 0]]
+    assert residual(points, normals, 0.5) < 1e-3
+    assert residual(points, normals, 0.0) == pytest.approx(np.sqrt(4 / 6), abs=1e-3)
+
+
+def test_contacts_on_one_side_carry_one_direction_and_three_around_carry_all() -> None:
+    one_side = residual([[0.03, 0.02, 0], [0.03, -0.02, 0]], [[-1, 0, 0], [-1, 0, 0]], 0.0)
+    assert one_side == pytest.approx(np.sqrt(5 / 6), abs=1e-3)
+    turns = np.deg2rad([0, 120, 240])
+    around = np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)
+    assert residual(0.03 * around, -around, 0.0) == pytest.approx(np.sqrt(2 / 6), abs=1e-3)  # what is across their plane
+    assert residual(0.03 * around, -around, 0.5) < 0.02
+
+
+def test_no_contact_carries_nothing() -> None:
+    assert load_residuals(np.zeros((1, 2, 3)), np.zeros((1, 2, 3)), np.zeros((1, 2), bool), 0.5)[0] == 1.0
+
+
+def test_residuals_agree_with_bounded_least_squares(rng: np.random.Generator) -> None:
+    outward = rng.normal(size=(20, 3, 3))
+    outward /= np.linalg.norm(outward, axis=2, keepdims=True)
+    fast = load_residuals(0.04 * outward, -outward, np.ones((20, 3), bool), 0.5)
+    slow = np.array([slow_residual(0.04 * own, -own, 0.5) for own in outward])
+    assert np.ptp(slow) > 0.3
+    np.testing.assert_allclose(fast, slow, atol=0.12)  # where the least is 0, the last hundredths take long
