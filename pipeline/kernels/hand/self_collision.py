@@ -117,9 +117,11 @@ def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.
     """
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
-    own = (owner[first] == owner[second]) | (owner[first] < 0)
-    near = _pair_gaps(boxes, frames, (first[own], second[own])) < gap  # (N, pairs)
-    return np.stack([~near[:, owner[second[own]] == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
+    own = (owner[first] == owner[second]) | (np.minimum(owner[first], owner[second]) < 0)
+    first, second = first[own], second[own]
+    near = _pair_gaps(boxes, frames, (first, second)) < gap  # (N, pairs)
+    finger = np.maximum(owner[first], owner[second])  # a link that no finger moves has -1, and may come after those of fingers
+    return np.stack([~near[:, finger == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
 
 
 def choose_postures(
@@ -147,7 +149,7 @@ def choose_postures(
     A beam search over fingers in their order, `BEAM_WIDTH` partial choices wide.
     """
     options = len(frames)
-    conflicts = _conflicts(hand, boxes, frames, gap)
+    conflicts = finger_conflicts(hand, boxes, frames, gap)
     picks = np.empty((1, 0), np.intp)
     total = np.zeros(1)
     for finger in range(len(hand.fingers)):
@@ -222,7 +224,7 @@ def _are_neighbours(hand: Hand, first: int, second: int) -> bool:
     return False
 
 
-def _conflicts(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
+def finger_conflicts(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
     """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b."""
     fingers, options = len(hand.fingers), len(frames)
     conflicts = np.zeros((fingers, fingers, options, options), bool)
