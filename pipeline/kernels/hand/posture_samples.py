@@ -93,7 +93,7 @@ def blocked_fingers(hand: Hand, boxes: CollisionBoxes, postures: PostureSamples,
     conflicts = finger_conflicts(hand, boxes, postures.frames[rows], gap)
     stuck = [number for number in range(len(fingers)) if not postures.free[rows, number].any()]
     entangled = [pair for pair in combinations(range(len(fingers)), 2) if conflicts[pair].all()]
-    overlaps = frequent_overlaps(hand, boxes, postures.frames) if stuck or entangled else []
+    overlaps = frequent_overlaps(hand, boxes, postures.frames, gap) if stuck or entangled else []
     sentences = []
     for number in stuck:
         count = f"{fingers[number].name}: {postures.free[:, number].sum()} of {len(postures.free)} postures are free of"
@@ -112,7 +112,8 @@ def _between(hand: Hand, overlaps: list[LinkOverlap], *fingers: set[int]) -> lis
 def _sentence(hand: Hand, count: str, overlaps: list[LinkOverlap], otherwise: str) -> str:
     """Say which links are in the way, and what to do."""
     pairs = [
-        f"{hand.links[overlap.first].name} and {hand.links[overlap.second].name} (boxes overlap {1e3 * overlap.depth:.1f} mm)"
+        f"{hand.links[overlap.first].name} and {hand.links[overlap.second].name} "
+        f"(boxes {'overlap' if overlap.depth > 0 else 'are apart'} {1e3 * abs(overlap.depth):.1f} mm)"
         for overlap in overlaps
     ]
     return (

@@ -28,7 +28,7 @@ FREQUENT_SHARE = 0.5
 
 @dataclass(frozen=True)
 class LinkOverlap:
-    """Two links whose boxes overlap in a share of postures, by `depth` m in the median of those."""
+    """Two links whose boxes overlap in a share of postures, by `depth` m in the median of those; they are apart where it is negative."""
 
     first: int
     second: int
@@ -180,7 +180,7 @@ def overlapping_neighbours(hand: Hand, boxes: CollisionBoxes) -> frozenset[tuple
     return frozenset(pair for pair, gap in _link_gaps(hand, boxes, rest) if gap[0] < 0 and _are_neighbours(hand, *pair))
 
 
-def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> list[LinkOverlap]:
+def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float = 0.0) -> list[LinkOverlap]:
     """List the pairs of links that overlap in many postures and are not allowed to, worst first.
 
     Parameters
@@ -189,16 +189,18 @@ def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.floa
         The hand and its boxes, from `collision_boxes`.
     frames
         (N, L, 4, 4) float64 link frames of N postures, m.
+    gap
+        m, links nearer than this count as overlapping.
 
     Returns
     -------
     Pairs with the share of postures in which they overlap, and their depth.
     """
     overlaps = []
-    for pair, gap in _link_gaps(hand, boxes, frames):
-        share = float((gap < 0).mean())
+    for pair, gaps in _link_gaps(hand, boxes, frames):
+        share = float((gaps < gap).mean())
         if share >= FREQUENT_SHARE and pair not in hand.allowed_contacts:
-            overlaps.append(LinkOverlap(*pair, share, float(-np.median(gap[gap < 0]))))
+            overlaps.append(LinkOverlap(*pair, share, float(-np.median(gaps[gaps < gap]))))
     return sorted(overlaps, key=lambda overlap: (-overlap.share, overlap.first, overlap.second))
 
 
