@@ -108,8 +108,8 @@ def test_an_error_names_the_thing_and_the_way_out(arguments, message):
     ("raised", "message"),
     [
         (OSError("no room"), "error: no room"),
-        (TimeoutError(), "error: TimeoutError; what is finished is kept"),
-        (KeyboardInterrupt(), "run the same command to continue"),
+        (TimeoutError(), "error: TimeoutError; run the same command again"),
+        (KeyboardInterrupt(), "error: interrupted; run the same command again"),
         (KeyError("x"), "this is a bug"),
     ],
 )
@@ -241,6 +241,10 @@ def test_version_is_that_of_the_package() -> None:
         ("run sample-surfaces --set simulate-grasps.attem", ["simulate-grasps.attempts=50"]),
         ("run sample-surfaces --set simulate-grasps.sensor", [f"simulate-grasps.sensor={name}" for name in shipped_files("sensor")]),
         ("run sample-surfaces --set simulate-touch.tracer", ["simulate-touch.tracer=ray", "simulate-touch.tracer=sphere"]),
+        ("run sample-surfaces --set simulate-touch.tracer=", ["simulate-touch.tracer=ray", "simulate-touch.tracer=sphere"]),
+        ("run sample-surfaces --set simulate-touch.tracer=sp", ["simulate-touch.tracer=sphere"]),
+        ("run sample-surfaces --set simulat-touch.tracer=sp", []),
+        ("run sample-surfaces --set simulate-touch.trace=", []),
         ("check gelsight_", ["gelsight_mini"]),
         ("submit sim", ["simulate-grasps", "simulate-touch"]),
     ],

@@ -11,7 +11,7 @@ import pytest
 from pipeline.cli import app
 from tests.forked import run
 
-KEPT = "error: interrupted; what is finished is kept, run the same command to continue\n"
+STOPPED = "error: interrupted; run the same command again\n"
 
 SWALLOWED = {
     "by a library": """
@@ -62,7 +62,7 @@ def command(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("body", SWALLOWED.values(), ids=SWALLOWED)
 def test_what_swallows_it_delays_it(body, command):
-    assert command(body) == (130, KEPT)
+    assert command(body) == (130, STOPPED)
 
 
 def test_it_is_raised_once_so_that_what_is_open_is_closed(command):
@@ -75,7 +75,7 @@ finally:
     time.sleep(1.5)
     print("closed")
 """)
-    assert ended == (130, f"closed\n{KEPT}")
+    assert ended == (130, f"closed\n{STOPPED}")
 
 
 @pytest.mark.parametrize(("number", "word"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])

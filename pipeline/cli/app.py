@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli import advise, calibrate, check, export, inspection, learn, run, submit, tradeoff
-from pipeline.cli.failures import failures_as_words
+from pipeline.cli.failures import AGAIN, KEPT, failures_as_words
 
 PANELS: dict[str, tuple[Callable[..., None], ...]] = {
     "Make": (run.run, submit.submit, tradeoff.tradeoff, advise.advise),
@@ -19,6 +19,9 @@ PANELS: dict[str, tuple[Callable[..., None], ...]] = {
     "Maintain": (inspection.validate, inspection.reshard, inspection.collect_garbage, inspection.doctor),
 }
 
+CONTINUED = (run.run, submit.submit, tradeoff.tradeoff, learn.sweep, learn.report, export.export, inspection.reshard)
+"""Commands that keep what they made when they are stopped, and continue from there."""
+
 app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_show_locals=False,
@@ -26,7 +29,7 @@ app = typer.Typer(
 )
 for panel, commands in PANELS.items():
     for command in commands:
-        app.command(rich_help_panel=panel)(failures_as_words()(command))
+        app.command(rich_help_panel=panel)(failures_as_words(KEPT if command in CONTINUED else AGAIN)(command))
 
 
 def _print_version(asked: bool) -> None:

@@ -52,7 +52,15 @@ def complete_made_object(context: typer.Context, incomplete: str) -> list[str]:
 
 
 def complete_setting(incomplete: str) -> list[str]:
-    """Complete STAGE.SETTING=VALUE: the stages, then the settings of one, then the values of one, its default where it may be any."""
+    """Complete STAGE.SETTING=VALUE: the stages, then the settings of one, then the values of one, its default where it may be any.
+
+    Nothing follows the equals sign of one that is misspelt: shells keep what is typed, and its value would hide the fault.
+    """
+    before, equals, text = incomplete.partition("=")
+    if equals:
+        stage, _, name = before.partition(".")
+        fields = load_settings_type(stage).model_fields if stage in STAGES else {}
+        return [f"{before}={value}" for value in _beginning(text, _values(name, fields[name]) if name in fields else ())]
     stages = [name for name in STAGES if f"{name}.".startswith(incomplete) or incomplete.startswith(f"{name}.")]
     if len(stages) != 1:
         return [f"{name}." for name in stages]

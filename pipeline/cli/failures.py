@@ -19,6 +19,8 @@ from pipeline.errors import PipelineError, first_line
 from pipeline.store.storage import is_machine_fault
 
 KEPT = "what is finished is kept, run the same command to continue"
+AGAIN = "run the same command again"
+"""What to do after a command was stopped: one that makes many things keeps those it made, others begin again."""
 
 AGAIN_SECONDS = 0.5
 """After which Ctrl-C is raised again where it was swallowed."""
@@ -35,9 +37,15 @@ def fail(message: object, *, status: int = 1) -> NoReturn:
 
 
 @contextmanager
-def failures_as_words() -> Iterator[None]:
-    """End a command with words for whatever a person can mend, and for Ctrl-C and SIGTERM; decorates every command."""
-    with _stoppable() as stopped:
+def failures_as_words(then: str = KEPT) -> Iterator[None]:
+    """End a command with words for whatever a person can mend, and for Ctrl-C and SIGTERM; decorates every command.
+
+    Parameters
+    ----------
+    then
+        What to do after it was stopped: `KEPT` or `AGAIN`.
+    """
+    with _stoppable(then) as stopped:
         try:
             yield
         except typer.Exit:
@@ -46,15 +54,16 @@ def failures_as_words() -> Iterator[None]:
             if stopped:  # a library made another error of it
                 raise stopped[0] from error
             if isinstance(error, PipelineError | OSError):
-                fail(str(error) or f"{type(error).__name__}; {KEPT}")  # a timeout may say nothing
+                fail(str(error) or f"{type(error).__name__}; {then}")  # a timeout may say nothing
             if is_machine_fault(error):  # of object storage: its own kind of exception
                 fail(f"object storage: {first_line(error)}; see that its address and credentials are in the environment")
             errors.print(escape(traceback.format_exc().rstrip()))
-            fail("this is a bug in vt-pipeline; please report it with the traceback above. What is finished is kept")
+            kept = ". What is finished is kept" if then == KEPT else ""
+            fail(f"this is a bug in vt-pipeline; please report it with the traceback above{kept}")
 
 
 @contextmanager
-def _stoppable() -> Iterator[list[type[KeyboardInterrupt]]]:
+def _stoppable(then: str) -> Iterator[list[type[KeyboardInterrupt]]]:
     """End a command with words on Ctrl-C and SIGTERM; yields a list that then names the exception.
 
     Libraries that are being imported, callbacks of C code and destructors swallow exceptions. This one is raised until it is on its way.
@@ -83,7 +92,7 @@ def _stoppable() -> Iterator[list[type[KeyboardInterrupt]]]:
         yield stopped
     except KeyboardInterrupt as ended_by:
         ended, number = ("terminated", signal.SIGTERM) if isinstance(ended_by, _Terminated) else ("interrupted", signal.SIGINT)
-        fail(f"{ended}; {str(ended_by) or KEPT}", status=128 + number)
+        fail(f"{ended}; {str(ended_by) or then}", status=128 + number)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         sys.unraisablehook = show_unraisable

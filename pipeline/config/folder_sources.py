@@ -16,8 +16,7 @@ from pipeline.config.objects import Object
 from pipeline.config.sources import MeshSource
 from pipeline.console import abbreviate, pluralise
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import read_file
-from pipeline.formats.mesh_companions import SUFFIXES
+from pipeline.formats.file_content import MESH_SUFFIXES, read_file
 
 MAX_ENTRIES = 500_000
 """Files and folders below a folder of meshes: with more, it is another folder that was meant."""
@@ -58,9 +57,9 @@ class Directory(MeshSource):
         if len(entries) > MAX_ENTRIES:
             raise InvalidInput(f"{folder.resolve()} has more than {MAX_ENTRIES} files and folders; give the folder of the meshes alone")
         inner = [path.relative_to(folder) for path in sorted(entries) if not path.is_dir()]
-        files = [file for file in inner if file.suffix.lower() in SUFFIXES and not any(part.startswith(".") for part in file.parts)]
+        files = [file for file in inner if file.suffix.lower() in MESH_SUFFIXES and not any(part.startswith(".") for part in file.parts)]
         if not files:
-            raise InvalidInput(f"no mesh files below {folder.resolve()}; looked for {', '.join(SUFFIXES)} in all its sub-folders")
+            raise InvalidInput(f"no mesh files below {folder.resolve()}; looked for {', '.join(MESH_SUFFIXES)} in all its sub-folders")
         return folder, find_objects(files, self.layout)
 
     def remarks(self, root: Path | None) -> Iterator[str]:
@@ -72,7 +71,7 @@ class Directory(MeshSource):
             if path.is_symlink() and path.is_dir():
                 found.setdefault("links to folders are not followed; copy what they lead to", []).append(str(path.relative_to(folder)))
             elif path.suffix.lower() in UNREAD:
-                reason = f"{path.suffix.lower()} cannot be read; convert to one of {', '.join(SUFFIXES)}"
+                reason = f"{path.suffix.lower()} cannot be read; convert to one of {', '.join(MESH_SUFFIXES)}"
                 found.setdefault(reason, []).append(str(path.relative_to(folder)))
         for reason, files in found.items():
             yield f"left out {pluralise(len(files), 'file')} ({abbreviate(files)}): {reason}"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from pipeline.console import abbreviate, pluralise
-from pipeline.formats.mesh_companions import SUFFIXES
+from pipeline.formats.file_content import MESH_SUFFIXES
 
 Layout = Literal["files", "folders"]
 
@@ -128,5 +128,5 @@ def _rank(file: Path) -> tuple[object, ...]:
     folders = {part.lower() for part in file.parent.parts}
     scan = next((number for number, name in enumerate(SCANS, 1) if name in folders), 0)
     plain = file.stem.lower() in PLAIN or bool(folders & PLAIN)
-    suffixes = (".obj", ".glb", ".gltf", ".dae", *SUFFIXES)
+    suffixes = (".obj", ".glb", ".gltf", ".dae", *MESH_SUFFIXES)
     return _collides(file), plain, scan, suffixes.index(file.suffix.lower()), len(file.parts), file.as_posix()

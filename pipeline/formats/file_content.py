@@ -9,6 +9,9 @@ from pathlib import Path
 
 from pipeline.errors import InvalidInput
 
+MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf")
+"""Formats of mesh files that are read; archives are not among them."""
+
 
 def regular_stat(path: Path | str) -> os.stat_result:
     """Find size and times of a regular file, and refuse what is none: a pipe may never say anything, a device never end.

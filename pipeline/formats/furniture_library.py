@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_companions import SUFFIXES
+from pipeline.formats.file_content import MESH_SUFFIXES
 
 LIST = "PluginFurnitureCatalog.properties"
 COLUMNS = ("object_id", "category", "file", "up", "name", "licence", "creator")
@@ -47,9 +47,9 @@ def unpack(libraries: Sequence[Path], folder: Path) -> tuple[int, list[str]]:
             with zipfile.ZipFile(library) as archive:
                 for model in _models(archive):
                     file = PurePosixPath(model["file"])
-                    if file.suffix.lower() not in SUFFIXES:
+                    if file.suffix.lower() not in MESH_SUFFIXES:
                         left_out.append(
-                            f"{model['name']} ({file}): {file.suffix} cannot be read; convert it to one of {', '.join(SUFFIXES)}"
+                            f"{model['name']} ({file}): {file.suffix} cannot be read; convert it to one of {', '.join(MESH_SUFFIXES)}"
                         )
                         continue
                     archive.extractall(folder, [name for name in archive.namelist() if PurePosixPath(name).is_relative_to(file.parent)])

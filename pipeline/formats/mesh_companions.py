@@ -20,9 +20,6 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import regular_stat
 from pipeline.formats.texture_search import find_below
 
-SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf")
-"""Formats of mesh files that are read; archives are not among them."""
-
 MAX_BYTES = 256 * 2**20
 """Size of a mesh file, and of the files that it names together."""
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_companions import SUFFIXES, Companions
+from pipeline.formats.file_content import MESH_SUFFIXES
+from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_reader import read_apart
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
@@ -68,8 +69,8 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
     MemoryError
         It takes more memory than there is.
     """
-    if file.suffix.lower() not in SUFFIXES:
-        raise InvalidInput(f"{file.name} cannot be read; convert it to one of {', '.join(SUFFIXES)}")
+    if file.suffix.lower() not in MESH_SUFFIXES:
+        raise InvalidInput(f"{file.name} cannot be read; convert it to one of {', '.join(MESH_SUFFIXES)}")
     companions = Companions(file, root)
     try:
         meshes = _read_parts(file, companions)

@@ -10,10 +10,10 @@ from functools import lru_cache
 from itertools import takewhile
 from pathlib import Path
 
+from pipeline.formats.file_content import MESH_SUFFIXES
+
 SOUGHT = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tga", ".tif", ".tiff", ".webp", ".dds", ".ppm", ".pcx"}
 """Suffixes of what is looked for. A glTF's buffer is not: another one would be another shape."""
-
-MESHES = {".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf"}
 
 MAX_ENTRIES = 200_000
 """Files and folders below a folder that is searched; in a larger one nothing is found."""
@@ -75,7 +75,7 @@ def _list(root: Path, period: int) -> _Listing:
             suffix = os.path.splitext(name)[1].lower()
             if suffix in SOUGHT:
                 files[name.lower()].append((*parts, name))
-            elif suffix in MESHES:
+            elif suffix in MESH_SUFFIXES:
                 with_meshes.update(parts[:depth] for depth in range(1, len(parts) + 1))
     return _Listing(dict(files), with_meshes)
 

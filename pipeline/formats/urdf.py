@@ -10,7 +10,8 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from xml.etree.ElementTree import Element, ParseError, fromstring
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 import numpy as np
 
@@ -74,11 +75,19 @@ def parse_urdf(path: Path) -> Element:
         regular_stat(path)
         content = path.read_bytes()
         _check_size(content)
-        return fromstring(content)
-    except (OSError, ParseError, ValueError, LookupError) as error:  # the last two: its encoding is unknown
+        return _parse_xml(content)
+    except (OSError, expat.ExpatError, ValueError, LookupError) as error:  # the last two: its encoding is unknown
         if isinstance(error, InvalidInput):
             raise
         raise InvalidInput(f"not XML ({error}); a hand's `urdf` must be a URDF file, not xacro") from error
+
+
+def _parse_xml(content: bytes) -> Element:
+    """Parse XML whose prefixes need no declaration: Drake's `<drake:…>` never has one, and no part of a hand has a prefix."""
+    tree, parser = TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = tree.start, tree.end, tree.data
+    parser.Parse(content, True)
+    return tree.close()
 
 
 def _check_size(content: bytes) -> None:

@@ -18,15 +18,17 @@ from pipeline.formats.physics_urdf import links_without_mass
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.formats.urdf import read_urdf
 from pipeline.kernels.geometry.transforms import transform_points
-from pipeline.kernels.hand.collision_shapes import collision_boxes, collision_spheres
+from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import convex_error
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.self_collision import LinkOverlap, fingers_clear_of_palm, frequent_overlaps
+from pipeline.kernels.hand.posture_samples import blocked_fingers, sample_postures
+from pipeline.kernels.hand.self_collision import LinkOverlap, frequent_overlaps
 from pipeline.reports.contact_sheet_page import finger_colors
 from pipeline.reports.plots import save_figure
 from pipeline.rng import numpy_rng
-from stages.simulate_grasps.prepare import MEASURE_SPACING
+from stages.simulate_grasps.prepare import FINGER_GAP, MEASURE_SPACING
+from stages.simulate_grasps.settings import GraspSettings
 from stages.simulate_grasps.size_warnings import opening, sensor_places
 
 POSTURES = 512
@@ -59,11 +61,10 @@ def check_hand(path: Path, picture: Path) -> list[str]:
     frames, boxes = forward_kinematics(hand, np.eye(4), angles), collision_boxes(hand)
     overlaps = frequent_overlaps(hand, boxes, frames)
     draw_hand(hand, [sensor.width for sensor in sensors], [(overlap.first, overlap.second) for overlap in overlaps], picture)
-    free = fingers_clear_of_palm(hand, boxes, frames, 0.0).mean(axis=0)
     fingers = ", ".join(
         f"{finger.name} ({pluralise(len(finger.joints), 'joint')}, {pluralise(len(finger.sensors), 'sensor')})" for finger in hand.fingers
     )
-    faults = _faults(hand, free)
+    faults = _faults(hand, boxes)
     return [
         f"{path}: hand {hand.name}, {len(hand.links)} links, {'faults below' if faults else 'no faults'}",
         f"moves: {fingers}; joints that follow another: {len(hand.followers)}, frozen: {len(hand.frozen)}",
@@ -76,13 +77,10 @@ def check_hand(path: Path, picture: Path) -> list[str]:
     ]
 
 
-def _faults(hand: Hand, free: np.ndarray) -> list[str]:
-    """List the faults that keep the hand from grasping."""
-    stuck = [
-        f"fault: {finger.name} is free of the palm and its own links in no posture; see the overlaps below"
-        for finger, share in zip(hand.fingers, free, strict=True)
-        if share == 0
-    ]
+def _faults(hand: Hand, boxes: CollisionBoxes) -> list[str]:
+    """List the faults that keep the hand from grasping; `simulate-grasps` stops with the same sentence at fingers that are blocked."""
+    postures = sample_postures(hand, boxes, samples=GraspSettings().ik_samples, gap=FINGER_GAP)
+    stuck = [f"fault: {sentence}" for sentence in blocked_fingers(hand, boxes, postures, gap=FINGER_GAP)]
     bare = [
         f"fault: no link of {finger.name} has a collision shape"
         for finger in hand.fingers

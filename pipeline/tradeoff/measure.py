@@ -6,6 +6,7 @@ import os
 import shutil
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,14 +22,14 @@ from pipeline.engine.run import make_plans, run
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.engine.trade import Changes, Trade
 from pipeline.engine.versions import processor
-from pipeline.errors import InvalidInput, StoreError, unknown
+from pipeline.errors import InvalidInput, PipelineError, StoreError, unknown
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, Point, read_trade
 from pipeline.tradeoff.sample import FEWEST
 from pipeline.tradeoff.sweep import assignment, file_name
 from schemas.catalogue import ARTIFACTS
-from stages.registry import GRASP_STAGES, TRADED, load_stage, load_trade, resolve
+from stages.registry import GRASP_STAGES, OWN, STAGES, TRADED, load_stage, load_trade, resolve
 
 TOUCH_ALONE = ("train-gcn.configuration=touch", "evaluate.configurations=[touch]")
 """The network whose trade is measured: it needs no images."""
@@ -98,6 +99,9 @@ class Setup:
 def stages_before(stage: str, setup: Setup) -> list[str]:
     """List the stages whose outputs a stage needs, directly and by way of others, in the order of the pipeline."""
     makers = {load_stage(name).writes(setup.settings(name)): name for name in GRASP_STAGES}
+    for name in (name for name in STAGES if name not in OWN):
+        with suppress(PipelineError):  # a plugin that cannot be used
+            makers[load_stage(name).writes(setup.settings(name))] = name
     needed: set[str] = set()
     waiting = [stage]
     while waiting:
@@ -106,7 +110,7 @@ def stages_before(stage: str, setup: Setup) -> list[str]:
         found = {makers[output] for output in read} - needed
         needed |= found
         waiting += found
-    return [name for name in GRASP_STAGES if name in needed]
+    return [name for name in makers.values() if name in needed]
 
 
 def trade_key(stage: str, setup: Setup) -> str:

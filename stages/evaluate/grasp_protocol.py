@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.console import pluralise
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
@@ -56,6 +57,12 @@ class GraspProtocol(Protocol):
         self.objects = TestObjects(job.data, arrays_of(models), self.settings.points, self.stage)
         self.poses, self.touched = self.objects.stack("sensor_pose"), self.objects.stack("touch_success")  # (object, grasp, sensor, …)
         self.sensor = self.objects.rows.sensor()
+        held = self.touched.shape[1]
+        if (beyond := [str(number) for number in self.settings.grasps if number > held]) and any(model.touch for model in models):
+            job.console.print(
+                f"evaluate.grasps: {', '.join(beyond)} left out: the dataset holds {pluralise(held, 'grasp')} of each object "
+                "(simulate-grasps.grasps)"
+            )
         self._diagonals = [self.objects.diagonal(row) for row in range(len(self.objects))]
 
     def cases(self, model: Reconstructor) -> list[Case]:

@@ -46,7 +46,7 @@ class EvaluationSettings(MeasuringSettings):
     )
     training_seed: int = setting(0, "whose networks are evaluated: those of the trainings with this setting", ge=0, changes="definition")
     grasps: Annotated[tuple[Annotated[int, Field(ge=1)], ...], AfterValidator(_with_one)] = setting(
-        (1, 2, 3, 4, 5), "Table 3's numbers of grasps; those the dataset does not have are left out", changes="definition"
+        (1, 2, 3, 4, 5), "Table 3's numbers of grasps; those the dataset does not have are left out, and named", changes="definition"
     )
     scale: float = setting(
         1.14,

@@ -1,4 +1,4 @@
-"""What URDFs of real hands hold: mimic joints, packages, arms above the palm, colours with commas, links without mass."""
+"""What URDFs of real hands hold: mimic joints, packages, arms above the palm, colours with commas, links without mass, Drake's tags."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ def joint(name: str, kind: str, parent: str, child: str, more: str = "", xyz: st
 PAINTED = BAR.format("visual").replace("<origin", '<material name="blue"/><origin')
 CLAW = f"""<robot name="claw">
   <material name="blue"><color rgba="0.1, 0.2, 0.9, 1"/></material>
+  <drake:collision_filter_group name="palm"><drake:member link="one"/></drake:collision_filter_group>
   <link name="world"/><link name="arm">{BODY}</link><link name="palm">{BODY}{PAINTED}</link>
   <link name="one">{BODY}</link><link name="two">{BODY}</link><link name="tip">{TIP}</link><link name="lever">{BODY}</link>
   {joint("flight", "floating", "world", "arm")}

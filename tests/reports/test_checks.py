@@ -22,6 +22,8 @@ from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.reports.description_checks import check_file
 from pipeline.reports.plots import draw_curves, draw_histogram
 from pipeline.reports.results import training_losses
+from stages.simulate_grasps.prepare import prepare_hand
+from stages.simulate_grasps.settings import GraspSettings
 from tests.inference.robot import SENSOR, write_files, write_observation
 
 
@@ -50,6 +52,43 @@ def test_hand_whose_sensor_faces_sideways_and_whose_fingers_are_in_the_palm_is_f
     assert "faults below" in lines[0]
     assert "the sensor right hardly moves along its normal" in text
     assert "overlap: [palm" not in text  # joined by a joint: what hangs from the palm may touch it
+
+
+def plates(*spans: tuple[float, float]) -> str:
+    """Write a link on the palm that blocks these spans of the left finger's way, m."""
+    box = '<collision><origin xyz="0 {} 0.02"/><geometry><box size="0.06 {} 0.01"/></geometry></collision>'
+    boxes = "".join(box.format((low + high) / 2, high - low) for low, high in spans)
+    joint = '<joint name="screws" type="fixed"><parent link="palm"/><child link="guard"/></joint>'
+    return f'<link name="guard">{boxes}</link>{joint}</robot>'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("</robot>", plates((0.0195, 0.1)), r"left: 0 of 1024 postures are free of left_finger and guard \(boxes overlap"),
+        (
+            "</robot>",
+            plates((0.0195, 0.052), (0.0663, 0.1)),
+            r"left: [1-9] of 1024 postures are free of left_finger and guard \(boxes overlap",
+        ),
+        (
+            'size="0.028 0.012 0.034"',
+            'size="0.028 0.2 0.034"',
+            r"left and right: 0 of 2304 pairs of postures are free of left_finger and r",
+        ),
+    ],
+)
+def test_links_that_block_a_finger_are_a_fault_in_the_words_of_the_stage(old: str, new: str, fault: str, tmp_path: Path) -> None:
+    urdf = load_hand("two_finger_gripper").urdf.read_text().replace(old, new)
+    (tmp_path / "blocked.urdf").write_text(urdf.replace('<mimic joint="left_slide"/>', ""))
+    path = edited("hand", "two_finger_gripper", tmp_path / "blocked.yaml", urdf="blocked.urdf")
+    lines = check_file(str(path), tmp_path / "a.png")
+    with pytest.raises(InvalidInput) as stopped:
+        prepare_hand(GraspSettings(hand=str(path)))
+    faults = [line.removeprefix("fault: ") for line in lines if line.startswith("fault: ")]
+    assert "; ".join(faults) == str(stopped.value)
+    assert re.match(fault, faults[0])
+    assert "list the pair under `allowed_contacts`" in faults[0]
 
 
 def test_palm_far_from_the_fingers_is_a_fault(tmp_path: Path) -> None:

@@ -48,8 +48,9 @@ def request(data: Path, **settings: Any) -> Request[Any]:
 
 def evaluate(data: Path, place: str = "evaluation", **settings: Any) -> tuple[Path, str]:
     (plan,) = make_plans(replace(request(data, **settings), folder=place))
-    run(plan, Console(file=io.StringIO()))
-    folder, console = plan.directory.folder_path(plan.units[0].name), Console(file=io.StringIO(), record=True, width=200)
+    console = Console(file=io.StringIO(), record=True, width=200)
+    run(plan, console)
+    folder = plan.directory.folder_path(plan.units[0].name)
     show_tables(console, evaluation_tables(folder))
     return folder, console.export_text()
 
@@ -141,7 +142,8 @@ def test_the_looks_of_a_sphere_are_those_of_a_sphere(evaluation):
 def test_closed_meshes_are_measured_where_they_are_asked_for(data, evaluation):
     assert not len(figures(evaluation[0], "none").available("watertight"))
     names = ("none", "occluded-touch")
-    folder, printed = evaluate(data, "shut", configurations=names, grasps=(1,), closed_resolution=24)
+    folder, printed = evaluate(data, "shut", configurations=names, grasps=(1, 7), closed_resolution=24)
+    assert "evaluate.grasps: 7 left out: the dataset holds 5 grasps of each object" in printed
     assert list(read_root(folder)["configurations"]) == [*names]
     for name in names:
         assert figures(folder, name).available("watertight").tolist() == [1] * COUNT

@@ -29,8 +29,8 @@ PICTURES: dict[str, tuple[Callable[[Shown, Path], None], str]] = {
 """How each stage's picture is drawn, and what has to be there for it."""
 
 
-def draw_stages(data: Place, folder: Path) -> None:
-    """Draw the picture of each stage that a dataset has been through into `folder`, as STAGE.webp.
+def draw_stages(data: Place, folder: Path, object_id: str | None = None) -> None:
+    """Draw the picture of each stage that a dataset has been through into `folder`, as STAGE.webp: of an object, or of the clearest.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def draw_stages(data: Place, folder: Path) -> None:
     if directory.collection(RENDERINGS).shards:
         draw_renderings(directory, folder / "read-renderings.webp")
         return
-    with open_shown(data) as shown:
+    with open_shown(data, object_id) as shown:
         for stage, (draw, need) in PICTURES.items():
             if _is_made(shown, need):
                 draw(shown, folder / f"{stage}.webp")

@@ -58,11 +58,11 @@ class Shown:
 
 
 @contextmanager
-def open_shown(data: Place) -> Iterator[Shown]:
-    """Choose the object and load what its pictures need."""
+def open_shown(data: Place, object_id: str | None = None) -> Iterator[Shown]:
+    """Choose a grasp, of an object of the test split or of the one where it is clearest, and load what its pictures need."""
     source = ReportSource(data)
     tested = ObjectRows(data, ["points"], "test").object_ids  # networks have not seen them
-    object_id, grasp = clearest_grasp(source, [name for name in source.object_ids if name in tested])
+    object_id, grasp = clearest_grasp(source, [name for name in source.object_ids if name in tested and object_id in (None, name)])
     scene = load_scene(str(source.attributes("vision")["settings"]["scene"]))
     networks = _networks(source, object_id, grasp)  # before OpenGL is opened: what torch imports for them crashes beside Mesa
     with Renderer(scene, PIXELS) as renderer:

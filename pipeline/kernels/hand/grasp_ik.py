@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.transforms import compose
@@ -26,20 +25,17 @@ from pipeline.kernels.hand.grid_loops import MILLIMETRE, measure_best
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.object_distances import FingerGeometry, finger_clearance, finger_geometry, gel_contact, gel_probes
-from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm, frequent_overlaps
+from pipeline.kernels.hand.posture_samples import blocked_fingers, even_rows, limit_margin, sample_postures
+from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm
 from pipeline.kernels.touch.sensor import Sensor
 
 Float64Array = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
-LIMIT_MARGIN, LIMIT_SHARE = 0.01, 0.02
-"""rad kept from the joint limits, so that a motor's residue does not cross them; no more than this share of what is between them."""
 NEAR_CONTACT = 0.0025
 """m outside or inside the object up to which a sampled posture is a candidate: what refinement can make good."""
 MAX_CANDIDATES = 320
 """Sampled postures per finger whose clearance is measured, those with most contact first."""
-EVEN_SAMPLES = 48
-"""Samples measured regardless of contact: they provide postures for a finger that cannot touch."""
 REFINED_POSTURES = 12
 """Postures per finger that are refined side by side, each replaced by its best neighbour."""
 STEPS_PER_POSTURE = 24
@@ -106,42 +102,15 @@ def prepare_grasp_ik(
     Raises
     ------
     InvalidInput
-        A finger has no collision shape, or not one posture in which it is clear of the palm.
+        A finger has no collision shape, or hardly a posture in which it is clear of the palm and of the other fingers.
     """
     fingers = finger_geometry(hand, spheres, sensors)
     boxes = collision_boxes(hand)
-    angles = np.empty((samples, len(hand.joint_names)))
-    for finger in hand.fingers:
-        joints = list(finger.joints)
-        unit = qmc.Sobol(len(joints), scramble=False).random_base2(int(np.ceil(np.log2(samples))))[:samples]
-        margin = limit_margin(hand)[joints]
-        low, high = hand.lower[joints] + margin, hand.upper[joints] - margin
-        angles[:, joints] = low + unit * (high - low)
-    frames = forward_kinematics(hand, np.eye(4), angles)
-    free = fingers_clear_of_palm(hand, boxes, frames, finger_gap)
-    _check_free(hand, boxes, frames, free)
-    return GraspIk(hand, fingers, boxes, clearance, finger_gap, angles, frames, gel_probes(hand, fingers, frames), free)
-
-
-def _check_free(hand: Hand, boxes: CollisionBoxes, frames: Float64Array, free: NDArray[np.bool_]) -> None:
-    """Name the links in the way of a finger that is clear of them in no posture."""
-    for number, finger in enumerate(hand.fingers):
-        if not free[:, number].any():
-            overlapping = [
-                f"{hand.links[overlap.first].name} and {hand.links[overlap.second].name} (boxes overlap {1e3 * overlap.depth:.1f} mm)"
-                for overlap in frequent_overlaps(hand, boxes, frames)
-                if {overlap.first, overlap.second} & set(finger.links)
-            ]
-            pairs = ", ".join(overlapping) or "the palm and its own links"
-            raise InvalidInput(
-                f"{finger.name}: 0 of {len(free)} postures are free of {pairs}: list the pair under `allowed_contacts` of {hand.path}, "
-                "or split the meshes of a link with `convex_parts`"
-            )
-
-
-def limit_margin(hand: Hand) -> Float64Array:
-    """(J,) kept from the joint limits."""
-    return np.minimum(LIMIT_MARGIN, LIMIT_SHARE * (hand.upper - hand.lower))
+    postures = sample_postures(hand, boxes, samples=samples, gap=finger_gap)
+    if blocked := blocked_fingers(hand, boxes, postures, gap=finger_gap):
+        raise InvalidInput("; ".join(blocked))
+    probes = gel_probes(hand, fingers, postures.frames)
+    return GraspIk(hand, fingers, boxes, clearance, finger_gap, postures.joint_angles, postures.frames, probes, postures.free)
 
 
 def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> bool:
@@ -160,7 +129,7 @@ def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> b
     -------
     True where every finger has, among some samples, one that keeps clear of object and palm.
     """
-    rows = _even_samples(ik)
+    rows = even_rows(len(ik.frames))
     any_will_do = np.where(ik.free[rows], np.float32(0), -np.inf)
     return bool(_measure_best(ik, field, compose(hand_pose, ik.frames[rows]), any_will_do, clear=1)[1].any(axis=0).all())
 
@@ -286,13 +255,8 @@ def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> N
     excess = np.maximum(np.abs(contact + NEAR_CONTACT) - NEAR_CONTACT, 0) / MILLIMETRE
     first = np.where(ik.free, _by_finger(ik.hand, coverage - excess), -np.inf)
     order = np.argsort(-first, axis=0, kind="stable")[:MAX_CANDIDATES]
-    spread = _even_samples(ik)
+    spread = even_rows(len(ik.frames))
     return np.concatenate([order, np.broadcast_to(spread[:, None], (len(spread), order.shape[1]))])
-
-
-def _even_samples(ik: GraspIk) -> NDArray[np.intp]:
-    """(EVEN_SAMPLES,) rows spread evenly over all samples."""
-    return np.linspace(0, len(ik.joint_angles) - 1, EVEN_SAMPLES).astype(np.intp)
 
 
 def _combine_fingers(hand: Hand, angles: Float64Array, rows: NDArray[np.intp]) -> Float64Array:

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import length, unit_vectors
-from pipeline.kernels.hand.grasp_ik import GraspIk, limit_margin
+from pipeline.kernels.hand.grasp_ik import GraspIk
 from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.posture_samples import limit_margin
 from pipeline.kernels.hand.self_collision import fingers_apart
 
 Float64Array = NDArray[np.float64]

@@ -31,7 +31,7 @@ FREQUENT_SHARE = 0.5
 
 @dataclass(frozen=True)
 class LinkOverlap:
-    """Two links whose boxes overlap in a share of postures, by `depth` m in the median of those."""
+    """Two links whose boxes overlap in a share of postures, by `depth` m in the median of those; they are apart where it is negative."""
 
     first: int
     second: int
@@ -151,9 +151,11 @@ def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.
     """
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
-    own = (owner[first] == owner[second]) | (owner[first] < 0)
-    near = _are_near(_world_boxes(boxes, frames), boxes.half, first[own], second[own], gap)  # (N, pairs)
-    return np.stack([~near[:, owner[second[own]] == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
+    own = (owner[first] == owner[second]) | (np.minimum(owner[first], owner[second]) < 0)
+    first, second = first[own], second[own]
+    near = _are_near(_world_boxes(boxes, frames), boxes.half, first, second, gap)  # (N, pairs)
+    finger = np.maximum(owner[first], owner[second])  # a link that no finger moves has -1, and may come after those of fingers
+    return np.stack([~near[:, finger == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
 
 
 def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], fingers: Sequence[int], gap: float) -> NDArray[np.bool_]:
@@ -178,7 +180,8 @@ def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]
     owner = hand.link_fingers[boxes.link]
     theirs = np.isin(owner, [*fingers, -1])
     own = theirs[first] & theirs[second]
-    return ~_are_near(_world_boxes(boxes, frames), boxes.half, first[own], second[own], gap).any(axis=1)
+    near = _are_near(_world_boxes(boxes, frames), boxes.half, first[own], second[own], gap)
+    return np.asarray(~near.any(axis=1))
 
 
 def choose_postures(
@@ -206,7 +209,7 @@ def choose_postures(
     A beam search over fingers in their order, `BEAM_WIDTH` partial choices wide.
     """
     options = len(frames)
-    conflicts = _conflicts(_world_boxes(boxes, frames), boxes.half, hand.link_fingers[boxes.link], len(hand.fingers), gap)
+    conflicts = finger_conflicts(hand, boxes, frames, gap)
     picks = np.empty((1, 0), np.intp)
     total = np.zeros(1)
     for finger in range(len(hand.fingers)):
@@ -237,7 +240,7 @@ def overlapping_neighbours(hand: Hand, boxes: CollisionBoxes) -> frozenset[tuple
     return frozenset(pair for pair, gap in _link_gaps(hand, boxes, rest) if gap[0] < 0 and _are_neighbours(hand, *pair))
 
 
-def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> list[LinkOverlap]:
+def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float = 0.0) -> list[LinkOverlap]:
     """List the pairs of links that overlap in many postures and are not allowed to, worst first.
 
     Parameters
@@ -246,16 +249,18 @@ def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.floa
         The hand and its boxes, from `collision_boxes`.
     frames
         (N, L, 4, 4) float64 link frames of N postures, m.
+    gap
+        m, links nearer than this count as overlapping.
 
     Returns
     -------
     Pairs with the share of postures in which they overlap, and their depth.
     """
     overlaps = []
-    for pair, gap in _link_gaps(hand, boxes, frames):
-        share = float((gap < 0).mean())
+    for pair, gaps in _link_gaps(hand, boxes, frames):
+        share = float((gaps < gap).mean())
         if share >= FREQUENT_SHARE and pair not in hand.allowed_contacts:
-            overlaps.append(LinkOverlap(*pair, share, float(-np.median(gap[gap < 0]))))
+            overlaps.append(LinkOverlap(*pair, share, float(-np.median(gaps[gaps < gap]))))
     return sorted(overlaps, key=lambda overlap: (-overlap.share, overlap.first, overlap.second))
 
 
@@ -279,6 +284,11 @@ def _are_neighbours(hand: Hand, first: int, second: int) -> bool:
         if body == bodies[first]:
             return True
     return False
+
+
+def finger_conflicts(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
+    """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b."""
+    return _conflicts(_world_boxes(boxes, frames), boxes.half, hand.link_fingers[boxes.link], len(hand.fingers), gap)
 
 
 @compiled

@@ -1,0 +1,122 @@
+"""Samples of a hand's postures, and what keeps its fingers from all of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from pipeline.kernels.hand.collision_shapes import CollisionBoxes
+from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.self_collision import LinkOverlap, finger_conflicts, fingers_clear_of_palm, frequent_overlaps
+
+LIMIT_MARGIN, LIMIT_SHARE = 0.01, 0.02
+"""rad kept from the joint limits, so that a motor's residue does not cross them; no more than this share of what is between them."""
+EVEN_SAMPLES = 48
+"""Samples measured at every pose, regardless of contact: they decide whether a finger has room there."""
+
+
+@dataclass(frozen=True, eq=False)
+class PostureSamples:
+    """Postures spread evenly between the joint limits.
+
+    Attributes
+    ----------
+    joint_angles
+        (K, J) float64, rad (m).
+    frames
+        (K, L, 4, 4) float64, their link frames in the root link's, m.
+    free
+        (K, F) bool, whether each finger stays clear of the palm and of its own links.
+    """
+
+    joint_angles: NDArray[np.float64]
+    frames: NDArray[np.float64]
+    free: NDArray[np.bool_]
+
+
+def sample_postures(hand: Hand, boxes: CollisionBoxes, *, samples: int, gap: float) -> PostureSamples:
+    """Sample a Sobol sequence in each finger's joints.
+
+    Parameters
+    ----------
+    hand, boxes
+        The hand and its boxes, from `collision_boxes`.
+    samples
+        Number of postures.
+    gap
+        m that a free finger keeps from the palm.
+    """
+    angles = np.empty((samples, len(hand.joint_names)))
+    for finger in hand.fingers:
+        joints = list(finger.joints)
+        unit = qmc.Sobol(len(joints), scramble=False).random_base2(int(np.ceil(np.log2(samples))))[:samples]
+        margin = limit_margin(hand)[joints]
+        low, high = hand.lower[joints] + margin, hand.upper[joints] - margin
+        angles[:, joints] = low + unit * (high - low)
+    frames = forward_kinematics(hand, np.eye(4), angles)
+    return PostureSamples(angles, frames, fingers_clear_of_palm(hand, boxes, frames, gap))
+
+
+def limit_margin(hand: Hand) -> NDArray[np.float64]:
+    """(J,) kept from the joint limits, rad (m)."""
+    return np.minimum(LIMIT_MARGIN, LIMIT_SHARE * (hand.upper - hand.lower))
+
+
+def even_rows(samples: int) -> NDArray[np.intp]:
+    """(EVEN_SAMPLES,) rows spread evenly over all samples."""
+    return np.linspace(0, samples - 1, EVEN_SAMPLES).astype(np.intp)
+
+
+def blocked_fingers(hand: Hand, boxes: CollisionBoxes, postures: PostureSamples, *, gap: float) -> list[str]:
+    """Name the links that keep a hand from any grasp.
+
+    Parameters
+    ----------
+    hand, boxes
+        The hand and its boxes, from `collision_boxes`.
+    postures
+        From `sample_postures`.
+    gap
+        m kept between fingers.
+
+    Returns
+    -------
+    A sentence for each finger that is free of palm and own links in none of the `EVEN_SAMPLES` postures that decide whether it has room,
+    and for each two fingers that collide in all pairs of these.
+    """
+    rows, fingers = even_rows(len(postures.free)), hand.fingers
+    conflicts = finger_conflicts(hand, boxes, postures.frames[rows], gap)
+    stuck = [number for number in range(len(fingers)) if not postures.free[rows, number].any()]
+    entangled = [pair for pair in combinations(range(len(fingers)), 2) if conflicts[pair].all()]
+    overlaps = frequent_overlaps(hand, boxes, postures.frames, gap) if stuck or entangled else []
+    sentences = []
+    for number in stuck:
+        count = f"{fingers[number].name}: {postures.free[:, number].sum()} of {len(postures.free)} postures are free of"
+        sentences.append(_sentence(hand, count, _between(hand, overlaps, {number}, {number, -1}), "the palm and its own links"))
+    for first, second in entangled:
+        count = f"{fingers[first].name} and {fingers[second].name}: 0 of {conflicts[first, second].size} pairs of postures are free of"
+        sentences.append(_sentence(hand, count, _between(hand, overlaps, {first, second}), "each other's links"))
+    return sentences
+
+
+def _between(hand: Hand, overlaps: list[LinkOverlap], *fingers: set[int]) -> list[LinkOverlap]:
+    """Select the overlaps between links of these fingers; -1 is the palm."""
+    return [overlap for overlap in overlaps if {int(hand.link_fingers[link]) for link in (overlap.first, overlap.second)} in fingers]
+
+
+def _sentence(hand: Hand, count: str, overlaps: list[LinkOverlap], otherwise: str) -> str:
+    """Say which links are in the way, and what to do."""
+    pairs = [
+        f"{hand.links[overlap.first].name} and {hand.links[overlap.second].name} "
+        f"(boxes {'overlap' if overlap.depth > 0 else 'are apart'} {1e3 * abs(overlap.depth):.1f} mm)"
+        for overlap in overlaps
+    ]
+    return (
+        f"{count} {', '.join(pairs) or otherwise}: list the pair under `allowed_contacts` of {hand.path}, "
+        "or split the meshes of a link with `convex_parts`"
+    )
