@@ -16,8 +16,9 @@ from tools.picture_row import draw_row
 
 
 def draw_overview(data: Path, object_id: str, path: Path) -> None:
-    """Draw an object of the test split in a row of pictures, as a PNG."""
-    draw_row([(title.replace(": ", "\n"), image) for title, image in overview_panels(ReportSource(data), object_id, 0)], path)
+    """Draw an object of the test split in a row of pictures, as a PNG; what follows a colon or the network's name begins a line."""
+    panels = overview_panels(ReportSource(data), object_id, 0)
+    draw_row([(title.replace(": ", "\n").replace(", ", "\n", 1), image) for title, image in panels], path)
 
 
 if __name__ == "__main__":

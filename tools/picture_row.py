@@ -37,7 +37,8 @@ def draw_row(panels: Sequence[tuple[str, Panel]], path: Path, columns: int | Non
     """
     columns = columns or len(panels)
     rows = -(-len(panels) // columns)
-    figure = Figure((INCHES * columns, (INCHES + HEAD) * rows), dpi=DPI, layout="constrained")
+    lines = 1 + max(title.count("\n") for title, _ in panels)
+    figure = Figure((INCHES * columns, (INCHES + HEAD * lines) * rows), dpi=DPI, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": projection})
     for axes, (title, panel) in zip(grid.flat, panels, strict=True):
         axes.set_title(title, fontsize=9)
