@@ -23,6 +23,10 @@ GEL_MASS = 0.02
 DAMPING = 0.25
 """Of that spring, as a share of the critical one."""
 
+OVERLAP = 1e-4
+"""m that a plate begins in the object: of two flat faces that only meet engines find no contact, and the spring drives one into the other
+by 3 mm in its first step."""
+
 
 @dataclass(frozen=True)
 class GelSpring:
@@ -63,7 +67,7 @@ def gel_spring(sensor: Sensor, contact: Contact | None, *, friction: float, marg
     """
     if contact is None:
         return GelSpring()
-    height = max(contact.nearest - margin, 0.0)
+    height = max(contact.nearest - margin + OVERLAP, 0.0)
     stiffness = GEL_MODULUS / sensor.w * contact.volume / (gel_top(sensor) - height)
     torsion = 2 / 3 * friction * float(np.sqrt(contact.area / np.pi))
     return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * GEL_MASS)), torsion)

@@ -17,13 +17,13 @@ from pipeline.kernels.touch.gel_surface import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.gel_plates import GelSpring, add_gel_plates, gel_name, gel_spring
 from pipeline.physics.hand_body import HandBody
-from pipeline.physics.motion import CLOSING_SECONDS, CLOSING_STAGES, LOOKS_PER_SECOND, Motion, Track, closing_path
+from pipeline.physics.motion import CLOSING_SECONDS, CLOSING_STAGES, Motion, Track, closing_path
 from pipeline.physics.object_shapes import COLLISION_MARGIN, ObjectShapes
 from pipeline.physics.quiet_pybullet import PhysicsClient, pybullet
 from pipeline.physics.simulation import GRAVITY
 from pipeline.store.temporary import temporary_folder
 
-STEPS_PER_SECOND, STEPS_PER_LOOK = 240, 240 // LOOKS_PER_SECOND
+STEPS_PER_SECOND, STEPS_PER_LOOK = 240, 5
 
 
 class HoldTest(AbstractContextManager["HoldTest"]):
@@ -144,7 +144,7 @@ class HoldTest(AbstractContextManager["HoldTest"]):
             self._step(springs, round(CLOSING_SECONDS * STEPS_PER_SECOND / CLOSING_STAGES))
         client.setGravity(*acceleration)
         track = Track(np.concatenate(self._start), limit=limit)
-        for _ in range(round(seconds * LOOKS_PER_SECOND)):
+        for _ in range(round(seconds * STEPS_PER_SECOND / STEPS_PER_LOOK)):
             self._step(springs, STEPS_PER_LOOK)
             if track.ends(np.concatenate(client.getBasePositionAndOrientation(self._object))):
                 break

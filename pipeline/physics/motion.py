@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.transforms import length
 
-LOOKS_PER_SECOND = 48
-"""At the object: more cost time and tell nothing, at 1 m/s it moves 2 cm between two."""
 RESTING_LOOKS, RESTING_CHANGE = 12, 1e-3
-"""An object rests when in so many looks its pose, m and quaternion, changes by less; what slides accelerates. Of 50 grasps of ten objects,
-the rest of the second moves none by 0.1 mm."""
+"""An object rests when its pose, m and quaternion, changes by less in so many looks, a quarter of a second; what slides accelerates.
+Of 50 grasps of ten objects, the rest of the second moves none by 0.1 mm."""
 CLOSING_STAGES, CLOSING_SECONDS = 10, 0.4
 """Targets that the motors are given from one posture to the next where a hand closes, and the time that takes, as in DexGraspBench."""
 
@@ -37,7 +35,7 @@ class Motion:
 
 
 class Track:
-    """The poses of an object that was freed, `LOOKS_PER_SECOND`: (7,) its centre, m, and the quaternion of its turn."""
+    """The poses of an object that was freed, looked at every 0.02 s: (7,) its centre, m, and the quaternion of its turn."""
 
     def __init__(self, start: NDArray[np.float64], *, limit: float) -> None:
         self.poses, self.limit = [start], limit

@@ -1,6 +1,9 @@
-"""The default hand, loaded once."""
+"""The default hand, loaded once; convex parts are kept apart from the user's."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -11,3 +14,11 @@ from pipeline.kernels.hand.model import Hand
 @pytest.fixture(scope="session")
 def hand() -> Hand:
     return load_hand("allegro_right")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("cache")
+        patch.setenv("XDG_CACHE_HOME", str(folder))
+        yield folder / "vt-pipeline" / "convex-parts"

@@ -1,0 +1,184 @@
+"""The hold test in MuJoCo: an engine that shares no code with the one that makes grasps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import SubElement, parse
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.physics_urdf import write_physics_urdf
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp_closure import Contact
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.gel_surface import gel_top
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.physics.convex_parts import convex_parts
+from pipeline.physics.gel_plates import add_gel_plates, gel_name, gel_spring
+from pipeline.physics.motion import CLOSING_SECONDS, CLOSING_STAGES, Motion, Track, closing_path
+from pipeline.physics.simulation import GRAVITY
+from pipeline.store.temporary import temporary_folder
+
+TIMESTEP, STEPS_PER_LOOK = 0.002, 10
+"""s; at 1/240 s with a gain that is stable there, fingers sag and drop what they hold."""
+GAIN = {"revolute": 100.0, "continuous": 100.0, "prismatic": 1e5}
+"""N m/rad and N/m of a motor: 0.7 N m at 7 mrad, 20 N at 0.2 mm."""
+ARMATURE = {"revolute": 1e-3, "continuous": 1e-3, "prismatic": 0.3}
+"""kg m² and kg of a motor's rotor as its joint feels it; without, a light fingertip swings on such a gain faster than the steps."""
+HARD = {"solref": [0.005, 1.0], "solimp": [0.5, 0.99, 0.0001, 0.5, 2.0]}
+"""Contacts and gears as stiff as DexGraspBench makes them."""
+HAND, GEL = 1, 2
+"""Bits of what collides: links with links, both with the object, gels with nothing of the hand."""
+
+
+class MujocoHoldTest(AbstractContextManager["MujocoHoldTest"]):
+    """`HoldTest` in MuJoCo, with its parameters and methods. The object is its convex parts, motors are springs with the hand's torque.
+
+    Raises
+    ------
+    InvalidInput
+        MuJoCo is not installed.
+    """
+
+    def __init__(
+        self, hand: Hand, sensors: Sequence[Sensor], *, mass: float, friction: float | None = None, torsion: float | None = None
+    ) -> None:
+        self.mujoco = import_mujoco()
+        self.hand = hand if friction is None else replace(hand, friction=friction)
+        self.sensors, self.mass, self.torsion = sensors, mass, torsion
+        self._folder = ExitStack()
+        self._spec = self._hand_spec(self._folder.enter_context(temporary_folder()))
+
+    def __exit__(self, *_: object) -> None:
+        self._folder.close()
+
+    def _hand_spec(self, folder: Path) -> Any:
+        """Describe the hand to MuJoCo; what it loads reads meshes in the folder."""
+        mujoco, hand = self.mujoco, self.hand
+        urdf = write_physics_urdf(hand, folder)
+        add_gel_plates(urdf, hand, self.sensors)
+        tree = parse(urdf)
+        options = {"strippath": "false", "fusestatic": "false", "balanceinertia": "true", "discardvisual": "true"}
+        SubElement(SubElement(tree.getroot(), "mujoco"), "compiler", options)
+        tree.write(urdf)
+        spec = mujoco.MjSpec.from_file(str(urdf))
+        spec.option.timestep = TIMESTEP
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec.option.impratio, spec.option.noslip_iterations = 10, 2
+        gels = [gel_name(number) for number in range(len(self.sensors))]
+        for geom in spec.geoms:
+            geom.contype, geom.conaffinity = (GEL, 0) if geom.parent.name in gels else (HAND, HAND)
+            geom.priority, geom.condim = 1, 4  # the hand's friction counts
+            geom.friction = [hand.friction, self.torsion or 0.0, 0.0]
+            geom.solref[:], geom.solimp[:] = HARD["solref"], HARD["solimp"]
+        for pair in hand.allowed_contacts:
+            spec.add_exclude(bodyname1=hand.links[pair[0]].name, bodyname2=hand.links[pair[1]].name)
+        for name, link in zip(hand.joint_names, hand.joint_links, strict=True):
+            kind = hand.joints[link - 1].kind
+            spec.joint(name).armature = ARMATURE[kind]
+            motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, forcerange=[-hand.torque, hand.torque])
+            motor.set_to_position(kp=GAIN[kind], dampratio=1.0)
+        for follower in hand.followers:
+            gear = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, **HARD)
+            gear.name1, gear.name2 = hand.joints[follower.link - 1].name, hand.joint_names[follower.entry]
+            gear.data[:2] = follower.offset, follower.multiplier
+        return spec
+
+    def load(self, mesh: Mesh, points: NDArray[np.float64]) -> None:
+        """Replace everything by the hand and an object, whose mass is spread evenly over its exterior points (N, 3)."""
+        mujoco, spec = self.mujoco, self._spec.copy()
+        centre = points.mean(axis=0)
+        squares = ((points - centre) ** 2).mean(axis=0)
+        body = spec.worldbody.add_body(name="object", pos=centre, ipos=np.zeros(3), mass=self.mass, explicitinertial=True)
+        body.inertia = self.mass * (squares.sum() - squares)
+        body.add_freejoint(name="object")
+        for number, part in enumerate(convex_parts(mesh)):
+            shape = spec.add_mesh(
+                name=f"part {number}", uservert=(part - centre).ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+            )
+            bits = HAND | GEL
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=shape.name, mass=0.0, contype=bits, conaffinity=bits, **HARD)
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+
+    def hold(
+        self,
+        hand_pose: NDArray[np.float64],
+        joint_angles: NDArray[np.float64],
+        contacts: Sequence[Contact | None],
+        *,
+        target: NDArray[np.float64] | None = None,
+        pregrasp: NDArray[np.float64] | None = None,
+        acceleration: Sequence[float] = (0.0, 0.0, GRAVITY),
+        seconds: float = 1.0,
+        limit: float = 0.1,
+    ) -> Motion:
+        """Free the object in a grasp and tell how far it moves; see `HoldTest.hold`."""
+        mujoco, model, data, hand = self.mujoco, self.model, self.data, self.hand
+        goal = joint_angles if target is None else target
+        root = model.body(hand.links[0].name).id
+        model.body_pos[root] = hand_pose[:3, 3]
+        model.body_quat[root] = Rotation.from_matrix(hand_pose[:3, :3]).as_quat(scalar_first=True)
+        mujoco.mj_resetData(model, data)
+        start = joint_angles if pregrasp is None else pregrasp
+        for name, angle in zip(hand.joint_names, start, strict=True):
+            data.joint(name).qpos = angle
+        for follower in hand.followers:
+            data.joint(hand.joints[follower.link - 1].name).qpos = follower.multiplier * start[follower.entry] + follower.offset
+        for number, contact in enumerate(contacts):
+            self._press(number, contact, out=pregrasp is not None)
+        data.ctrl[:] = start
+        track = Track(data.joint("object").qpos.copy(), limit=limit)
+        mujoco.mj_forward(model, data)
+        penetration = self._penetration()
+        model.opt.gravity[:] = 0.0
+        for posture in closing_path(pregrasp, joint_angles, goal) if pregrasp is not None else ():
+            data.ctrl[:] = posture
+            mujoco.mj_step(model, data, nstep=round(CLOSING_SECONDS / CLOSING_STAGES / TIMESTEP))
+        model.opt.gravity[:] = acceleration
+        data.ctrl[:] = goal
+        for _ in range(round(seconds / TIMESTEP / STEPS_PER_LOOK)):
+            mujoco.mj_step(model, data, nstep=STEPS_PER_LOOK)
+            if track.ends(self._object_pose()):
+                break
+        return track.motion(penetration)
+
+    def _press(self, number: int, contact: Contact | None, *, out: bool) -> None:
+        """Put a gel to its contact, or `out` to where it is not pressed in, and set its spring."""
+        model, sensor, name = self.model, self.sensors[number], gel_name(number)
+        spring = gel_spring(sensor, contact, friction=self.hand.friction)
+        joint = model.joint(name)
+        self.data.joint(name).qpos = gel_top(sensor) if out and contact else spring.height
+        joint.stiffness, joint.damping = spring.stiffness, spring.damping
+        model.qpos_spring[joint.qposadr] = gel_top(sensor)
+        model.geom_friction[model.body(name).geomadr, 1] = spring.torsion if self.torsion is None else self.torsion
+
+    def _object_pose(self) -> NDArray[np.float64]:
+        """(7,) pose of the object; NaN where MuJoCo met numbers that it could not use, whereupon it begins again by itself."""
+        warnings = self.mujoco.mjtWarning
+        failed = any(self.data.warning[kind].number for kind in (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC))
+        return np.full(7, np.nan) if failed else self.data.joint("object").qpos.copy()
+
+    def _penetration(self) -> float:
+        """How deep the hand is in the object, m."""
+        bodies = self.model.geom_bodyid[self.data.contact.geom]
+        inside = self.data.contact.dist[(bodies == self.model.body("object").id).any(axis=-1)]
+        return max(-float(inside.min(initial=0.0)), 0.0)
+
+
+def import_mujoco() -> Any:
+    """Import MuJoCo, without its log file; raise an `InvalidInput` with the command that installs it if it is missing."""
+    try:
+        import mujoco
+    except ModuleNotFoundError as error:
+        raise InvalidInput("this engine needs MuJoCo; `pip install -c constraints.txt -e '.[mujoco]'` installs it (20 MB)") from error
+    mujoco.set_mju_user_warning(lambda message: None)  # it would write MUJOCO_LOG.TXT into the working directory
+    return mujoco

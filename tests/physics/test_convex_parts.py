@@ -1,0 +1,46 @@
+"""Objects as convex parts, and what is said where their library or MuJoCo is missing."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.physics.convex_parts import convex_parts
+from pipeline.physics.engines import hold_test
+from tests.kernels.hand.meshes import centred
+
+
+def corner() -> Mesh:
+    """Make an L of 5 cm, extruded by 2 cm: two boxes."""
+    outline = np.array([[0, 0], [5, 0], [5, 2], [2, 2], [2, 5], [0, 5]]) / 100
+    caps = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
+    points = np.concatenate([np.insert(outline, 2, height, axis=1) for height in (0.0, 0.02)])
+    sides = [[[i, j, j + 6], [i, j + 6, i + 6]] for i, j in zip(range(6), [*range(1, 6), 0], strict=True)]
+    return centred(trimesh.Trimesh(points, np.concatenate([caps[:, ::-1], caps + 6, *sides]), process=False))
+
+
+def test_parts_fill_a_concave_object_and_no_more(cache: Path) -> None:
+    mesh, others = corner(), set(cache.glob("*"))
+    parts = convex_parts(mesh)
+    assert sum(trimesh.convex.convex_hull(part).volume for part in parts) == pytest.approx(16e-4 * 0.02, rel=0.02)
+    (stored,) = set(cache.iterdir()) - others
+    before = stored.stat().st_mtime_ns
+    for part, again in zip(parts, convex_parts(mesh), strict=True):
+        np.testing.assert_array_equal(again, part)
+    assert stored.stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("module", ["coacd", "mujoco"])
+def test_missing_package_is_told_with_the_extra_that_has_it(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    hand, sensor = load_hand("two_finger_gripper"), load_sensor("gel_16mm")
+    with pytest.raises(InvalidInput, match=r"pip install .*'\.\[mujoco\]'"), hold_test("mujoco", hand, [sensor] * 2, mass=0.1) as test:
+        test.load(centred(trimesh.creation.box((0.1, 0.2, 0.3))), corner().vertices)
