@@ -37,7 +37,7 @@ class Tally:
     held: list[np.ndarray] = field(default_factory=list)
     """(grasp, 3) of every object: area of contact, mm², greatest angle between two contacts, degrees, and margin of force closure."""
     lifted: list[np.ndarray] = field(default_factory=list)
-    """(grasp,) bool of every object: which grasps hold it in the lift test; none where that was not asked for."""
+    """(grasp,) bool of every object: which grasps hold it in the hold test; none where that was not asked for."""
 
     def row(self) -> tuple[int, int, int, float, float]:
         """Objects, grasps, touches, and per cent of touches that succeed: of those kept, of all attempts."""

@@ -73,7 +73,7 @@ def _hold(tallies: dict[str, Tally], everything: Tally) -> list[Table]:
         shares = (f"{100 * (angle > OPPOSED).mean():.1f}", f"{100 * (margin > 0).mean():.1f}", *lifted)
         rows.append(Row([name, f"{area.mean():.0f}", *shares]))
     titles = ["class", "area of contact per grasp, mm²", f"% with contacts over {OPPOSED}° apart", "% with force closure"]
-    return [Table("Contacts", [*titles, "% held in the lift test"] if everything.lifted else titles, rows)]
+    return [Table("Contacts", [*titles, "% that hold the object"] if everything.lifted else titles, rows)]
 
 
 def _rounded(shares: Iterable[float]) -> list[str]:

@@ -22,7 +22,7 @@ def test_a_hand_of_other_fingers_is_told_by_its_names():
     assert not any(line[:2] == ["Smith", "et"] for line in lines)  # its hand has four
 
 
-def test_share_held_in_the_lift_test_is_told_where_it_was_asked_for():
+def test_share_held_in_the_hold_test_is_told_where_it_was_asked_for():
     entry = Tally([np.ones((2, 2), bool)], [np.ones(2)], attempts=2, held=[np.array([[50.0, 120.0, 0.3]] * 2)])
     for lifted, expected in (([], "100.0"), ([np.array([True, False])], "50.0")):
         entry.lifted = lifted
