@@ -109,7 +109,8 @@ def test_band_shows_hand_object_and_marks(maker) -> None:
 
 @pytest.mark.parametrize(("margin", "words"), [(0.0, "not force-closed"), (0.25, "force-closed with margin 0.25")])
 def test_a_grasp_is_described_in_words(margin, words) -> None:
-    judged = {"opposition": [120.0], "closure": [margin], "contact_area": [[1e-4, 5e-5, 0]], "held": [False], "held_directions": [[False] * 2 + [True] * 4]}
+    judged = {"opposition": [120.0], "closure": [margin], "contact_area": [[1e-4, 5e-5, 0]], "held": [False]}
+    judged["held_directions"] = [[False] * 2 + [True] * 4]
     row = {"touch_success": np.array([[True, True, False]]), "penetration": np.array([4e-4])}
     note = grasp_note({**row, **{name: np.array(value) for name, value in judged.items()}}, 0)
     expected = f"150 mm² of contact, normals up to 120° apart; {words}; dropped in the hold test, in 4 of 6 directions"
