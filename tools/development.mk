@@ -1,6 +1,6 @@
 # Tests of other systems, and measurements: what only those need who change this project. Included by the Makefile.
 
-.PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-peers \
+.PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-grasps bench-peers \
         tradeoff showcase test-systems
 
 PEERS_PYTHON := .venv-peers/bin/python
@@ -53,6 +53,9 @@ fuzz: installed-dev  ## feed a million wrong files to whatever reads files (half
 
 bench: installed-dev simulate-touch.0  ## measure every stage beside its raw limit, in one run
 	@$(BIN)/python -m benchmarks surfaces grasps vision depth chamfer unet charts gcn --data $(call quoted,$(DATA))
+
+bench-grasps: installed-dev simulate-grasps.0  ## test DATA's grasps in PyBullet and MuJoCo: lift, six directions, DexGraspBench
+	@$(BIN)/python -m benchmarks.held_grasps $(call quoted,$(DATA))
 
 bench-peers: installed-peers installed-tacto simulate-touch.0  ## measure TACTO, Taxim, KeOps, HDF5 … beside ours; writes docs/peers.md
 	@KEOPS_CACHE_FOLDER="$$PWD/.venv-peers/keops" OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks --data $(call quoted,$(DATA)) --write docs/peers.md

@@ -26,7 +26,7 @@ class Motion:
     moved, turned
         Way of the object's centre, m, and angle of its turn, rad; infinite where the engine's numbers overflow.
     penetration
-        How deep the hand was in the object at the start, by the engine's shapes, m.
+        How deep the hand was in the object at the start, by the engine's shapes, m: in PyBullet's surface, only what crosses it counts.
     """
 
     moved: float

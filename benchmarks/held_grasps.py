@@ -1,0 +1,77 @@
+"""Measure which grasps of a dataset hold, by the field's tests, in two physics engines: `python -m benchmarks.held_grasps DATA`.
+
+A grasp holds where the object stays in every direction of a test; `agree` is the share of grasps that all engines hold, or none does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.provenance import commit, machine
+from benchmarks.timing import Table
+from pipeline.dataset.grasping_hand import grasping_hand
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.stored_grasps import read_grasps
+from pipeline.formats.sensor_file import load_worn_sensors
+from pipeline.physics.engines import Engine
+from pipeline.physics.grasp_tests import GRASP_TESTS
+from pipeline.store.directory import DataDirectory
+from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+
+Found = dict[tuple[str, Engine], tuple[NDArray[np.bool_], float]]
+"""By test and engine: of every grasp, object by object, whether it holds; and processor seconds per grasp."""
+
+
+def measure(data: Path, tests: Sequence[str], engines: Sequence[Engine]) -> Found:
+    """Test every stored grasp."""
+    surfaces, grasps = (DataDirectory(data).collection(artifact) for artifact in (SURFACES, GRASPS))
+    attributes = grasps.first.attributes
+    hand, sensors = grasping_hand({"grasps": attributes}), load_worn_sensors(attributes["hand"]["sensor_files"])
+    usable = [name for name in grasps if grasps.failure(name) is None]
+    stored = {name: read_grasps(grasps.view(name), surfaces.view(name), sensors) for name in usable}
+    found: Found = {}
+    for name in tests:
+        for engine in engines:
+            held, seconds = [], 0.0
+            with GRASP_TESTS[name].open(engine, hand, sensors) as test:
+                for object_id in usable:
+                    surface = surfaces.view(object_id)
+                    test.load(read_mesh(surface), surface["points"].astype(np.float64))
+                    begin = time.process_time()
+                    held += [GRASP_TESTS[name].holds(test, grasp) for grasp in stored[object_id]]
+                    seconds += time.process_time() - begin
+            found[name, engine] = np.array(held), seconds / len(held)
+    return found
+
+
+def table(found: Found, engines: Sequence[Engine]) -> Table:
+    """Tabulate shares of grasps."""
+    shown = Table("Held grasps", ["grasps", *(f"{engine}: share, s per grasp" for engine in engines), "agree"])
+    for name in dict.fromkeys(test for test, _ in found):
+        verdicts = np.array([found[name, engine][0] for engine in engines])
+        cells = [f"{held.mean():.2f}, {found[name, engine][1]:.2f}" for engine, held in zip(engines, verdicts, strict=True)]
+        shown.add(name, verdicts.shape[1], *cells, f"{(verdicts == verdicts[0]).all(axis=0).mean():.2f}")
+    return shown
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--tests", nargs="+", choices=[*GRASP_TESTS], default=[*GRASP_TESTS])
+    parser.add_argument("--engines", nargs="+", choices=get_args(Engine), default=get_args(Engine))
+    chosen = parser.parse_args()
+    found = measure(chosen.data, chosen.tests, chosen.engines)
+    print(table(found, chosen.engines).markdown(f"Commit {commit()}, {machine()}; processor seconds."))
+
+
+if __name__ == "__main__":
+    main()
