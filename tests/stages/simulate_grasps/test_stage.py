@@ -64,6 +64,15 @@ def test_hold_search_keeps_grasps_that_oppose_each_other_and_hold(hand: str, siz
         np.testing.assert_array_equal(rows[1][name], array)
 
 
+def test_hold_search_touches_what_the_hand_cannot_span() -> None:
+    block = centred(trimesh.creation.box((0.5, 0.5, 0.5)))
+    settings = SETTINGS.model_copy(update={"search": "hold", "attempts": 2, "grasps": 1})
+    with SimulateGrasps().session(settings, {}) as process:
+        row = process(*unit_of(block, *points_on(block, 1000, seed=3)))
+    assert row["touch_success"].any()
+    assert not row["held"].any()
+
+
 def test_stage_that_stops_early_keeps_the_same_grasps() -> None:
     rows = []
     for exhaustive in (True, False):
