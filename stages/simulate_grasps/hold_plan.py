@@ -103,7 +103,7 @@ class HoldPlanner:
         """Draw a pose (4, 4) at which an opposed posture (J,) has both gels at the object and room for palm and fingers; None for none."""
         for _ in range(MAX_DRAWS if len(self.weights) else 0):
             poses, rows = self._draw(rng)
-            usable = self._usable(poses, rows)
+            usable = self._usable(poses, rows) if len(rows) else rows
             if len(usable):
                 chosen = usable[rng.integers(len(usable))]
                 return poses[chosen], self.pinches.postures.joint_angles[rows[chosen]]
