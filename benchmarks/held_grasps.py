@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table
-from pipeline.dataset.grasping_hand import grasping_hand
+from pipeline.dataset.grasping_hand import grasping_hand, grasping_sensors
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.stored_grasps import read_grasps
-from pipeline.formats.sensor_file import load_worn_sensors
 from pipeline.physics.engines import Engine
 from pipeline.physics.grasp_tests import GRASP_TESTS
 from pipeline.store.directory import DataDirectory
@@ -33,8 +32,8 @@ Found = dict[tuple[str, Engine], tuple[NDArray[np.bool_], float]]
 def measure(data: Path, tests: Sequence[str], engines: Sequence[Engine]) -> Found:
     """Test every stored grasp."""
     surfaces, grasps = (DataDirectory(data).collection(artifact) for artifact in (SURFACES, GRASPS))
-    attributes = grasps.first.attributes
-    hand, sensors = grasping_hand({"grasps": attributes}), load_worn_sensors(attributes["hand"]["sensor_files"])
+    attributes = {"grasps": grasps.first.attributes}
+    hand, sensors = grasping_hand(attributes), grasping_sensors(attributes)
     usable = [name for name in grasps if grasps.failure(name) is None]
     stored = {name: read_grasps(grasps.view(name), surfaces.view(name), sensors) for name in usable}
     found: Found = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,7 +15,7 @@ from pipeline.console import print_line
 from pipeline.store.atomic import UNFINISHED, written_to
 from pipeline.store.storage import names_in, place
 
-Format = Literal["lerobot", "parquet", "webdataset", "mesh"]
+Format = Literal["lerobot", "parquet", "webdataset", "mesh", "grasps", "dexgraspbench"]
 MESHES = (".obj", ".ply", ".stl", ".off", ".dae", ".gltf", ".3mf")
 """Formats of meshes that are not written: a folder of such a name would be a mistake."""
 
@@ -41,15 +42,19 @@ def view(
 def export(
     data: DataArgument,
     out: Annotated[Path, typer.Argument(help="Folder to write; of one object's scene, a .glb file.")],
-    to: Annotated[Format, typer.Option(help="lerobot and parquet need the packages of '.\\[export]'.")] = "mesh",
+    to: Annotated[
+        Format, typer.Option(help="lerobot and parquet need the packages of '.\\[export]', dexgraspbench those of '.\\[mujoco]'.")
+    ] = "mesh",
     objects: Annotated[
         list[str] | None, typer.Option("--object", help="With --to mesh: this object alone; several times for several.")
     ] = None,
 ) -> None:
     """Write a dataset for other programs.
 
-    The formats are LeRobot v3, Hugging Face parquet, WebDataset shards and glTF scenes; all are lossless.
+    The formats are LeRobot v3, Hugging Face parquet, WebDataset shards and glTF scenes, all lossless; and grasps for robots: arrays in each
+    object's own frame, or the files of DexGraspBench.
     """
+    from pipeline.export.grasp_files import GraspedObjects, write_dexgraspbench, write_grasps
     from pipeline.export.grasp_frames import GraspFrames
     from pipeline.export.lerobot_files import write_lerobot
     from pipeline.export.parquet_files import write_parquet
@@ -67,8 +72,9 @@ def export(
         return
     if objects:
         fail(f"--object is for --to mesh; --to {to} writes the whole dataset")
-    write = {"lerobot": write_lerobot, "parquet": write_parquet, "webdataset": write_webdataset}[to]
-    frames = GraspFrames(place(data))
+    robots = {"grasps": write_grasps, "dexgraspbench": write_dexgraspbench}
+    tables = {"lerobot": write_lerobot, "parquet": write_parquet, "webdataset": write_webdataset}
+    write = partial(robots[to], GraspedObjects(place(data))) if to in robots else partial(tables[to], GraspFrames(place(data)))
     with written_to(out) as folder:
-        count = write(frames, folder)
+        count = write(folder)
     print_line(f"{out}: {count} grasps")

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from pipeline.formats.hand_file import load_hand
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.sensor import Sensor
 
 
 def grasping_hand(attributes: Mapping[str, Mapping[str, Any]]) -> Hand:
@@ -22,3 +24,8 @@ def grasping_hand(attributes: Mapping[str, Mapping[str, Any]]) -> Hand:
     The file may have been moved since the grasps were made: `render-vision` took its path as a setting, and drew no other one.
     """
     return load_hand(attributes.get("vision", attributes["grasps"])["settings"]["hand"])
+
+
+def grasping_sensors(attributes: Mapping[str, Mapping[str, Any]]) -> tuple[Sensor, ...]:
+    """Load the sensors that the hand wore; parameters as for `grasping_hand`."""
+    return load_worn_sensors(sensor_names(grasping_hand(attributes), attributes["grasps"]["settings"].get("sensor")))

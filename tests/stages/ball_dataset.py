@@ -36,6 +36,8 @@ from schemas.vision import VISION
 from tests.engine.tiny_stages import pack, publish
 
 CENTRE = np.array([0.0, 0.0, 0.6])
+SCALE, TURN = 0.001, np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""Metres per unit of a ball's file, millimetres, and from its axes, y up, to the world's."""
 SIDE = 3
 GRASPS_AN_OBJECT, SENSORS = 5, 4
 SENSOR = load_sensor("gel_16mm")
@@ -89,7 +91,9 @@ def surfaces(unit: Unit) -> Row:
         "meshes/material_texture": np.full(1, -1, np.int32),
     }
     points = (CENTRE + radius_of(unit) * directions).astype(np.float32)
-    return {"points": points, "normals": directions.astype(np.float32), "watertight": np.array(True), **flags, **mesh, **look}
+    placement = np.block([[SCALE * TURN, CENTRE[:, None]], [np.eye(4)[3:]]])
+    described = {"points": points, "normals": directions.astype(np.float32), "watertight": np.array(True), "placement": placement}
+    return described | flags | mesh | look
 
 
 def distances(unit: Unit) -> Row:

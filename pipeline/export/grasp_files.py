@@ -1,0 +1,161 @@
+"""Export grasps for robots: poses and joint angles in the object's own frame, as arrays, or as DexGraspBench reads them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pipeline.console import Meter, errors
+from pipeline.dataset.grasping_hand import grasping_hand, grasping_sensors
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.stored_grasps import StoredGrasp, read_grasps
+from pipeline.errors import StoreError
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.physics.convex_parts import convex_parts
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import Place
+from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+
+
+@dataclass(frozen=True, eq=False)
+class GraspedObject:
+    """An object with its grasps, of which `held` tells which hold, None where no test was asked for.
+
+    `placement` (4, 4) takes points of the object's file into the world, m: a rotation times `scale`, m per unit of the file, and a way.
+    """
+
+    name: str
+    mesh: Mesh
+    grasps: list[StoredGrasp]
+    placement: NDArray[np.float64]
+    held: np.ndarray | None
+
+    @cached_property
+    def scale(self) -> float:
+        """Metres per unit of the file."""
+        return float(np.cbrt(np.linalg.det(self.placement[:3, :3])))
+
+    def own(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Take points (..., 3) from the world, m, into the object's own frame and unit."""
+        return (points - self.placement[:3, 3]) @ self.placement[:3, :3] / self.scale**2
+
+    def own_directions(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Turn directions (..., 3) from the world into the object's own frame."""
+        return directions @ self.placement[:3, :3] / self.scale
+
+    def own_pose(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Take a pose (4, 4) likewise: its rotation stays one, its origin is in the object's unit."""
+        moved = np.eye(4)
+        moved[:3, :3] = self.own_directions(pose[:3, :3].T).T
+        moved[:3, 3] = self.own(pose[:3, 3])
+        return moved
+
+
+class GraspedObjects:
+    """The hand of a dataset and the objects that it grasps, in id order.
+
+    Raises
+    ------
+    StoreError
+        `simulate-grasps` has not been run, or surfaces are of a version that did not keep how objects were placed.
+    """
+
+    def __init__(self, data: Place) -> None:
+        directory = DataDirectory(data)
+        self._surfaces, self._grasps = (directory.collection(artifact) for artifact in (SURFACES, GRASPS))
+        if not self._surfaces.first.has("placement"):
+            raise StoreError(f"{self._surfaces.first.path} does not say how objects were placed; run sample-surfaces again")
+        attributes = {"grasps": self._grasps.first.attributes}
+        self.hand, self._sensors = grasping_hand(attributes), grasping_sensors(attributes)
+        self.names = [name for name in self._grasps if self._grasps.failure(name) is None]
+
+    def __iter__(self) -> Iterator[GraspedObject]:
+        with Meter(errors, "export", len(self.names), "objects") as meter:
+            for name in self.names:
+                surface, row = self._surfaces.view(name), self._grasps.view(name)
+                held = row["held"] if "held" in set(row) else None
+                yield GraspedObject(name, read_mesh(surface), read_grasps(row, surface, self._sensors), surface["placement"], held)
+                meter.advance()
+
+
+def write_grasps(objects: GraspedObjects, folder: Path) -> int:
+    """Write `OBJECT.npz` with the object's grasps in its own frame and unit; return the number of grasps."""
+    count = 0
+    for grasped in objects:
+        grasps = grasped.grasps
+        points, normals = np.full((2, len(grasps), len(objects.hand.sensors), 3), np.nan)
+        for g, grasp in enumerate(grasps):
+            for s, contact in enumerate(grasp.contacts):
+                if contact:
+                    points[g, s], normals[g, s] = grasped.own(contact.point), grasped.own_directions(contact.normal)
+        arrays = {
+            "hand_pose": np.stack([grasped.own_pose(grasp.hand_pose) for grasp in grasps]),
+            "pregrasp": np.stack([grasp.pregrasp for grasp in grasps]),
+            "grasp": np.stack([grasp.joint_angles for grasp in grasps]),
+            "squeeze": np.stack([grasp.squeeze for grasp in grasps]),
+            "contact_points": points,
+            "contact_normals": normals,
+            "metres_per_unit": np.array(grasped.scale),
+            "hand": np.array(objects.hand.name),
+            "joint_names": np.array(objects.hand.joint_names),
+            "sensor_names": np.array([mount.name for mount in objects.hand.sensors]),
+        }
+        np.savez(folder / f"{grasped.name}.npz", allow_pickle=False, **arrays, **({} if grasped.held is None else {"held": grasped.held}))
+        count += len(grasps)
+    return count
+
+
+def write_dexgraspbench(objects: GraspedObjects, folder: Path) -> int:
+    """Write grasps and objects below `output` and `assets`, as DexGraspBench has them; return the number of grasps.
+
+    Notes
+    -----
+    Of a grasp, `qpos` is the root link's position, m, its quaternion, real part first, and the joint vector; the object stands at the
+    origin with its file's axes, its meshes in its file's unit and scaled by `obj_scale`.
+    """
+    count = 0
+    for grasped in objects:
+        assets = Path("assets", "vt-pipeline", grasped.name)
+        _write_object(grasped, folder / assets)
+        scene = folder / "output" / f"vt-pipeline_{objects.hand.name}" / "graspdata" / grasped.name / "scale_pose000"
+        scene.mkdir(parents=True)
+        for number, grasp in enumerate(grasped.grasps):
+            root = grasped.own_pose(grasp.hand_pose)
+            placed = [*(root[:3, 3] * grasped.scale), *Rotation.from_matrix(root[:3, :3]).as_quat(scalar_first=True)]
+            content: dict[str, Any] = {
+                "obj_path": str(assets),
+                "obj_scale": grasped.scale,
+                "obj_pose": np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
+                "pregrasp_qpos": np.array([*placed, *grasp.pregrasp]),
+                "grasp_qpos": np.array([*placed, *grasp.joint_angles]),
+                "squeeze_qpos": np.array([*placed, *grasp.squeeze]),
+            }
+            np.save(scene / f"{number}.npy", np.array(content, dtype=object), allow_pickle=True)
+        count += len(grasped.grasps)
+    return count
+
+
+def _write_object(grasped: GraspedObject, folder: Path) -> None:
+    """Write an object's mesh and convex parts, and its volume as the mass of a density of 1."""
+    (folder / "mesh").mkdir(parents=True)
+    whole = trimesh.Trimesh(grasped.own(grasped.mesh.vertices), grasped.mesh.faces, process=False)
+    whole.export(folder / "mesh" / "simplified.obj")
+    meshes = folder / "urdf" / "meshes"
+    meshes.mkdir(parents=True)
+    volume = 0.0
+    for number, part in enumerate(convex_parts(grasped.mesh)):
+        hull = trimesh.convex.convex_hull(grasped.own(part))
+        hull.export(meshes / f"convex_piece_{number:03d}.obj")
+        volume += float(hull.volume)
+    (folder / "info").mkdir()
+    (folder / "info" / "simplified.json").write_text(json.dumps({"mass": volume, "density": 1.0, "scale": 1.0}))
