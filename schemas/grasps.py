@@ -92,7 +92,7 @@ GRASPS = Artifact(
             ("object", "grasp", "direction"),
             "bool",
             "1",
-            "The same with gravity along -z, +z, -x, +x, -y, +y of the world.",
+            "The same with gravity along -x, +x, -y, +y, -z, +z of the world.",
             optional=True,
         ),
         "penetration": Array(

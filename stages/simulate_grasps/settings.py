@@ -89,8 +89,9 @@ class GraspSettings(ObjectSettings):
     )
     squeeze: float = setting(
         0.002,
-        "m that every sensor presses on beyond the grasp in `squeeze_angles`, for robots and other simulators",
+        "m that every sensor presses on beyond the grasp in `squeeze_angles`, to which the motors drive in the hold test",
         ge=0,
+        changes="definition",
     )
 
     @property

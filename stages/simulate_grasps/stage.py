@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.console import abbreviate
 from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
@@ -21,6 +22,7 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.formats.physics_urdf import links_without_mass
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor_names
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
+from pipeline.physics.grasp_tests import GRASP_TESTS
 from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
@@ -28,7 +30,6 @@ from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from stages.simulate_grasps.grasp_search import Grasp, GraspSearch, Plan, keep_best
-from stages.simulate_grasps.hold_directions import directions_held, passes
 from stages.simulate_grasps.hold_plan import HoldPlanner, Pinches, prepare_pinches
 from stages.simulate_grasps.prepare import PreparedHand, PreparedObject, prepare_hand, prepare_object
 from stages.simulate_grasps.settings import GraspSettings
@@ -37,6 +38,10 @@ from stages.simulate_grasps.touch_plan import TouchPlanner
 
 SECOND_CHANCES = 4
 """Times `attempts` after which an object that has yielded some sound grasps, but not enough, is given up."""
+
+HOLD_TESTS = {"lift": GRASP_TESTS["lift"], "six": GRASP_TESTS["six-directions"]}
+"""By the setting `hold_test`."""
+DOWN = (0.0, 0.0, -1.0)
 
 
 class SimulateGrasps(ObjectStage):
@@ -138,7 +143,7 @@ class _Grasping:
             "hand_pose": np.stack([grasp.hand_pose for grasp in kept]),
             "pregrasp_angles": np.stack([grasp.pregrasp_angles for grasp in kept]),
             "joint_angles": np.stack([grasp.joint_angles for grasp in kept]),
-            "squeeze_angles": np.stack([pregrasp_angles(self.hand.hand, grasp.joint_angles, [-settings.squeeze])[0] for grasp in kept]),
+            "squeeze_angles": np.stack([self._stored(grasp).squeeze for grasp in kept]),
             "sensor_pose": np.stack([grasp.sensor_pose for grasp in kept]),
             "touch_success": np.stack([grasp.touched for grasp in kept]),
             "contact_point": np.stack([[contact.point if contact else np.zeros(3) for contact in grasp.contacts] for grasp in kept]),
@@ -169,7 +174,7 @@ class _Grasping:
             grasp = search.attempt(unit.rng("simulate-grasps", number))
             touched.append(grasp.touched if grasp else np.zeros(len(self.hand.hand.sensors), bool))
             if grasp is not None and grasp.sound and settings.search == "hold":
-                grasp = replace(grasp, holds=self.test is None or passes(self.test, grasp, settings.test))
+                grasp = replace(grasp, holds=self.test is None or HOLD_TESTS[settings.test].holds(self.test, self._stored(grasp)))
             kept = keep_best(kept, grasp, settings.grasps, settings.prefer)
         return kept, touched
 
@@ -181,8 +186,18 @@ class _Grasping:
             return all(grasp.holds for grasp in kept)
         return self.settings.prefer == "touches" and all(grasp.touched.all() for grasp in kept)
 
+    def _stored(self, grasp: Grasp) -> StoredGrasp:
+        """Add the squeeze to a grasp: the joint angles at which every sensor presses on."""
+        squeeze = pregrasp_angles(self.hand.hand, grasp.joint_angles, [-self.settings.squeeze])[0]
+        return StoredGrasp(grasp.hand_pose, grasp.pregrasp_angles, grasp.joint_angles, squeeze, grasp.contacts)
+
     def _held(self, kept: list[Grasp]) -> Row:
+        """Test every direction of the grasps that are not known to hold in all."""
         if self.test is None:
             return {}
-        held = np.stack([directions_held(self.test, grasp, self.settings.test) for grasp in kept])
-        return {"held": held[:, 0]} | ({"held_directions": held} if self.settings.test == "six" else {})
+        rule, held = HOLD_TESTS[self.settings.test], []
+        for grasp in kept:
+            stored = self._stored(grasp)
+            held.append([grasp.holds or rule.holds_against(self.test, stored, direction) for direction in rule.directions])
+        directions = {"held_directions": np.array(held)} if self.settings.test == "six" else {}
+        return {"held": np.array(held)[:, rule.directions.index(DOWN)], **directions}
