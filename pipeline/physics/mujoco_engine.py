@@ -79,8 +79,9 @@ class MujocoHoldTest(AbstractContextManager["MujocoHoldTest"]):
             geom.priority, geom.condim = 1, 4  # the hand's friction counts
             geom.friction = [hand.friction, self.torsion or 0.0, 0.0]
             geom.solref[:], geom.solimp[:] = HARD["solref"], HARD["solimp"]
-        for pair in hand.allowed_contacts:
-            spec.add_exclude(bodyname1=hand.links[pair[0]].name, bodyname2=hand.links[pair[1]].name)
+        joined = {(joint.parent, joint.child) for joint in hand.joints}  # MuJoCo lets links of a palm that does not move collide with it
+        for first, second in sorted(joined | hand.allowed_contacts):
+            spec.add_exclude(bodyname1=hand.links[first].name, bodyname2=hand.links[second].name)
         for name, link in zip(hand.joint_names, hand.joint_links, strict=True):
             kind = hand.joints[link - 1].kind
             spec.joint(name).armature = ARMATURE[kind]
