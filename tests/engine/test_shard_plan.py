@@ -43,7 +43,7 @@ def test_what_changes_results_rebuilds_and_what_changes_speed_does_not(tmp_path)
     assert run(request(tmp_path, stage=TakeMean(), settings={"samples": 3})) == 5
 
 
-@pytest.mark.parametrize(("shards", "workers"), [(4, 1), (7, 2)])
+@pytest.mark.parametrize(("shards", "workers"), [pytest.param(4, 1, marks=pytest.mark.slow), (7, 2)])
 def test_shards_and_workers_change_no_digest(tmp_path, shards, workers):
     for data, how in ((tmp_path / "one", {}), (tmp_path / "other", {"shards": shards, "executor": Dask(workers)})):
         run(request(data, **how))

@@ -24,7 +24,10 @@ def validated(learner: Regression) -> float:
         return learner.validate(learner.network)["loss"]
 
 
-@pytest.mark.parametrize(("kill_at", "precision"), [(0, "32-true"), (3, "32-true"), (7, "64-true"), (20, "32-true")])
+LATER = [pytest.param(3, "32-true", marks=pytest.mark.slow), pytest.param(20, "32-true", marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize(("kill_at", "precision"), [(0, "32-true"), (7, "64-true"), *LATER])
 def test_killed_training_ends_with_the_weights_of_an_undisturbed_one(tmp_path, kill_at, precision):
     undisturbed = run(tmp_path / "whole", precision=precision)
     process = multiprocessing.get_context("spawn").Process(target=run, args=(tmp_path / "killed", 0, kill_at, precision))
