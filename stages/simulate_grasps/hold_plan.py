@@ -50,9 +50,8 @@ class Pinches:
 def prepare_pinches(prepared_hand: PreparedHand) -> Pinches:
     """Find a hand's opposed postures, once per session."""
     hand, postures = prepared_hand.hand, opposed_postures(prepared_hand.ik)
-    owners = hand.link_fingers[[mount.link for mount in hand.sensors]]
     grips = frame_along(postures.axis, np.zeros(len(postures.axis)), postures.centre)
-    return Pinches(postures, grips, forward_kinematics(hand, np.eye(4), postures.joint_angles), owners[postures.sensors])
+    return Pinches(postures, grips, forward_kinematics(hand, np.eye(4), postures.joint_angles), hand.sensor_fingers[postures.sensors])
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +137,7 @@ class HoldPlanner:
     def _weigh(self, choices: GraspChoices) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         """Compute what choices leave of the object's weight (N,), and how many gels touch (N,)."""
         hand = self.prepared_hand.hand
-        owners = hand.link_fingers[[mount.link for mount in hand.sensors]]
+        owners = hand.sensor_fingers
         picks = choices.picks[:WEIGHED_CHOICES]
         options = np.where(owners >= 0, picks[:, owners], 0)  # (N, S)
         points, normals = np.zeros((2, len(choices.options), len(owners), 3))

@@ -27,9 +27,9 @@ class GraspSettings(ObjectSettings):
         "that carry the object, kept if it stays in the hand",
         changes="definition",
     )
-    plans: int = setting(2, "of a hold search, the best of so many goes to physics", ge=1)
+    plans: int = setting(2, "plans that a hold search makes for one attempt; physics gets the best", ge=1)
     spread: float = setting(
-        0.05, "m from the centre of mass at which a hold search places a quarter of the grasps that it places there", gt=0
+        0.05, "m from the centre of mass at which a hold search pinches a quarter as often as at the centre: more covers long objects", gt=0
     )
     prefer: Literal["touches", "area", "closure"] = setting(
         "touches",

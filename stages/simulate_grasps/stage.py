@@ -139,11 +139,12 @@ class _Grasping:
                 f"({', '.join(f'{extent:.3g}' for extent in np.ptp(mesh.vertices, axis=0))} m); scale it to between one and five hands, "
                 f"or raise simulate-grasps.attempts"
             )
+        stored = [self._stored(grasp) for grasp in kept]
         return {
             "hand_pose": np.stack([grasp.hand_pose for grasp in kept]),
             "pregrasp_angles": np.stack([grasp.pregrasp_angles for grasp in kept]),
             "joint_angles": np.stack([grasp.joint_angles for grasp in kept]),
-            "squeeze_angles": np.stack([self._stored(grasp).squeeze for grasp in kept]),
+            "squeeze_angles": np.stack([grasp.squeeze for grasp in stored]),
             "sensor_pose": np.stack([grasp.sensor_pose for grasp in kept]),
             "touch_success": np.stack([grasp.touched for grasp in kept]),
             "contact_point": np.stack([[contact.point if contact else np.zeros(3) for contact in grasp.contacts] for grasp in kept]),
@@ -154,7 +155,7 @@ class _Grasping:
             "penetration": np.array([grasp.penetration for grasp in kept], np.float32),
             "attempts": np.array(len(touched), np.int32),
             "attempt_success": np.mean(touched, axis=0).astype(np.float32),
-            **self._held(kept),
+            **self._held(kept, stored),
         }
 
     def _planner(self, thing: PreparedObject, unit: Unit) -> Callable[[np.random.Generator], Plan | None]:
@@ -191,13 +192,15 @@ class _Grasping:
         squeeze = pregrasp_angles(self.hand.hand, grasp.joint_angles, [-self.settings.squeeze])[0]
         return StoredGrasp(grasp.hand_pose, grasp.pregrasp_angles, grasp.joint_angles, squeeze, grasp.contacts)
 
-    def _held(self, kept: list[Grasp]) -> Row:
+    def _held(self, kept: list[Grasp], stored: list[StoredGrasp]) -> Row:
         """Test every direction of the grasps that are not known to hold in all."""
         if self.test is None:
             return {}
-        rule, held = HOLD_TESTS[self.settings.test], []
-        for grasp in kept:
-            stored = self._stored(grasp)
-            held.append([grasp.holds or rule.holds_against(self.test, stored, direction) for direction in rule.directions])
-        directions = {"held_directions": np.array(held)} if self.settings.test == "six" else {}
-        return {"held": np.array(held)[:, rule.directions.index(DOWN)], **directions}
+        rule = HOLD_TESTS[self.settings.test]
+        held = np.array(
+            [
+                [grasp.holds or rule.holds_against(self.test, own, direction) for direction in rule.directions]
+                for grasp, own in zip(kept, stored, strict=True)
+            ]
+        )
+        return {"held": held[:, rule.directions.index(DOWN)]} | ({"held_directions": held} if self.settings.test == "six" else {})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ class CollisionSpheres:
         own = np.isin(self.link, links)
         return CollisionSpheres(self.centres[own], self.radii[own], self.link[own])
 
-    @property
+    @cached_property
     def single(self) -> Spheres:
         """The spheres in float32, as compiled loops take them."""
         return Spheres(self.centres.astype(np.float32), self.radii.astype(np.float32), self.link)

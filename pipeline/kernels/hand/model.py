@@ -187,6 +187,11 @@ class Hand:
         return fingers
 
     @property
+    def sensor_fingers(self) -> NDArray[np.intp]:
+        """(S,) number of the finger that carries each sensor, -1 for the palm."""
+        return self.link_fingers[[mount.link for mount in self.sensors]]
+
+    @property
     def files(self) -> list[Path]:
         """The files that describe this hand: hand file, URDF, meshes."""
         meshes = {shape.path for link in self.links for shape in (*link.visuals, *link.collisions) if shape.path is not None}

@@ -99,7 +99,7 @@ def opposed_postures(ik: GraspIk) -> OpposedPostures:
 def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> OpposedPostures:
     """Postures of one pair of gels, the best of each width."""
     hand = ik.hand
-    fingers = [int(hand.link_fingers[hand.sensors[sensor].link]) for sensor in pair]
+    fingers = hand.sensor_fingers[list(pair)].tolist()
     rows = _facing_samples(ik, pair, fingers)
     angles = np.tile(np.clip(0.0, hand.lower, hand.upper), (len(rows), 1))
     for finger, own in zip(fingers, rows.T, strict=True):
