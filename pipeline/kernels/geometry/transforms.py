@@ -6,11 +6,8 @@ numpy and of the C library. Here products are added in a fixed order, and sines 
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from pipeline.kernels.compiled import cached
 
 
 def compose(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -30,17 +27,12 @@ def compose(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np
     ValueError
         The dimensions do not fit.
     """
-    return np.asarray(_multiply(left, right))
-
-
-@cached(numba.guvectorize, ["void(float64[:, :], float64[:, :], float64[:, :])"], "(n,k),(k,m)->(n,m)")
-def _multiply(left: NDArray[np.float64], right: NDArray[np.float64], product: NDArray[np.float64]) -> None:
-    for row in range(left.shape[0]):
-        for col in range(right.shape[1]):
-            total = 0.0
-            for k in range(left.shape[1]):
-                total += left[row, k] * right[k, col]
-            product[row, col] = total
+    if left.shape[-1] != right.shape[-2]:
+        raise ValueError(f"matrices of shapes {left.shape} and {right.shape} have no product")
+    product = 0.0 + left[..., :, :1] * right[..., :1, :]  # 0.0 + makes a negative zero positive, as a sum does
+    for k in range(1, left.shape[-1]):
+        product += left[..., :, k : k + 1] * right[..., k : k + 1, :]
+    return np.asarray(product)
 
 
 def transform_points(pose: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:

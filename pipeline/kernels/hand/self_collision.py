@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numba import guvectorize
 from numpy.typing import NDArray
 
-from pipeline.kernels.compiled import cached, compiled
+from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
@@ -39,36 +38,31 @@ class LinkOverlap:
     depth: float
 
 
-def box_gap(
-    frames_a: NDArray[np.float64], half_a: NDArray[np.float64], frames_b: NDArray[np.float64], half_b: NDArray[np.float64]
-) -> NDArray[np.float64]:
+@compiled
+def box_gap(frame_a: Float64Array, half_a: Float64Array, frame_b: Float64Array, half_b: Float64Array, enough: float = np.inf) -> float:
     """Compute the largest gap between two boxes along any of the 15 candidate axes.
 
     Parameters
     ----------
-    frames_a, frames_b
-        (..., 4, 4) poses of the boxes' centres, m.
+    frame_a, frame_b
+        (4, 4) poses of the boxes' centres, m.
     half_a, half_b
-        (..., 3) half extents, m. All four broadcast.
+        (3,) half extents, m.
+    enough
+        m, a gap that is as good as any larger one: the search ends there.
 
     Returns
     -------
-    (...) float64, m: a lower bound of the distance of boxes that are apart; of boxes that overlap, minus their least overlap.
+    m: a lower bound of the distance of boxes that are apart; of boxes that overlap, minus their least overlap.
     """
-    return np.asarray(_box_gaps(frames_a, half_a, frames_b, half_b))
-
-
-@compiled
-def _gap(a: Float64Array, half_a: Float64Array, b: Float64Array, half_b: Float64Array, enough: float) -> float:
-    """Gap of two boxes with poses (4, 4) and half extents (3,); where it reaches `enough`, some value that does."""
     rotation, size, shift = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     gap = -np.inf
-    x, y, z = b[0, 3] - a[0, 3], b[1, 3] - a[1, 3], b[2, 3] - a[2, 3]
+    x, y, z = frame_b[0, 3] - frame_a[0, 3], frame_b[1, 3] - frame_a[1, 3], frame_b[2, 3] - frame_a[2, 3]
     for i in range(3):  # the axes of a
         for k in range(3):
-            rotation[i, k] = a[0, i] * b[0, k] + a[1, i] * b[1, k] + a[2, i] * b[2, k]
+            rotation[i, k] = frame_a[0, i] * frame_b[0, k] + frame_a[1, i] * frame_b[1, k] + frame_a[2, i] * frame_b[2, k]
             size[i, k] = abs(rotation[i, k])
-        shift[i] = a[0, i] * x + a[1, i] * y + a[2, i] * z
+        shift[i] = frame_a[0, i] * x + frame_a[1, i] * y + frame_a[2, i] * z
         gap = max(gap, abs(shift[i]) - half_a[i] - (size[i, 0] * half_b[0] + size[i, 1] * half_b[1] + size[i, 2] * half_b[2]))
     if gap >= enough:
         return gap
@@ -88,11 +82,6 @@ def _gap(a: Float64Array, half_a: Float64Array, b: Float64Array, half_b: Float64
                 extent = extent + half_b[k1] * size[i, k2] + half_b[k2] * size[i, k1]
                 gap = max(gap, (distance - extent) / np.sqrt(sine2))
     return gap
-
-
-@cached(guvectorize, ["void(float64[:, :], float64[:], float64[:, :], float64[:], float64[:])"], "(n,n),(m),(n,n),(m)->()")
-def _box_gaps(a: Float64Array, half_a: Float64Array, b: Float64Array, half_b: Float64Array, gap: Float64Array) -> None:
-    gap[0] = _gap(a, half_a, b, half_b, np.inf)
 
 
 def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> float:
@@ -119,7 +108,7 @@ def _least_gap(world: Float64Array, half: Float64Array, first: NDArray[np.intp],
     """Least gap of pairs of boxes; inf where there are none."""
     least = np.inf
     for a, b in zip(first, second):  # noqa: B905 - as numba has it
-        least = min(least, _gap(world[a], half[a], world[b], half[b], least))
+        least = min(least, box_gap(world[a], half[a], world[b], half[b], least))
     return least
 
 
@@ -270,7 +259,7 @@ def _link_gaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -
     for first, second in np.argwhere(_meeting_links(hand)).tolist():
         a, b = (rows.ravel() for rows in np.meshgrid(np.flatnonzero(boxes.link == first), np.flatnonzero(boxes.link == second)))
         if len(a):
-            yield (first, second), box_gap(world[:, a], boxes.half[a], world[:, b], boxes.half[b]).min(axis=1)
+            yield (first, second), np.array([_least_gap(posture, boxes.half, a, b) for posture in world])
 
 
 def _are_neighbours(hand: Hand, first: int, second: int) -> bool:
@@ -298,7 +287,7 @@ def _are_near(world: Float64Array, half: Float64Array, first: NDArray[np.intp], 
     for n in range(len(world)):
         for pair in range(len(first)):
             a, b = first[pair], second[pair]
-            near[n, pair] = _gap(world[n, a], half[a], world[n, b], half[b], gap) < gap
+            near[n, pair] = box_gap(world[n, a], half[a], world[n, b], half[b], gap) < gap
     return near
 
 
@@ -319,7 +308,7 @@ def _conflicts(world: Float64Array, half: Float64Array, owner: NDArray[np.intp],
                             a, b = world[i, k], world[j, m]
                             x, y, z = a[0, 3] - b[0, 3], a[1, 3] - b[1, 3], a[2, 3] - b[2, 3]
                             if np.sqrt(x * x + y * y + z * z) < reach:
-                                found[i, j] = _gap(a, half[k], b, half[m], gap) < gap
+                                found[i, j] = box_gap(a, half[k], b, half[m], gap) < gap
     return conflicts
 
 
