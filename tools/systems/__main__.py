@@ -128,7 +128,7 @@ def try_python(name: str, arguments: argparse.Namespace) -> Row:
     clone = clone_into(arguments.folder / name)
     version, (first, *others) = name.removeprefix("python-"), arguments.commands
     of_pyenv = sorted(Path("~/.pyenv/versions").expanduser().glob(f"{version}.*/bin/python"))
-    python = shutil.which(f"python{version}") or next(map(str, of_pyenv), None)
+    python = next(map(str, of_pyenv), None) or shutil.which(f"python{version}")  # pyenv's programs on the path run chosen versions alone
     create = f"{shlex.quote(python)} -m venv .venv" if python else f"uv venv --quiet --seed --python {version} .venv"
     run = partial(run_here, folder=clone)
     try_commands(row, [f"{create} && {first}", *others], run, arguments.folder / f"{name}.log")
