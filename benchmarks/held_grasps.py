@@ -6,8 +6,12 @@ A grasp holds where the object stays in every direction of a test; `agree` is th
 from __future__ import annotations
 
 import argparse
+import os
 import time
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import get_args
 
@@ -29,25 +33,34 @@ Found = dict[tuple[str, Engine], tuple[NDArray[np.bool_], float]]
 """By test and engine: of every grasp, object by object, whether it holds; and processor seconds per grasp."""
 
 
-def measure(data: Path, tests: Sequence[str], engines: Sequence[Engine]) -> Found:
-    """Test every stored grasp."""
+def measure(data: Path, tests: Sequence[str], engines: Sequence[Engine], workers: int = 1) -> Found:
+    """Test every stored grasp, several objects at once."""
+    grasps = DataDirectory(data).collection(GRASPS)
+    usable = [name for name in grasps if grasps.failure(name) is None]
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        objects = list(pool.map(partial(measure_object, data, tests, engines), usable))
+    found: Found = {}
+    for key in objects[0]:
+        held = np.concatenate([one[key][0] for one in objects])
+        found[key] = held, sum(one[key][1] * len(one[key][0]) for one in objects) / len(held)
+    return found
+
+
+def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], object_id: str) -> Found:
+    """Test the stored grasps of one object."""
     surfaces, grasps = (DataDirectory(data).collection(artifact) for artifact in (SURFACES, GRASPS))
     attributes = {"grasps": grasps.first.attributes}
     hand, sensors = grasping_hand(attributes), grasping_sensors(attributes)
-    usable = [name for name in grasps if grasps.failure(name) is None]
-    stored = {name: read_grasps(grasps.view(name), surfaces.view(name), sensors) for name in usable}
+    surface = surfaces.view(object_id)
+    stored = read_grasps(grasps.view(object_id), surface, sensors)
     found: Found = {}
     for name in tests:
         for engine in engines:
-            held, seconds = [], 0.0
             with GRASP_TESTS[name].open(engine, hand, sensors) as test:
-                for object_id in usable:
-                    surface = surfaces.view(object_id)
-                    test.load(read_mesh(surface), surface["points"].astype(np.float64))
-                    begin = time.process_time()
-                    held += [GRASP_TESTS[name].holds(test, grasp) for grasp in stored[object_id]]
-                    seconds += time.process_time() - begin
-            found[name, engine] = np.array(held), seconds / len(held)
+                test.load(read_mesh(surface), surface["points"].astype(np.float64))
+                begin = time.process_time()
+                held = np.array([GRASP_TESTS[name].holds(test, grasp) for grasp in stored])
+                found[name, engine] = held, (time.process_time() - begin) / len(held)
     return found
 
 
@@ -67,8 +80,9 @@ def main() -> None:
     parser.add_argument("data", type=Path)
     parser.add_argument("--tests", nargs="+", choices=[*GRASP_TESTS], default=[*GRASP_TESTS])
     parser.add_argument("--engines", nargs="+", choices=get_args(Engine), default=get_args(Engine))
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="objects at once")
     chosen = parser.parse_args()
-    found = measure(chosen.data, chosen.tests, chosen.engines)
+    found = measure(chosen.data, chosen.tests, chosen.engines, chosen.workers)
     print(table(found, chosen.engines).markdown(f"Commit {commit()}, {machine()}; processor seconds."))
 
 
