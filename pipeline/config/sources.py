@@ -92,7 +92,7 @@ class Procedural(Source):
         """List every variant of every category."""
         for category, count in self.count.items():
             for number in range(count):
-                source = {"procedural": category, "variant": number, "seed": self.seed}
+                source = {"procedural": category, "variant": number, "seed": self.seed, "licence": self.licence}
                 yield Object(f"{category}-{number:04d}", category, source)
 
 

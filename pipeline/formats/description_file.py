@@ -17,7 +17,7 @@ from pipeline import plugins
 from pipeline.errors import InvalidInput, meant
 from pipeline.formats.file_content import read_file
 
-Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation"]
+Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation", "about"]
 Model = TypeVar("Model", bound=BaseModel)
 
 MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40

@@ -32,7 +32,7 @@ def vt(*arguments: object) -> tuple[int, str]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of meshes, one with a material, and a manifest of them and of a toy object."""
+    """Make a folder of meshes, one with a material, and a manifest of them and of a toy object."""
     folder = tmp_path_factory.mktemp("publisher")
     (folder / "meshes").mkdir()
     trimesh.creation.icosphere(2, 30).export(folder / "meshes" / "ball.ply")
@@ -52,7 +52,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def published(folder: Path) -> Path:
-    """The recipe of the dataset that a publisher has made."""
+    """Make a dataset and its recipe, as a publisher does."""
     for stage in STAGES:
         options = ["--manifest", folder / "things.yaml", "--data", folder / "data", "--executor", "serial", *SETTINGS]
         code, said = vt("run", stage, *options)
@@ -66,7 +66,7 @@ def published(folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def remade(published: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """The dataset made again elsewhere, in three shards by two workers, and what was said."""
+    """Make the dataset again elsewhere, in three shards by two workers; return the place and what was said."""
     place = tmp_path_factory.mktemp("reader")
     shutil.copytree(published.parent / "meshes", place / "mine")
     options = ["--objects", place / "mine", "--data", place / "data", "--shards", 3, "--workers", 2]
