@@ -14,13 +14,21 @@ import trimesh
 import yaml
 from typer.testing import CliRunner
 
+import pipeline
 from pipeline.cli import app
 from pipeline.dataset.recipe import Recipe, read_recipe
 from pipeline.errors import InvalidInput
-from pipeline.export.recipe_writing import source_hash
 
-QUICK = ("sample-surfaces.points=300", "simulate-grasps.attempts=3", "simulate-grasps.grasps=2", "simulate-grasps.ik_samples=64")
-SETTINGS = [part for one in (*QUICK, "render-vision.resolution=32") for part in ("--set", one)]
+OWN = {"simulate-grasps.sensor": "my_gel.yaml", "render-vision.scene": "my_scene.yaml"}
+"""Description files of the publisher's own."""
+QUICK = (
+    "sample-surfaces.points=300",
+    "simulate-grasps.attempts=3",
+    "simulate-grasps.grasps=2",
+    "simulate-grasps.ik_samples=64",
+    "simulate-grasps.hand=two_finger_gripper",
+)
+ASSETS = Path(pipeline.__file__).parent / "assets"
 STAGES = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 MESHES = ("ball", "box", "rod")
 
@@ -40,6 +48,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     box = trimesh.creation.box((50, 60, 40)).export(file_type="obj")
     (folder / "meshes" / "box.obj").write_text(f"mtllib box.mtl\nusemtl skin\n{box}")
     (folder / "meshes" / "box.mtl").write_text("newmtl skin\nKd 0.5 0.2 0.1\n")
+    (folder / "own").mkdir()
+    gel = (ASSETS / "sensors" / "gel_16mm.yaml").read_text()
+    (folder / "own" / "my_gel.yaml").write_text(re.sub("(rows|cols): 100", r"\1: 24", gel))
+    shutil.copy(ASSETS / "scenes" / "supplement.yaml", folder / "own" / "my_scene.yaml")
     sources = [
         {"kind": "directory", "licence": "CC0", "path": "meshes", "metres_per_unit": 0.001, "url": "https://example.org/meshes"},
         {"kind": "procedural", "licence": "MIT", "seed": 0, "count": {"bottle": 1}},
@@ -53,8 +65,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def published(folder: Path) -> Path:
     """Make a dataset and its recipe, as a publisher does."""
+    own = [f"{setting}={folder / 'own' / name}" for setting, name in OWN.items()]
+    settings = [part for one in (*QUICK, *own, "render-vision.resolution=32") for part in ("--set", one)]
     for stage in STAGES:
-        options = ["--manifest", folder / "things.yaml", "--data", folder / "data", "--executor", "serial", *SETTINGS]
+        options = ["--manifest", folder / "things.yaml", "--data", folder / "data", "--executor", "serial", *settings]
         code, said = vt("run", stage, *options)
         assert code == 0, said
     code, said = vt("recipe", folder / "data")
@@ -66,13 +80,18 @@ def published(folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def remade(published: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """Make the dataset again elsewhere, in three shards by two workers; return the place and what was said."""
+    """Make the dataset again elsewhere, in three shards; return the place and what was said."""
     place = tmp_path_factory.mktemp("reader")
     shutil.copytree(published.parent / "meshes", place / "mine")
-    options = ["--objects", place / "mine", "--data", place / "data", "--shards", 3, "--workers", 2]
-    code, said = vt("remake", published, *options)
+    shutil.copytree(published.parent / "own", place / "own")
+    code, said = vt("remake", published, *options_of(place), "--shards", 3)
     assert code == 0, said
     return place, said
+
+
+def options_of(place: Path, data: Path | None = None) -> list[object]:
+    options = ["--objects", place / "mine", "--descriptions", place / "own", "--data", data or place / "data"]
+    return [*options, "--executor", "serial"]
 
 
 def changed(recipe: Path, place: Path, change: Callable[[dict[str, Any]], None], *, sealed: bool = True) -> Path:
@@ -90,13 +109,11 @@ def changed(recipe: Path, place: Path, change: Callable[[dict[str, Any]], None],
 
 def again(recipe: Path, remade: tuple[Path, str], *more: object) -> tuple[int, str]:
     """Run the same command with another recipe: rows of the same keys are not computed again."""
-    place, _ = remade
-    return vt("remake", recipe, "--objects", place / "mine", "--data", place / "data", "--executor", "serial", *more)
+    return vt("remake", recipe, *options_of(remade[0]), *more)
 
 
-def test_dataset_remade_by_other_workers_in_other_shards_is_equal(remade: tuple[Path, str]) -> None:
+def test_dataset_remade_in_other_shards_is_equal(remade: tuple[Path, str]) -> None:
     assert "16 rows compared, all equal" in remade[1]
-    assert "its sources are" not in remade[1]
     assert json.loads((remade[0] / "data" / "dataset.json").read_text()) == {"shards": 3}
 
 
@@ -129,7 +146,7 @@ def test_published_rows_are_compared_without_making_any(published: Path, remade:
 
 
 def test_sample_is_made_and_compared(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
-    code, said = vt("remake", published, "--objects", remade[0] / "mine", "--data", tmp_path / "d", "--sample", 1, "--executor", "serial")
+    code, said = vt("remake", published, *options_of(remade[0], tmp_path / "d"), "--sample", 1)
     assert code == 0, said
     assert "1 object of 4 to make" in said
     assert "4 rows compared, all equal" in said
@@ -142,7 +159,7 @@ def test_changed_byte_of_a_mesh_is_named(published: Path, remade: tuple[Path, st
     content[-1] ^= 1
     mesh.write_bytes(content)
     (tmp_path / "mine" / "box.mtl").write_text("newmtl skin\nKd 0.5 0.2 0.2\n")
-    code, said = vt("remake", published, "--objects", tmp_path / "mine", "--data", tmp_path / "d")
+    code, said = vt("remake", published, "--objects", tmp_path / "mine", "--descriptions", remade[0] / "own", "--data", tmp_path / "d")
     assert code == 1
     assert f"2 sources changed: ball: {mesh} has SHA-256" in said
     assert f"box: {tmp_path / 'mine' / 'box.obj'}, or a file that it names, has SHA-256" in said
@@ -153,13 +170,13 @@ def test_changed_byte_of_a_mesh_is_named(published: Path, remade: tuple[Path, st
 def test_missing_and_extra_sources_are_named(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
     shutil.copytree(remade[0] / "mine", tmp_path / "mine")
     (tmp_path / "mine" / "rod.stl").unlink()
-    code, said = vt("remake", published, "--objects", tmp_path / "mine", "--data", tmp_path / "d")
+    code, said = vt("remake", published, "--objects", tmp_path / "mine", "--descriptions", remade[0] / "own", "--data", tmp_path / "d")
     assert code == 1
     assert "1 object of the recipe not found (rod)" in said
     assert read_recipe(published).rows["rod"].source in said
     shutil.copytree(remade[0] / "mine", tmp_path / "mine", dirs_exist_ok=True)
     trimesh.creation.box().export(tmp_path / "mine" / "another.ply")
-    code, said = vt("remake", published, "--objects", tmp_path / "mine", "--data", tmp_path / "d")
+    code, said = vt("remake", published, "--objects", tmp_path / "mine", "--descriptions", remade[0] / "own", "--data", tmp_path / "d")
     assert code == 1
     assert "1 object not in the recipe (another)" in said
 
@@ -170,8 +187,7 @@ def test_changed_setting_is_named(published: Path, remade: tuple[Path, str], tmp
         content["stages"]["sample-surfaces"]["settings"]["points"] = 301
 
     other = changed(published, tmp_path, change, sealed=sealed)
-    options = ["--objects", remade[0] / "mine", "--data", tmp_path / "d", "--executor", "serial"]
-    code, said = vt("remake", other, *options, "--sample", 1)
+    code, said = vt("remake", other, *options_of(remade[0], tmp_path / "d"), "--sample", 1)
     assert code == 1
     if not sealed:
         assert "its sample-surfaces changed since it was written" in said
@@ -226,9 +242,9 @@ def test_dataset_of_other_code_has_no_recipe(published: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("place", "value", "message"),
     [
-        (("stages", "simulate-grasps", "settings", "hand"), "/etc/passwd", "there"),
+        (("stages", "simulate-grasps", "settings", "hand"), "/etc/passwd", "unknown hand /etc/passwd"),
         (("stages", "simulate-grasps", "settings", "hand"), "../hand.yaml", "unknown hand ../hand.yaml"),
-        (("stages", "simulate-grasps", "settings", "hand"), "my_hand.yaml", "give the folder that has it with --descriptions"),
+        (("stages", "simulate-grasps", "settings", "hand"), "my_hand.yaml", "there is no hand"),
         (("stages", "simulate-touch", "settings", "sensors"), ["/tmp/x.yaml"], "unknown sensor /tmp/x.yaml"),
         (("stages", "render-vision", "settings", "scene"), "~/scene.yaml", "unknown scene ~/scene.yaml"),
         (("manifest", "sources", 0, "path"), "/etc", "must be"),
@@ -237,7 +253,7 @@ def test_dataset_of_other_code_has_no_recipe(published: Path, tmp_path: Path) ->
         (("manifest", "name"), "a\x1b[2J", "steers how text is shown"),
         (("versions", "numpy"), "2; rm -rf ~", "versions.numpy: String should match pattern"),
         (("shards",), 2, "has 1 roots, its shards are 2"),
-        (("recipe",), 2, "is of version 2, 1 is read here"),
+        (("recipe",), 2, "is of version 2, this vt-pipeline reads 1"),
         (("stages", "sample-surfaces", "settings", "ponts"), 3, "there is no entry ponts, did you mean points?"),
         (("stages", "sample-surfaces", "code"), "x", "code: String should match pattern"),
         (("objects",), "", "it has no objects"),
@@ -280,8 +296,19 @@ def test_source_outside_its_folder_is_refused(published: Path, tmp_path: Path, s
         read_recipe(path)
 
 
-def test_own_hand_is_named_by_its_file_and_found_in_the_reader_s_folder(published: Path, tmp_path: Path) -> None:
-    assert source_hash({"procedural": "bottle", "variant": 0, "seed": 0}) == source_hash({"procedural": "bottle", "variant": 0, "seed": 0})
+def test_own_sensor_and_scene_are_named_by_their_files_and_must_be_the_publisher_s(
+    published: Path, remade: tuple[Path, str], tmp_path: Path
+) -> None:
+    stages = read_recipe(published).stages
+    said = {setting: stages[setting.partition(".")[0]].settings[setting.partition(".")[2]] for setting in OWN}
+    assert said == OWN
+    assert stages["simulate-touch"].settings["sensors"] is None  # those of the grasps
+    code, text = vt("remake", published, "--objects", remade[0] / "mine", "--data", tmp_path / "d")
+    assert (code, "simulate-grasps.sensor is the file my_gel.yaml; give the folder that has it" in text) == (1, True)
+    shutil.copytree(remade[0] / "own", tmp_path / "own")
+    (tmp_path / "own" / "my_gel.yaml").write_text((remade[0] / "own" / "my_gel.yaml").read_text().replace("diffuse: 1.0", "diffuse: 1.5"))
+    code, text = vt("remake", published, "--objects", remade[0] / "mine", "--descriptions", tmp_path / "own", "--data", tmp_path / "d")
+    assert (code, "simulate-grasps: the files of two_finger_gripper, my_gel.yaml are not those of the recipe" in text) == (1, True)
 
 
 def _other_digest(lines: str, name: str, column: int) -> str:
