@@ -87,7 +87,7 @@ def recipe_of(data: Place, manifest: str | None = None, objects: Path | None = N
     records = [shard.record for collection in collections for shard in collection.shards]
     digits = 64 if whole else SHORT
     rows = [
-        (item.object_id, RecipeRow(source_hash(item.source), tuple(c.row(item.object_id).digest[:digits] for c in collections)))
+        (item.object_id, RecipeRow(_readable_hash(item), tuple(c.row(item.object_id).digest[:digits] for c in collections)))
         for item in items
     ]
     return Recipe(
@@ -102,6 +102,13 @@ def recipe_of(data: Place, manifest: str | None = None, objects: Path | None = N
     )
 
 
+def _readable_hash(item: Object) -> str:
+    try:
+        return source_hash(item.source)
+    except (OSError, InvalidInput) as error:
+        raise InvalidInput(f"{item.object_id} cannot be published: {error}; remove its file, and run the stages again") from error
+
+
 def _artifact_of(stage: str) -> Any:
     return next(artifact for artifact in ARTIFACTS.values() if artifact.stage == stage)
 
@@ -110,7 +117,9 @@ def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data:
     """Ask for what a record says that was made."""
     stage: Any = load_stage(name)
     settings = stage.settings_type.model_validate(record.settings | record.speed_settings)
-    return Request(stage, settings, record.manifest, items, record.preset, record.seed, data)
+    return Request(
+        stage=stage, settings=settings, manifest=record.manifest, objects=items, preset=record.preset, seed=record.seed, data=data
+    )
 
 
 def _check_current(request: Request[ObjectStage]) -> None:

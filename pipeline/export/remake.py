@@ -215,7 +215,7 @@ def reasons(recipe: Recipe) -> list[str]:
     here = library_versions()
     lines = []
     if changed := [name for name, said in recipe.stages.items() if keys.code_hash(load_stage(name)) != said.code]:
-        lines.append(f"the code of {', '.join(changed)} is another; {_version_remedy(recipe)}, or the commit that it names")
+        lines.append(f"the code of {', '.join(changed)} is another; {_version_remedy(recipe)}, of the publisher's commit")
     for name, said in recipe.versions.items():
         if here.get(name) not in said.split(", ") and name != "vt-pipeline" and not (name in PHYSICS and here.keys() & set(PHYSICS)):
             lines.append(f"{name} is {here.get(name, 'not installed')} here, {said} there: pip install {name}=={said.split(', ')[0]}")
