@@ -17,7 +17,7 @@ from pipeline.engine import keys
 from pipeline.engine.stage import ObjectStage
 from pipeline.export.recipe_writing import DESCRIBED, source_hash
 from pipeline.export.remake import Remake, prepare_remake
-from pipeline.formats.description_file import shipped_files
+from pipeline.formats.description_file import parse_yaml, shipped_files
 from pipeline.store.directory import DataDirectory
 from stages.registry import DATASET, load_stage, resolve
 from tests.fuzz.target import Files, Target
@@ -87,7 +87,7 @@ def _recipe(sources: list[dict[str, object]], stages: int) -> str:
 
 def _seal(path: Path) -> None:
     with suppress(ValueError, yaml.YAMLError, RecursionError, TypeError):
-        content = yaml.load(path.read_bytes(), Loader=yaml.CSafeLoader)
+        content = parse_yaml(path.read_text())
         path.write_text(Recipe.model_validate(content).text())
 
 
