@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.engine.keys import NO_RESULTS, source_key, sources_hash
+from pipeline.engine.keys import NO_RESULTS, source_key, sources_hash, syntax
 from stages.registry import STAGES, load_stage
 
 ROOT = Path(__file__).parents[2]
@@ -93,7 +93,7 @@ def test_a_change_rehashes_what_it_decides_and_nothing_else(tmp_path):
 
 def test_code_is_hashed_alike_by_every_version_of_python() -> None:
     code = "def f(x, *, y=None) -> str:\n    'Say.'\n    return [f'{x!r:>3}', (), None]\n"
-    assert keys.syntax(ast.parse(code)) == (
+    assert syntax(ast.parse(code)) == (
         "(Module body=[(FunctionDef name='f' args=(arguments args=[(arg arg='x')] kwonlyargs=[(arg arg='y')] kw_defaults=[(Constant)]) "
         "body=[(Expr value=(Constant value='Say.')) (Return value=(List elts=[(JoinedStr values=[(FormattedValue value=(Name id='x' "
         "ctx=(Load)) conversion=114 format_spec=(JoinedStr values=[(Constant value='>3')]))]) (Tuple ctx=(Load)) (Constant)] "
