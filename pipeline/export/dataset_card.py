@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from rich.markup import escape
 
 from pipeline.config.manifest import without_controls
-from pipeline.console import Table
+from pipeline.console import Table, errors
 from pipeline.dataset.touch_statistics import sensors_of, tally
+from pipeline.errors import PipelineError
 from pipeline.export.grasp_frames import Column, GraspFrames
 from pipeline.reports.contact_sheet import SHOWN, draw_contact_sheet
 from pipeline.reports.touch_tables import touch_tables
@@ -150,11 +152,14 @@ def meaning_of(column: str) -> tuple[str, str]:
 
 
 def write_card(data: Place, facts: Facts, about: About, folder: Path) -> None:
-    """Write README.md, and a picture where images and touches were made."""
-    made = {artifact.name for artifact in DataDirectory(data).artifacts()}
-    drawn = made.issuperset(SHOWN)
+    """Write README.md, and a picture where images and touches were made and hand and scene can be drawn here."""
+    drawn = {artifact.name for artifact in DataDirectory(data).artifacts()}.issuperset(SHOWN)
     if drawn:
-        draw_contact_sheet(data, SHOWN_OBJECTS, folder / PICTURE)
+        try:
+            draw_contact_sheet(data, SHOWN_OBJECTS, folder / PICTURE)
+        except PipelineError as error:
+            errors.print(f"[yellow]warning:[/] the card has no picture: {escape(str(error))}")
+            drawn = False
     (folder / "README.md").write_text(card(facts, about, picture=drawn))
 
 

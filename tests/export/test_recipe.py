@@ -117,6 +117,14 @@ def test_dataset_remade_in_other_shards_is_equal(remade: tuple[Path, str]) -> No
     assert json.loads((remade[0] / "data" / "dataset.json").read_text()) == {"shards": 3}
 
 
+@pytest.mark.slow
+def test_dataset_remade_by_two_workers_is_equal(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+    options = [one for one in options_of(remade[0], tmp_path / "d") if one not in ("--executor", "serial")]
+    code, said = vt("remake", published, *options, "--workers", 2, "--shards", 2)
+    assert code == 0, said
+    assert "16 rows compared, all equal" in said
+
+
 def test_recipe_is_small_and_its_own_content_again(published: Path) -> None:
     text = published.read_text()
     assert read_recipe(published).text() == text
