@@ -8,18 +8,18 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli import advise, calibrate, check, export, inspection, learn, run, submit, tradeoff
+from pipeline.cli import advise, calibrate, check, export, inspection, learn, recipe, run, submit, tradeoff
 from pipeline.cli.failures import AGAIN, KEPT, failures_as_words
 
 PANELS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Make": (run.run, submit.submit, tradeoff.tradeoff, advise.advise),
+    "Make": (run.run, submit.submit, recipe.remake, tradeoff.tradeoff, advise.advise),
     "Learn": (learn.sweep, learn.report, learn.predict),
     "Describe": (check.check, calibrate.calibrate_sensor, inspection.stages),
-    "Look and export": (inspection.status, inspection.summary, export.view, export.export),
+    "Look and export": (inspection.status, inspection.summary, export.view, export.export, recipe.recipe),
     "Maintain": (inspection.validate, inspection.reshard, inspection.collect_garbage, inspection.doctor),
 }
 
-CONTINUED = (run.run, submit.submit, tradeoff.tradeoff, learn.sweep, learn.report, export.export, inspection.reshard)
+CONTINUED = (run.run, submit.submit, recipe.remake, tradeoff.tradeoff, learn.sweep, learn.report, export.export, inspection.reshard)
 """Commands that keep what they made when they are stopped, and continue from there."""
 
 app = typer.Typer(

@@ -12,6 +12,7 @@ from pipeline.cli.completion import complete_made_object
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
 from pipeline.console import print_line
+from pipeline.formats.description_file import read_description
 from pipeline.store.atomic import UNFINISHED, written_to
 from pipeline.store.storage import names_in, place
 
@@ -48,12 +49,17 @@ def export(
     objects: Annotated[
         list[str] | None, typer.Option("--object", help="With --to mesh: this object alone; several times for several.")
     ] = None,
+    about: Annotated[
+        Path | None, typer.Option(help="With --to parquet: a YAML file with title, creators, url, licence … for card and Croissant.")
+    ] = None,
 ) -> None:
     """Write a dataset for other programs.
 
     The formats are LeRobot v3, Hugging Face parquet, WebDataset shards and glTF scenes, all lossless; and grasps for robots: arrays in each
     object's own frame, or the files of DexGraspBench.
     """
+    from pipeline.export.croissant import write_croissant
+    from pipeline.export.dataset_card import About, facts_of, write_card
     from pipeline.export.grasp_files import GraspedObjects, write_dexgraspbench, write_grasps
     from pipeline.export.grasp_frames import GraspFrames
     from pipeline.export.lerobot_files import write_lerobot
@@ -72,9 +78,20 @@ def export(
         return
     if objects:
         fail(f"--object is for --to mesh; --to {to} writes the whole dataset")
+    if about and to != "parquet":
+        fail(f"--about is for --to parquet; --to {to} writes no card")
+    told = read_description("about", about, About) if about else About()
     robots = {"grasps": write_grasps, "dexgraspbench": write_dexgraspbench}
     tables = {"lerobot": write_lerobot, "parquet": write_parquet, "webdataset": write_webdataset}
-    write = partial(robots[to], GraspedObjects(place(data))) if to in robots else partial(tables[to], GraspFrames(place(data)))
+    frames = None if to in robots else GraspFrames(place(data))
+    write = partial(tables[to], frames) if frames else partial(robots[to], GraspedObjects(place(data)))
     with written_to(out) as folder:
         count = write(folder)
+        if to == "parquet" and frames:
+            facts = facts_of(place(data), frames)
+            write_card(place(data), facts, told, folder)
+            write_croissant(facts, told, folder)
     print_line(f"{out}: {count} grasps")
+    lacking = [name for name in ("url", "creators", "licence", "published") if not getattr(told, name)]
+    if to == "parquet" and lacking:
+        print_line(f"README.md and croissant.json lack {', '.join(lacking)}, which only you know: give --about FILE with these entries")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -88,14 +89,19 @@ def collect_garbage(
 def validate(
     data: DataArgument,
     strict: Annotated[bool, typer.Option(help="Object to artifacts that several kinds of processors computed, too.")] = False,
+    recipe: Annotated[Path | None, typer.Option(help="Compare the rows with those of this recipe, too.")] = None,
 ) -> None:
     """Check a data directory against schemas and digests.
 
     Exits with status 1 if a check fails.
     """
+    from pipeline.cli.recipe import print_comparison
+    from pipeline.dataset.recipe import read_recipe
+    from pipeline.dataset.recipe_comparison import compare
     from pipeline.reports.report_pages import report_problems
     from pipeline.store.validate import problems_below
 
+    told = read_recipe(recipe) if recipe else None
     found = problems_below(place(data), strict=strict)
     if found:
         found |= report_problems(place(data))
@@ -105,7 +111,8 @@ def validate(
             print_line(f"  {line}")
     if not found:
         fail(f"{place(data).resolve()} holds no records; looked for ARTIFACT/NNNN-of-NNNN.json")
-    if any(found.values()):
+    equal = told is None or print_comparison(compare(told, DataDirectory(data)), recipe)
+    if any(found.values()) or not equal:
         raise typer.Exit(1)
 
 

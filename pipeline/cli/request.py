@@ -82,6 +82,13 @@ class ExecutorName(StrEnum):
     dask = "dask"
 
 
+ExecutorOption = Annotated[ExecutorName, typer.Option(help="dask: worker processes; serial: this process alone.", rich_help_panel=RUN)]
+WorkersOption = Annotated[int, typer.Option(min=0, help="Worker processes on this machine; 0 for one per core.", rich_help_panel=RUN)]
+ShardsOption = Annotated[
+    int | None, typer.Option(min=1, max=9999, help="Number of shards; by default the dataset's, or 1.", rich_help_panel=RUN)
+]
+
+
 def make_request(
     stage: S,
     manifest: str,

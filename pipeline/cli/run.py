@@ -18,13 +18,16 @@ from pipeline.cli.request import (
     RUN,
     DataOption,
     ExecutorName,
+    ExecutorOption,
     ManifestOption,
     ObjectsOption,
     PresetOption,
     SeedOption,
     SetOption,
+    ShardsOption,
     UnitsOption,
     UpOption,
+    WorkersOption,
     make_executor,
     make_request,
 )
@@ -49,13 +52,9 @@ def run(
     data: DataOption = None,
     objects: ObjectsOption = None,
     shard: Annotated[int | None, typer.Option(min=0, help="Only this shard of --shards.", rich_help_panel=RUN)] = None,
-    shards: Annotated[
-        int | None, typer.Option(min=1, max=9999, help="Number of shards; by default the dataset's, or 1.", rich_help_panel=RUN)
-    ] = None,
-    executor: Annotated[
-        ExecutorName, typer.Option(help="dask: worker processes; serial: this process alone.", rich_help_panel=RUN)
-    ] = ExecutorName.dask,
-    workers: Annotated[int, typer.Option(min=0, help="Worker processes on this machine; 0 for one per core.", rich_help_panel=RUN)] = 0,
+    shards: ShardsOption = None,
+    executor: ExecutorOption = ExecutorName.dask,
+    workers: WorkersOption = 0,
     scheduler: Annotated[
         str | None, typer.Option(help="Use the workers of this Dask scheduler, such as tls://HOST:8786.", rich_help_panel=RUN)
     ] = None,

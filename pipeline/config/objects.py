@@ -31,11 +31,11 @@ def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     InvalidInput, OSError
         A file is missing, no regular file or too large, or cannot be read.
     """
+    stated = {name: value for name, value in source.items() if name not in ("root", "renderings", "licence")}
     if "file" not in source:
-        return dict(source)
+        return stated
     companions = Companions(Path(source["file"]), Path(source["root"]))
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in companions.items()}
-    stated = {name: value for name, value in source.items() if name not in ("root", "renderings", "licence")}
     return {**stated, "file": {"sha256": companions.sha256, "companions": digests}}
 
 

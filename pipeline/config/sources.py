@@ -30,6 +30,8 @@ class Source(BaseModel):
     """Of the meshes; recorded with every object."""
     sha256: str | None = Field(None, pattern="[0-9a-f]{64}")
     """Checksum of all mesh files together, where they are known beforehand; if theirs is another, the error states it."""
+    url: str | None = Field(None, pattern="^https?://[!-~]{1,1000}$")
+    """Where its files can be had, for whoever makes the dataset again from its recipe: the address of a web page."""
 
     @abstractmethod
     def each(self, root: Path | None) -> Iterator[Object]:
@@ -90,7 +92,7 @@ class Procedural(Source):
         """List every variant of every category."""
         for category, count in self.count.items():
             for number in range(count):
-                source = {"procedural": category, "variant": number, "seed": self.seed}
+                source = {"procedural": category, "variant": number, "seed": self.seed, "licence": self.licence}
                 yield Object(f"{category}-{number:04d}", category, source)
 
 

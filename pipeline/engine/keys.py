@@ -70,7 +70,15 @@ def _parsed(package: str, path: Path, changed: int) -> tuple[str, tuple[str, ...
     if path.suffix != ".py":  # compiled
         return hashlib.sha256(path.read_bytes()).hexdigest(), ()
     tree = ast.parse(path.read_text())
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), tuple(_imports(tree, package))
+    return hashlib.sha256(syntax(tree).encode()).hexdigest(), tuple(_imports(tree, package))
+
+
+def syntax(node: object) -> str:
+    """Write a syntax tree the same way on every version of Python: `ast.dump` names fields that others lack where they are empty."""
+    if isinstance(node, ast.AST):
+        fields = (f" {name}={syntax(value)}" for name, value in ast.iter_fields(node) if value is not None and value != [])
+        return f"({type(node).__name__}{''.join(fields)})"
+    return f"[{' '.join(map(syntax, node))}]" if isinstance(node, list) else repr(node)
 
 
 def _imports(tree: ast.Module, package: str) -> Iterable[str]:

@@ -17,7 +17,7 @@ from pipeline import plugins
 from pipeline.errors import InvalidInput, meant
 from pipeline.formats.file_content import read_file
 
-Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation"]
+Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation", "about"]
 Model = TypeVar("Model", bound=BaseModel)
 
 MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40
@@ -114,14 +114,27 @@ def entries_of(model: type[BaseModel]) -> str:
 
 
 def read_yaml(path: Path) -> Any:
-    """Read a YAML file without aliases, which a few hundred bytes of can stand for gigabytes.
+    """Read a YAML file; see `parse_yaml`.
 
     Raises
     ------
     ValueError, yaml.YAMLError
         It cannot be read, is too large or too deep, has aliases, or is not YAML.
     """
-    text, depth = read_file(path, MAX_BYTES).decode(), 0
+    return parse_yaml(read_file(path, MAX_BYTES).decode())
+
+
+def parse_yaml(text: str) -> Any:
+    """Parse YAML without aliases, which a few hundred bytes of can stand for gigabytes.
+
+    Raises
+    ------
+    ValueError, yaml.YAMLError
+        It is too large or too deep, has aliases, or is not YAML.
+    """
+    if len(text) > MAX_BYTES:
+        raise ValueError(f"it has {len(text)} characters; {MAX_BYTES} are the most that are read")
+    depth = 0
     for event in yaml.parse(text, Loader=yaml.CSafeLoader):
         if isinstance(event, yaml.AliasEvent):
             raise ValueError(f"it has an alias, *{event.anchor}; write out what it stands for")

@@ -55,15 +55,7 @@ def contact_sheets(data: Place, most: int) -> list[Place]:
     StoreError
         An artifact has not been made, or no object came through all stages.
     """
-    directory = DataDirectory(data)
-    collections = {name: directory.collection(ARTIFACTS[name]) for name in SHOWN}
-    for collection in collections.values():
-        collection.first  # noqa: B018 (an error where it has not been made)
-    directory.check_origins(SHOWN)
-    sound = [name for name in collections["surfaces"] if all(c.failure(name) is None for c in collections.values())]
-    if not sound:
-        raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status` says why")
-    shown = spread_evenly(sound, most)
+    collections, shown = _shown(data, most)
     key = digest.of_json([sources_hash(__name__), shown, [collection.digest() for collection in collections.values()]])
     drawn = _read_drawn(data / DRAWN)
     if drawn is None or not drawn.is_up_to_date(key, changed_files(data, drawn.files)):
@@ -76,6 +68,24 @@ def contact_sheets(data: Place, most: int) -> list[Place]:
                     remove(data / old)
         drawn = made
     return [data / name for name in drawn.files]
+
+
+def draw_contact_sheet(data: Place, most: int, path: Path) -> list[Path]:
+    """Draw such a sheet into a file elsewhere; later pages are called NAME-2.png and so on. Errors are those of `contact_sheets`."""
+    return _draw(*_shown(data, most), path)
+
+
+def _shown(data: Place, most: int) -> tuple[dict[str, Collection], list[str]]:
+    """Choose the objects to draw."""
+    directory = DataDirectory(data)
+    collections = {name: directory.collection(ARTIFACTS[name]) for name in SHOWN}
+    for collection in collections.values():
+        collection.first  # noqa: B018 (an error where it has not been made)
+    directory.check_origins(SHOWN)
+    sound = [name for name in collections["surfaces"] if all(c.failure(name) is None for c in collections.values())]
+    if not sound:
+        raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status` says why")
+    return collections, spread_evenly(sound, most)
 
 
 def _read_drawn(path: Place) -> Sheets | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import shutil
 import subprocess
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.engine.keys import NO_RESULTS, source_key, sources_hash
+from pipeline.engine.keys import NO_RESULTS, source_key, sources_hash, syntax
 from stages.registry import STAGES, load_stage
 
 ROOT = Path(__file__).parents[2]
@@ -88,3 +89,13 @@ def test_a_change_rehashes_what_it_decides_and_nothing_else(tmp_path):
     assert "stages.render_vision.stage" not in found["pipeline/rng.py"]
     assert set(expected.pop("pipeline/rng.py")) <= set(found.pop("pipeline/rng.py"))
     assert found == expected
+
+
+def test_code_is_hashed_alike_by_every_version_of_python() -> None:
+    code = "def f(x, *, y=None) -> str:\n    'Say.'\n    return [f'{x!r:>3}', (), None]\n"
+    assert syntax(ast.parse(code)) == (
+        "(Module body=[(FunctionDef name='f' args=(arguments args=[(arg arg='x')] kwonlyargs=[(arg arg='y')] kw_defaults=[(Constant)]) "
+        "body=[(Expr value=(Constant value='Say.')) (Return value=(List elts=[(JoinedStr values=[(FormattedValue value=(Name id='x' "
+        "ctx=(Load)) conversion=114 format_spec=(JoinedStr values=[(Constant value='>3')]))]) (Tuple ctx=(Load)) (Constant)] "
+        "ctx=(Load)))] returns=(Name id='str' ctx=(Load)))])"
+    )

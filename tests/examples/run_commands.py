@@ -21,6 +21,7 @@ GUIDES = (
     "learning",
     "own-photographs",
     "other-programs",
+    "recipes",
     "hand-sensor-camera",
     "speed-and-accuracy",
     "installing",

@@ -5,12 +5,15 @@ The file's name keeps it from being collected by `make test`: LeRobot, `datasets
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
 import types
+from pathlib import Path
 
 import datasets
+import mlcroissant
 import numpy as np
 import pytest
 import torch
@@ -79,9 +82,29 @@ def test_lerobot_reads_every_frame_as_it_is_stored(lerobot, data, stored, tmp_pa
         assert item["task"] == f"grasp a {item['category']}"
 
 
-def test_hugging_face_reads_every_row_as_it_is_stored(data, stored, tmp_path):  # noqa: F811
-    vt("export", data, tmp_path / "out", "--to", "parquet")
-    read = datasets.load_dataset(str(tmp_path / "out"), cache_dir=str(tmp_path / "cache"))
+@pytest.fixture
+def exported(data, tmp_path) -> Path:  # noqa: F811
+    about = {"creators": ["A. Person"], "url": "https://example.org", "licence": "https://spdx.org/licenses/CC0-1.0"}
+    (tmp_path / "about.yaml").write_text(json.dumps(about | {"published": "2026-11-26"}))
+    vt("export", data, tmp_path / "out", "--to", "parquet", "--about", tmp_path / "about.yaml")
+    return tmp_path / "out"
+
+
+@pytest.mark.filterwarnings("ignore")  # of its libraries
+def test_croissant_is_valid_and_reads_every_row_as_it_is_stored(exported, stored):
+    read = mlcroissant.Dataset(exported / "croissant.json")
+    issues = read.metadata.ctx.issues
+    assert (issues.errors, issues.warnings) == (set(), set())
+    records = list(read.records("test"))
+    assert len(records) == 10
+    for record in records:
+        row = {name.partition("/")[2]: value for name, value in record.items()}
+        found = {name: value for name, value in row.items() if name in stored.arrays or "." in name}
+        check(stored, row["object_id"].decode(), row["grasp"], found)
+
+
+def test_hugging_face_reads_every_row_as_it_is_stored(exported, stored, tmp_path):
+    read = datasets.load_dataset(str(exported), cache_dir=str(tmp_path / "cache"))
     assert {split: len(rows) for split, rows in read.items()} == {"test": 10}
     for row in read["test"]:
         check(stored, row["object_id"], row["grasp"], {name: value for name, value in row.items() if name in stored.arrays or "." in name})

@@ -1,0 +1,96 @@
+"""`vt-pipeline recipe` and `vt-pipeline remake`: publish a dataset as what makes it, make it again, compare."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from pipeline.cli.request import DataArgument, ExecutorName, ExecutorOption, ObjectsOption, ShardsOption, WorkersOption, make_executor
+from pipeline.cli.run import run_plan
+from pipeline.console import abbreviate, console, pluralise, print_line
+from pipeline.dataset.recipe import read_recipe
+from pipeline.dataset.recipe_comparison import Comparison, compare
+from pipeline.engine.run import make_plans
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import place
+
+
+def recipe(
+    data: DataArgument,
+    manifest: Annotated[str | None, typer.Option(help="Its manifest; by default the one that its records name.")] = None,
+    objects: ObjectsOption = None,
+    rows: Annotated[bool, typer.Option(help="Write the whole digest of every row, not its first 16 digits.")] = False,
+) -> None:
+    """Print a dataset's recipe: what makes it, and digests.
+
+    `vt-pipeline remake` makes the dataset from it again. Redirect it into a file, such as my.recipe.yaml.
+    """
+    from pipeline.export.recipe_writing import recipe_of
+
+    typer.echo(recipe_of(place(data), manifest, objects, whole=rows).text(), nl=False)
+
+
+def remake(
+    recipe: Annotated[Path, typer.Argument(help="A recipe, as `vt-pipeline recipe` prints it.")],
+    data: Annotated[str, typer.Option(help="Directory or s3://BUCKET/PREFIX to make the dataset in.")],
+    objects: ObjectsOption = None,
+    descriptions: Annotated[
+        Path | None, typer.Option(help="Folder of the hand, sensor and scene files that the recipe names and that come with no package.")
+    ] = None,
+    sample: Annotated[int | None, typer.Option(min=1, help="Make this many objects, drawn at random, and compare them.")] = None,
+    shards: ShardsOption = None,
+    executor: ExecutorOption = ExecutorName.dask,
+    workers: WorkersOption = 0,
+) -> None:
+    """Make a dataset again from its recipe, and compare digests.
+
+    First the sources are compared with the recipe's. Exits with status 1 if a row differs.
+    """
+    from pipeline.export.remake import prepare_remake, reasons, unusual_settings
+
+    told = read_recipe(recipe)
+    asked = prepare_remake(told, objects and objects.expanduser(), descriptions and descriptions.expanduser(), sample)
+    where, differences = place(data), reasons(told)
+    print_line(f"{recipe}: {pluralise(len(asked.items))} of {len(told.rows)} to make; their sources are those of the recipe")
+    for line in differences:
+        print_line(f"  {line}")
+    with make_executor(executor, workers, None) as processes:
+        for request in asked.requests(where, shards, processes):
+            for plan in make_plans(request):
+                run_plan(plan)
+    found = compare(told, DataDirectory(where), [item.object_id for item in asked.items] if asked.sampled else None)
+    if print_comparison(found, recipe):
+        return
+    for line in differences or ["code and libraries are those of the recipe: then a setting or digest in it is wrong, or the processor"]:
+        print_line(f"  may come of this: {line}")
+    for stage in () if differences else found.differing:
+        if settings := unusual_settings(told, stage):
+            print_line(f"  settings of {stage} that differ from preset {told.preset}: {', '.join(settings)}")
+    raise typer.Exit(1)
+
+
+def print_comparison(found: Comparison, recipe: object) -> bool:
+    """Print how a data directory differs from a recipe; tell whether it does not."""
+    if found.equal:
+        print_line(f"{recipe}: {pluralise(found.compared, 'row')} compared, all equal")
+        return True
+    console.print(f"{escape(str(recipe))}: [red]differs[/] in {escape(_counted(found))}")
+    for stage, names in found.absent.items():
+        print_line(f"  {stage}: no row of {abbreviate(names)} ({pluralise(len(names))}); run the stage, or remake the dataset")
+    for stage, names in found.differing.items():
+        print_line(f"  {stage}: other rows of {', '.join(names)}")
+    if found.following:
+        print_line(
+            f"  {pluralise(found.following, 'row')} of later stages, made from these, {'differ' if found.following > 1 else 'differs'} too"
+        )
+    for line in found.remarks:
+        print_line(f"  {line}")
+    return False
+
+
+def _counted(found: Comparison) -> str:
+    rows = sum(map(len, found.differing.values())) + found.following
+    return f"{rows} of {pluralise(found.compared, 'row')}"

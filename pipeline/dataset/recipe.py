@@ -1,0 +1,234 @@
+"""Recipes: a dataset as what makes it, with the digests that prove it.
+
+A recipe is a YAML file of a few kilobytes, and of a line per object. It may come from a stranger: no name in it is a path outside the
+folders that its user gives.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, ValidationError
+
+from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
+from pipeline.config.manifest import OBJECT_ID, Manifest
+from pipeline.config.sources import Pybullet
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, parse_yaml
+from pipeline.formats.file_content import read_file
+from pipeline.store import digest
+from pipeline.store.record import Name, Sha256, Text
+from pipeline.store.reshard import shard_of
+
+MAX_BYTES = 2**28
+"""Of a recipe: 200 bytes for each of a million objects, and some more."""
+
+SHORT = 16
+"""Hexadecimal digits of a row's digest in a recipe, which name a row that differs; the roots, of 64 digits, are the proof."""
+
+OBJECTS = "\nobjects: |\n"
+"""What parts the head of a recipe from the lines of its objects."""
+
+_LINE = re.compile(rf"({OBJECT_ID.pattern}) ([0-9a-f]{{64}}(?:\+[0-9a-f]{{16}})?|~[0-9a-f]{{16}})((?: [0-9a-f]{{16}}(?:[0-9a-f]{{48}})?)+)")
+
+
+class StageRecipe(BaseModel):
+    """What a stage made, of which settings, code and files.
+
+    Attributes
+    ----------
+    settings
+        Those that results depend on. A hand, sensor or scene that does not come with a package is the name of a file.
+    schema_version
+        Of the artifact.
+    code
+        The hash of the stage's code.
+    files
+        The hash of the contents of its hand, sensor and scene files.
+    constants
+        The digest of the arrays without an object dimension.
+    roots
+        One digest per shard, of the digests and splits of its rows and of the constants.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    settings: dict[Name, JsonValue]
+    schema_version: int
+    code: Sha256
+    files: Sha256
+    constants: Sha256
+    roots: tuple[Sha256, ...]
+
+
+class RecipeRow(NamedTuple):
+    """An object of a recipe: the hash of its source, and the digest of its row in the artifact of each stage, whole or its beginning."""
+
+    source: str
+    digests: tuple[str, ...]
+
+
+def _with_safe_paths(manifest: Manifest) -> Manifest:
+    """Refuse sources that name files elsewhere than below the folder that the user gives, or below the package that holds them."""
+    for source in manifest.sources:
+        names: list[str | None] = []
+        match source:
+            case Pybullet():
+                names = [entry.file for entry in source.files.values()]
+            case ShapeNet():
+                names = [*source.synsets.values(), source.renderings, None if source.meshes == "." else source.meshes]
+        if isinstance(source, Directory | Catalogue | ShapeNet) and source.path is not None:
+            names += [str(source.path)]
+            if len(source.path.parts) != 1:
+                raise ValueError(f"path {str(source.path)!r} of a source must be the name of a folder")
+        for name in names:
+            if name is not None and not _is_below(name):
+                raise ValueError(f"{name!r} of a {source.kind} source must be a path below its folder, without .., ~ or a leading /")
+    return manifest
+
+
+def _is_below(name: str) -> bool:
+    return not name.startswith("~") and "\0" not in name and "\\" not in name and not {"", ".", ".."} & set(name.split("/"))
+
+
+class Recipe(BaseModel):
+    """A dataset as what makes it.
+
+    Attributes
+    ----------
+    recipe
+        The format's version.
+    manifest
+        The objects. A folder of meshes has no path here, or the name of its folder where there are several.
+    preset
+        From which the settings began: a name for readers.
+    seed
+        The root seed.
+    shards
+        Into how many shards the objects were split; a remade dataset may have another number.
+    stages
+        By name, in their order.
+    versions
+        Of the libraries that results may depend on; of several, all, between commas.
+    processors
+        The kinds of processors that computed rows.
+    checksums
+        The hash of every other entry, each stage being one.
+    objects
+        A line per object, in order of their ids: its id, source and rows (`rows`).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    recipe: Literal[1] = 1
+    manifest: Annotated[Manifest, AfterValidator(_with_safe_paths)]
+    preset: Text
+    seed: int = Field(ge=0)
+    shards: int = Field(ge=1, le=9999)
+    stages: dict[Name, StageRecipe] = Field(min_length=1, max_length=20)
+    versions: dict[Name, Annotated[str, Field(pattern=r"^[A-Za-z0-9.+!_-]{1,60}(, [A-Za-z0-9.+!_-]{1,60})*$")]]
+    processors: tuple[Annotated[Text, Field(max_length=2000)], ...] = ()
+    checksums: dict[Name, Sha256] = {}
+    objects: str
+
+    @cached_property
+    def rows(self) -> Mapping[str, RecipeRow]:
+        """The objects by id; an `InvalidInput` names the first line that cannot be used."""
+        return dict(self._parsed())
+
+    def _parsed(self) -> Iterator[tuple[str, RecipeRow]]:
+        before = ""
+        for number, line in enumerate(self.objects.splitlines(), 1):
+            match = _LINE.fullmatch(line)
+            digests = tuple(match[3].split()) if match else ()
+            if not match or not OBJECT_ID.fullmatch(match[1]) or len(digests) != len(self.stages):
+                wanted = f"an id, its source's hash and {len(self.stages)} digests"
+                raise InvalidInput(f"line {number} of its objects, {line[:80]!r}, must have {wanted}")
+            if match[1] <= before:
+                raise InvalidInput(f"line {number} of its objects: {match[1]} follows {before}; they must be in order, each once")
+            before = match[1]
+            yield before, RecipeRow(match[2], digests)
+        if not before:
+            raise InvalidInput("it has no objects")
+
+    def parts(self) -> dict[str, str]:
+        """Compute the hashes for `checksums`."""
+        content = self.model_dump(mode="json", exclude={"checksums"})
+        stages = content.pop("stages")
+        return {name: digest.of_json(value) for name, value in {**content, **stages}.items()}
+
+    def text(self) -> str:
+        """Write the recipe as YAML, with its checksums."""
+        head = self.model_dump(mode="json", exclude={"objects", "checksums", "manifest"})
+        manifest = self.manifest.model_dump(mode="json", exclude_none=True)
+        content = {"recipe": head.pop("recipe"), "manifest": manifest, **head, "checksums": self.parts()}
+        entries = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=140)
+        lines = "".join(f"  {line}\n" for line in self.objects.splitlines())
+        about = "# Makes a dataset of visuotactile grasps again and compares it: vt-pipeline remake THIS-FILE --data FOLDER"
+        return f"{about}\n{entries.rstrip()}{OBJECTS}{lines}"
+
+
+def read_recipe(path: Path) -> Recipe:
+    """Read a recipe.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read, is no recipe, has an entry that cannot be used, or was changed since it was written; the message names
+        the file and every such entry.
+    """
+    try:
+        head, _, lines = read_file(path, MAX_BYTES).decode().partition(OBJECTS)
+        content = parse_yaml(head)
+    except (ValueError, yaml.YAMLError) as error:
+        raise InvalidInput(f"recipe {path} cannot be read as YAML: {error}") from error
+    if not isinstance(content, dict) or "recipe" not in content:
+        raise InvalidInput(f"{path} is no recipe: it has no entry `recipe`; `vt-pipeline recipe DATA > FILE` writes one")
+    if content["recipe"] != 1:
+        raise InvalidInput(
+            f"recipe {path} is of version {content['recipe']!r:.40}, this vt-pipeline reads 1; use the version that wrote it"
+        )
+    try:
+        found = Recipe.model_validate({**content, "objects": "".join(line.removeprefix("  ") for line in lines.splitlines(True))})
+        found.rows  # noqa: B018 (an error where a line cannot be used)
+        changed = sorted(name for name, value in found.parts().items() if found.checksums.get(name) != value)
+    except ValidationError as error:
+        raise InvalidInput(f"recipe {path}: {invalid_entries(error, entry_names(Recipe))}. {entries_of(Recipe)}") from error
+    except ValueError as error:
+        raise InvalidInput(f"recipe {path}: {error}") from error
+    if wrong := [name for name, stage in found.stages.items() if len(stage.roots) != found.shards]:
+        raise InvalidInput(f"recipe {path}: {wrong[0]} has {len(found.stages[wrong[0]].roots)} roots, its shards are {found.shards}")
+    if changed:
+        raise InvalidInput(
+            f"recipe {path}: its {', '.join(changed)} changed since it was written, by hand or on its way; get it again where it was "
+            "published. For a dataset of your own, change a manifest and settings, make it, and write its recipe"
+        )
+    return found
+
+
+def object_lines(rows: Iterable[tuple[str, RecipeRow]]) -> str:
+    """Write the lines of objects, in order of their ids."""
+    return "".join(f"{name} {row.source} {' '.join(row.digests)}\n" for name, row in sorted(rows))
+
+
+def roots_of(rows: Mapping[str, tuple[str, str]], constants: str, shards: int) -> tuple[str, ...]:
+    """Compute the root of each shard.
+
+    Parameters
+    ----------
+    rows
+        The digest of each object's row, and its split.
+    constants
+        The digest of the arrays without an object dimension.
+    shards
+        Into how many the objects are split, whatever number they are stored in.
+    """
+    members: list[list[tuple[str, str]]] = [[] for _ in range(shards)]
+    for name, (made, split) in rows.items():
+        members[shard_of(name, shards)].append((name, f"{made} {split}"))
+    return tuple(digest.of_rows(members[number], {"constants": constants}) for number in range(shards))

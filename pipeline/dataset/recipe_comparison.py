@@ -1,0 +1,107 @@
+"""How the rows of a data directory, remade or published, differ from those of a recipe."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+
+from pipeline.console import abbreviate, pluralise
+from pipeline.dataset.recipe import Recipe, roots_of
+from pipeline.errors import InvalidInput
+from pipeline.store.directory import DataDirectory
+from pipeline.store.reshard import shard_of
+from schemas.catalogue import ARTIFACTS
+
+
+@dataclass
+class Comparison:
+    """How a data directory differs from a recipe.
+
+    Attributes
+    ----------
+    compared
+        How many rows were looked at.
+    differing
+        Objects by the first stage in which their row differs.
+    following
+        How many rows of later stages differ too.
+    absent
+        Objects without a row, by stage.
+    remarks
+        What else differs, as sentences.
+    """
+
+    compared: int = 0
+    differing: dict[str, list[str]] = field(default_factory=dict)
+    following: int = 0
+    absent: dict[str, list[str]] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+
+    @property
+    def equal(self) -> bool:
+        """Whether nothing differs."""
+        return not (self.differing or self.absent or self.remarks)
+
+
+def compare(recipe: Recipe, directory: DataDirectory, names: Collection[str] | None = None) -> Comparison:
+    """Compare the digests of a data directory's records with those of a recipe.
+
+    Parameters
+    ----------
+    recipe
+        The recipe.
+    directory
+        Remade, or published. Its records are read, no arrays: `validate` compares these with the records.
+    names
+        The rows of these objects alone, without the roots; by default all.
+
+    Raises
+    ------
+    StoreError
+        A record cannot be read.
+    """
+    found, seen = Comparison(), set[str]()
+    looked_at = recipe.rows.keys() if names is None else names
+    made_by = {artifact.stage: artifact for artifact in ARTIFACTS.values()}
+    for number, (stage, said) in enumerate(recipe.stages.items()):
+        if stage not in made_by:
+            raise InvalidInput(f"no artifact here is made by {stage}, which the recipe has; use the version that wrote it")
+        collection = directory.collection(made_by[stage])
+        there = {name: (collection.row(name).digest, collection.row(name).split) for name in collection}
+        present = [name for name in looked_at if name in there]
+        if len(present) < len(looked_at):
+            found.absent[stage] = [name for name in looked_at if name not in there]
+        if not present:
+            continue
+        found.compared += len(present)
+        differing = [name for name in present if not there[name][0].startswith(recipe.rows[name].digests[number])]
+        constants = collection.first.record.constants_digest
+        if constants != said.constants:
+            found.remarks.append(f"{stage}: the arrays that all objects share differ")
+        if names is None and len(present) == len(looked_at):
+            if extra := sorted(there.keys() - recipe.rows.keys()):
+                found.remarks.append(f"{stage}: {pluralise(len(extra))} not in the recipe ({abbreviate(extra)})")
+            shared = constants if constants == said.constants else said.constants  # the remark above says that they differ
+            mine = roots_of({name: there[name] for name in recipe.rows}, shared, recipe.shards)
+            agrees = [root == theirs for root, theirs in zip(mine, said.roots, strict=True)]
+            differing = _without_misprints(stage, differing, agrees, found)
+        if first := [name for name in differing if name not in seen]:
+            found.differing[stage] = first
+        found.following += len(differing) - len(first)
+        seen.update(differing)
+    return found
+
+
+def _without_misprints(stage: str, differing: list[str], agrees: list[bool], found: Comparison) -> list[str]:
+    """Hold the roots against the rows: where the root of a shard agrees, so do its rows, and a digest that differs is a misprint."""
+    shards = len(agrees)
+    if wrong := [name for name in differing if agrees[shard_of(name, shards)]]:
+        found.remarks.append(f"{stage}: the recipe's digests of {abbreviate(wrong)} are wrong, for the roots of their shards agree")
+    rest = [name for name in differing if not agrees[shard_of(name, shards)]]
+    explained = {shard_of(name, shards) for name in rest}
+    if roots := [str(number) for number, agreed in enumerate(agrees) if not agreed and number not in explained]:
+        found.remarks.append(
+            f"{stage}: each row agrees, but not the root of shard {abbreviate(roots)}: a root, or the split of an object, is wrong in the "
+            "recipe"
+        )
+    return rest

@@ -1,0 +1,181 @@
+"""Write the recipe of a dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
+from pipeline.config.manifest import Manifest, Object, load_manifest
+from pipeline.config.objects import fingerprint
+from pipeline.console import abbreviate
+from pipeline.dataset.recipe import SHORT, Recipe, RecipeRow, StageRecipe, object_lines, roots_of
+from pipeline.engine import keys
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans
+from pipeline.engine.stage import ObjectStage
+from pipeline.errors import InvalidInput, StoreError
+from pipeline.formats.description_file import Kind, shipped_files
+from pipeline.store import digest
+from pipeline.store.collection import Collection
+from pipeline.store.directory import DataDirectory
+from pipeline.store.record import ShardRecord
+from pipeline.store.storage import Place
+from schemas.catalogue import ARTIFACTS
+from stages.registry import DATASET, load_stage
+
+DESCRIBED: Mapping[str, Kind] = {"hand": "hand", "sensor": "sensor", "sensors": "sensor", "scene": "scene"}
+"""Settings that name description files, and the kind of each."""
+
+Folders = Directory | Catalogue | ShapeNet
+
+
+def source_hash(source: Mapping[str, Any]) -> str:
+    """Compute how a recipe names an object's source.
+
+    Returns
+    -------
+    The SHA-256 of its file, and after a + the first digits of a hash of the files that this one names; for a toy object, after a ~ those
+    of the hash of its code and seed.
+
+    Raises
+    ------
+    InvalidInput, OSError
+        A file cannot be read or used.
+    """
+    if "file" not in source:
+        return f"~{digest.of_json(keys.source_key(dict(source)))[:SHORT]}"
+    content = fingerprint(dict(source))["file"]
+    return f"{content['sha256']}" + (f"+{digest.of_json(content['companions'])[:SHORT]}" if content["companions"] else "")
+
+
+def recipe_of(data: Place, manifest: str | None = None, objects: Path | None = None, *, whole: bool = False) -> Recipe:
+    """Make the recipe of a dataset.
+
+    Parameters
+    ----------
+    data
+        A data directory in which the stages of a dataset, or the first of them, have made all objects.
+    manifest
+        Its name or path; by default what the records say.
+    objects
+        The folder of meshes; by default what the records say.
+    whole
+        Give the whole digest of every row.
+
+    Raises
+    ------
+    StoreError
+        The dataset is incomplete, or was made by other code or from other files than are here.
+    """
+    directory = DataDirectory(data)
+    made = {name: directory.collection(artifact) for name in DATASET if (artifact := _artifact_of(name)).name in directory.artifact_names()}
+    made = {name: collection for name, collection in made.items() if collection.shards}
+    if DATASET[0] not in made:
+        raise StoreError(f"{data}: {DATASET[0]} has made nothing here; name a data directory")
+    first = made[DATASET[0]].first.record
+    named = manifest or first.options.get("--manifest", first.manifest)
+    described = load_manifest(named).with_units(first.options.get("--units"), first.options.get("--up"))
+    folder = objects or (Path(first.options["--objects"]) if "--objects" in first.options else None)
+    items = described.objects(folder and folder.expanduser())
+    shards, stages = directory.check_shard_count(None), {}
+    for name, collection in made.items():
+        _check_current(_request_like(collection.first.record, name, items, data))
+        stages[name] = _stage_recipe(name, collection, shards)
+    collections = list(made.values())
+    records = [shard.record for collection in collections for shard in collection.shards]
+    digits = 64 if whole else SHORT
+    rows = [
+        (item.object_id, RecipeRow(_readable_hash(item), tuple(c.row(item.object_id).digest[:digits] for c in collections)))
+        for item in items
+    ]
+    return Recipe(
+        manifest=_portable(described, folder),
+        preset=first.preset,
+        seed=first.seed,
+        shards=shards,
+        stages=stages,
+        versions={name: ", ".join(sorted({record.versions.get(name, "none") for record in records})) for name in first.versions},
+        processors=tuple(sorted({kind for collection in collections for kind in collection.processors()})),
+        objects=object_lines(rows),
+    )
+
+
+def _readable_hash(item: Object) -> str:
+    try:
+        return source_hash(item.source)
+    except (OSError, InvalidInput) as error:
+        raise InvalidInput(f"{item.object_id} cannot be published: {error}; remove its file, and run the stages again") from error
+
+
+def _artifact_of(stage: str) -> Any:
+    return next(artifact for artifact in ARTIFACTS.values() if artifact.stage == stage)
+
+
+def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data: Place) -> Request[ObjectStage]:
+    """Ask for what a record says that was made."""
+    stage: Any = load_stage(name)
+    settings = stage.settings_type.model_validate(record.settings | record.speed_settings)
+    return Request(
+        stage=stage, settings=settings, manifest=record.manifest, objects=items, preset=record.preset, seed=record.seed, data=data
+    )
+
+
+def _check_current(request: Request[ObjectStage]) -> None:
+    """Refuse what was made by other code, of other files or in part."""
+    for plan in make_plans(request):
+        if not plan.up_to_date():
+            record = plan.output.record
+            version = record.versions.get("vt-pipeline") if record else None
+            raise StoreError(
+                f"{plan.path} is not what {request.stage.name} makes here and now: it was made by other code (vt-pipeline {version}), of "
+                "other files or manifest, or in part. Install that version, or run the stage again, then write the recipe"
+            )
+
+
+def _stage_recipe(name: str, collection: Collection, shards: int) -> StageRecipe:
+    record = collection.first.record
+    stage: Any = load_stage(name)
+    settings = stage.settings_type.model_validate(record.settings)
+    rows = {object_id: (collection.row(object_id).digest, collection.row(object_id).split) for object_id in collection}
+    return StageRecipe(
+        settings=_portable_settings(name, record.settings),
+        schema_version=record.schema_version,
+        code=keys.code_hash(stage),
+        files=keys.assets_digest(stage.assets(settings)),
+        constants=record.constants_digest,
+        roots=roots_of(rows, record.constants_digest, shards),
+    )
+
+
+def _portable_settings(stage: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Name description files that came with no package by their file names; sensors of touches follow the grasps."""
+    portable = dict(settings)
+    for name, kind in DESCRIBED.items():
+        if name not in settings:
+            continue
+        values = settings[name] if isinstance(settings[name], list) else [settings[name]]
+        files = [Path(value).name if value is not None and value not in shipped_files(kind) else value for value in values]
+        if isinstance(settings[name], list):
+            portable[name] = files if files == values else None
+        else:
+            portable[name] = files[0]
+    return portable
+
+
+def _portable(manifest: Manifest, folder: Path | None) -> Manifest:
+    """Leave the paths of folders out of a manifest, and what its objects' hashes say better: the checksums and counts of files."""
+    paths = [folder or source.path for source in manifest.sources if isinstance(source, Folders)]
+    several = len(set(paths)) > 1
+    if several and len({path.name for path in paths if path}) < len(set(paths)):
+        raise InvalidInput(f"folders {abbreviate([str(path) for path in paths])} go by one name; give each another")
+    changed = []
+    for source in manifest.sources:
+        update: dict[str, Any] = {"sha256": None}
+        if isinstance(source, Folders):
+            update["path"] = Path(source.path.name) if several and source.path else None
+        if isinstance(source, ShapeNet):
+            update["counts"] = None
+        changed.append(source.model_copy(update=update))
+    return manifest.model_copy(update={"sources": tuple(changed)})

@@ -1,0 +1,233 @@
+"""Make a dataset again from its recipe: everything is checked before anything runs."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from pipeline.config.manifest import Manifest, Object
+from pipeline.config.presets import load_presets
+from pipeline.config.settings import Settings
+from pipeline.console import NAMED, abbreviate, pluralise
+from pipeline.dataset.recipe import Recipe
+from pipeline.engine import keys
+from pipeline.engine.executor import Executor, Serial
+from pipeline.engine.plan import Request
+from pipeline.engine.stage import ObjectStage
+from pipeline.engine.versions import PHYSICS, library_versions
+from pipeline.errors import InvalidInput, unknown
+from pipeline.export.recipe_writing import DESCRIBED, Folders, source_hash
+from pipeline.formats.description_file import invalid_entries, shipped_files
+from pipeline.store.storage import Place
+from stages.registry import DATASET, load_stage, resolve
+
+
+@dataclass(frozen=True)
+class Remake:
+    """What a recipe asks for, with the folders of the one who makes it again; nothing has been run.
+
+    Attributes
+    ----------
+    recipe
+        What is to be made.
+    items
+        Its objects, or a sample of them.
+    settings
+        By stage.
+    sampled
+        Whether these are a sample.
+    """
+
+    recipe: Recipe
+    items: Sequence[Object]
+    settings: Mapping[str, Settings]
+    sampled: bool = False
+
+    def requests(self, data: Place, shards: int | None = None, executor: Executor | None = None) -> Iterator[Request[Any]]:
+        """Ask for each stage in turn."""
+        for name, settings in self.settings.items():
+            yield Request(
+                stage=load_stage(name),
+                settings=settings,
+                manifest=self.recipe.manifest.name,
+                objects=self.items,
+                preset=self.recipe.preset,
+                seed=self.recipe.seed,
+                data=data,
+                shards=shards,
+                executor=executor or Serial(),
+            )
+
+
+def prepare_remake(recipe: Recipe, objects: Path | None = None, descriptions: Path | None = None, sample: int | None = None) -> Remake:
+    """Check everything that a recipe needs before anything is made.
+
+    Parameters
+    ----------
+    recipe
+        Perhaps a stranger's.
+    objects
+        The folder of its meshes; of the folders, where the recipe names several.
+    descriptions
+        The folder of hand, sensor and scene files that come with no package.
+    sample
+        How many objects, drawn at random.
+
+    Raises
+    ------
+    InvalidInput
+        A source, setting or description file is missing or is not that of the recipe; the message names it and what to do.
+    """
+    settings = {name: _settings(recipe, name, descriptions) for name in recipe.stages}
+    if wrong := [name for name, expected in zip(recipe.stages, DATASET, strict=False) if name != expected]:
+        raise InvalidInput(f"the recipe's stages must be {', '.join(DATASET)}, or the first of them; {wrong[0]} is out of place")
+    manifest = _with_folders(recipe.manifest, objects)
+    items = _listed(recipe, manifest, objects)
+    if sample is not None and sample < len(items):
+        drawn = set(secrets.SystemRandom().sample([item.object_id for item in items], sample))
+        items = [item for item in items if item.object_id in drawn]
+    _check_sources(recipe, items)
+    return Remake(recipe, items, settings, sampled=len(items) < len(recipe.rows))
+
+
+def _settings(recipe: Recipe, name: str, descriptions: Path | None) -> Settings:
+    """Validate the settings of a stage, their description files being looked for among the shipped ones and in the user's folder alone."""
+    if name not in DATASET:
+        raise InvalidInput(f"the recipe: {unknown('stage', name, DATASET)}")
+    said, stage = recipe.stages[name], load_stage(name)
+    values: dict[str, Any] = dict(said.settings)
+    for setting in DESCRIBED.keys() & values.keys():
+        value = values[setting]
+        values[setting] = (
+            [_described(name, setting, one, descriptions) for one in value]
+            if isinstance(value, list)
+            else _described(name, setting, value, descriptions)
+        )
+    try:
+        settings: Settings = stage.settings_type.model_validate(values)
+    except ValidationError as error:
+        faults = invalid_entries(error, stage.settings_type.model_fields)
+        raise InvalidInput(f"the recipe's settings of {name}: {faults}; {_version_remedy(recipe)}") from error
+    assert isinstance(stage, ObjectStage)
+    if said.schema_version != stage.output.version:
+        raise InvalidInput(
+            f"{name} writes version {stage.output.version} of {stage.output.name} here, the recipe has {said.schema_version}; "
+            f"{_version_remedy(recipe)}"
+        )
+    follows = "sensors" in values and values["sensors"] is None  # the grasps, whose files are compared
+    if not follows and keys.assets_digest(stage.assets(settings)) != said.files:
+        named = ", ".join(str(said.settings[setting]) for setting in DESCRIBED if said.settings.get(setting))
+        raise InvalidInput(
+            f"{name}: the files of {named or 'its descriptions'} are not those of the recipe; those of your own go into the folder of "
+            f"--descriptions as they were published, and for those of a package, {_version_remedy(recipe)}"
+        )
+    return settings
+
+
+def _described(stage: str, setting: str, value: Any, descriptions: Path | None) -> Any:
+    kind = DESCRIBED[setting]
+    if value is None or value in shipped_files(kind):
+        return value
+    if not isinstance(value, str) or not value.endswith((".yaml", ".yml")) or Path(value).name != value or value.startswith((".", "~")):
+        raise InvalidInput(f"the recipe's {stage}.{setting} is {value!r:.80}; {unknown(kind, value, shipped_files(kind))}")
+    if descriptions is None:
+        raise InvalidInput(f"the recipe's {stage}.{setting} is the file {value}; give the folder that has it with --descriptions FOLDER")
+    return str((descriptions / value).absolute())
+
+
+def _version_remedy(recipe: Recipe) -> str:
+    return f"install vt-pipeline {recipe.versions.get('vt-pipeline', 'as the recipe says')}"
+
+
+def _with_folders(manifest: Manifest, objects: Path | None) -> Manifest:
+    """Let folders that the recipe names be those below the user's."""
+    named = [source.path for source in manifest.sources if isinstance(source, Folders) and source.path]
+    if named and objects is None:
+        raise InvalidInput(
+            f"the recipe takes meshes from folders {abbreviate(list(map(str, named)))}; give what holds them: --objects FOLDER"
+        )
+    changed = [
+        source.model_copy(update={"path": objects / source.path}) if isinstance(source, Folders) and source.path and objects else source
+        for source in manifest.sources
+    ]
+    return manifest.model_copy(update={"sources": tuple(changed)})
+
+
+def _listed(recipe: Recipe, manifest: Manifest, objects: Path | None) -> list[Object]:
+    """List the objects, which must be those of the recipe: with others, splits would be drawn otherwise."""
+    folders = [source for source in manifest.sources if isinstance(source, Folders)]
+    root = None if any(source.path for source in folders) or not folders else objects
+    if objects is not None and not folders:
+        raise InvalidInput(f"the recipe of {manifest.name} names its own objects; leave --objects out")
+    there = {item.object_id for source in manifest.sources for item in source.find(root if isinstance(source, Folders) else None)}
+    if missing := sorted(recipe.rows.keys() - there):
+        raise InvalidInput(
+            f"{pluralise(len(missing))} of the recipe not found ({abbreviate(missing)}), whose files have these SHA-256: "
+            f"{abbreviate([recipe.rows[name].source for name in missing])}; {_where(manifest)}"
+        )
+    if extra := sorted(there - recipe.rows.keys()):
+        raise InvalidInput(
+            f"{pluralise(len(extra))} not in the recipe ({abbreviate(extra)}), with which splits would be drawn otherwise; "
+            f"move their files out of {objects}"
+        )
+    return manifest.objects(root)
+
+
+def _where(manifest: Manifest) -> str:
+    """Say where sources can be had."""
+    urls = [source.url for source in manifest.sources if source.url]
+    return f"they can be had at {', '.join(urls)}" if urls else "the recipe does not say where they can be had; ask who published it"
+
+
+def _check_sources(recipe: Recipe, items: Sequence[Object]) -> None:
+    """Compare the files of objects, and the code of toy objects, with the recipe's hashes."""
+    other: list[str] = []
+    toys: list[str] = []
+    for item in items:
+        try:
+            found = source_hash(item.source)
+        except (OSError, InvalidInput) as error:
+            raise InvalidInput(f"{item.object_id} cannot be read: {error}; {_where(recipe.manifest)}") from error
+        wanted = recipe.rows[item.object_id].source
+        if found == wanted:
+            continue
+        if "file" not in item.source:
+            toys.append(item.object_id)
+            continue
+        beside = ", or a file that it names," if found[:64] == wanted[:64] else ""
+        other.append(f"{item.object_id}: {item.source['file']}{beside} has SHA-256 {found}, the recipe says {wanted}")
+    if other:
+        raise InvalidInput(
+            f"{pluralise(len(other), 'source')} changed: {'; '.join(other[:NAMED])}{'; …' if len(other) > NAMED else ''}. "
+            f"Put the files back that the dataset was made of: {_where(recipe.manifest)}"
+        )
+    if toys:
+        raise InvalidInput(f"{abbreviate(toys)} are modelled by other code than the recipe's; {_version_remedy(recipe)}")
+
+
+def reasons(recipe: Recipe) -> list[str]:
+    """List what may make rows differ from the recipe's, other code and other libraries, each with what to do."""
+    here = library_versions()
+    lines = []
+    if changed := [name for name, said in recipe.stages.items() if keys.code_hash(load_stage(name)) != said.code]:
+        lines.append(f"the code of {', '.join(changed)} is another; {_version_remedy(recipe)}, of the publisher's commit")
+    for name, said in recipe.versions.items():
+        if name == "vt-pipeline" or (name in PHYSICS and here.keys() & set(PHYSICS)):
+            continue
+        if here.get(name, "").partition("+")[0] not in (one.partition("+")[0] for one in said.split(", ")):  # 2.13.0+cpu is 2.13.0
+            lines.append(f"{name} is {here.get(name, 'not installed')} here, {said} there: pip install {name}=={said.split(', ')[0]}")
+    return lines
+
+
+def unusual_settings(recipe: Recipe, stage: str) -> list[str]:
+    """List the settings of a stage that differ from the recipe's preset: where nothing else explains rows, one may be misstated."""
+    if recipe.preset not in load_presets():
+        return []
+    usual = resolve(stage, recipe.preset, ()).results()
+    settings = recipe.stages[stage].settings
+    return [f"{name}={value}" for name, value in settings.items() if name in usual and usual[name] not in (value, None)]

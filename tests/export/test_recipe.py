@@ -1,0 +1,330 @@
+"""Recipes: a dataset made again from one, and whatever can be wrong with one, each named with what to do."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import trimesh
+import yaml
+from typer.testing import CliRunner
+
+import pipeline
+from pipeline.cli import app
+from pipeline.dataset.recipe import Recipe, read_recipe
+from pipeline.errors import InvalidInput
+
+OWN = {"simulate-grasps.sensor": "my_gel.yaml", "render-vision.scene": "my_scene.yaml"}
+"""Description files of the publisher's own."""
+QUICK = (
+    "sample-surfaces.points=300",
+    "simulate-grasps.attempts=3",
+    "simulate-grasps.grasps=2",
+    "simulate-grasps.ik_samples=64",
+    "simulate-grasps.hand=two_finger_gripper",
+)
+ASSETS = Path(pipeline.__file__).parent / "assets"
+STAGES = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
+MESHES = ("ball", "box", "rod")
+
+
+def vt(*arguments: object) -> tuple[int, str]:
+    done = CliRunner().invoke(app, [*map(str, arguments)])
+    return done.exit_code, done.output
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make a folder of meshes, one with a material, and a manifest of them and of a toy object."""
+    folder = tmp_path_factory.mktemp("publisher")
+    (folder / "meshes").mkdir()
+    trimesh.creation.icosphere(2, 30).export(folder / "meshes" / "ball.ply")
+    trimesh.creation.cylinder(20, 90).export(folder / "meshes" / "rod.stl")
+    box = trimesh.creation.box((50, 60, 40)).export(file_type="obj")
+    (folder / "meshes" / "box.obj").write_text(f"mtllib box.mtl\nusemtl skin\n{box}")
+    (folder / "meshes" / "box.mtl").write_text("newmtl skin\nKd 0.5 0.2 0.1\n")
+    (folder / "own").mkdir()
+    gel = (ASSETS / "sensors" / "gel_16mm.yaml").read_text()
+    (folder / "own" / "my_gel.yaml").write_text(re.sub("(rows|cols): 100", r"\1: 24", gel))
+    shutil.copy(ASSETS / "scenes" / "supplement.yaml", folder / "own" / "my_scene.yaml")
+    sources = [
+        {"kind": "directory", "licence": "CC0", "path": "meshes", "metres_per_unit": 0.001, "url": "https://example.org/meshes"},
+        {"kind": "procedural", "licence": "MIT", "seed": 0, "count": {"bottle": 1}},
+    ]
+    splits = {"train": 0.5, "valid": 0.25, "test": 0.25}
+    manifest = {"name": "things", "description": "Things.", "seed": 3, "splits": splits, "sources": sources}
+    (folder / "things.yaml").write_text(yaml.safe_dump(manifest))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def published(folder: Path) -> Path:
+    """Make a dataset and its recipe, as a publisher does."""
+    own = [f"{setting}={folder / 'own' / name}" for setting, name in OWN.items()]
+    settings = [part for one in (*QUICK, *own, "render-vision.resolution=32") for part in ("--set", one)]
+    for stage in STAGES:
+        options = ["--manifest", folder / "things.yaml", "--data", folder / "data", "--executor", "serial", *settings]
+        code, said = vt("run", stage, *options)
+        assert code == 0, said
+    code, said = vt("recipe", folder / "data")
+    assert code == 0, said
+    path = folder / "things.recipe.yaml"
+    path.write_text(said)
+    return path
+
+
+@pytest.fixture(scope="module")
+def remade(published: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Make the dataset again elsewhere, in three shards; return the place and what was said."""
+    place = tmp_path_factory.mktemp("reader")
+    shutil.copytree(published.parent / "meshes", place / "mine")
+    shutil.copytree(published.parent / "own", place / "own")
+    code, said = vt("remake", published, *options_of(place), "--shards", 3)
+    assert code == 0, said
+    return place, said
+
+
+def options_of(place: Path, data: Path | None = None) -> list[object]:
+    options = ["--objects", place / "mine", "--descriptions", place / "own", "--data", data or place / "data"]
+    return [*options, "--executor", "serial"]
+
+
+def changed(recipe: Path, place: Path, change: Callable[[dict[str, Any]], None], *, sealed: bool = True) -> Path:
+    """Change a recipe, and let its checksums be those of its content, as a stranger would."""
+    content = yaml.safe_load(recipe.read_text())
+    change(content)
+    path = place / "changed.recipe.yaml"
+    if sealed:
+        path.write_text(Recipe.model_validate(content).text())
+    else:
+        lines = "".join(f"  {line}\n" for line in content.pop("objects").splitlines())
+        path.write_text(f"{yaml.safe_dump(content)}objects: |\n{lines}")
+    return path
+
+
+def again(recipe: Path, remade: tuple[Path, str], *more: object) -> tuple[int, str]:
+    """Run the same command with another recipe: rows of the same keys are not computed again."""
+    return vt("remake", recipe, *options_of(remade[0]), *more)
+
+
+def test_dataset_remade_in_other_shards_is_equal(remade: tuple[Path, str]) -> None:
+    assert "16 rows compared, all equal" in remade[1]
+    assert json.loads((remade[0] / "data" / "dataset.json").read_text()) == {"shards": 3}
+
+
+@pytest.mark.slow
+def test_dataset_remade_by_two_workers_is_equal(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+    options = [one for one in options_of(remade[0], tmp_path / "d") if one not in ("--executor", "serial")]
+    code, said = vt("remake", published, *options, "--workers", 2, "--shards", 2)
+    assert code == 0, said
+    assert "16 rows compared, all equal" in said
+
+
+def test_recipe_is_small_and_its_own_content_again(published: Path) -> None:
+    text = published.read_text()
+    assert read_recipe(published).text() == text
+    assert len(text) < 10_000
+    lines = text.partition("\nobjects: |\n")[2].splitlines(keepends=True)
+    assert len(lines) == 4
+    assert max(map(len, lines)) <= 200
+    assert str(published.parent) not in text
+
+
+def test_whole_digests_are_written_on_request(published: Path, tmp_path: Path) -> None:
+    code, said = vt("recipe", published.parent / "data", "--rows")
+    assert code == 0
+    (whole := tmp_path / "whole.recipe.yaml").write_text(said)
+    short, long = read_recipe(published).rows, read_recipe(whole).rows
+    assert {name: tuple(made[:16] for made in row.digests) for name, row in long.items()} == {n: row.digests for n, row in short.items()}
+    assert {len(made) for row in long.values() for made in row.digests} == {64}
+
+
+def test_published_rows_are_compared_without_making_any(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+    code, said = vt("validate", published.parent / "data", "--recipe", published)
+    assert (code, "16 rows compared, all equal" in said) == (0, True)
+    other = changed(published, tmp_path, lambda content: content.update(objects=_other_digest(content["objects"], "rod", 1)))
+    code, said = vt("validate", remade[0] / "data", "--recipe", other)
+    assert code == 1
+    assert "simulate-grasps: the recipe's digests of rod are wrong, for the roots of their shards agree" in said
+
+
+def test_sample_is_made_and_compared(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+    code, said = vt("remake", published, *options_of(remade[0], tmp_path / "d"), "--sample", 1)
+    assert code == 0, said
+    assert "1 object of 4 to make" in said
+    assert "4 rows compared, all equal" in said
+
+
+def test_changed_byte_of_a_mesh_is_named(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+    shutil.copytree(remade[0] / "mine", tmp_path / "mine")
+    mesh = tmp_path / "mine" / "ball.ply"
+    content = bytearray(mesh.read_bytes())
+    content[-1] ^= 1
+    mesh.write_bytes(content)
+    (tmp_path / "mine" / "box.mtl").write_text("newmtl skin\nKd 0.5 0.2 0.2\n")
+    code, said = vt("remake", published, "--objects", tmp_path / "mine", "--descriptions", remade[0] / "own", "--data", tmp_path / "d")
+    assert code == 1
+    assert f"2 sources changed: ball: {mesh} has SHA-256" in said
+    assert f"box: {tmp_path / 'mine' / 'box.obj'}, or a file that it names, has SHA-256" in said
+    assert "they can be had at https://example.org/meshes" in said
+    assert not (tmp_path / "d").exists()
+
+
+def test_missing_and_extra_sources_are_named(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+    shutil.copytree(remade[0] / "mine", tmp_path / "mine")
+    (tmp_path / "mine" / "rod.stl").unlink()
+    code, said = vt("remake", published, "--objects", tmp_path / "mine", "--descriptions", remade[0] / "own", "--data", tmp_path / "d")
+    assert code == 1
+    assert "1 object of the recipe not found (rod)" in said
+    assert read_recipe(published).rows["rod"].source in said
+    shutil.copytree(remade[0] / "mine", tmp_path / "mine", dirs_exist_ok=True)
+    trimesh.creation.box().export(tmp_path / "mine" / "another.ply")
+    code, said = vt("remake", published, "--objects", tmp_path / "mine", "--descriptions", remade[0] / "own", "--data", tmp_path / "d")
+    assert code == 1
+    assert "1 object not in the recipe (another)" in said
+
+
+@pytest.mark.parametrize("sealed", [False, True])
+def test_changed_setting_is_named(published: Path, remade: tuple[Path, str], tmp_path: Path, *, sealed: bool) -> None:
+    def change(content: dict[str, Any]) -> None:
+        content["stages"]["sample-surfaces"]["settings"]["points"] = 301
+
+    other = changed(published, tmp_path, change, sealed=sealed)
+    code, said = vt("remake", other, *options_of(remade[0], tmp_path / "d"), "--sample", 1)
+    assert code == 1
+    if not sealed:
+        assert "its sample-surfaces changed since it was written" in said
+        return
+    assert re.search(r"differs in 4 of 4 rows\n  sample-surfaces: other rows of \w+", said)
+    assert "3 rows of later stages, made from these, differ too" in said
+    assert "settings of sample-surfaces that differ from preset draft: points=301" in said
+
+
+def test_other_library_is_named_where_rows_differ(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+    def change(content: dict[str, Any]) -> None:
+        content["versions"]["numpy"] = "1.26.4"
+        content["objects"] = _other_digest(content["objects"], "ball", 0)
+        content["stages"]["sample-surfaces"]["roots"][0] = "0" * 64
+
+    code, said = again(changed(published, tmp_path, change), remade)
+    assert code == 1
+    assert "differs in 1 of 16 rows" in said
+    assert "sample-surfaces: other rows of ball" in said
+    assert "may come of this: numpy is" in said
+    assert "1.26.4 there: pip install numpy==1.26.4" in said
+
+
+def test_changed_digests_are_named(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+    one = changed(published, tmp_path, lambda content: content.update(objects=_other_digest(content["objects"], "box", 3)), sealed=False)
+    code, said = again(one, remade)
+    assert (code, "its objects changed since it was written" in said) == (1, True)
+
+    def root(content: dict[str, Any]) -> None:
+        content["stages"]["simulate-touch"]["roots"][0] = "1" * 64
+
+    code, said = again(changed(published, tmp_path, root), remade)
+    assert (code, "simulate-touch: each row agrees, but not the root of shard 0" in said) == (1, True)
+
+    def constants(content: dict[str, Any]) -> None:
+        content["stages"]["render-vision"]["constants"] = "1" * 64
+
+    code, said = again(changed(published, tmp_path, constants), remade)
+    assert (code, "render-vision: the arrays that all objects share differ" in said) == (1, True)
+
+
+def test_dataset_of_other_code_has_no_recipe(published: Path, tmp_path: Path) -> None:
+    shutil.copytree(published.parent, tmp_path / "p")
+    (tmp_path / "p" / "meshes" / "ball.ply").write_bytes((tmp_path / "p" / "meshes" / "ball.ply").read_bytes() + b"\n")
+    code, said = vt("recipe", tmp_path / "p" / "data", "--manifest", tmp_path / "p" / "things.yaml")
+    assert code == 1
+    assert "surfaces/0000-of-0001 is not what sample-surfaces makes here and now" in said
+    code, said = vt("recipe", tmp_path)
+    assert (code, "sample-surfaces has made nothing here" in said) == (1, True)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [
+        (("stages", "simulate-grasps", "settings", "hand"), "/etc/passwd", "unknown hand /etc/passwd"),
+        (("stages", "simulate-grasps", "settings", "hand"), "../hand.yaml", "unknown hand ../hand.yaml"),
+        (("stages", "simulate-grasps", "settings", "hand"), "my_hand.yaml", "there is no hand"),
+        (("stages", "simulate-touch", "settings", "sensors"), ["/tmp/x.yaml"], "unknown sensor /tmp/x.yaml"),
+        (("stages", "render-vision", "settings", "scene"), "~/scene.yaml", "unknown scene ~/scene.yaml"),
+        (("manifest", "sources", 0, "path"), "/etc", "must be"),
+        (("manifest", "sources", 0, "path"), "..", "must be a path below its folder"),
+        (("manifest", "sources", 0, "url"), "javascript:alert(1)", "url: String should match pattern"),
+        (("manifest", "name"), "a\x1b[2J", "steers how text is shown"),
+        (("versions", "numpy"), "2; rm -rf ~", "versions.numpy: String should match pattern"),
+        (("shards",), 2, "has 1 roots, its shards are 2"),
+        (("recipe",), 2, "is of version 2, this vt-pipeline reads 1"),
+        (("stages", "sample-surfaces", "settings", "ponts"), 3, "there is no entry ponts, did you mean points?"),
+        (("stages", "sample-surfaces", "code"), "x", "code: String should match pattern"),
+        (("objects",), "", "it has no objects"),
+        (("objects",), "../../x ~0123456789abcdef" + " 0123456789abcdef" * 4 + "\n", "line 1 of its objects"),
+    ],
+)
+def test_hostile_entry_is_refused_in_words(
+    published: Path, remade: tuple[Path, str], tmp_path: Path, place: tuple[Any, ...], value: Any, message: str
+) -> None:
+    def change(content: dict[str, Any]) -> None:
+        for step in place[:-1]:
+            content = content[step]
+        content[place[-1]] = value
+
+    path = changed(published, tmp_path, change, sealed=False)
+    try:
+        content = yaml.safe_load(path.read_text())
+        path.write_text(Recipe.model_validate(content).text())  # sealed, where that is possible
+    except ValueError:
+        pass
+    code, said = again(path, remade)
+    assert code == 1
+    assert "this is a bug" not in said
+    assert message in " ".join(said.split())
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        {"kind": "pybullet", "licence": "x", "files": {"a": {"file": "../../../etc/passwd"}}},
+        {"kind": "pybullet", "licence": "x", "files": {"a": {"file": "/etc/passwd"}}},
+        {"kind": "shapenet", "licence": "x", "synsets": {"a": ".."}},
+        {"kind": "shapenet", "licence": "x", "synsets": {"a": "1"}, "meshes": "../.."},
+        {"kind": "shapenet", "licence": "x", "synsets": {"a": "1"}, "renderings": "/tmp"},
+    ],
+)
+def test_source_outside_its_folder_is_refused(published: Path, tmp_path: Path, source: dict[str, Any]) -> None:
+    path = changed(published, tmp_path, lambda content: content["manifest"]["sources"].append(source), sealed=False)
+    with pytest.raises(InvalidInput, match="must be a path below its folder"):
+        read_recipe(path)
+
+
+def test_own_sensor_and_scene_are_named_by_their_files_and_must_be_the_publisher_s(
+    published: Path, remade: tuple[Path, str], tmp_path: Path
+) -> None:
+    stages = read_recipe(published).stages
+    said = {setting: stages[setting.partition(".")[0]].settings[setting.partition(".")[2]] for setting in OWN}
+    assert said == OWN
+    assert stages["simulate-touch"].settings["sensors"] is None  # those of the grasps
+    code, text = vt("remake", published, "--objects", remade[0] / "mine", "--data", tmp_path / "d")
+    assert (code, "simulate-grasps.sensor is the file my_gel.yaml; give the folder that has it" in text) == (1, True)
+    shutil.copytree(remade[0] / "own", tmp_path / "own")
+    (tmp_path / "own" / "my_gel.yaml").write_text((remade[0] / "own" / "my_gel.yaml").read_text().replace("diffuse: 1.0", "diffuse: 1.5"))
+    code, text = vt("remake", published, "--objects", remade[0] / "mine", "--descriptions", tmp_path / "own", "--data", tmp_path / "d")
+    assert (code, "simulate-grasps: the files of two_finger_gripper, my_gel.yaml are not those of the recipe" in text) == (1, True)
+
+
+def _other_digest(lines: str, name: str, column: int) -> str:
+    """Change the digest of an object's row."""
+    changed_lines = []
+    for line in lines.splitlines():
+        words = line.split(" ")
+        if words[0] == name:
+            words[2 + column] = "0" * 16
+        changed_lines.append(" ".join(words))
+    return "\n".join(changed_lines) + "\n"
