@@ -87,9 +87,9 @@ class ObjectRows:
         self.categories = [first.row(name).category for name in self.object_ids]
         if not self.object_ids:
             failed = f"; {len(failures)} have failed or are not made yet, see `vt-pipeline status {self.data}`" if failures else ""
-            raise StoreError(
-                f"{self.data.resolve()} has no usable object in split {split}{failed}; the manifest's `splits` define their numbers"
-            )
+            where = "" if split is None else f" in split {split}"
+            remedy = "" if split is None or failed else "; the manifest's `splits` define their numbers"
+            raise StoreError(f"{self.data.resolve()} has no usable object{where}{failed}{remedy}")
 
     def __len__(self) -> int:
         return len(self.object_ids)

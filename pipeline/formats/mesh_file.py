@@ -78,12 +78,16 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
         raise InvalidInput(f"{file.name}: {error}") from error
     except MemoryError:
         raise
+    except ModuleNotFoundError as error:  # what trimesh asks for to guess the encoding of bytes that are no text
+        raise InvalidInput(
+            f"{file.name} cannot be read as {file.suffix[1:].upper()}: it is neither whole nor text; is it cut off? Export it again"
+        ) from error
     except Exception as error:  # trimesh's readers raise whatever their parsing trips over
         if "memory" in str(error).lower():  # libxml2 calls it a fault of the XML
             raise MemoryError from error
         raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}") from error
     if not meshes:
-        raise InvalidInput(f"{file.name} holds no triangle mesh; is it text, a point cloud or an empty export?")
+        raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?")
     return _join(meshes)
 
 

@@ -153,7 +153,9 @@ def _convex_notes(hand: Hand) -> list[str]:
 def _notes(hand: Hand) -> list[str]:
     notes = []
     if massless := links_without_mass(hand):
-        notes.append(f"mass estimated from collision shapes at 1000 kg/m³: {', '.join(massless)}")
+        notes.append(
+            f"the URDF states no mass, so it is estimated at 1000 kg/m³ of the collision shapes, at least 1 g a link: {', '.join(massless)}"
+        )
     if hand.allowed_contacts:
         pairs = sorted(f"[{hand.links[first].name}, {hand.links[second].name}]" for first, second in hand.allowed_contacts)
         notes.append(f"let overlap, as stated or as neighbours that do at rest: {', '.join(pairs)}")

@@ -87,7 +87,7 @@ class RenderVision(ObjectStage):
         if fitting >= WORTHWHILE * settings.zoom:
             yield (
                 f"the largest object fills {100 * FILLED * settings.zoom / fitting:.0f} % of an image; with --set "
-                f"render-vision.zoom={fitting:g} (make: SET=render-vision.zoom={fitting:g}) objects are seen as large as others of 0.5 m"
+                f"render-vision.zoom={fitting:g} (make: render-vision.zoom={fitting:g} in SET) objects are seen as large as others of 0.5 m"
             )
             return
         for views, names in specks.items():
