@@ -24,6 +24,7 @@ from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.physics.grasp_tests import GRASP_TESTS
 from pipeline.physics.hold_test import HoldTest
+from pipeline.physics.pybullet_engine import PybulletHoldTest
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
 from schemas.base import Artifact
@@ -107,7 +108,7 @@ class SimulateGrasps(ObjectStage):
                 prepared_hand,
                 pinches=prepare_pinches(prepared_hand) if settings.search == "hold" else None,
                 physics=opened.enter_context(Simulation(prepared_hand.hand)),
-                test=opened.enter_context(HoldTest(prepared_hand.hand, prepared_hand.sensors, mass=settings.hold_mass))
+                test=opened.enter_context(PybulletHoldTest(prepared_hand.hand, prepared_hand.sensors, mass=settings.hold_mass))
                 if settings.test != "none"
                 else None,
             )
