@@ -11,9 +11,9 @@ from pipeline.console import Row, Table
 from pipeline.dataset.touch_statistics import Tally
 
 SIZES = 5
-"""Bins of size at most, with about as many objects each."""
-MIN_RATIO = 1.05
-"""Of a bin's upper end to its lower one at least: objects that were scaled to one size fill one bin."""
+"""Bins of size at most; each has its share of the objects, but for the last."""
+MIN_RATIO, SAME = 1.05, 1 + 1e-6
+"""Of a bin's lower end to that of the bin before, at least; and of sizes that are one, as of objects that were scaled."""
 DIRECTIONS = ("−x", "+x", "−y", "+y", "−z", "+z")
 """Of gravity, as in `held_directions`."""
 
@@ -47,16 +47,13 @@ def size_bins(diagonals: NDArray[np.float64]) -> dict[str, NDArray[np.intp]]:
     -------
     Numbers of the objects of each bin, by its name, from small to large.
     """
-    order = np.argsort(diagonals, kind="stable")
-    bins: list[list[int]] = []
-    for part in np.array_split(order, min(SIZES, len(order))):
-        for number in part.tolist():
-            if bins and diagonals[number] < MIN_RATIO * diagonals[bins[-1][0]]:
-                bins[-1].append(number)  # hardly larger than the bin's first
-            elif number == part[0] or not bins:
-                bins.append([number])
-            else:
-                bins[-1].append(number)
+    least, bins = np.ceil(len(diagonals) / SIZES), list[list[int]]()
+    for number in np.argsort(diagonals, kind="stable").tolist():
+        size = diagonals[number]
+        if bins and (len(bins[-1]) < least or size < MIN_RATIO * diagonals[bins[-1][0]] or size <= SAME * diagonals[bins[-1][-1]]):
+            bins[-1].append(number)
+        else:
+            bins.append([number])
     named: dict[str, NDArray[np.intp]] = {}
     for own in bins:
         low, high = (f"{100 * diagonals[number]:.3g}" for number in (own[0], own[-1]))

@@ -93,10 +93,12 @@ class SimulateGrasps(ObjectStage):
         yield from size_warnings(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
 
     def cost(self, settings: GraspSettings) -> Cost:
-        """Mostly attempts, of about 0.05 s each; some dozen are enough where not all are asked for. A hold search tests what it finds."""
-        attempts = settings.attempts if settings.exhaustive else min(settings.attempts, 12)
-        tests = {"none": 0.0, "lift": 0.1, "six": 0.6}[settings.test] * settings.grasps
-        return Cost(seconds=0.3 + 0.05 * attempts + tests, kilobytes=settings.grasps)
+        """Mostly attempts, of which some dozen are enough where not all are asked for, and eight in a hold search, which tests each."""
+        holds = settings.search == "hold"
+        attempts = settings.attempts if settings.exhaustive else min(settings.attempts, 8 if holds else 12)
+        test = {"none": 0.0, "lift": 0.1, "six": 0.5}[settings.test]
+        seconds = attempts * (0.06 + 0.02 * settings.plans + test) if holds else 0.05 * attempts + test * settings.grasps
+        return Cost(seconds=0.3 + seconds, kilobytes=settings.grasps)
 
     @contextmanager
     def session(self, settings: GraspSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:

@@ -52,14 +52,14 @@ def rows() -> Rows:
 
 
 @pytest.fixture(scope="module")
-def test() -> Iterator[PybulletHoldTest]:
+def engine() -> Iterator[PybulletHoldTest]:
     with PybulletHoldTest(GRIPPER, SENSORS, mass=0.2) as opened:
         yield opened
 
 
 @pytest.fixture(scope="module")
-def played(test: PybulletHoldTest, rows: Rows) -> list[Lift]:
-    return lifts(test, rows["surfaces"], rows["grasps"], SENSORS)
+def played(engine: PybulletHoldTest, rows: Rows) -> list[Lift]:
+    return lifts(engine, rows["surfaces"], rows["grasps"], SENSORS)
 
 
 def test_what_is_gripped_stays_and_what_nothing_touches_falls(played: list[Lift]) -> None:
@@ -85,16 +85,16 @@ def test_fingers_close_on_an_object_that_is_still_then_let_go_of(played: list[Li
     assert played[0].joint_angles[-1] < rows["grasps"]["joint_angles"][0]  # motors drive to the squeeze
 
 
-def test_a_lift_is_the_same_whatever_was_lifted_before(test: PybulletHoldTest, rows: Rows, played: list[Lift]) -> None:
+def test_a_lift_is_the_same_whatever_was_lifted_before(engine: PybulletHoldTest, rows: Rows, played: list[Lift]) -> None:
     turned = {name: array[::-1] for name, array in rows["grasps"].items()}
-    for one, again in zip(played, lifts(test, rows["surfaces"], turned, SENSORS)[::-1], strict=True):
+    for one, again in zip(played, lifts(engine, rows["surfaces"], turned, SENSORS)[::-1], strict=True):
         np.testing.assert_array_equal(again.object_motion, one.object_motion)
         np.testing.assert_array_equal(again.joint_angles, one.joint_angles)
 
 
-def test_grasps_without_a_squeeze_have_no_lift(test: PybulletHoldTest, rows: Rows) -> None:
+def test_grasps_without_a_squeeze_have_no_lift(engine: PybulletHoldTest, rows: Rows) -> None:
     older = {name: array for name, array in rows["grasps"].items() if name != "squeeze_angles"}
-    assert lifts(test, rows["surfaces"], older, SENSORS) == []
+    assert lifts(engine, rows["surfaces"], older, SENSORS) == []
 
 
 def read_glb(written: bytes) -> tuple[dict[str, Any], bytes]:
