@@ -51,8 +51,14 @@ class GraspTest:
 
     def holds_against(self, test: HoldTest, grasp: StoredGrasp, direction: Sequence[float]) -> bool:
         """Tell whether it holds while the acceleration acts along a unit vector."""
-        acceleration = [self.acceleration * part for part in direction]
-        motion = test.hold(grasp, closes=self.closes, acceleration=acceleration, seconds=self.seconds, limit=self.moved)
+        motion = test.hold(
+            grasp,
+            closes=self.closes,
+            acceleration=[self.acceleration * part for part in direction],
+            seconds=self.seconds,
+            limit=self.moved,
+            whole=np.isfinite(self.turned),  # how far it turns is known in the end only
+        )
         return motion.moved <= self.moved and motion.turned <= self.turned and motion.penetration <= self.penetration
 
 

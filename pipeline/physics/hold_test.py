@@ -53,6 +53,7 @@ class HoldTest(Protocol):
         acceleration: Sequence[float] = DOWN,
         seconds: float = 1.0,
         limit: float = 0.1,
+        whole: bool = False,
     ) -> Motion:
         """Free the object in a grasp, whose motors drive to the squeeze, and record how both move.
 
@@ -69,6 +70,8 @@ class HoldTest(Protocol):
             How long at most: an object that rests ends the test.
         limit
             m that the object's centre may move; beyond, the test ends early.
+        whole
+            Whether to go on where the object is so slow that it cannot reach the limit any more; then the way in the end is known.
 
         Notes
         -----

@@ -14,6 +14,9 @@ from pipeline.kernels.geometry.transforms import length
 RESTING_LOOKS, RESTING_CHANGE = 12, 1e-3
 """An object rests when its pose, m and quaternion, changes by less in so many looks, a quarter of a second; what slides accelerates.
 Of 50 grasps of ten objects, the rest of the second moves none by 0.1 mm."""
+SAFETY, SURE_TURN = 5, 0.05
+"""An object that creeps is sure to stay where so many times what it would move on in the remaining time, at the speed of the last quarter
+of a second, leaves it within the limit, and turns it by less, as a change of a quaternion (6°): then the rest is not simulated."""
 CLOSING_STAGES, CLOSING_SECONDS = 10, 0.4
 """Targets that the motors are given from one posture to the next where a hand closes, and the time that takes, as in DexGraspBench."""
 
@@ -46,19 +49,28 @@ class Motion:
 
 
 class Track:
-    """The poses (7,) of an object that was freed, and the joint angles (J,) of the hand, looked at every `interval`, s."""
+    """The poses (7,) of an object that was freed, and the joint angles (J,) of the hand, looked at every `interval`, s, `looks` times."""
 
-    def __init__(self, pose: NDArray[np.float64], angles: NDArray[np.float64], *, limit: float, interval: float) -> None:
-        self.poses, self.angles, self.limit, self.interval = [pose], [angles], limit, interval
+    def __init__(
+        self, pose: NDArray[np.float64], angles: NDArray[np.float64], *, limit: float, interval: float, looks: int, whole: bool
+    ) -> None:
+        self.poses, self.angles = [pose], [angles]
+        self.limit, self.interval, self.looks, self.whole = limit, interval, looks, whole
 
     def ends(self, pose: NDArray[np.float64], angles: NDArray[np.float64]) -> bool:
-        """Add a look, and tell whether the object is beyond the limit, or rests."""
+        """Add a look, and tell whether the object is beyond the limit, or rests, or, unless `whole`, is too slow to get there in time."""
         self.poses.append(pose)
         self.angles.append(angles)
-        if not length(pose[:3] - self.poses[0][:3]) <= self.limit:  # where it is not a number, either
+        moved = length(pose[:3] - self.poses[0][:3])
+        if not moved <= self.limit:  # where it is not a number, either
             return True
-        before = self.poses[-1 - RESTING_LOOKS] if len(self.poses) > RESTING_LOOKS else np.inf
-        return bool(np.abs(pose - before).max() < RESTING_CHANGE)
+        if len(self.poses) <= RESTING_LOOKS:
+            return False
+        change = pose - self.poses[-1 - RESTING_LOOKS]
+        if np.abs(change).max() < RESTING_CHANGE:
+            return True
+        times = SAFETY * (self.looks - (len(self.poses) - 1)) / RESTING_LOOKS
+        return not self.whole and bool(moved + times * length(change[:3]) < self.limit and times * np.abs(change[3:]).max() < SURE_TURN)
 
     def motion(self, penetration: float) -> Motion:
         """Compare the last pose with the first."""

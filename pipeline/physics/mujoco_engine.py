@@ -119,6 +119,7 @@ class MujocoHoldTest(AbstractContextManager["MujocoHoldTest"]):
         acceleration: Sequence[float] = DOWN,
         seconds: float = 1.0,
         limit: float = 0.1,
+        whole: bool = False,
     ) -> Motion:
         """Free the object in a grasp and record how both move; see `HoldTest.hold`."""
         mujoco, model, data, hand = self.mujoco, self.model, self.data, self.hand
@@ -134,7 +135,9 @@ class MujocoHoldTest(AbstractContextManager["MujocoHoldTest"]):
         for number, contact in enumerate(grasp.contacts):
             self._press(number, contact, out=closes)
         data.ctrl[:] = start
-        track = Track(data.joint("object").qpos.copy(), start, limit=limit, interval=STEPS_PER_LOOK * TIMESTEP)
+        interval = STEPS_PER_LOOK * TIMESTEP
+        looks = round(seconds / interval)
+        track = Track(data.joint("object").qpos.copy(), start, limit=limit, interval=interval, looks=looks, whole=whole)
         mujoco.mj_forward(model, data)
         penetration = self._penetration()
         model.opt.gravity[:] = 0.0
@@ -143,7 +146,7 @@ class MujocoHoldTest(AbstractContextManager["MujocoHoldTest"]):
             mujoco.mj_step(model, data, nstep=round(CLOSING_SECONDS / CLOSING_STAGES / TIMESTEP))
         model.opt.gravity[:] = acceleration
         data.ctrl[:] = grasp.squeeze
-        for _ in range(round(seconds / TIMESTEP / STEPS_PER_LOOK)):
+        for _ in range(looks):
             mujoco.mj_step(model, data, nstep=STEPS_PER_LOOK)
             if track.ends(self._object_pose(), np.array([data.joint(name).qpos[0] for name in hand.joint_names])):
                 break

@@ -91,6 +91,7 @@ class PybulletHoldTest(AbstractContextManager["PybulletHoldTest"]):
         acceleration: Sequence[float] = DOWN,
         seconds: float = 1.0,
         limit: float = 0.1,
+        whole: bool = False,
     ) -> Motion:
         """Free the object in a grasp and record how both move; see `HoldTest.hold`."""
         client, hand = self.client, self._hand
@@ -105,8 +106,11 @@ class PybulletHoldTest(AbstractContextManager["PybulletHoldTest"]):
             hand.drive(posture)
             self._step(springs, round(CLOSING_SECONDS * STEPS_PER_SECOND / CLOSING_STAGES))
         client.setGravity(*acceleration)
-        track = Track(np.concatenate(self._start), hand.joint_states()[0], limit=limit, interval=STEPS_PER_LOOK / STEPS_PER_SECOND)
-        for _ in range(round(seconds * STEPS_PER_SECOND / STEPS_PER_LOOK)):
+        interval = STEPS_PER_LOOK / STEPS_PER_SECOND
+        looks = round(seconds / interval)
+        start = np.concatenate(self._start)
+        track = Track(start, hand.joint_states()[0], limit=limit, interval=interval, looks=looks, whole=whole)
+        for _ in range(looks):
             self._step(springs, STEPS_PER_LOOK)
             if track.ends(np.concatenate(client.getBasePositionAndOrientation(self._object)), hand.joint_states()[0]):
                 break

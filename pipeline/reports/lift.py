@@ -74,7 +74,7 @@ def lifts(test: HoldTest, surface: Mapping[str, np.ndarray], grasps: Mapping[str
     made = []
     for grasp in read_grasps(grasps, surface, sensors):
         test.load(mesh, points)
-        made.append(_lift(grasp, test.hold(grasp, limit=FALL)))
+        made.append(_lift(grasp, test.hold(grasp, limit=FALL, whole=True)))
     return made
 
 

@@ -96,7 +96,7 @@ class SimulateGrasps(ObjectStage):
         """Mostly attempts, of which some dozen are enough where not all are asked for, and eight in a hold search, which tests each."""
         holds = settings.search == "hold"
         attempts = settings.attempts if settings.exhaustive else min(settings.attempts, 8 if holds else 12)
-        test = {"none": 0.0, "lift": 0.1, "six": 0.5}[settings.test]
+        test = {"none": 0.0, "lift": 0.06, "six": 0.3}[settings.test]
         seconds = attempts * (0.06 + 0.02 * settings.plans + test) if holds else 0.05 * attempts + test * settings.grasps
         return Cost(seconds=0.3 + seconds, kilobytes=settings.grasps)
 

@@ -18,7 +18,7 @@ from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.physics.engines import Engine, hold_test
 from pipeline.physics.gel_plates import GEL_MODULUS
 from pipeline.physics.hold_test import GRAVITY
-from pipeline.physics.motion import Motion
+from pipeline.physics.motion import Motion, Track
 from tests.kernels.hand.meshes import centred, points_on
 
 GRIPPER, SENSOR = load_hand("two_finger_gripper"), load_sensor("gel_16mm")
@@ -78,6 +78,32 @@ def test_motion_records_the_fall_as_it_is(engine: Engine) -> None:
     assert fallen[-2] < 0.1 < fallen[-1]
     assert motion.joint_angles.shape == (len(times), 1)
     assert np.ptp(motion.joint_angles) < 1e-3
+
+
+def creeping(speed: float, acceleration: float, *, whole: bool) -> tuple[int, bool]:
+    """Let an object creep for a second, looked at every 0.02 s, within 2 cm: looks that were taken, and whether it stayed."""
+    start, still = np.array([0.0, 0, 0, 0, 0, 0, 1]), np.zeros(1)
+    track = Track(start, still, limit=0.02, interval=0.02, looks=50, whole=whole)
+    for look in range(1, 51):
+        time = 0.02 * look
+        pose = start.copy()
+        pose[2] = -(speed * time + acceleration * time**2 / 2)
+        if track.ends(pose, still):
+            break
+    return look, track.motion(0.0).moved <= 0.02
+
+
+@pytest.mark.parametrize(
+    ("speed", "acceleration", "stays"),
+    [(0.001, 0.0, True), (0.008, 0.0, True), (0.03, 0.0, False), (0.004, 0.05, False), (0.004, 0.01, True)],
+)
+def test_a_track_that_ends_early_ends_as_the_whole_one(speed: float, acceleration: float, stays: bool) -> None:
+    looks, verdict = creeping(speed, acceleration, whole=False)
+    every, whole = creeping(speed, acceleration, whole=True)
+    assert verdict == whole == stays
+    assert looks <= every
+    if speed == 0.008:  # neither at rest nor fast
+        assert looks < every == 50
 
 
 def test_mesh_of_several_shapes_is_one_body() -> None:
