@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.kernels.hand.grasp_closure import Contact, contact_from_depth
+from pipeline.kernels.hand.grasp_closure import Contact, measure_contact
 from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 
 
@@ -51,10 +50,7 @@ def read_grasps(grasps: Mapping[str, np.ndarray], surface: Mapping[str, np.ndarr
     angles = grasps["joint_angles"]
     pregrasp, squeeze = (grasps[name] if name in stored else angles for name in ("pregrasp_angles", "squeeze_angles"))
     contacts = [
-        [
-            contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor) if touches else None
-            for pose, sensor, touches in zip(poses, sensors, touched, strict=True)
-        ]
+        [measure_contact(faces, pose, sensor) if touches else None for pose, sensor, touches in zip(poses, sensors, touched, strict=True)]
         for poses, touched in zip(grasps["sensor_pose"], grasps["touch_success"], strict=True)
     ]
     return [StoredGrasp(*grasp) for grasp in zip(grasps["hand_pose"], pregrasp, angles, squeeze, contacts, strict=True)]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from pipeline.dataset.object_rows import ObjectRows, first_shard
+from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -25,6 +27,10 @@ HELD = ("contact_area", "opposition", "closure")
 """The arrays that measure how well a grasp holds."""
 
 
+LISTS = ("touched", "tried", "held", "lifted", "directions", "diagonals")
+"""What a `Tally` has per object."""
+
+
 @dataclass
 class Tally:
     """Touches of the objects of one category."""
@@ -38,6 +44,28 @@ class Tally:
     """(grasp, 3) of every object: area of contact, mm², greatest angle between two contacts, degrees, and margin of force closure."""
     lifted: list[np.ndarray] = field(default_factory=list)
     """(grasp,) bool of every object: which grasps hold it in the hold test; none where that was not asked for."""
+    directions: list[np.ndarray] = field(default_factory=list)
+    """(grasp, 6) bool of every object: the same by the direction of gravity; none where only one was asked for."""
+    diagonals: list[float] = field(default_factory=list)
+    """Diagonal of every object's bounding box, m; none where there was no hold test."""
+
+    @classmethod
+    def joined(cls, tallies: Iterable[Tally]) -> Tally:
+        """Put the objects of several categories together."""
+        joined = cls()
+        for part in tallies:
+            for name in LISTS:
+                getattr(joined, name).extend(getattr(part, name))
+            joined.attempts += part.attempts
+        return joined
+
+    def part(self, numbers: Iterable[int]) -> Tally:
+        """Take some of the objects, without their attempts."""
+        chosen, taken = list(numbers), Tally()
+        for name in LISTS:
+            if own := getattr(self, name):
+                getattr(taken, name).extend(own[number] for number in chosen)
+        return taken
 
     def row(self) -> tuple[int, int, int, float, float]:
         """Objects, grasps, touches, and per cent of touches that succeed: of those kept, of all attempts."""
@@ -49,8 +77,9 @@ def tally(data: Place) -> dict[str, Tally]:
     """Count the touches of every category in a data directory; failed objects are left out."""
     shard = first_shard(data, GRASPS)
     judged = HELD if shard.has("closure") else ()  # older datasets have none
-    lifted = ("held",) if shard.has("held") else ()
-    rows = ObjectRows(data, ["touch_success", "attempt_success", "attempts", *judged, *lifted], split=None)
+    lifted = tuple(name for name in ("held", "held_directions") if shard.has(name))
+    arrays = ["touch_success", "attempt_success", "attempts", *judged, *lifted]
+    rows, surfaces = ObjectRows(data, arrays, split=None), DataDirectory(data).collection(SURFACES)
     tallies: dict[str, Tally] = defaultdict(Tally)
     for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
         entry = tallies[category]
@@ -62,6 +91,9 @@ def tally(data: Place) -> dict[str, Tally]:
             entry.held.append(np.stack([1e6 * area.sum(axis=1), angle, margin], axis=1))
         if lifted:
             entry.lifted.append(rows.read("held", object_id))
+            entry.diagonals.append(float(np.linalg.norm(np.ptp(surfaces.view(object_id)["meshes/vertices"], axis=0))))
+        if "held_directions" in lifted:
+            entry.directions.append(rows.read("held_directions", object_id))
     return dict(sorted(tallies.items()))
 
 

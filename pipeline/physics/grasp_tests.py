@@ -8,12 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.dataset.stored_grasps import StoredGrasp
-from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.sensor import Sensor
-from pipeline.physics.engines import Engine, hold_test
-from pipeline.physics.hold_test import HoldTest
-from pipeline.physics.mujoco_engine import MujocoHoldTest
-from pipeline.physics.simulation import GRAVITY
+from pipeline.physics.hold_test import GRAVITY, HoldTest
 
 AXES = tuple(tuple(sign * axis) for axis in np.eye(3) for sign in (-1.0, 1.0))
 """The six directions, in DexGraspBench's order."""
@@ -50,25 +45,19 @@ class GraspTest:
     closes: bool = False
     penetration: float = np.inf
 
-    def open(self, engine: Engine, hand: Hand, sensors: Sequence[Sensor]) -> HoldTest | MujocoHoldTest:
-        """Open a hold test with this mass and friction."""
-        return hold_test(engine, hand, sensors, mass=self.mass, friction=self.friction, torsion=self.torsion)
-
-    def holds(self, test: HoldTest | MujocoHoldTest, grasp: StoredGrasp) -> bool:
+    def holds(self, test: HoldTest, grasp: StoredGrasp) -> bool:
         """Tell whether a grasp of the object that `test` has loaded holds in every direction; the first in which it does not ends it."""
         return all(self.holds_against(test, grasp, direction) for direction in self.directions)
 
-    def holds_against(self, test: HoldTest | MujocoHoldTest, grasp: StoredGrasp, direction: Sequence[float]) -> bool:
+    def holds_against(self, test: HoldTest, grasp: StoredGrasp, direction: Sequence[float]) -> bool:
         """Tell whether it holds while the acceleration acts along a unit vector."""
         motion = test.hold(
-            grasp.hand_pose,
-            grasp.joint_angles,
-            grasp.contacts,
-            target=grasp.squeeze,
-            pregrasp=grasp.pregrasp if self.closes else None,
+            grasp,
+            closes=self.closes,
             acceleration=[self.acceleration * part for part in direction],
             seconds=self.seconds,
             limit=self.moved,
+            whole=np.isfinite(self.turned),  # how far it turns is known in the end only
         )
         return motion.moved <= self.moved and motion.turned <= self.turned and motion.penetration <= self.penetration
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.errors import InvalidInput
 from pipeline.formats.physics_urdf import write_physics_urdf
 from pipeline.kernels.geometry.mesh import Mesh
@@ -22,8 +23,8 @@ from pipeline.kernels.touch.gel_surface import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.convex_parts import convex_parts
 from pipeline.physics.gel_plates import add_gel_plates, gel_name, gel_spring
+from pipeline.physics.hold_test import DOWN
 from pipeline.physics.motion import CLOSING_SECONDS, CLOSING_STAGES, Motion, Track, closing_path
-from pipeline.physics.simulation import GRAVITY
 from pipeline.store.temporary import temporary_folder
 
 TIMESTEP, STEPS_PER_LOOK = 0.002, 10
@@ -39,7 +40,7 @@ HAND, GEL = 1, 2
 
 
 class MujocoHoldTest(AbstractContextManager["MujocoHoldTest"]):
-    """`HoldTest` in MuJoCo, with its parameters and methods. The object is its convex parts, motors are springs with the hand's torque.
+    """`HoldTest` in MuJoCo. The object is its convex parts, motors are springs with the hand's torque.
 
     Raises
     ------
@@ -94,7 +95,7 @@ class MujocoHoldTest(AbstractContextManager["MujocoHoldTest"]):
         return spec
 
     def load(self, mesh: Mesh, points: NDArray[np.float64]) -> None:
-        """Replace everything by the hand and an object, whose mass is spread evenly over its exterior points (N, 3)."""
+        """Replace everything by the hand and an object; see `HoldTest.load`."""
         mujoco, spec = self.mujoco, self._spec.copy()
         centre = points.mean(axis=0)
         squares = ((points - centre) ** 2).mean(axis=0)
@@ -112,43 +113,42 @@ class MujocoHoldTest(AbstractContextManager["MujocoHoldTest"]):
 
     def hold(
         self,
-        hand_pose: NDArray[np.float64],
-        joint_angles: NDArray[np.float64],
-        contacts: Sequence[Contact | None],
+        grasp: StoredGrasp,
         *,
-        target: NDArray[np.float64] | None = None,
-        pregrasp: NDArray[np.float64] | None = None,
-        acceleration: Sequence[float] = (0.0, 0.0, GRAVITY),
+        closes: bool = False,
+        acceleration: Sequence[float] = DOWN,
         seconds: float = 1.0,
         limit: float = 0.1,
+        whole: bool = False,
     ) -> Motion:
-        """Free the object in a grasp and tell how far it moves; see `HoldTest.hold`."""
+        """Free the object in a grasp and record how both move; see `HoldTest.hold`."""
         mujoco, model, data, hand = self.mujoco, self.model, self.data, self.hand
-        goal = joint_angles if target is None else target
         root = model.body(hand.links[0].name).id
-        model.body_pos[root] = hand_pose[:3, 3]
-        model.body_quat[root] = Rotation.from_matrix(hand_pose[:3, :3]).as_quat(scalar_first=True)
+        model.body_pos[root] = grasp.hand_pose[:3, 3]
+        model.body_quat[root] = Rotation.from_matrix(grasp.hand_pose[:3, :3]).as_quat(scalar_first=True)
         mujoco.mj_resetData(model, data)
-        start = joint_angles if pregrasp is None else pregrasp
+        start = grasp.pregrasp if closes else grasp.joint_angles
         for name, angle in zip(hand.joint_names, start, strict=True):
             data.joint(name).qpos = angle
         for follower in hand.followers:
             data.joint(hand.joints[follower.link - 1].name).qpos = follower.multiplier * start[follower.entry] + follower.offset
-        for number, contact in enumerate(contacts):
-            self._press(number, contact, out=pregrasp is not None)
+        for number, contact in enumerate(grasp.contacts):
+            self._press(number, contact, out=closes)
         data.ctrl[:] = start
-        track = Track(data.joint("object").qpos.copy(), limit=limit)
+        interval = STEPS_PER_LOOK * TIMESTEP
+        looks = round(seconds / interval)
+        track = Track(data.joint("object").qpos.copy(), start, limit=limit, interval=interval, looks=looks, whole=whole)
         mujoco.mj_forward(model, data)
         penetration = self._penetration()
         model.opt.gravity[:] = 0.0
-        for posture in closing_path(pregrasp, joint_angles, goal) if pregrasp is not None else ():
+        for posture in closing_path(grasp) if closes else ():
             data.ctrl[:] = posture
             mujoco.mj_step(model, data, nstep=round(CLOSING_SECONDS / CLOSING_STAGES / TIMESTEP))
         model.opt.gravity[:] = acceleration
-        data.ctrl[:] = goal
-        for _ in range(round(seconds / TIMESTEP / STEPS_PER_LOOK)):
+        data.ctrl[:] = grasp.squeeze
+        for _ in range(looks):
             mujoco.mj_step(model, data, nstep=STEPS_PER_LOOK)
-            if track.ends(self._object_pose()):
+            if track.ends(self._object_pose(), np.array([data.joint(name).qpos[0] for name in hand.joint_names])):
                 break
         return track.motion(penetration)
 

@@ -11,12 +11,11 @@ from pipeline.formats.physics_urdf import write_physics_urdf
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.hand_body import HandBody
+from pipeline.physics.hold_test import DOWN
 from pipeline.physics.object_shapes import COLLISION_MARGIN, ObjectShapes
 from pipeline.physics.quiet_pybullet import PhysicsClient
 from pipeline.store.temporary import temporary_folder
 
-GRAVITY = -9.81
-"""m/s², along the world's z."""
 MIN_STEPS = 20
 """Steps before a hand can count as resting: it starts at rest."""
 CHECK_EVERY = 10
@@ -47,7 +46,7 @@ class Simulation(AbstractContextManager["Simulation"]):
         The client is reset first: bodies that are removed one by one leave memory behind.
         """
         self.client.resetSimulation()
-        self.client.setGravity(0, 0, GRAVITY)
+        self.client.setGravity(*DOWN)
         for shape in self._shapes.create(mesh):
             self.client.changeDynamics(self.client.createMultiBody(0, shape), -1, collisionMargin=COLLISION_MARGIN)
         self._body = HandBody(self.client, self.hand, self._urdf)

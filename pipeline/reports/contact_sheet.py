@@ -16,14 +16,14 @@ from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
 from pipeline.formats.scene_file import load_scene
-from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
 from pipeline.reports.contact_sheet_page import Band, draw, enlarged, finger_colors, grasp_note, size_note, spread_evenly
 from pipeline.reports.report_pages import WrittenFiles
-from pipeline.reports.second_view import GraspView, gel_squares, second_view, touch_patch
+from pipeline.reports.second_view import EXAGGERATED, GraspView, Squeeze, gel_squares, second_view, squeeze_view, touch_patch
 from pipeline.store import digest
 from pipeline.store.atomic import written_to
 from pipeline.store.collection import Collection
@@ -120,7 +120,11 @@ class BandMaker:
         frames = forward_kinematics(self.hand, hand_pose, row["joint_angles"][grasp])  # (L, 4, 4)
         sites = zip(depths, poses, self.sensors, colors, strict=True)
         patches = [touch_patch(*site) for site, contact in zip(sites, row["touch_success"][grasp], strict=True) if contact]
-        mesh = read_mesh(rows["surfaces"])
+        mesh, squeeze = read_mesh(rows["surfaces"]), None
+        if "squeeze_angles" in list(row):
+            driven = forward_kinematics(self.hand, hand_pose, row["squeeze_angles"][grasp])
+            squares = gel_squares(sensor_poses_from_links(self.hand, driven), self.sensors)
+            squeeze = Squeeze([(shape, surface, driven[link]) for link, shape, surface in self.shapes], squares)
         with self.renderer.added(mesh, Label.OBJECT) as handle:
             yield GraspView(
                 object_mesh=(handle, mesh),
@@ -129,6 +133,7 @@ class BandMaker:
                 palm=hand_pose[:3, :3] @ self.hand.palm_facing,
                 squares=gel_squares(poses, self.sensors),
                 colors=colors,
+                squeeze=squeeze,
             )
 
     def band(self, object_id: str, rows: Mapping[str, Mapping[str, np.ndarray]]) -> Band:
@@ -138,6 +143,7 @@ class BandMaker:
         occluded = vision["occluded"][0, 0] if "occluded" in list(vision) else np.full_like(unoccluded, 255)
         with self.grasp_view(rows, 0) as view:
             held, felt = second_view(self.renderer, self.scene, len(unoccluded), view)
+            squeezed = squeeze_view(self.renderer, self.scene, len(unoccluded), view)
         masks = vision["segmentation"][:2, 0] > 0
         (unoccluded, scale), (occluded, _) = (enlarged(image, masks) for image in (unoccluded, occluded))
         return Band(
@@ -147,6 +153,7 @@ class BandMaker:
                 (f"unoccluded{scale}", unoccluded),
                 (f"occluded{scale}", occluded),
                 ("from a second side", held),
+                *([] if squeezed is None else [(f"squeeze, motion × {EXAGGERATED}", squeezed)]),
                 ("touch sites", felt),
             ],
             fingers=[mount.name for mount in self.hand.sensors],

@@ -21,9 +21,9 @@ from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import convex_error
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
+from pipeline.kernels.hand.link_overlaps import LinkOverlap, frequent_overlaps
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.posture_samples import blocked_fingers, sample_postures
-from pipeline.kernels.hand.self_collision import LinkOverlap, frequent_overlaps
 from pipeline.reports.contact_sheet_page import finger_colors
 from pipeline.reports.plots import save_figure
 from pipeline.rng import numpy_rng

@@ -172,14 +172,17 @@ def _write(source: ReportSource, folder: Path, name: str, **content: Any) -> Non
 
 
 def _tiles(source: ReportSource) -> list[tuple[str, str]]:
-    """Count objects, grasps, touches and failures for the first page."""
+    """Count objects, grasps, touches, failures, and grasps that hold where that was tested, for the first page."""
     tallies = tally(source.directory.root)
     touched = np.concatenate([grasps for entry in tallies.values() for grasps in entry.touched])
+    lifted = [grasps for entry in tallies.values() for grasps in entry.lifted]
+    held = [(f"{100 * np.concatenate(lifted).mean():.0f} %", "of grasps hold the object")] if lifted else []
     return [
         (str(len(source.object_ids)), "objects"),
         (str(len(tallies)), "class" if len(tallies) == 1 else "classes"),
         (str(len(touched)), "grasps"),
         (str(touched.sum()), f"touches, {100 * touched.mean():.0f} % of {touched.size}"),
+        *held,
         (str(len(source.failures)), "failure" if len(source.failures) == 1 else "failures"),
     ]
 

@@ -6,7 +6,7 @@ import base64
 import gzip
 import hashlib
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
@@ -20,8 +20,13 @@ from PIL import Image
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.touch.contact import pressed_pixels
 from pipeline.kernels.touch.sensor import Sensor
+from pipeline.physics.grasp_tests import GRASP_TESTS
+from pipeline.physics.hold_test import HoldTest
+from pipeline.physics.pybullet_engine import PybulletHoldTest
 from pipeline.reports.contact_sheet_page import depth_colors, enlarged, finger_colors, grasp_note, size_note
+from pipeline.reports.gltf_animation import Clip
 from pipeline.reports.grasp_scene import GraspScenes, Rows
+from pipeline.reports.lift import CLOSING_SECONDS, lifts
 from pipeline.reports.reconstruction_gallery import render_mesh
 from pipeline.reports.report_source import ReportSource, best, dataset_scene, errors_table
 from pipeline.reports.second_view import fitted_camera
@@ -64,6 +69,11 @@ class ObjectPages:
         self.scenes = GraspScenes(source.hand(), self.sensors, small=True)
 
     @cached_property
+    def _hold_test(self) -> HoldTest:
+        mass = self.source.attributes("grasps").get("settings", {}).get("hold_mass", GRASP_TESTS["lift"].mass)
+        return self._opened.enter_context(PybulletHoldTest(self.scenes.hand, self.sensors, mass=mass))
+
+    @cached_property
     def _renderer(self) -> Renderer:
         return self._opened.enter_context(Renderer(self.scene, 2 * THUMBNAIL))
 
@@ -84,9 +94,13 @@ class ObjectPages:
         Its `ObjectCard`, without the key.
         """
         rows = self.source.rows(object_id)
+        played = lifts(self._hold_test, rows["surfaces"], rows["grasps"], self.sensors) if "squeeze_angles" in list(rows["grasps"]) else []
+        clips = [self.scenes.clip(rows, number, lift) for number, lift in enumerate(played)]
         grasps = [self._grasp(rows, number) for number in range(len(rows["grasps"]["hand_pose"]))]
+        for grasp, lift in zip(grasps, played, strict=False):
+            grasp["lift"] = lift.note
         (self.folder / f"{object_id}.webp").write_bytes(_webp(self._thumbnail(rows)))
-        self._write_mesh(f"{object_id}.mesh.js", self.scenes.scene(rows))
+        self._write_mesh(f"{object_id}.mesh.js", self.scenes.scene(rows), clips)
         evaluation = self.source.evaluation
         predictions = evaluation.predictions(object_id) if evaluation else []
         if evaluation and predictions:
@@ -101,6 +115,7 @@ class ObjectPages:
             parts=[(part, label) for part, label in PARTS.items() if part != "charts" or "charts" in rows],
             predictions=[{"value": made.name, "label": made.label, "best": made is best(predictions)} for made in predictions],
             errors=errors_table(predictions) if predictions else None,
+            closing=CLOSING_SECONDS if played else None,
             before=before,
             after=after,
             **common,
@@ -117,8 +132,8 @@ class ObjectPages:
             "files": {f"{self.folder.name}/{path.name}": hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
         }
 
-    def _write_mesh(self, name: str, scene: Any) -> None:
-        packed = base64.b64encode(gzip.compress(self.scenes.glb(scene), 6, mtime=0)).decode()
+    def _write_mesh(self, name: str, scene: Any, clips: Sequence[Clip] = ()) -> None:
+        packed = base64.b64encode(gzip.compress(self.scenes.glb(scene, clips), 6, mtime=0)).decode()
         (self.folder / name).write_text(f'vtMesh("{name}", "{packed}");\n')
 
     def _grasp(self, rows: Rows, number: int) -> dict[str, Any]:
@@ -148,6 +163,7 @@ class ObjectPages:
         return {
             "touches": f"{touched.sum()} of {len(touched)} sensors touch",
             "note": f"{grasp_note(rows['grasps'], number)}.",
+            "lift": None,
             "pictures": pictures,
             "sensors": sensors,
             "columns": columns,

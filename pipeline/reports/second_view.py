@@ -42,8 +42,22 @@ SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 LINE, RIM = 1.5, 2.5
 """Width of a square's outline, and of the white rim under it, pixels."""
 
+HEAD = 6
+"""Length of an arrow's head, pixels."""
+
+EXAGGERATED = 12
+"""Times as long as the way from the grasp to the squeeze, some 2 mm, arrows are drawn."""
+
 LIFT = 4e-4
 """Distance of a patch in front of the surface it marks, m: it stays visible over a coarse mesh between its vertices."""
+
+
+@dataclass(frozen=True, eq=False)
+class Squeeze:
+    """The squeeze of a grasp, world frame, m: the hand's meshes and the gels' corners as in `GraspView`."""
+
+    hand: Sequence[tuple[MeshHandle, Mesh, NDArray[np.float64]]]
+    squares: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +78,8 @@ class GraspView:
         (S, 4, 3) corners of the gels, drawn over both images to mark what hides a patch.
     colors
         (S,) sRGB of each sensor.
+    squeeze
+        Where the motors drive from here; None where that is not known.
     """
 
     object_mesh: tuple[MeshHandle, Mesh]
@@ -72,6 +88,7 @@ class GraspView:
     palm: NDArray[np.float64]
     squares: NDArray[np.float64]
     colors: Sequence[Color]
+    squeeze: Squeeze | None = None
 
 
 def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> tuple[Camera, Camera]:
@@ -121,6 +138,28 @@ def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspV
         views_of = (([whole, *held], near), ([whole, *marks], far))
         close, apart = (renderer.render(meshes, view, lamp_beside(scene, view)).rgb for meshes, view in views_of)
     return _outlined(close, near, grasp.squares, grasp.colors), _outlined(apart, far, grasp.squares, grasp.colors)
+
+
+def squeeze_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> NDArray[np.uint8] | None:
+    """Render the squeeze as the second view shows the grasp, with an arrow per gel, `EXAGGERATED` times as long as its way.
+
+    Parameters
+    ----------
+    renderer, scene, resolution, grasp
+        As for `grasp_cameras`.
+
+    Returns
+    -------
+    An image (R, R, 3) uint8; None where the squeeze is not known.
+    """
+    if (squeeze := grasp.squeeze) is None:
+        return None
+    near, _ = grasp_cameras(renderer, scene, resolution, grasp)
+    held: list[PosedMesh] = [(hand, pose) for hand, _, pose in squeeze.hand]
+    image = renderer.render([(grasp.object_mesh[0], np.eye(4)), *held], near, lamp_beside(scene, near)).rgb
+    before, after = grasp.squares.mean(axis=1), squeeze.squares.mean(axis=1)
+    arrows = np.stack([before, before + EXAGGERATED * (after - before)], axis=1)
+    return _outlined(image, near, squeeze.squares, grasp.colors, arrows)
 
 
 def touch_patch(depth: NDArray[np.float32], pose: NDArray[np.float64], sensor: Sensor, color: Color) -> Mesh | None:
@@ -210,15 +249,30 @@ def _across(camera: Camera, palm: NDArray[np.float64]) -> float:
     return 1 - float(camera_pose(camera)[:3, 2] @ palm) ** 2
 
 
-def _outlined(image: NDArray[np.uint8], camera: Camera, squares: NDArray[np.float64], colors: Sequence[Color]) -> NDArray[np.uint8]:
-    """Draw the sensors' squares over an image, smooth lines in their colours on a white rim."""
+def _outlined(
+    image: NDArray[np.uint8],
+    camera: Camera,
+    squares: NDArray[np.float64],
+    colors: Sequence[Color],
+    arrows: NDArray[np.float64] | None = None,
+) -> NDArray[np.uint8]:
+    """Draw the sensors' squares (S, 4, 3), and an arrow (S, 2, 3) each, over an image: smooth lines in their colours on a white rim."""
     fine = 4  # Pillow draws no smooth lines: drawn four times as large and averaged
     side = image.shape[0] * fine
     canvas = Image.fromarray(image).resize((side, side), Image.Resampling.NEAREST)
     pencil = ImageDraw.Draw(canvas)
     matrix = projection_matrix(camera)
-    for square, color in zip(squares, colors, strict=True):
-        corners = [(float(u), float(v)) for u, v in project_points(matrix, square) * fine]
-        for ink, wide in (((255, 255, 255), RIM), (color, LINE)):
-            pencil.line([*corners, corners[0], corners[1]], fill=ink, width=round(wide * fine), joint="curve")
+    lines = [[*corners, corners[0], corners[1]] for corners in (project_points(matrix, square) * fine for square in squares)]
+    lines += [_arrow(project_points(matrix, ends) * fine, HEAD * fine) for ends in (() if arrows is None else arrows)]
+    for number, line in enumerate(lines):
+        for ink, wide in (((255, 255, 255), RIM), (colors[number % len(colors)], LINE)):
+            pencil.line([(float(u), float(v)) for u, v in line], fill=ink, width=round(wide * fine), joint="curve")
     return np.asarray(canvas.resize((image.shape[1], image.shape[0]), Image.Resampling.BOX))
+
+
+def _arrow(ends: NDArray[np.float64], head: float) -> list[NDArray[np.float64]]:
+    """Points of an arrow's line from the first of two ends (2, 2) to the second, with a head of that length, pixels."""
+    start, end = ends
+    along = (start - end) / max(float(np.linalg.norm(end - start)), 1e-9)
+    across = np.array([-along[1], along[0]])
+    return [start, end, end + head * (along + across / 2), end, end + head * (along - across / 2)]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.console import Row, Table
 from pipeline.dataset.touch_statistics import PAPER, SUPPLEMENT_SUCCESS, Tally
+from pipeline.reports.hold_tables import hold_tables
 
 SUPPLEMENT_HISTOGRAM = (9.47, 26.08, 53.83, 10.61)
 """Section 1.6: per cent of grasps with 1 to 4 successful touches."""
@@ -30,17 +30,14 @@ def touch_tables(tallies: dict[str, Tally], sensors: list[str], *, paper: bool) 
     paper
         Whether the paper's figures are beside ours; those of touches per grasp only if the number of sensors is the same.
     """
-    joined: Any = {
-        name: [grasps for entry in tallies.values() for grasps in getattr(entry, name)] for name in ("touched", "tried", "held", "lifted")
-    }
-    everything = Tally(**joined)
+    everything = Tally.joined(tallies.values())
     rows = []
     for name, entry in [*tallies.items(), ("all", everything)]:
         *counts, kept, tried = entry.row()
         theirs = (SUPPLEMENT_SUCCESS | {"all": 62.7}).get(name)
         rows.append(Row([name, *counts, f"{kept:.1f}", *([theirs] if paper else []), f"{tried:.1f}"]))
     columns = ["class", "objects", "grasps", "touches", "% successful", *([f"% in {PAPER}"] if paper else []), "% of all attempts"]
-    made = [Table("Touches", columns, rows), *_hold(tallies, everything)]
+    made = [Table("Touches", columns, rows), *_contacts(tallies, everything), *hold_tables(tallies)]
     touched = np.concatenate(everything.touched)
     shares = touches_per_grasp(touched)
     rows = [Row(["here", *_rounded(shares)])]
@@ -62,18 +59,16 @@ def supplement_touches(count: int) -> tuple[float, ...]:
     return (0.0, *SUPPLEMENT_HISTOGRAM) if count == 1 + len(SUPPLEMENT_HISTOGRAM) else ()
 
 
-def _hold(tallies: dict[str, Tally], everything: Tally) -> list[Table]:
-    """Make the table of how well the kept grasps hold, if the dataset has those figures."""
+def _contacts(tallies: dict[str, Tally], everything: Tally) -> list[Table]:
+    """Make the table of how the contacts of the kept grasps could hold, if the dataset has those figures."""
     if not everything.held:
         return []
     rows = []
     for name, entry in [*tallies.items(), ("all", everything)]:
         area, angle, margin = np.concatenate(entry.held).T
-        lifted = (f"{100 * np.concatenate(entry.lifted).mean():.1f}",) if entry.lifted else ()
-        shares = (f"{100 * (angle > OPPOSED).mean():.1f}", f"{100 * (margin > 0).mean():.1f}", *lifted)
-        rows.append(Row([name, f"{area.mean():.0f}", *shares]))
+        rows.append(Row([name, f"{area.mean():.0f}", f"{100 * (angle > OPPOSED).mean():.1f}", f"{100 * (margin > 0).mean():.1f}"]))
     titles = ["class", "area of contact per grasp, mm²", f"% with contacts over {OPPOSED}° apart", "% with force closure"]
-    return [Table("Contacts", [*titles, "% that hold the object"] if everything.lifted else titles, rows)]
+    return [Table("Contacts", titles, rows)]
 
 
 def _rounded(shares: Iterable[float]) -> list[str]:

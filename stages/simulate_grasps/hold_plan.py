@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.transforms import compose, invert_pose
 from pipeline.kernels.hand.antipodal_points import AntipodalPoints, antipodal_points, central_weights
-from pipeline.kernels.hand.grasp_closure import contact_from_depth
+from pipeline.kernels.hand.grasp_closure import measure_contact
 from pipeline.kernels.hand.grasp_ik import GraspChoices, grasp_ik
 from pipeline.kernels.hand.grid_loops import gaps
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
-from pipeline.kernels.hand.load_residual import load_residuals
+from pipeline.kernels.hand.load_residual import NO_LOAD, Load, lightest_grasp
 from pipeline.kernels.hand.object_distances import finger_clearance, gel_contact, gel_probes
 from pipeline.kernels.hand.opposed_postures import WIDTH_STEP, OpposedPostures, opposed_postures
 from pipeline.kernels.hand.pregrasp import frame_along
-from pipeline.kernels.touch.ray_depth import ray_depth
 from stages.simulate_grasps.grasp_search import Plan
 from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
 from stages.simulate_grasps.settings import GraspSettings
@@ -33,8 +32,8 @@ GEL_DISTANCE = 0.002
 """m that their gels may be from it."""
 WEIGHED_CHOICES = 128
 """Choices of fingers' postures whose contacts are weighed."""
-RESIDUAL_STEP = 0.02
-"""Share of the weight below which two residuals count as equal, and the number of touches decides."""
+BATCHES = (1, 8, 32)
+"""Choices where the weighing pauses: of those after one that cannot be surpassed, no contact is measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,24 +78,27 @@ class HoldPlanner:
 
     def __call__(self, rng: np.random.Generator) -> Plan | None:
         """Draw a few plans and return the best; None where the hand finds no room around the object."""
-        plans = [plan for _ in range(self.settings.plans) if (plan := self._plan(rng)) is not None]
-        return min(plans, key=lambda plan: plan[0])[1] if plans else None
+        best, plan = NO_LOAD, None
+        for _ in range(self.settings.plans):
+            if (drawn := self._draw_choices(rng)) is None:
+                continue
+            pose, choices = drawn
+            number, best = self._lightest(choices, best)
+            if number >= 0:
+                plan = Plan(pose, choices.joint_angles(number))
+            if self._is_perfect(best):
+                break
+        return plan
 
-    def _plan(self, rng: np.random.Generator) -> tuple[tuple[float, ...], Plan] | None:
-        """Draw one plan, with its rank: what it cannot carry of the object's weight, and how few gels touch."""
+    def _draw_choices(self, rng: np.random.Generator) -> tuple[NDArray[np.float64], GraspChoices] | None:
+        """Draw a pose (4, 4) and solve for the fingers; None where they find no room."""
         pose, start = self._draw_opposed_pose(rng)
         if pose is None:
             pose = next(TouchPlanner(self.prepared_hand, self.prepared_object, self.settings).poses_with_room(rng), None)
         if pose is None:
             return None
         field, rounds = self.prepared_object.field, self.settings.ik_refinements
-        choices = grasp_ik(self.prepared_hand.ik, field, pose, rounds=rounds, rng=rng, start=start)
-        if not len(choices.picks):
-            return None
-        residuals, touches = self._weigh(choices)
-        ranks = list(zip(np.floor(residuals / RESIDUAL_STEP).tolist(), (-touches).tolist(), strict=True))
-        best = min(range(len(ranks)), key=ranks.__getitem__)
-        return ranks[best], Plan(pose, choices.joint_angles(best))
+        return pose, grasp_ik(self.prepared_hand.ik, field, pose, rounds=rounds, rng=rng, start=start)
 
     def _draw_opposed_pose(self, rng: np.random.Generator) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
         """Draw a pose (4, 4) at which an opposed posture (J,) has both gels at the object and room for palm and fingers; None for none."""
@@ -134,22 +136,33 @@ class HoldPlanner:
         both = np.take_along_axis(clear, fingers, axis=1) & np.take_along_axis(at_object, sensors, axis=1)
         return np.flatnonzero(has_room & both.all(axis=1))
 
-    def _weigh(self, choices: GraspChoices) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Compute what choices leave of the object's weight (N,), and how many gels touch (N,)."""
-        hand = self.prepared_hand.hand
+    def _lightest(self, choices: GraspChoices, best: Load) -> tuple[int, Load]:
+        """Find the choice that carries the object best: its number and load; -1 and `best` where none surpasses this."""
+        hand, faces, number = self.prepared_hand.hand, self.prepared_object.faces, -1
         owners = hand.sensor_fingers
         picks = choices.picks[:WEIGHED_CHOICES]
         options = np.where(owners >= 0, picks[:, owners], 0)  # (N, S)
         points, normals = np.zeros((2, len(choices.options), len(owners), 3))
         touching = np.zeros(points.shape[:2], bool)
+        measured = np.zeros(points.shape[:2], bool)
         poses = sensor_poses_from_links(hand, choices.frames)
-        for number, sensor in enumerate(self.prepared_hand.sensors):
-            for option in np.unique(options[:, number]):
-                pose = poses[option, number]
-                contact = contact_from_depth(ray_depth(self.prepared_object.faces, pose, sensor), pose, sensor)
+        for batch in np.split(np.arange(len(picks)), [end for end in BATCHES if end < len(picks)]):
+            of_batch = options[batch], np.arange(len(owners))
+            wanted = np.zeros_like(measured)
+            wanted[of_batch] = True
+            for option, sensor in np.argwhere(wanted & ~measured).tolist():
+                contact = measure_contact(faces, poses[option, sensor], self.prepared_hand.sensors[sensor])
                 if contact is not None:
-                    points[option, number], normals[option, number] = contact.point - self.centre, contact.normal
-                    touching[option, number] = True
-        of_choices = options, np.arange(len(owners))
-        residuals = load_residuals(points[of_choices], normals[of_choices], touching[of_choices], hand.friction)
-        return residuals, touching[of_choices].sum(axis=1)
+                    points[option, sensor], normals[option, sensor] = contact.point - self.centre, contact.normal
+                    touching[option, sensor] = True
+            measured |= wanted
+            found, best = lightest_grasp(points[of_batch], normals[of_batch], touching[of_batch], hand.friction, best)
+            if found >= 0:
+                number = int(batch[found])
+            if self._is_perfect(best):
+                break
+        return number, best
+
+    def _is_perfect(self, load: Load) -> bool:
+        """Tell whether no plan could surpass this."""
+        return load == (0, len(self.prepared_hand.sensors))

@@ -24,6 +24,7 @@ from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.physics.grasp_tests import GRASP_TESTS
 from pipeline.physics.hold_test import HoldTest
+from pipeline.physics.pybullet_engine import PybulletHoldTest
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
 from schemas.base import Artifact
@@ -92,10 +93,12 @@ class SimulateGrasps(ObjectStage):
         yield from size_warnings(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
 
     def cost(self, settings: GraspSettings) -> Cost:
-        """Mostly attempts, of about 0.05 s each; some dozen are enough where not all are asked for. A hold search tests what it finds."""
-        attempts = settings.attempts if settings.exhaustive else min(settings.attempts, 12)
-        tests = {"none": 0.0, "lift": 0.1, "six": 0.6}[settings.test] * settings.grasps
-        return Cost(seconds=0.3 + 0.05 * attempts + tests, kilobytes=settings.grasps)
+        """Mostly attempts, of which some dozen are enough where not all are asked for, and eight in a hold search, which tests each."""
+        holds = settings.search == "hold"
+        attempts = settings.attempts if settings.exhaustive else min(settings.attempts, 8 if holds else 12)
+        test = {"none": 0.0, "lift": 0.06, "six": 0.3}[settings.test]
+        seconds = attempts * (0.06 + 0.02 * settings.plans + test) if holds else 0.05 * attempts + test * settings.grasps
+        return Cost(seconds=0.3 + seconds, kilobytes=settings.grasps)
 
     @contextmanager
     def session(self, settings: GraspSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
@@ -107,7 +110,7 @@ class SimulateGrasps(ObjectStage):
                 prepared_hand,
                 pinches=prepare_pinches(prepared_hand) if settings.search == "hold" else None,
                 physics=opened.enter_context(Simulation(prepared_hand.hand)),
-                test=opened.enter_context(HoldTest(prepared_hand.hand, prepared_hand.sensors, mass=settings.hold_mass))
+                test=opened.enter_context(PybulletHoldTest(prepared_hand.hand, prepared_hand.sensors, mass=settings.hold_mass))
                 if settings.test != "none"
                 else None,
             )

@@ -22,6 +22,8 @@ from tests.test_pipeline import UNEXPLAINED, made, manifest, vt  # noqa: F401
 
 SIZES = {"desktop": {"width": 1280, "height": 900}, "phone": {"width": 390, "height": 844}}
 ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+RIM, CORNER = 2, 8
+"""Pixels around the canvas, and in its rounded corners, that are the page's: dark pages are darker than the canvas by more than 12."""
 OBJECTS = 12
 """Pages of objects that are opened at most."""
 MILLISECONDS = 60_000
@@ -124,13 +126,46 @@ def test_object_and_hand_fit_into_the_view_and_the_object_is_seen(report, page):
     for grasp in range(page.locator("select[name=grasp] option").count()):
         page.locator("select[name=grasp]").select_option(str(grasp))
         page.wait_for_function(f"document.querySelector('.viewer [role=status]').textContent.startsWith('Grasp {grasp + 1}.')")
-        shown = canvas_of(page).astype(int)
-        ground = shown[2, 2]
-        drawn = np.abs(shown - ground).max(axis=-1) > 12
+        shown = canvas_of(page).astype(int)[RIM:-RIM, RIM:-RIM]
+        drawn = np.abs(shown - shown[CORNER, CORNER]).max(axis=-1) > 12
+        for rows in (slice(CORNER), slice(-CORNER, None)):
+            drawn[rows, :CORNER] = drawn[rows, -CORNER:] = False
         edges = [drawn[0], drawn[-1], drawn[:, 0], drawn[:, -1]]
         assert not any(edge.any() for edge in edges), "something is cut off"
         reach = [np.ptp(np.flatnonzero(drawn.any(axis=axis))) / drawn.shape[1 - axis] for axis in (0, 1)]
         assert max(reach) > 0.6, "the object is a speck"
+
+
+def test_a_lift_is_played_and_wound_and_leaves_the_grasp_as_it_was(report, page):
+    page.goto((report / "objects" / f"{sorted((report / 'objects').glob('*.html'))[0].stem}.html").as_uri())
+    is_ready(page)
+    time, play = page.locator("input[name=time]"), page.locator("button[name=play]")
+    grasp, closed = canvas_of(page), float(time.input_value())
+    assert page.locator(".viewer output").inner_text().startswith(("It stays", "It slips"))
+
+    def wound(seconds: float) -> np.ndarray:
+        time.evaluate("(range, seconds) => { range.value = seconds; range.dispatchEvent(new Event('input')); }", seconds)
+        return canvas_of(page)
+
+    before, at_grasp, after = wound(0), wound(closed), wound(closed + 10)
+    assert np.abs(at_grasp.astype(int) - grasp).mean() < 1  # tracks are rounded
+    assert (before != at_grasp).any()
+    assert (after != at_grasp).any()
+    play.click()
+    assert play.inner_text() == "Pause"
+    page.wait_for_function("document.querySelector('button[name=play]').textContent === 'Play'", timeout=MILLISECONDS)
+    assert float(time.input_value()) == pytest.approx(float(time.get_attribute("max")))
+    assert (canvas_of(page) == after).all()
+    play.focus()
+    page.keyboard.press("Enter")  # from the beginning again, and stopped
+    page.keyboard.press("Enter")
+    assert float(time.input_value()) < float(time.get_attribute("max"))
+    page.locator("select[name=grasp]").select_option("1")
+    page.wait_for_function("document.querySelector('.viewer [role=status]').textContent.startsWith('Grasp 2.')")
+    assert float(time.input_value()) == closed
+    page.locator("select[name=grasp]").select_option("0")
+    page.wait_for_function("document.querySelector('.viewer [role=status]').textContent.startsWith('Grasp 1.')")
+    assert (canvas_of(page) == grasp).all()
 
 
 def test_the_gallery_shows_the_objects_that_are_asked_for(report, page):

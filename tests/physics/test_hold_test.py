@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 import trimesh
 
+from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.grasp_closure import Contact, contact_from_depth
+from pipeline.kernels.hand.grasp_closure import measure_contact
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.physics.engines import Engine, hold_test
 from pipeline.physics.gel_plates import GEL_MODULUS
-from pipeline.physics.simulation import GRAVITY
+from pipeline.physics.hold_test import GRAVITY
+from pipeline.physics.motion import Motion, Track
 from tests.kernels.hand.meshes import centred, points_on
 
 GRIPPER, SENSOR = load_hand("two_finger_gripper"), load_sensor("gel_16mm")
@@ -35,16 +36,23 @@ def post(subdivisions: int = 0) -> Mesh:
 
 def lifted(mesh: Mesh, *, mass: float, sideways: float = 0.0, engine: Engine = "pybullet") -> bool:
     """Grip a post from its side, the gels pressed in by 2 mm; with the gripper moved sideways only the right finger touches."""
+    angles = np.array([WIDTH / 2 + SENSOR.w - PRESSED + sideways])
+    pose, faces = gripping_pose(sideways), box_faces(mesh.triangles)
+    contacts = [measure_contact(faces, sensor_pose, SENSOR) for sensor_pose in sensor_poses(GRIPPER, pose, angles)]
+    return hold(mesh, StoredGrasp(pose, angles, angles, angles, contacts), mass=mass, engine=engine).moved <= 0.05
+
+
+def gripping_pose(sideways: float) -> np.ndarray:
     pose = np.eye(4)
     pose[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]  # the palm faces +x, the fingers slide along y
     pose[:3, 3] = [-0.082, sideways, 0.6]
-    angles = np.array([WIDTH / 2 + SENSOR.w - PRESSED + sideways])
-    contacts: list[Contact | None] = []
-    for sensor_pose in sensor_poses(GRIPPER, pose, angles):
-        contacts.append(contact_from_depth(ray_depth(box_faces(mesh.triangles), sensor_pose, SENSOR), sensor_pose, SENSOR))
+    return pose
+
+
+def hold(mesh: Mesh, grasp: StoredGrasp, *, mass: float, engine: Engine) -> Motion:
     with hold_test(engine, GRIPPER, [SENSOR, SENSOR], mass=mass) as test:
         test.load(mesh, points_on(mesh, 2000, seed=0)[0])
-        return test.hold(pose, angles, contacts).moved <= 0.05
+        return test.hold(grasp)
 
 
 @pytest.mark.parametrize("engine", get_args(Engine))
@@ -56,6 +64,46 @@ def test_opposed_gels_hold_what_their_friction_can(engine: Engine, share: float,
 @pytest.mark.parametrize("engine", get_args(Engine))
 def test_object_that_is_touched_from_one_side_falls(engine: Engine) -> None:
     assert not lifted(post(), mass=0.05, sideways=0.03, engine=engine)
+
+
+@pytest.mark.parametrize("engine", get_args(Engine))
+def test_motion_records_the_fall_as_it_is(engine: Engine) -> None:
+    """The gripper is a metre away: the post falls freely, while the fingers stay."""
+    angles = np.array([0.03])
+    motion = hold(post(), StoredGrasp(gripping_pose(1.0), angles, angles, angles, [None, None]), mass=0.05, engine=engine)
+    fallen = motion.poses[0, 2] - motion.poses[:, 2]
+    times = motion.interval * np.arange(len(motion.poses))
+    np.testing.assert_allclose(fallen, -GRAVITY * times**2 / 2, atol=0.01)
+    assert motion.moved == pytest.approx(fallen[-1])
+    assert fallen[-2] < 0.1 < fallen[-1]
+    assert motion.joint_angles.shape == (len(times), 1)
+    assert np.ptp(motion.joint_angles) < 1e-3
+
+
+def creeping(speed: float, acceleration: float, *, whole: bool) -> tuple[int, bool]:
+    """Let an object creep for a second, looked at every 0.02 s, within 2 cm: looks that were taken, and whether it stayed."""
+    start, still = np.array([0.0, 0, 0, 0, 0, 0, 1]), np.zeros(1)
+    track = Track(start, still, limit=0.02, interval=0.02, looks=50, whole=whole)
+    for look in range(1, 51):
+        time = 0.02 * look
+        pose = start.copy()
+        pose[2] = -(speed * time + acceleration * time**2 / 2)
+        if track.ends(pose, still):
+            break
+    return look, track.motion(0.0).moved <= 0.02
+
+
+@pytest.mark.parametrize(
+    ("speed", "acceleration", "stays"),
+    [(0.001, 0.0, True), (0.008, 0.0, True), (0.03, 0.0, False), (0.004, 0.05, False), (0.004, 0.01, True)],
+)
+def test_a_track_that_ends_early_ends_as_the_whole_one(speed: float, acceleration: float, stays: bool) -> None:
+    looks, verdict = creeping(speed, acceleration, whole=False)
+    every, whole = creeping(speed, acceleration, whole=True)
+    assert verdict == whole == stays
+    assert looks <= every
+    if speed == 0.008:  # neither at rest nor fast
+        assert looks < every == 50
 
 
 def test_mesh_of_several_shapes_is_one_body() -> None:

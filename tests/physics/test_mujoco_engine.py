@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
+from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.mujoco_engine import MujocoHoldTest
@@ -18,8 +19,8 @@ def test_hand_that_touches_nothing_keeps_its_posture(hand: Hand) -> None:
     angles = (hand.lower + hand.upper) / 2
     with MujocoHoldTest(hand, load_worn_sensors(sensor_names(hand, None)), mass=0.2) as test:
         test.load(far, points_on(far, 500, seed=0)[0])
-        motion = test.hold(pose, angles, [None] * len(hand.sensors), acceleration=(0.0, 0.0, 0.0), seconds=0.2)
-        found = np.array([test.data.joint(name).qpos[0] for name in hand.joint_names])
-    np.testing.assert_allclose(found, angles, atol=1e-3)
+        grasp = StoredGrasp(pose, angles, angles, angles, [None] * len(hand.sensors))
+        motion = test.hold(grasp, acceleration=(0.0, 0.0, 0.0), seconds=0.2)
+    np.testing.assert_allclose(motion.joint_angles[-1], angles, atol=1e-3)
     assert motion.moved < 1e-6
     assert motion.penetration == 0

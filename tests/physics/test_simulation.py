@@ -11,8 +11,9 @@ import trimesh
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.model import Hand
+from pipeline.physics.hold_test import GRAVITY
 from pipeline.physics.quiet_pybullet import pybullet
-from pipeline.physics.simulation import GRAVITY, Simulation
+from pipeline.physics.simulation import Simulation
 from tests.kernels.hand.meshes import centred, mug
 
 STEP = 1 / 240

@@ -1,11 +1,14 @@
 """The summary's tables: of any hand, by its own names."""
 
 import io
+import itertools
 
 import numpy as np
+import pytest
 from rich.console import Console
 
 from pipeline.console import show_tables
+from pipeline.reports.hold_tables import SIZES, hold_tables, size_bins
 from pipeline.reports.touch_tables import Tally, touch_tables
 
 
@@ -22,15 +25,54 @@ def test_a_hand_of_other_fingers_is_told_by_its_names():
     assert not any(line[:2] == ["Smith", "et"] for line in lines)  # its hand has four
 
 
-def test_share_held_in_the_hold_test_is_told_where_it_was_asked_for():
-    entry = Tally([np.ones((2, 2), bool)], [np.ones(2)], attempts=2, held=[np.array([[50.0, 120.0, 0.3]] * 2)])
-    for lifted, expected in (([], "100.0"), ([np.array([True, False])], "50.0")):
-        entry.lifted = lifted
-        written = io.StringIO()
-        show_tables(Console(file=written, width=160), touch_tables({"mug": entry}, ["left", "right"], paper=False))
-        lines = written.getvalue().splitlines()
-        start = next(number for number, line in enumerate(lines) if "area of contact" in line)
-        assert next(line.split()[-1] for line in lines[start:] if line.split()[:1] == ["mug"]) == expected
+def objects_of(held: list[list[bool]], diagonals: list[float], directions: list[list[list[bool]]] | None = None) -> Tally:
+    """Make objects of two grasps each, which two sensors touch."""
+    count, each = len(held), len(held[0])
+    return Tally(
+        [np.ones((each, 2), bool)] * count,
+        [np.ones(2)] * count,
+        attempts=each * count,
+        held=[np.array([[50.0, 120.0, 0.3]] * each)] * count,
+        lifted=[np.array(own) for own in held],
+        directions=[np.array(own) for own in directions or []],
+        diagonals=diagonals,
+    )
+
+
+def test_share_that_holds_is_told_by_class_and_size_where_it_was_objects_of():
+    tallies = {"duck": objects_of([[True, True]], [0.1]), "mug": objects_of([[True, False], [False, False]], [0.1, 0.3])}
+    by_class, by_size = hold_tables(tallies)
+    assert by_class.columns == ["class", "objects", "grasps", "touches per grasp", "% that hold"]
+    assert [by_class.text(row) for row in by_class.rows] == [
+        ["duck", "1", "2", "2.00", "100.0"],
+        ["mug", "2", "4", "2.00", "25.0"],
+        ["all", "3", "6", "2.00", "50.0"],
+    ]
+    assert [by_size.text(row) for row in by_size.rows] == [["10 cm", "2", "4", "2.00", "75.0"], ["30 cm", "1", "2", "2.00", "0.0"]]
+    assert [table for table in touch_tables(tallies, ["left", "right"], paper=False) if "hold" in table.title] == [by_class]
+    untested = {"mug": Tally([np.ones((2, 2), bool)], [np.ones(2)], attempts=2)}
+    assert not hold_tables(untested)
+
+
+def test_share_that_holds_is_told_by_direction_where_six_were_objects_of():
+    directions = np.ones((1, 2, 6), bool)
+    directions[0, 0, 4] = False  # along -z
+    (entry,) = (objects_of([[False, True]], [0.2], directions.tolist()),)
+    for table in hold_tables({"mug": entry}):
+        assert table.columns[-7:] == ["% in all", "−x", "+x", "−y", "+y", "−z", "+z"]
+        assert table.text(table.rows[-1])[-7:] == ["50.0", "100.0", "100.0", "100.0", "100.0", "50.0", "100.0"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_bins_of_size_hold_every_object_once_and_differ(seed: int):
+    rng = np.random.default_rng(seed)
+    diagonals = np.concatenate([np.exp(rng.normal(size=30)), np.full(12, 0.5)])
+    bins = size_bins(diagonals)
+    assert 2 <= len(bins) <= SIZES
+    assert sorted(np.concatenate([*bins.values()]).tolist()) == list(range(len(diagonals)))
+    for own, after in itertools.pairwise(bins.values()):
+        assert diagonals[own].max() <= diagonals[after].min()
+    assert list(size_bins(np.full(7, 0.15))) == ["15 cm"]
 
 
 def test_columns_of_the_paper_are_left_out_where_sizes_differ():

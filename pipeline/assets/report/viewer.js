@@ -3,6 +3,7 @@
 (() => {
   const waiting = {};
   const HAND_OPACITY = 0.5;  // the object is seen through the hand
+  const SPEED = 0.5;  // of a lift that is played
 
   // A mesh file is a script that calls this with its name and its content: gzip, base64. Browsers fetch no files from a disk.
   window.vtMesh = (name, content) => waiting[name](content);
@@ -18,7 +19,7 @@
   const parse = async (name) => {
     const bytes = Uint8Array.from(atob(await load(name)), (one) => one.charCodeAt(0));
     const glb = await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
-    return (await new THREE.GLTFLoader().parseAsync(glb, "")).scene;
+    return new THREE.GLTFLoader().parseAsync(glb, "");
   };
 
   const start = async (root) => {
@@ -89,7 +90,7 @@
       const grasp = chosen("grasp").value, prediction = chosen("prediction")?.value;
       if (prediction && !predictions) {
         said.textContent = "Loading predictions.";
-        predictions = await parse(root.dataset.predictions);
+        predictions = (await parse(root.dataset.predictions)).scene;
         scene.add(predictions);
       }
       const parts = [...root.querySelectorAll("fieldset input:checked")].map((box) => box.value);
@@ -123,17 +124,60 @@
     canvas.addEventListener("keydown", (event) => {
       if (keys[event.key]) { keys[event.key](); event.preventDefault(); }
     });
+    const { scene: grasps, animations } = await parse(root.dataset.mesh);
+    scene.add(grasps);
+
+    // The lift of a grasp: played, or wound by hand. Where none has begun, the scene is the grasp.
+    const play = chosen("play"), time = chosen("time"), mixer = new THREE.AnimationMixer(grasps);
+    let lift, before;
+    const wind = (seconds) => {
+      lift.time = Math.min(seconds, lift.getClip().duration);
+      time.value = lift.time;
+      time.setAttribute("aria-valuetext", `${lift.time.toFixed(2)} seconds`);
+      mixer.update(0);
+      draw();
+    };
+    const begin = () => { lift.play(); lift.paused = true; };  // its time is set here, not by the mixer
+    const pause = () => { before = undefined; play.textContent = "Play"; };
+    const step = (now) => {
+      if (before === undefined) return;
+      wind(lift.time + SPEED * (now - before) / 1000);
+      before = now;
+      if (lift.time < lift.getClip().duration) requestAnimationFrame(step); else pause();
+    };
+    const choose = () => {
+      if (!play) return;
+      const { value, selectedOptions: [{ dataset }] } = chosen("grasp"), clip = animations.find(({ name }) => name === `grasp-${value}`);
+      pause();
+      mixer.stopAllAction();
+      root.querySelector("output").textContent = dataset.lift ?? "";
+      play.disabled = time.disabled = !clip;
+      lift = clip && mixer.clipAction(clip);
+      time.max = clip ? clip.duration : 1;
+      time.value = time.defaultValue;
+    };
+    play?.addEventListener("click", () => {
+      if (before !== undefined) return pause();
+      begin();
+      if (Number(time.value) >= Number(time.max) || time.value === time.defaultValue) wind(0); else wind(Number(time.value));
+      play.textContent = "Pause";
+      before = performance.now();
+      requestAnimationFrame(step);
+    });
+    time?.addEventListener("input", () => { const wanted = Number(time.value); pause(); begin(); wind(wanted); });
+
     root.addEventListener("change", async (event) => {
+      if (event.target === time) return;
+      if (event.target.name === "grasp") choose();
       await show();
       if (["grasp", "beside", "prediction"].includes(event.target.name)) reset();
     });
-
-    scene.add(await parse(root.dataset.mesh));
     scene.traverse((node) => {
       if (/^grasp-\d+-hand$/.test(node.name)) node.traverse(({ material }) => {
         if (material) Object.assign(material, { transparent: true, opacity: HAND_OPACITY });
       });
     });
+    choose();
     await show();
     draw();
     reset();

@@ -18,8 +18,8 @@ TILT = 0.25
 """Standard deviation of a ray's slope against the inward normal: objects have more pairs than those that face each other exactly."""
 CONE_SHARE = 0.8
 """Share of the friction angle by which a normal may be off the line between the points."""
-LEAST_WIDTH = 2e-4
-"""m between two points; a ray meets the surface that it starts from at less."""
+SELF_HIT = 2e-4
+"""m from its origin within which a ray meets only the surface that it starts from."""
 BEHIND = 0.003
 """m behind a point at which the object must have ended: room for the other finger."""
 
@@ -66,7 +66,7 @@ def antipodal_points(
     facing = np.abs((unit_vectors(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])) * direction).sum(axis=1))
     within = sin_cos(CONE_SHARE * np.arctan(friction))[1]
     end = origin + distance[:, None] * direction
-    kept = (distance > LEAST_WIDTH) & (distance <= widest) & (facing >= within) & (-(outward * direction).sum(axis=1) >= within)
+    kept = (distance > SELF_HIT) & (distance <= widest) & (facing >= within) & (-(outward * direction).sum(axis=1) >= within)
     kept[kept] = field.lookup((end + BEHIND * direction)[kept].T.astype(np.float32)) > 0
     return AntipodalPoints(((origin + end) / 2)[kept], direction[kept], distance[kept])
 

@@ -10,7 +10,9 @@ from scipy.optimize import linprog
 
 from pipeline.kernels.geometry.transforms import length, solve_3x3
 from pipeline.kernels.touch.contact import pressed_pixels
+from pipeline.kernels.touch.face_culling import BoxedFaces
 from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 
 CONE_EDGES = 8
@@ -84,6 +86,19 @@ def contact_from_depth(depth: np.ndarray, pose: NDArray[np.float64], sensor: Sen
         volume=volume,
         nearest=float(points[:, 2].min()),
     )
+
+
+def measure_contact(faces: BoxedFaces, pose: NDArray[np.float64], sensor: Sensor) -> Contact | None:
+    """Find the contact of a sensor with an object; None where nothing presses into the gel.
+
+    Parameters
+    ----------
+    faces
+        The object's, from `box_faces`.
+    pose, sensor
+        As for `contact_from_depth`.
+    """
+    return contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor)
 
 
 def opposition_angle(contacts: list[Contact]) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,41 +23,90 @@ SWEEPS, SLOW = 200, 1e-3
 """Rounds over all forces at most; the share by which the squared residual must fall in one, else it is the least."""
 SMALL = 1e-3
 """Share of the weight below which a residual counts as none."""
+RESIDUAL_STEP = 0.02
+"""Share of the weight within which residuals count as equal, and the number of touches decides."""
+
+
+class Load(NamedTuple):
+    """How well a grasp carries an object: its residual in whole `RESIDUAL_STEP`s, and how many contacts it has."""
+
+    steps: int
+    touches: int
+
+
+NO_LOAD = Load(1000, -1)
+"""Worse than any grasp's."""
 
 
 @compiled
-def load_residuals(points: Float64Array, normals: Float64Array, touching: NDArray[np.bool_], friction: float) -> Float64Array:
-    """Compute what grasps cannot carry of an object's weight, along ± x, ± y and ± z.
+def load_residual(points: Float64Array, normals: Float64Array, touching: NDArray[np.bool_], friction: float) -> float:
+    """Compute what a grasp cannot carry of an object's weight, along ± x, ± y and ± z.
 
     Parameters
     ----------
     points, normals
-        (N, C, 3) of C contacts in N grasps, m, from the centre of mass; unit normals into the object.
+        (C, 3) of C contacts, m, from the centre of mass; unit normals into the object.
     touching
-        (N, C) which of them there are.
+        (C,) which of them there are.
     friction
         Coefficient of every contact.
 
     Returns
     -------
-    (N,) float64: the root mean square, over six directions, of the force and moment (divided by `LEVER`) that remain, as a share of the
-    weight. 0: held in all; 1: not held at all.
+    The root mean square, over six directions, of the force and moment (divided by `LEVER`) that remain, as a share of the weight. 0: held
+    in all; 1: not held at all.
 
     Notes
     -----
     Least squares over forces within the friction cones, the pyramids' edges and the moments of a soft finger, one force after the other
     (coordinate descent).
     """
-    residuals = np.empty(len(points))
-    columns = np.empty((points.shape[1] * (EDGES + 2), 6))
+    return _residual(_columns(points, normals, touching, friction), np.inf, np.arange(6))
+
+
+@compiled
+def lightest_grasp(
+    points: Float64Array, normals: Float64Array, touching: NDArray[np.bool_], friction: float, best: Load
+) -> tuple[int, Load]:
+    """Find the grasp that carries an object best: the least steps of its residual, then the most touches, then the first.
+
+    Parameters
+    ----------
+    points, normals, touching, friction
+        (N, C, …) of N grasps, as for `load_residual`.
+    best
+        What they must surpass; `NO_LOAD` for anything.
+
+    Returns
+    -------
+    The grasp's number and its load; -1 and `best` where none surpasses it.
+
+    Notes
+    -----
+    The residual of a grasp is left as soon as some directions alone make it too large; that which was too large comes first in the next.
+    """
+    number, steps, fullest = -1, best.steps, best.touches
+    order = np.arange(6)
     for n in range(len(points)):
-        count = 0
-        for c in range(points.shape[1]):
-            if touching[n, c]:
-                _cone(points[n, c], normals[n, c], friction, columns[count : count + EDGES + 2])
-                count += EDGES + 2
-        residuals[n] = _residual(columns[:count])
-    return residuals
+        touches = int(touching[n].sum())
+        least = steps if touches > fullest else steps - 1  # that it must have
+        if least >= 0:
+            residual = _residual(_columns(points[n], normals[n], touching[n], friction), (least + 1) * RESIDUAL_STEP, order)
+            if residual < np.inf and residual // RESIDUAL_STEP <= least:
+                number, steps, fullest = n, int(residual // RESIDUAL_STEP), touches
+    return number, Load(steps, fullest)
+
+
+@compiled
+def _columns(points: Float64Array, normals: Float64Array, touching: NDArray[np.bool_], friction: float) -> Float64Array:
+    """Wrenches (M, 6) of all contacts that there are."""
+    columns = np.empty((len(points) * (EDGES + 2), 6))
+    count = 0
+    for c in range(len(points)):
+        if touching[c]:
+            _cone(points[c], normals[c], friction, columns[count : count + EDGES + 2])
+            count += EDGES + 2
+    return columns[:count]
 
 
 @compiled
@@ -90,14 +141,18 @@ def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
 
 
 @compiled
-def _residual(columns: Float64Array) -> float:
-    """Root mean square of what wrenches (M, 6), each taken 0 to `MOST_FORCE` times, leave of unit forces in six directions."""
+def _residual(columns: Float64Array, enough: float, order: NDArray[np.intp]) -> float:
+    """Root mean square of what wrenches (M, 6), each taken 0 to `MOST_FORCE` times, leave of unit forces in six directions.
+
+    Infinity where some directions, taken in `order`, make it `enough` alone; the last of them then becomes the first.
+    """
     if not len(columns):
         return 1.0
     squares = (columns**2).sum(axis=1)
-    total = 0.0
+    remains = np.zeros(6)
     force, left = np.empty(len(columns)), np.empty(6)
-    for direction in range(6):
+    for place in range(6):
+        direction = order[place]
         force[:] = 0.0
         left[:] = 0.0
         left[direction // 2] = 1.0 if direction % 2 else -1.0
@@ -116,5 +171,9 @@ def _residual(columns: Float64Array) -> float:
                 squared += left[k] * left[k]
             if squared < SMALL * SMALL or before - squared < SLOW * squared:
                 break
-        total += squared
-    return float(np.sqrt(total / 6))
+        remains[direction] = squared
+        if np.sqrt(remains.sum() / 6) >= enough * (1 + 1e-9):  # not by the rounding of the sum
+            order[1 : place + 1] = order[:place].copy()
+            order[0] = direction
+            return np.inf
+    return float(np.sqrt(remains.sum() / 6))

@@ -23,7 +23,7 @@ WIDTH_STEP = 0.004
 """m, by which widths are told apart: postures of every width are kept alike, and each serves widths up to this far from its own."""
 POSTURES_PER_STEP = 16
 """Postures kept of each pair of gels and width: enough that palms come from many sides."""
-LEAST_WIDTH = 0.0005
+THINNEST = 0.0005
 """m, the thinnest sheet that is pinched; gels that are nearer cross each other."""
 FACING, SIN_FACING = float(np.sqrt(0.75)), 0.5
 """Cosine and sine of the angle, 30°, by which the two normals may be off: what two gels and a friction coefficient of 0.5 forgive."""
@@ -108,7 +108,7 @@ def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> OpposedPostures:
             angles[:, joints] = ik.joint_angles[own][:, joints]
     moving = [joint for finger in dict.fromkeys(fingers) if finger >= 0 for joint in hand.fingers[finger].joints]
     margin = limit_margin(hand)
-    wanted = np.maximum(_grips(ik, angles, pair).width, LEAST_WIDTH)
+    wanted = np.maximum(_grips(ik, angles, pair).width, THINNEST)
     for _ in range(ROUNDS):
         angles[:, moving] += _step(ik, angles, pair, wanted, moving)
         angles = np.clip(angles, hand.lower + margin, hand.upper - margin)
@@ -196,7 +196,7 @@ def _grips(ik: GraspIk, angles: Float64Array, pair: tuple[int, int]) -> OpposedP
     width = (across * axis).sum(axis=1)
     side = length(across - width[:, None] * axis) / np.maximum(SIDE, SIDE_SHARE * width)
     turned = (2 - length(facing)) / (2 - np.sqrt(2 + 2 * FACING))
-    fault = np.where(width < LEAST_WIDTH, np.inf, np.maximum(side, turned))
+    fault = np.where(width < THINNEST, np.inf, np.maximum(side, turned))
     return OpposedPostures(angles, np.tile(np.array(pair), (len(angles), 1)), points.mean(axis=1), axis, width, fault)
 
 

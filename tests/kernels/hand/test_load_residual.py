@@ -6,12 +6,22 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from pipeline.kernels.hand.load_residual import CONTACT_RADIUS, EDGES, LEVER, MOST_FORCE, load_residuals
+from pipeline.kernels.hand.load_residual import (
+    CONTACT_RADIUS,
+    EDGES,
+    LEVER,
+    MOST_FORCE,
+    NO_LOAD,
+    RESIDUAL_STEP,
+    Load,
+    lightest_grasp,
+    load_residual,
+)
 
 
 def residual(points: np.ndarray, normals: np.ndarray, friction: float) -> float:
     points, normals = np.asarray(points, float), np.asarray(normals, float)
-    return float(load_residuals(points[None], normals[None], np.ones((1, len(points)), bool), friction)[0])
+    return load_residual(points, normals, np.ones(len(points), bool), friction)
 
 
 def slow_residual(points: np.ndarray, normals: np.ndarray, friction: float) -> float:
@@ -45,13 +55,39 @@ def test_contacts_on_one_side_carry_one_direction_and_three_around_carry_all() -
 
 
 def test_no_contact_carries_nothing() -> None:
-    assert load_residuals(np.zeros((1, 2, 3)), np.zeros((1, 2, 3)), np.zeros((1, 2), bool), 0.5)[0] == 1.0
+    assert load_residual(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2, bool), 0.5) == 1.0
+
+
+def random_grasps(rng: np.random.Generator, count: int, contacts: int) -> np.ndarray:
+    """(count, contacts, 3) unit vectors outward."""
+    outward = rng.normal(size=(count, contacts, 3))
+    return np.asarray(outward / np.linalg.norm(outward, axis=2, keepdims=True))
 
 
 def test_residuals_agree_with_bounded_least_squares(rng: np.random.Generator) -> None:
-    outward = rng.normal(size=(20, 3, 3))
-    outward /= np.linalg.norm(outward, axis=2, keepdims=True)
-    fast = load_residuals(0.04 * outward, -outward, np.ones((20, 3), bool), 0.5)
+    outward = random_grasps(rng, 20, 3)
+    fast = np.array([residual(0.04 * own, -own, 0.5) for own in outward])
     slow = np.array([slow_residual(0.04 * own, -own, 0.5) for own in outward])
     assert np.ptp(slow) > 0.3
     np.testing.assert_allclose(fast, slow, atol=0.12)  # where the least is 0, the last hundredths take long
+
+
+@pytest.mark.parametrize("friction", [0.3, 0.5, 1.0])
+def test_lightest_grasp_is_that_of_all_residuals(rng: np.random.Generator, friction: float) -> None:
+    """Every residual computed to its end, and compared: leaving those that cannot win changes no choice."""
+    wins = 0
+    for count in (1, 40, 40, 40):
+        outward = random_grasps(rng, count, 4)
+        touching = rng.random((count, 4)) < 0.8
+        loads = [
+            (int(load_residual(0.04 * own, -own, there, friction) // RESIDUAL_STEP), -int(there.sum()))
+            for own, there in zip(outward, touching, strict=True)
+        ]
+        best = min(range(count), key=loads.__getitem__)
+        number, load = lightest_grasp(0.04 * outward, -outward, touching, friction, NO_LOAD)
+        assert (number, load) == (best, (loads[best][0], -loads[best][1]))
+        assert lightest_grasp(0.04 * outward, -outward, touching, friction, load) == (-1, load)
+        steps, touches = load
+        assert lightest_grasp(0.04 * outward, -outward, touching, friction, Load(steps, touches - 1)) == (best, load)
+        wins += best > 0
+    assert wins

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.engine import keys
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
@@ -106,3 +107,13 @@ def test_object_without_room_for_a_hand_is_refused() -> None:
     told = pytest.raises(InvalidInput, match=r"0 of 5 grasps found in 1 attempts: the hand has no room")
     with SimulateGrasps().session(settings, {}) as process, told:
         process(*unit_of(shell, points, -normals))
+
+
+def test_key_covers_the_engine_of_the_dataset_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A change of MuJoCo's side, or of which engines there are, makes no grasp again."""
+    hashed: list[str] = []
+    sources = keys._source
+    monkeypatch.setattr(keys, "_source", lambda name, path: hashed.append(name) or sources(name, path))
+    keys.sources_hash.__wrapped__("stages.simulate_grasps.stage")
+    assert "pipeline.physics.pybullet_engine" in hashed
+    assert not {"pipeline.physics.mujoco_engine", "pipeline.physics.convex_parts", "pipeline.physics.engines"} & set(hashed)

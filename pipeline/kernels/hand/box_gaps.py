@@ -1,0 +1,100 @@
+"""Gaps between boxes: compiled loops, which share a file because numba's cache notices changes of a function's own only."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.compiled import compiled
+
+Float64Array = NDArray[np.float64]
+
+PARALLEL_SINE2 = 1e-6
+"""Squared sine below which two edges count as parallel: their cross product is no axis, and the axes of the faces are enough."""
+
+
+@compiled
+def box_gap(frame_a: Float64Array, half_a: Float64Array, frame_b: Float64Array, half_b: Float64Array, enough: float = np.inf) -> float:
+    """Compute the largest gap between two boxes along any of the 15 candidate axes.
+
+    Parameters
+    ----------
+    frame_a, frame_b
+        (4, 4) poses of the boxes' centres, m.
+    half_a, half_b
+        (3,) half extents, m.
+    enough
+        m, a gap that is as good as any larger one: the search ends there.
+
+    Returns
+    -------
+    m: a lower bound of the distance of boxes that are apart; of boxes that overlap, minus their least overlap.
+    """
+    rotation, size, shift = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    gap = -np.inf
+    x, y, z = frame_b[0, 3] - frame_a[0, 3], frame_b[1, 3] - frame_a[1, 3], frame_b[2, 3] - frame_a[2, 3]
+    for i in range(3):  # the axes of a
+        for k in range(3):
+            rotation[i, k] = frame_a[0, i] * frame_b[0, k] + frame_a[1, i] * frame_b[1, k] + frame_a[2, i] * frame_b[2, k]
+            size[i, k] = abs(rotation[i, k])
+        shift[i] = frame_a[0, i] * x + frame_a[1, i] * y + frame_a[2, i] * z
+        gap = max(gap, abs(shift[i]) - half_a[i] - (size[i, 0] * half_b[0] + size[i, 1] * half_b[1] + size[i, 2] * half_b[2]))
+    if gap >= enough:
+        return gap
+    for k in range(3):  # the axes of b
+        along = abs(rotation[0, k] * shift[0] + rotation[1, k] * shift[1] + rotation[2, k] * shift[2])
+        gap = max(gap, along - half_b[k] - (size[0, k] * half_a[0] + size[1, k] * half_a[1] + size[2, k] * half_a[2]))
+    if gap >= enough:
+        return gap
+    for i in range(3):  # the cross products of two
+        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        for k in range(3):
+            sine2 = 1 - rotation[i, k] ** 2
+            if sine2 > PARALLEL_SINE2:
+                k1, k2 = (k + 1) % 3, (k + 2) % 3
+                distance = abs(shift[i2] * rotation[i1, k] - shift[i1] * rotation[i2, k])
+                extent = half_a[i1] * size[i2, k] + half_a[i2] * size[i1, k]
+                extent = extent + half_b[k1] * size[i, k2] + half_b[k2] * size[i, k1]
+                gap = max(gap, (distance - extent) / np.sqrt(sine2))
+    return gap
+
+
+@compiled
+def least_gap(world: Float64Array, half: Float64Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> float:
+    """Least gap of pairs of boxes; inf where there are none."""
+    least = np.inf
+    for a, b in zip(first, second):  # noqa: B905 - as numba has it
+        least = min(least, box_gap(world[a], half[a], world[b], half[b], least))
+    return least
+
+
+@compiled
+def are_near(world: Float64Array, half: Float64Array, first: NDArray[np.intp], second: NDArray[np.intp], gap: float) -> NDArray[np.bool_]:
+    """(N, pairs) whether boxes keep less than `gap`, for boxes (N, C, 4, 4)."""
+    near = np.empty((len(world), len(first)), np.bool_)
+    for n in range(len(world)):
+        for pair in range(len(first)):
+            a, b = first[pair], second[pair]
+            near[n, pair] = box_gap(world[n, a], half[a], world[n, b], half[b], gap) < gap
+    return near
+
+
+@compiled
+def conflicts(world: Float64Array, half: Float64Array, owner: NDArray[np.intp], fingers: int, gap: float) -> NDArray[np.bool_]:
+    """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b. World frames (O, C, 4, 4) of boxes."""
+    options = len(world)
+    conflicts = np.zeros((fingers, fingers, options, options), np.bool_)
+    radius = np.sqrt(half[:, 0] ** 2 + half[:, 1] ** 2 + half[:, 2] ** 2)
+    for k in range(len(owner)):
+        for m in range(len(owner)):
+            if 0 <= owner[k] < owner[m]:
+                reach = radius[k] + radius[m] + gap
+                found = conflicts[owner[k], owner[m]]
+                for i in range(options):
+                    for j in range(options):
+                        if not found[i, j]:
+                            a, b = world[i, k], world[j, m]
+                            x, y, z = a[0, 3] - b[0, 3], a[1, 3] - b[1, 3], a[2, 3] - b[2, 3]
+                            if np.sqrt(x * x + y * y + z * z) < reach:
+                                found[i, j] = box_gap(a, half[k], b, half[m], gap) < gap
+    return conflicts

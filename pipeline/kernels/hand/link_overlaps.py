@@ -1,0 +1,92 @@
+"""Links of a hand that overlap: at rest, where it is allowed, or in many postures, which is reported."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.hand.box_gaps import least_gap
+from pipeline.kernels.hand.collision_shapes import CollisionBoxes
+from pipeline.kernels.hand.kinematics import forward_kinematics
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.self_collision import meeting_links, rigid_bodies, world_boxes
+
+MAX_NEIGHBOUR_JOINTS = 2
+"""Most moving joints between a link and its descendant that still count as neighbours: a knuckle has two."""
+FREQUENT_SHARE = 0.5
+"""Share of the postures in which a pair must overlap to be reported."""
+
+
+@dataclass(frozen=True)
+class LinkOverlap:
+    """Two links whose boxes overlap in a share of postures, by `depth` m in the median of those; they are apart where it is negative."""
+
+    first: int
+    second: int
+    share: float
+    depth: float
+
+
+def overlapping_neighbours(hand: Hand, boxes: CollisionBoxes) -> frozenset[tuple[int, int]]:
+    """Find neighbouring links that overlap at rest: every joint at 0, or at its limit nearest to 0.
+
+    Parameters
+    ----------
+    hand, boxes
+        The hand and its boxes, from `collision_boxes`.
+
+    Returns
+    -------
+    Pairs of links, the lower number first.
+    """
+    rest = forward_kinematics(hand, np.eye(4), np.clip(0.0, hand.lower, hand.upper))[None]
+    return frozenset(pair for pair, gap in _link_gaps(hand, boxes, rest) if gap[0] < 0 and _are_neighbours(hand, *pair))
+
+
+def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float = 0.0) -> list[LinkOverlap]:
+    """List the pairs of links that overlap in many postures and are not allowed to, worst first.
+
+    Parameters
+    ----------
+    hand, boxes
+        The hand and its boxes, from `collision_boxes`.
+    frames
+        (N, L, 4, 4) float64 link frames of N postures, m.
+    gap
+        m, links nearer than this count as overlapping.
+
+    Returns
+    -------
+    Pairs with the share of postures in which they overlap, and their depth.
+    """
+    overlaps = []
+    for pair, gaps in _link_gaps(hand, boxes, frames):
+        share = float((gaps < gap).mean())
+        if share >= FREQUENT_SHARE and pair not in hand.allowed_contacts:
+            overlaps.append(LinkOverlap(*pair, share, float(-np.median(gaps[gaps < gap]))))
+    return sorted(overlaps, key=lambda overlap: (-overlap.share, overlap.first, overlap.second))
+
+
+def _link_gaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> Iterator[tuple[tuple[int, int], NDArray[np.float64]]]:
+    """Yield the pairs of links that can meet, each with its least gap (N,), m."""
+    world = world_boxes(boxes, frames)
+    for first, second in np.argwhere(meeting_links(hand)).tolist():
+        a, b = (rows.ravel() for rows in np.meshgrid(np.flatnonzero(boxes.link == first), np.flatnonzero(boxes.link == second)))
+        if len(a):
+            yield (first, second), np.array([least_gap(posture, boxes.half, a, b) for posture in world])
+
+
+def _are_neighbours(hand: Hand, first: int, second: int) -> bool:
+    """Whether at most `MAX_NEIGHBOUR_JOINTS` moving joints lead from the first link down to the second."""
+    bodies = rigid_bodies(hand)
+    body = bodies[second]
+    for _ in range(MAX_NEIGHBOUR_JOINTS):
+        if body == 0:
+            return False
+        body = bodies[hand.joints[body - 1].parent]  # joint i moves link i + 1
+        if body == bodies[first]:
+            return True
+    return False

@@ -1,0 +1,138 @@
+"""The hold test in PyBullet, the engine that makes grasps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.dataset.stored_grasps import StoredGrasp
+from pipeline.formats.physics_urdf import write_physics_urdf
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp_closure import Contact
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.gel_surface import gel_top
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.physics.gel_plates import GelSpring, add_gel_plates, gel_name, gel_spring
+from pipeline.physics.hand_body import HandBody
+from pipeline.physics.hold_test import DOWN
+from pipeline.physics.motion import CLOSING_SECONDS, CLOSING_STAGES, Motion, Track, closing_path
+from pipeline.physics.object_shapes import COLLISION_MARGIN, ObjectShapes
+from pipeline.physics.quiet_pybullet import PhysicsClient, pybullet
+from pipeline.store.temporary import temporary_folder
+
+STEPS_PER_SECOND, STEPS_PER_LOOK = 240, 5
+
+
+class PybulletHoldTest(AbstractContextManager["PybulletHoldTest"]):
+    """`HoldTest` in PyBullet, in one client. The object collides as it is, concave."""
+
+    def __init__(
+        self, hand: Hand, sensors: Sequence[Sensor], *, mass: float, friction: float | None = None, torsion: float | None = None
+    ) -> None:
+        self.hand = hand if friction is None else replace(hand, friction=friction)
+        self.sensors, self.mass, self.torsion = sensors, mass, torsion
+        self.client = PhysicsClient()
+        self._folder = ExitStack()
+        self._urdf = write_physics_urdf(hand, self._folder.enter_context(temporary_folder()))
+        add_gel_plates(self._urdf, hand, sensors)
+        self._shapes = ObjectShapes(self.client)
+        self._start: tuple[list[float], list[float]]
+
+    def __exit__(self, *_: object) -> None:
+        self.client.disconnect()
+        self._folder.close()
+
+    def load(self, mesh: Mesh, points: NDArray[np.float64]) -> None:
+        """Replace everything by the hand and an object; see `HoldTest.load`."""
+        client = self.client
+        client.resetSimulation()
+        first, *others = self._shapes.create(mesh)
+        centre = points.mean(axis=0)
+        squares = ((points - centre) ** 2).mean(axis=0)
+        none, straight = [[0.0, 0.0, 0.0]] * len(others), [[0.0, 0.0, 0.0, 1.0]] * len(others)
+        self._object = client.createMultiBody(
+            self.mass,
+            first,
+            baseInertialFramePosition=centre.tolist(),
+            linkMasses=[0.0] * len(others),
+            linkCollisionShapeIndices=others,
+            linkVisualShapeIndices=[-1] * len(others),
+            linkPositions=none,
+            linkOrientations=straight,
+            linkInertialFramePositions=none,
+            linkInertialFrameOrientations=straight,
+            linkParentIndices=[0] * len(others),
+            linkJointTypes=[pybullet.JOINT_FIXED] * len(others),
+            linkJointAxis=none,
+        )
+        inertia = (self.mass * (squares.sum() - squares)).tolist()  # Bullet knows none of a concave shape
+        client.changeDynamics(self._object, -1, localInertiaDiagonal=inertia)
+        for part in range(-1, len(others)):  # friction coefficients are multiplied: the hand's counts
+            client.changeDynamics(self._object, part, collisionMargin=COLLISION_MARGIN, lateralFriction=1.0)
+        self._start = (centre.tolist(), [0.0, 0.0, 0.0, 1.0])
+        self._hand = HandBody(client, self.hand, self._urdf)
+        for link in () if self.torsion is None else self._hand.links:
+            client.changeDynamics(self._hand.body, link, spinningFriction=self.torsion)
+        self._gels = [self._hand.numbers[gel_name(number)] for number in range(len(self.sensors))]
+        for gel in self._gels:
+            client.setJointMotorControl2(self._hand.body, gel, pybullet.VELOCITY_CONTROL, force=0)  # the motor that every joint has
+            for other in (*self._hand.links, *self._gels):
+                client.setCollisionFilterPair(self._hand.body, self._hand.body, gel, other, 0)
+
+    def hold(
+        self,
+        grasp: StoredGrasp,
+        *,
+        closes: bool = False,
+        acceleration: Sequence[float] = DOWN,
+        seconds: float = 1.0,
+        limit: float = 0.1,
+        whole: bool = False,
+    ) -> Motion:
+        """Free the object in a grasp and record how both move; see `HoldTest.hold`."""
+        client, hand = self.client, self._hand
+        hand.place(grasp.hand_pose, grasp.pregrasp if closes else grasp.joint_angles, grasp.squeeze)
+        springs = [self._press(number, contact, out=closes) for number, contact in enumerate(grasp.contacts)]
+        client.resetBasePositionAndOrientation(self._object, *self._start)
+        client.resetBaseVelocity(self._object, [0.0] * 3, [0.0] * 3)
+        client.performCollisionDetection()
+        penetration = -min((point[8] for point in client.getContactPoints(self._object, hand.body)), default=0.0)
+        client.setGravity(0.0, 0.0, 0.0)
+        for posture in closing_path(grasp) if closes else ():
+            hand.drive(posture)
+            self._step(springs, round(CLOSING_SECONDS * STEPS_PER_SECOND / CLOSING_STAGES))
+        client.setGravity(*acceleration)
+        interval = STEPS_PER_LOOK / STEPS_PER_SECOND
+        looks = round(seconds / interval)
+        start = np.concatenate(self._start)
+        track = Track(start, hand.joint_states()[0], limit=limit, interval=interval, looks=looks, whole=whole)
+        for _ in range(looks):
+            self._step(springs, STEPS_PER_LOOK)
+            if track.ends(np.concatenate(client.getBasePositionAndOrientation(self._object)), hand.joint_states()[0]):
+                break
+        return track.motion(max(penetration, 0.0))
+
+    def _step(self, springs: Sequence[GelSpring], steps: int) -> None:
+        """Step, with the gels' springs."""
+        body, gels, tops = self._hand.body, self._gels, [gel_top(sensor) for sensor in self.sensors]
+        states, control, step = self.client.getJointStates, self.client.setJointMotorControlArray, self.client.stepSimulation
+        for _ in range(steps):
+            forces = [
+                spring.stiffness * max(top - height, 0.0) - spring.damping * speed
+                for spring, top, (height, speed, *_) in zip(springs, tops, states(body, gels), strict=True)
+            ]
+            control(body, gels, pybullet.TORQUE_CONTROL, forces=forces)
+            step()
+
+    def _press(self, number: int, contact: Contact | None, *, out: bool) -> GelSpring:
+        """Put a gel to its contact, or `out` to where it is not pressed in; its spring."""
+        sensor, gel = self.sensors[number], self._gels[number]
+        spring = gel_spring(sensor, contact, friction=self.hand.friction, margin=COLLISION_MARGIN)
+        twist = spring.torsion if self.torsion is None else self.torsion
+        self.client.resetJointState(self._hand.body, gel, gel_top(sensor) if out and contact else spring.height)
+        self.client.changeDynamics(self._hand.body, gel, lateralFriction=self.hand.friction, spinningFriction=twist)
+        return spring

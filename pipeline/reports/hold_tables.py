@@ -1,0 +1,76 @@
+"""Tables of the hold test: which kept grasps hold the object, by class, by the object's size and by the direction of gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.console import Row, Table
+from pipeline.dataset.touch_statistics import Tally
+
+SIZES = 5
+"""Bins of size at most; each has its share of the objects, but for the last."""
+MIN_RATIO, SAME = 1.05, 1 + 1e-6
+"""Of a bin's lower end to that of the bin before, at least; and of sizes that are one, as of objects that were scaled."""
+DIRECTIONS = ("−x", "+x", "−y", "+y", "−z", "+z")
+"""Of gravity, as in `held_directions`."""
+
+
+def hold_tables(tallies: Mapping[str, Tally]) -> list[Table]:
+    """Make the tables, beside the touches; none for a dataset whose grasps were not tested.
+
+    Parameters
+    ----------
+    tallies
+        By class.
+    """
+    everything = Tally.joined(tallies.values())
+    if not everything.lifted:
+        return []
+    by_size = [(name, everything.part(numbers)) for name, numbers in size_bins(np.array(everything.diagonals)).items()]
+    parts = {"class": [*tallies.items(), ("all", everything)], "diagonal": by_size}
+    titles = {"class": "Kept grasps that hold the object, by class", "diagonal": "The same, by the diagonal of the object's bounding box"}
+    return [_table(titles[first], first, entries, by_direction=bool(everything.directions)) for first, entries in parts.items()]
+
+
+def size_bins(diagonals: NDArray[np.float64]) -> dict[str, NDArray[np.intp]]:
+    """Sort objects into bins of size whose ends are the data's.
+
+    Parameters
+    ----------
+    diagonals
+        (N,) m.
+
+    Returns
+    -------
+    Numbers of the objects of each bin, by its name, from small to large.
+    """
+    least, bins = np.ceil(len(diagonals) / SIZES), list[list[int]]()
+    for number in np.argsort(diagonals, kind="stable").tolist():
+        size = diagonals[number]
+        if bins and (len(bins[-1]) < least or size < MIN_RATIO * diagonals[bins[-1][0]] or size <= SAME * diagonals[bins[-1][-1]]):
+            bins[-1].append(number)
+        else:
+            bins.append([number])
+    named: dict[str, NDArray[np.intp]] = {}
+    for own in bins:
+        low, high = (f"{100 * diagonals[number]:.3g}" for number in (own[0], own[-1]))
+        named[f"{low} cm" if low == high else f"{low} to {high} cm"] = np.array(own)
+    return named
+
+
+def _table(title: str, first: str, entries: Sequence[tuple[str, Tally]], *, by_direction: bool) -> Table:
+    """Tabulate parts of a dataset."""
+    rows = []
+    for name, entry in entries:
+        held, touched = np.concatenate(entry.lifted), np.concatenate(entry.touched)
+        cells = [len(entry.lifted), len(held), float(touched.sum(axis=1).mean()), 100 * float(held.mean())]
+        if by_direction:
+            directions = np.concatenate(entry.directions)
+            cells += [100 * float(directions.all(axis=1).mean()), *(100 * directions.mean(axis=0)).tolist()]
+        rows.append(Row([name, *cells]))
+    columns = [first, "objects", "grasps", "touches per grasp", "% that hold", *(("% in all", *DIRECTIONS) if by_direction else ())]
+    formats = ["", "", "", ".2f", ".1f", *([".1f"] * 7 if by_direction else ())]
+    return Table(title, columns, rows, formats)

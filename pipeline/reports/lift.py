@@ -1,0 +1,102 @@
+"""Lifts of stored grasps, to be watched: the fingers close, the object is let go, and physics moves both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.stored_grasps import StoredGrasp, read_grasps
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.physics.grasp_tests import GRASP_TESTS
+from pipeline.physics.hold_test import HoldTest
+from pipeline.physics.motion import Motion
+
+CLOSING_SECONDS, CLOSING_FRAMES = 0.8, 9
+"""s from the pre-grasp to the grasp, in which the object does not move: so the stage closes the fingers."""
+FALL = 0.1
+"""m that the object may move before the lift ends: a fall is seen, not only that it begins."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lift:
+    """The lift of a grasp.
+
+    Attributes
+    ----------
+    times
+        (T,) s.
+    joint_angles
+        (T, J) rad.
+    object_motion
+        (T, 4, 4) from where the object was to where it is, world, m.
+    held
+        Whether it passes the lift of `GRASP_TESTS`.
+    note
+        What happened, for a reader.
+    """
+
+    times: NDArray[np.float64]
+    joint_angles: NDArray[np.float64]
+    object_motion: NDArray[np.float64]
+    held: bool
+    note: str
+
+
+def lifts(test: HoldTest, surface: Mapping[str, np.ndarray], grasps: Mapping[str, np.ndarray], sensors: Sequence[Sensor]) -> list[Lift]:
+    """Repeat the lift of an object's grasps.
+
+    Parameters
+    ----------
+    test
+        Where they are repeated.
+    surface, grasps
+        The object's rows.
+    sensors
+        Those that the hand wears.
+
+    Returns
+    -------
+    One lift per grasp; none of rows that have no squeeze.
+
+    Notes
+    -----
+    Each begins with a newly loaded object, so that it is the same every time. The stage tests one grasp after the other, and PyBullet
+    remembers contacts (`HoldTest.hold`): of 100 grasps some two end otherwise here than `held` says.
+    """
+    if "squeeze_angles" not in set(grasps):
+        return []
+    mesh, points = read_mesh(surface), surface["points"].astype(np.float64)
+    made = []
+    for grasp in read_grasps(grasps, surface, sensors):
+        test.load(mesh, points)
+        made.append(_lift(grasp, test.hold(grasp, limit=FALL, whole=True)))
+    return made
+
+
+def _lift(grasp: StoredGrasp, motion: Motion) -> Lift:
+    """Put the closing before the motion, as far as its numbers are finite."""
+    known = np.isfinite(np.column_stack([motion.poses, motion.joint_angles])).all(axis=1)
+    count = int(known.argmin()) if not known.all() else len(motion.poses)
+    poses = motion.poses[:count]
+    share = np.linspace(0, 1, CLOSING_FRAMES)[:-1, None]
+    closing = (1 - share) * grasp.pregrasp + share * grasp.joint_angles
+    moved = np.tile(np.eye(4), (count, 1, 1))
+    moved[:, :3, :3] = Rotation.from_quat(poses[:, 3:]).as_matrix()
+    moved[:, :3, 3] = poses[:, :3] - np.einsum("nij,j->ni", moved[:, :3, :3], poses[0, :3])
+    still = np.tile(np.eye(4), (len(closing), 1, 1))
+    rule = GRASP_TESTS["lift"]
+    held = motion.moved <= rule.moved
+    seconds = motion.interval * (count - 1)
+    way = f"moves {1e3 * motion.moved:.1f} mm and turns {np.rad2deg(motion.turned):.1f}°" if np.isfinite(motion.moved) else "flies away"
+    return Lift(
+        times=np.concatenate([CLOSING_SECONDS * share[:, 0], CLOSING_SECONDS + motion.interval * np.arange(count)]),
+        joint_angles=np.concatenate([closing, motion.joint_angles[:count]]),
+        object_motion=np.concatenate([still, moved]),
+        held=held,
+        note=f"It {'stays' if held else 'slips'}: it {way} in {seconds:.2f} s.",
+    )
