@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.kernels.hand.collision_shapes import collision_boxes
+from pipeline.kernels.hand.link_overlaps import close_links
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.quiet_pybullet import PhysicsClient, pybullet
 
@@ -19,6 +21,8 @@ GEAR_ERP, CHAIN_ERP = 0.5, 5.0
 """Correction of a gear's error, of which Bullet takes a fifth per step: between two branches; and in one chain, all of it at once.
 
 At a tenth per step, a joint that follows one further up its own finger sags under its links' weight by more than `GEAR_SLACK`."""
+HULL_MARGIN = 0.001
+"""m by which Bullet thickens the convex shapes of a URDF."""
 GEAR_SLACK = 0.01
 """rad that a following joint may be off where the fingers rest: 0.5 mm at the end of 50 mm; of a prismatic joint a tenth of that in m."""
 
@@ -37,7 +41,8 @@ class HandBody:
         self.motors = [self.links[link] for link in hand.joint_links]
         for link in self.links:
             client.changeDynamics(self.body, link, lateralFriction=hand.friction)
-        for first, second in hand.allowed_contacts:
+        close = close_links(hand, collision_boxes(hand), 2 * HULL_MARGIN)  # hulls would push them apart
+        for first, second in hand.allowed_contacts | close.keys():
             client.setCollisionFilterPair(self.body, self.body, self.links[first], self.links[second], 0)
         self._followers = [self._couple(number) for number in range(len(hand.followers))]
 

@@ -27,7 +27,7 @@ from pipeline.kernels.hand.posture_samples import blocked_fingers, sample_postur
 from pipeline.reports.contact_sheet_page import finger_colors
 from pipeline.reports.plots import save_figure
 from pipeline.rng import numpy_rng
-from stages.simulate_grasps.prepare import FINGER_GAP, MEASURE_SPACING
+from stages.simulate_grasps.prepare import MEASURE_SPACING, finger_gap
 from stages.simulate_grasps.settings import GraspSettings
 from stages.simulate_grasps.size_warnings import opening, sensor_places
 
@@ -79,8 +79,8 @@ def check_hand(path: Path, picture: Path) -> list[str]:
 
 def _faults(hand: Hand, boxes: CollisionBoxes) -> list[str]:
     """List the faults that keep the hand from grasping; `simulate-grasps` stops with the same sentence at fingers that are blocked."""
-    postures = sample_postures(hand, boxes, samples=GraspSettings().ik_samples, gap=FINGER_GAP)
-    stuck = [f"fault: {sentence}" for sentence in blocked_fingers(hand, boxes, postures, gap=FINGER_GAP)]
+    postures = sample_postures(hand, boxes, samples=GraspSettings().ik_samples, gap=finger_gap(hand))
+    stuck = [f"fault: {sentence}" for sentence in blocked_fingers(hand, boxes, postures, gap=finger_gap(hand))]
     bare = [
         f"fault: no link of {finger.name} has a collision shape"
         for finger in hand.fingers

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.collision_shapes import CollisionSpheres, collision_spheres
+from pipeline.kernels.hand.collision_shapes import CollisionSpheres, collision_boxes, collision_spheres
 from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
 from pipeline.kernels.hand.grasp_ik import GraspIk, prepare_grasp_ik
+from pipeline.kernels.hand.link_overlaps import close_links
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
 from pipeline.kernels.touch.sensor import Sensor
@@ -23,7 +24,7 @@ SEARCH_SPACING, SEARCH_TOLERANCE = 0.006, 0.002
 MEASURE_SPACING = 0.003
 """m, of the spheres that measure penetration: right to 0.3 mm at edges, better on faces."""
 FINGER_GAP = 0.001
-"""m kept between fingers, and between fingers and palm."""
+"""m kept between fingers, and between fingers and palm; half of their gap at rest where that is less."""
 RIM_CELLS = 2
 """Cells that the distance grid reaches beyond what it is asked: the largest error of a look-up (`object_distances.LOOKUP_ERROR_CELLS`)."""
 
@@ -59,7 +60,7 @@ def prepare_hand(settings: GraspSettings) -> PreparedHand:
     hand = load_hand(settings.hand)
     sensors = load_worn_sensors(sensor_names(hand, settings.sensor))
     spheres = collision_spheres(hand, spacing=SEARCH_SPACING, tolerance=SEARCH_TOLERANCE)
-    ik = prepare_grasp_ik(hand, spheres, sensors, samples=settings.ik_samples, clearance=settings.clearance, finger_gap=FINGER_GAP)
+    ik = prepare_grasp_ik(hand, spheres, sensors, samples=settings.ik_samples, clearance=settings.clearance, finger_gap=finger_gap(hand))
     return PreparedHand(
         hand=hand,
         sensors=sensors,
@@ -67,6 +68,12 @@ def prepare_hand(settings: GraspSettings) -> PreparedHand:
         spheres=collision_spheres(hand, spacing=MEASURE_SPACING),
         ik=ik,
     )
+
+
+def finger_gap(hand: Hand) -> float:
+    """Compute the gap that a hand's planned postures keep between links, m: fingers may be built closer than `FINGER_GAP`."""
+    gaps = close_links(hand, collision_boxes(hand), 2 * FINGER_GAP).values()
+    return max(min(gaps, default=2 * FINGER_GAP) / 2, 0.0)
 
 
 def prepare_object(mesh: Mesh, points: np.ndarray, normals: np.ndarray, *, cell: float, reach: float) -> PreparedObject:

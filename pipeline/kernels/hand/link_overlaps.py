@@ -1,4 +1,4 @@
-"""Links of a hand that overlap: at rest, where it is allowed, or in many postures, which is reported."""
+"""Links of a hand that overlap, at rest or in many postures, and those that lie close side by side."""
 
 from __future__ import annotations
 
@@ -42,8 +42,24 @@ def overlapping_neighbours(hand: Hand, boxes: CollisionBoxes) -> frozenset[tuple
     -------
     Pairs of links, the lower number first.
     """
-    rest = forward_kinematics(hand, np.eye(4), np.clip(0.0, hand.lower, hand.upper))[None]
-    return frozenset(pair for pair, gap in _link_gaps(hand, boxes, rest) if gap[0] < 0 and _are_neighbours(hand, *pair))
+    return frozenset(pair for pair, gap in _resting_gaps(hand, boxes) if gap < 0 and _are_neighbours(hand, *pair))
+
+
+def close_links(hand: Hand, boxes: CollisionBoxes, within: float) -> dict[tuple[int, int], float]:
+    """Find links that lie close side by side at rest, as those of two fingers may.
+
+    Parameters
+    ----------
+    hand, boxes
+        The hand and its boxes, from `collision_boxes`.
+    within
+        m.
+
+    Returns
+    -------
+    The gap, m, of each pair that is nearer than that and not allowed to touch, the link nearer the root first.
+    """
+    return {pair: gap for pair, gap in _resting_gaps(hand, boxes) if gap < within and pair not in hand.allowed_contacts}
 
 
 def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float = 0.0) -> list[LinkOverlap]:
@@ -68,6 +84,12 @@ def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.floa
         if share >= FREQUENT_SHARE and pair not in hand.allowed_contacts:
             overlaps.append(LinkOverlap(*pair, share, float(-np.median(gaps[gaps < gap]))))
     return sorted(overlaps, key=lambda overlap: (-overlap.share, overlap.first, overlap.second))
+
+
+def _resting_gaps(hand: Hand, boxes: CollisionBoxes) -> Iterator[tuple[tuple[int, int], float]]:
+    """Yield the pairs of links that can meet, each with its gap at rest, m."""
+    rest = forward_kinematics(hand, np.eye(4), np.clip(0.0, hand.lower, hand.upper))[None]
+    return ((pair, float(gap[0])) for pair, gap in _link_gaps(hand, boxes, rest))
 
 
 def _link_gaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> Iterator[tuple[tuple[int, int], NDArray[np.float64]]]:
