@@ -164,7 +164,8 @@ def try_wheel(arguments: argparse.Namespace) -> Row:
     used += [f".venv/bin/python -c {shlex.quote(wheel.LIBRARY)}"]
     used += [f"test -s {name}" for name in wheel.WRITTEN]
     run = partial(run_here, folder=folder)
-    try_commands(row, [install, " && ".join(used)], run, arguments.folder / "wheel.log")
+    steps = [install, " && ".join(used)]
+    try_commands(row, steps if len(arguments.commands) > 1 else [" && ".join(steps)], run, arguments.folder / "wheel.log")
     row.minutes += [None] * (len(arguments.commands) - 2)
     examine(row, run, folder)
     row.digests = {}  # of other objects
