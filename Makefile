@@ -111,11 +111,11 @@ FAMILIES  = implicit
 NETWORKS  = $(foreach name,$(CONFIGURATIONS),$(firstword $(foreach family,$(FAMILIES),$(if $(filter $(family)-%,$(name)),train-$(family).$(name))) train-gcn.$(name)))
 EVALUATED = evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]
 train: $$(foreach seed,$$(SEEDS),$$(addsuffix .$$(seed),$$(NETWORKS)))  ## train these networks, and the U-Net for those that feel
-evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) every-simulate-touch
+evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) every-simulate-grasps
 	@$(call run,evaluate) --set $(call quoted,evaluate.training_seed=$*) --set $(call quoted,$(EVALUATED))
 evaluate: $$(addprefix evaluate.,$$(SEEDS))  ## evaluate these networks on the test objects, beside the supplement's tables
 	@$(BIN)/vt-pipeline report $(call quoted,$(DATA)) --no-pages
-report: $$(addprefix evaluate.,$$(SEEDS))  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
+report: every-simulate-touch $$(addprefix evaluate.,$$(SEEDS))  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
 	@$(BIN)/vt-pipeline report $(call quoted,$(DATA))
 
 # LONG=1: thirteen times the epochs for charts, five times for implicit networks, a night on 2 cores; killed, it continues where it was.

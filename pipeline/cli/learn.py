@@ -139,6 +139,32 @@ def predict(
         print_line(f"{path}: {size}")
 
 
+def score(
+    folder: Annotated[
+        Path, typer.Argument(help="Folder of OBJECT.ply, .obj, .stl, .off, .glb, … or .npy, one per test object: metres, world frame.")
+    ],
+    data: DataArgument,
+    name: Annotated[str | None, typer.Option(help="Name of the method, in tables; by default the folder's.")] = None,
+    grasps: Annotated[
+        int, typer.Option(min=1, help="Grasps that the files were made from; more in folders grasps-N, or grasps-N-from-K, below.")
+    ] = 1,
+    misplaced: Annotated[bool, typer.Option(help="Measure files too that are far from their object, or in another unit.")] = False,
+) -> None:
+    """Measure another method's reconstructions as `evaluate` measures networks.
+
+    Each file that is missing, unreadable or not in the world's frame is named, and then nothing is written.
+    """
+    from pipeline.inference.score import score as measure
+    from stages.evaluate.evaluation_files import METRICS
+    from stages.evaluate.tables import evaluation_tables
+
+    directory = DataDirectory(data)
+    plan = measure(folder, directory.root, console, name=name, grasps=grasps, misplaced=misplaced)
+    written = directory.whole_folder(plan.units[0].name)
+    show_tables(console, evaluation_tables(written))
+    print_line(f"{written / METRICS}: these tables as JSON, with the settings; `vt-pipeline report {data}` shows them beside the networks'")
+
+
 def report(
     data: DataArgument,
     most: Annotated[int, typer.Option(min=1, help="Objects in the figure of reconstructions at most, spread evenly.")] = 10,
@@ -150,20 +176,20 @@ def report(
     """
     from pipeline.reports.html_report import write_report
     from pipeline.reports.results import results_tables, training_facts
-    from pipeline.reports.training_seeds import evaluations
+    from pipeline.reports.training_seeds import evaluations, scores
     from stages.evaluate.tables import evaluation_tables, training_table
 
     directory = DataDirectory(data)
-    evaluated = evaluations(directory)
+    evaluated, scored = evaluations(directory), scores(directory)
     if exists(directory.folder_record(SINGLE)):
         directory.check_origins([SINGLE])
         trained = {"single-image": training_facts(directory, "models/single-image")}
         show_tables(console, [*evaluation_tables(directory.whole_folder(SINGLE)), training_table(trained)])
         if not evaluated:
             return
-    if evaluated:
-        directory.check_origins(evaluated)
-        show_tables(console, results_tables(directory, evaluated))
+    if evaluated or scored:
+        directory.check_origins([*evaluated, *scored])
+        show_tables(console, results_tables(directory, evaluated, scored))
     else:
         print_line("no network has been evaluated: the report shows the dataset alone; `make report`, with the same variables, trains some")
     if pages:

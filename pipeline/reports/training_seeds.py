@@ -34,6 +34,11 @@ def evaluations(directory: DataDirectory) -> list[str]:
     return [evaluation_name(seed) for seed in sorted(int(match[1] or 0) for match in matches if match)]
 
 
+def scores(directory: DataDirectory) -> list[str]:
+    """Name the scores of other methods in a data directory."""
+    return [name for name in directory.folders() if name.startswith("scores/")]
+
+
 def read_values(folders: Sequence[Path]) -> Values:
     """Read the values per object of evaluations; raise a `StoreError` if their objects or settings differ."""
     values: Values = {}

@@ -8,6 +8,9 @@ from pipeline.config.settings import Settings, setting
 from pipeline.errors import unknown
 from pipeline.models.families import GRASP_CONFIGURATIONS
 
+METHOD_NAME = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}$"
+"""Of a method, which becomes the name of a folder."""
+
 
 def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
     if 1 not in grasps or len(set(grasps)) < len(grasps):
@@ -36,15 +39,9 @@ class MeasuringSettings(Settings):
     accelerator: Literal["auto", "cpu", "cuda"] = setting("auto", "a GPU where there is one", changes="speed")
 
 
-class EvaluationSettings(MeasuringSettings):
-    """Choose what is measured, and on how many points (supplement 3.5, Tables 2 to 4)."""
+class SurfaceSettings(MeasuringSettings):
+    """Choose what is measured of surfaces that were made from grasps (supplement 3.5, Tables 2 to 4)."""
 
-    configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = setting(
-        ("none", "touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch"),
-        "the supplement's five modalities and no input at all; what none of these is shown need not have been made",
-        changes="definition",
-    )
-    training_seed: int = setting(0, "whose networks are evaluated: those of the trainings with this setting", ge=0, changes="definition")
     grasps: Annotated[tuple[Annotated[int, Field(ge=1)], ...], AfterValidator(_with_one)] = setting(
         (1, 2, 3, 4, 5), "Table 3's numbers of grasps; those the dataset does not have are left out, and named", changes="definition"
     )
@@ -59,10 +56,31 @@ class EvaluationSettings(MeasuringSettings):
     closed_resolution: int | None = setting(
         None,
         "edges along the longest side of a closed mesh of each object's reconstruction with one grasp, for its watertightness and "
-        "intersection over union; null makes none: one takes 0.9 s with 64 edges, 2.3 s with 128",
+        "intersection over union; null measures those of networks that make closed meshes, as they are: a mesh takes 0.9 s with 64 edges, "
+        "2.3 s with 128",
         ge=8,
         le=400,
     )
+
+
+class EvaluationSettings(SurfaceSettings):
+    """Choose which networks are measured."""
+
+    configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = setting(
+        ("none", "touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch"),
+        "the supplement's five modalities and no input at all; what none of these is shown need not have been made",
+        changes="definition",
+    )
+    training_seed: int = setting(0, "whose networks are evaluated: those of the trainings with this setting", ge=0, changes="definition")
+
+
+class ScoreSettings(SurfaceSettings):
+    """Choose which files `vt-pipeline score` measures, and how; these settings are the command's."""
+
+    method: str = setting(..., "name of the method, in tables", changes="definition", pattern=METHOD_NAME)
+    files: str = setting(..., "SHA-256 of all files of the folder, with their names", changes="definition")
+    given: int = setting(1, "grasps that the files in the folder itself were made from", ge=1, changes="definition")
+    misplaced: bool = setting(False, "whether reconstructions that are far from their objects are measured too", changes="definition")
 
 
 class SingleImageEvaluationSettings(MeasuringSettings):

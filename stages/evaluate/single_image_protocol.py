@@ -40,7 +40,7 @@ class SingleImageProtocol(Protocol):
         """List the views."""
         return [Case(view, (), 1, (view,)) for view in range(self.views)]
 
-    def identity(self, name: str, object_id: str, case: Case) -> tuple[str | int, ...]:
+    def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
         """Name the draw of points by object and view."""
         return object_id, case.first
 

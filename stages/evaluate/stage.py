@@ -79,15 +79,39 @@ class NetworkEvaluation(DatasetStage):
                 rows, surfaces = _measured(name, model, protocol, job)
                 figures[name] = Figures(protocol.objects.rows.object_ids, rows)
                 groups |= {f"{surfaces_group(model)}/{name}": surfaces} if surfaces else {}
-        groups["figures"] = long_table(figures | protocol.baselines())
-        attributes = self.attributes(job, protocol, models)
-        write_evaluation(job.folder, groups, attributes)
-        content = {**attributes, "tables": [table.as_json() for table in evaluation_tables(job.folder)]}
-        (job.folder / METRICS).write_text(json.dumps(content, indent=2, sort_keys=True, allow_nan=False))
+        write_measured(job, protocol, figures, groups, self.attributes(job, protocol, models))
         facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
         job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` prints the tables, and writes pages"))
         shutil.rmtree(job.folder / MEASURED, ignore_errors=True)
         return {"objects": len(protocol.objects), "left_out": len(protocol.objects.rows.left_out), "training": facts}
+
+
+def write_measured(
+    job: DatasetJob,
+    protocol: Protocol,
+    figures: Mapping[str, Figures],
+    groups: Mapping[str, Mapping[str, Any]],
+    attributes: Mapping[str, Any],
+) -> None:
+    """Measure the baselines, and write all figures and their tables.
+
+    Parameters
+    ----------
+    job
+        Has the folder.
+    protocol
+        Measures the baselines.
+    figures
+        Of the networks, by name.
+    groups
+        The other groups of the schema.
+    attributes
+        Of the root.
+    """
+    figures = {**figures, **protocol.baselines()}
+    write_evaluation(job.folder, {**groups, "figures": long_table(figures)}, attributes)
+    content = {**attributes, "tables": [table.as_json() for table in evaluation_tables(job.folder)]}
+    (job.folder / METRICS).write_text(json.dumps(content, indent=2, sort_keys=True, allow_nan=False))
 
 
 def _measured(name: str, model: Reconstructor, protocol: Protocol, job: DatasetJob) -> tuple[list[Figure], Arrays]:
@@ -112,10 +136,10 @@ class Evaluate(NetworkEvaluation):
     protocol = GraspProtocol
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
-        """Name the artifacts that the models take, and those of the touch sites."""
+        """Name the artifacts that the models take, and the grasps, whose touch sites are measured around whatever the models take."""
         networks = [GRASP_CONFIGURATIONS[name] for name in settings.configurations]
         seen, felt = any(network.image for network in networks), any(network.touch for network in networks)
-        return (SURFACES, GRASPS, TOUCH, *([VISION] if seen else []), *([CHARTS] if felt else []))
+        return (SURFACES, GRASPS, *([VISION] if seen else []), *([TOUCH, CHARTS] if felt else []))
 
     def models(self, settings: EvaluationSettings) -> tuple[str, ...]:
         """Name the models."""
