@@ -18,8 +18,9 @@ from pipeline.inference.observation_file import RobotObservation, load_observati
 from pipeline.inference.observation_placement import describe_object, place_observation
 from pipeline.inference.observation_reader import ObservationReader, object_mask
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
+from pipeline.kernels.networks.network_configurations import WAYS
 from pipeline.kernels.vision.vertex_colors import foreground, seen_colors
-from pipeline.models.families import load_reconstructor, model_name, trained_models
+from pipeline.models.families import load_reconstructor, model_name, network_of, trained_models
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor, close_reconstruction
 from pipeline.store.directory import DataDirectory
@@ -107,7 +108,8 @@ def predict(
         GLB is in metres, and y up.
     models, configuration
         A folder of models (DATA/models), and which of its gcn/ or implicit/ to use, or "single-image". Tactile images need its unet/
-        too.
+        too. "implicit-any" is given whatever the observation has, of a data directory the occluded image and the touches;
+        "implicit-any-touch" and its like are given that alone.
     data, object_id, grasps, view
         From a data directory: an object, and the grasps to give; the occluded image is the first one's. Touch charts that are stored
         there are taken as they are. The single-image model is given the rendering from this viewpoint, in place of grasps.
@@ -168,6 +170,8 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
     """Reconstruct from a robot's observation, in its frame and unit."""
     model = reader.model
     if given is None:
+        if model.image == "any":
+            model = model.given(WAYS["none"])
         if model.image or model.touch:
             wanted = " and ".join([*(["an image"] if model.image else []), *(["touches"] if model.touch else [])])
             raise StageError(f"model {model.configuration} needs {wanted}: give an observation, or a data directory and an object")
@@ -175,10 +179,12 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
         return Prediction(made, nothing.touched, _uncoloured(*close_reconstruction(made, resolution)) if surface == "closed" else None)
     if isinstance(given, RobotObservation):
         observed = given
-        if lines := faults(observed, reader.inputs):
+        if lines := faults(observed, reader.suited_to(observed).inputs):
             raise InvalidInput(f"observation: {'; '.join(lines)}")
     else:
-        observed = load_observation(given, lambda part: faults(part, reader.inputs))
+        observed = load_observation(given, lambda part: faults(part, reader.suited_to(part).inputs))
+    reader = reader.suited_to(observed)
+    model = reader.model
     placed = place_observation(observed, reader.inputs)
     seen = reader.of_robot(placed)
     made = model.reconstruct([seen])[0]
@@ -203,6 +209,8 @@ def _of_object(
     reader: ObservationReader, data: Place, object_id: str, chosen: Sequence[int], surface: Surface, resolution: int
 ) -> Prediction:
     """Reconstruct from grasps of a data directory, or from the rendering of a viewpoint."""
+    if reader.model.image == "any":
+        reader = replace(reader, model=reader.model.given(WAYS["occluded-touch"]))
     model = reader.model
     seen = reader.of_object(data, object_id, chosen)
     made = model.reconstruct([seen])[0]
@@ -234,7 +242,7 @@ def _load_model(models: Place, configuration: str, training_seed: int, device: t
         way = f"did you mean {guess}?" if guess else "train it with train-gcn, train-implicit, …"
         seed = f"seed-{training_seed}" if training_seed else ""
         raise StageError(f"{models / seed} has no model {configuration}: {known}; {way}")
-    return load_reconstructor(configuration, DataDirectory(trained[configuration]).whole_folder(configuration), device)
+    return load_reconstructor(configuration, DataDirectory(trained[configuration]).whole_folder(network_of(configuration)), device)
 
 
 def _write(out: Path, made: Prediction, surface: Surface) -> list[Path]:

@@ -179,8 +179,9 @@ class GraspProtocol(Protocol):
         return retrieve(
             self.objects,
             training,
-            self.settings.looked_up,
             self.distance_figures,
+            console=self.job.console,
+            most=self.settings.looked_up,
             silhouettes=silhouettes if images else None,
             touched=touched,
         )

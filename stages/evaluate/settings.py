@@ -6,7 +6,7 @@ from pydantic import AfterValidator, Field
 
 from pipeline.config.settings import Settings, setting
 from pipeline.errors import unknown
-from pipeline.models.families import GRASP_CONFIGURATIONS
+from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS
 
 METHOD_NAME = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}$"
 """Of a method, which becomes the name of a folder."""
@@ -19,11 +19,14 @@ def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _known(names: tuple[str, ...]) -> tuple[str, ...]:
-    if strange := [name for name in names if name not in GRASP_CONFIGURATIONS]:
-        raise ValueError(unknown("configuration", strange[0], list(GRASP_CONFIGURATIONS)))
-    if not names or len(set(names)) < len(names):
-        raise ValueError(f"{names}: name some of {', '.join(GRASP_CONFIGURATIONS)}, each once")
-    return names
+    known = [*GRASP_CONFIGURATIONS, *ROWS]
+    if strange := [name for name in names if name not in known]:
+        raise ValueError(unknown("configuration", strange[0], known))
+    # a network that takes any inputs is evaluated in every way
+    rows = [row for name in names for row in ([row for row, (network, _) in ROWS.items() if network == name] or [name])]
+    if not rows or len(set(rows)) < len(rows):
+        raise ValueError(f"{names}: name some of {', '.join(known)}, each once")
+    return tuple(rows)
 
 
 class MeasuringSettings(Settings):
@@ -32,7 +35,9 @@ class MeasuringSettings(Settings):
     points: int = setting(10_000, "points drawn from each surface: as many as S^obj has; the sampling floor falls with them", ge=2)
     tau: float = setting(1e-4, "squared distance of F1 in Table 4's protocol, in its scaled unit", gt=0, le=1e6, changes="definition")
     looked_up: int = setting(
-        200, "training objects among which the baselines look, spread evenly: each test object is compared with each of them", ge=1
+        200,
+        "training objects of which the baselines' typical one is one, spread evenly: each is compared with each; the others look at all",
+        ge=1,
     )
     batch_size: int = setting(16, "as in training; more needs more memory, and sums may differ in their last bit with it", ge=1)
     threads: int = setting(1, "of torch on a CPU, as in training", ge=1)

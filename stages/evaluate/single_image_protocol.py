@@ -55,7 +55,8 @@ class SingleImageProtocol(Protocol):
         def silhouettes(object_id: str) -> NDArray[np.bool_]:
             return everything.read("silhouette", object_id)[: self.views, ::STEP, ::STEP].reshape(self.views, -1)
 
-        return retrieve(self.objects, training, self.settings.looked_up, self._figures, silhouettes=silhouettes)
+        how = {"console": self.job.console, "most": self.settings.looked_up}
+        return retrieve(self.objects, training, self._figures, **how, silhouettes=silhouettes)
 
     def extra(self, models: Sequence[Reconstructor]) -> dict[str, Arrays]:
         """Make none."""

@@ -155,7 +155,7 @@ def test_closed_meshes_are_measured_where_they_are_asked_for(data, evaluation):
     assert figures(folder, "none").available("spike").tolist() == figures(evaluation[0], "none").available("spike").tolist()
 
 
-def test_what_is_looked_up_is_a_training_object(tmp_path):
+def test_what_is_looked_up_is_a_training_object(tmp_path, monkeypatch):
     balls = {"a": "train", "b": "test", "c": "test", "d": "train", "e": "test"}  # of radius 0.1, 0.12, …
     spheres.make_data(tmp_path, len(balls), ("train", "test", "test"))
     models = []
@@ -170,6 +170,10 @@ def test_what_is_looked_up_is_a_training_object(tmp_path):
     floors = [sampling_floor(objects.area(row), objects.count) for row in range(3)]
     for how, apart in {"by truth": 0.02, "by touch": 0.02, "by silhouette": 0.02}.items():
         assert found[how] == pytest.approx([2 * apart**2 + floor for floor in floors], rel=0.2), how
+    whole = protocol.baselines()
+    monkeypatch.setattr("stages.evaluate.baselines.BLOCK", 1)  # as if there were many training objects
+    monkeypatch.setattr("stages.evaluate.baselines.MASKS", 2)
+    assert {how: one.rows for how, one in protocol.baselines().items()} == {how: one.rows for how, one in whole.items()}
     assert found["typical"] == pytest.approx(
         [2 * apart**2 + floor for apart, floor in zip((0.02, 0.04, 0.08), floors, strict=True)], rel=0.2
     )
