@@ -235,7 +235,7 @@ def _touch_remarks(observation: RobotObservation, box: ObjectBox, sensor: Sensor
 def facing_away(observation: RobotObservation, box: ObjectBox) -> NDArray[np.bool_]:
     """Tell which sensors (T,) that touch do not face the object's centre."""
     towards = ((box.centre - gel_centres(observation)) * observation.sensor_poses[:, :3, 2]).sum(axis=1)
-    return np.asarray((towards < 0) & [touch.touched is not False for touch in observation.touches])
+    return np.asarray((towards < 0) & np.array([touch.touched is not False for touch in observation.touches], bool))
 
 
 def _left_out(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:

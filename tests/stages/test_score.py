@@ -18,8 +18,6 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.inference.predict import predict
-from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS, ImplicitNetwork
-from pipeline.models.model_files import save_model
 from pipeline.reports.results import results_tables
 from pipeline.reports.training_seeds import scores
 from pipeline.store.directory import DataDirectory
@@ -27,7 +25,6 @@ from stages.evaluate.evaluation_files import METRICS, read_figures
 from stages.evaluate.scored_files import find_faults, find_files, misplacement, read_surface
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
-from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
 
 NETWORK = "implicit-touch"
@@ -44,27 +41,12 @@ def vt(*arguments: object, fails: bool = False) -> str:
     return " ".join(done.output.split())
 
 
-def make_network(data: Path) -> None:
-    """Save a small implicit network as training does, with random weights."""
-    sizes = {"features": 16, "blocks": 1, "spacing": 0.03, "side": spheres.SIDE, "touch_reach": 0.05}
-    config = IMPLICIT_CONFIGURATIONS[NETWORK].model_copy(update=sizes)
-    network = ImplicitNetwork(config, torch.Generator().manual_seed(3))
-    with torch.no_grad():
-        network.last.bias -= 1.0  # inside nearly everywhere, but where touches say otherwise
-    (folder := data / ".work" / "made").mkdir(parents=True)
-    description = {"configuration": NETWORK, "network": config.model_dump(mode="json"), "camera": None, "resolution": None}
-    save_model(folder, network, description | {"charts": {"side": config.side}})
-    hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
-    facts = {"parameters": 1000, "epochs": 3, "best_epoch": 1, "best": {"loss": 2.5}, "training_seconds": 1.5, "hardware": hardware}
-    publish(data, f"models/implicit/{NETWORK}", folder, "train-implicit", facts)
-
-
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
     torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 6, SPLITS)
-    make_network(folder)
+    spheres.make_implicit_model(folder, NETWORK, touch_reach=0.05)
     settings = EvaluationSettings(points=500, grasps=(1, 2), configurations=(NETWORK,), tau=2e-4)
     (plan,) = make_plans(Request(Evaluate(), settings, "balls", OBJECTS, "draft", 3, folder))
     run(plan, Console(quiet=True))
