@@ -86,9 +86,14 @@ def predict(
         Path,
         typer.Argument(help="Mesh file to write: .obj, .ply or .glb. Metres, world frame, or the observation's; GLB is in metres, y up."),
     ],
-    configuration: Annotated[str, typer.Option(help="Which model of MODELS: touch, implicit-touch, single-image, …")] = "occluded-touch",
+    configuration: Annotated[
+        str | None,
+        typer.Option(help="Which model of MODELS: touch, implicit-any, …; by default occluded-touch, of shipped ones implicit-any."),
+    ] = None,
     data: Annotated[str | None, typer.Option(help="Data directory; with --object, instead of files.")] = None,
-    models: Annotated[str | None, typer.Option(help="Folder of trained models; by default DATA/models.")] = None,
+    models: Annotated[
+        str | None, typer.Option(help="Folder of trained models; by default DATA/models, or those that ship where there are none.")
+    ] = None,
     object_id: Annotated[
         str | None, typer.Option("--object", help="An object of the data directory.", autocompletion=complete_made_object)
     ] = None,
@@ -111,12 +116,11 @@ def predict(
     if surface not in get_args(prediction.Surface):
         fail(f"--surface {surface}: it is one of {', '.join(get_args(prediction.Surface))}")
     directory = place(data) if data else None
-    if (folder := place(models) if models else directory and directory / "models") is None:
-        fail("name a folder of models with --models, or a data directory with --data")
+    folder, network = prediction.chosen_models(place(models) if models else None, directory, configuration)
     made = prediction.predict(
         out,
         folder,
-        configuration,
+        network,
         data=directory,
         object_id=object_id,
         grasps=grasps or [0],

@@ -23,6 +23,7 @@ from pipeline.kernels.vision.vertex_colors import foreground, seen_colors
 from pipeline.models.families import load_reconstructor, model_name, network_of, trained_models
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor, close_reconstruction
+from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place, names_in
 from pipeline.training.device import device_of
@@ -144,6 +145,26 @@ def predict(
             DataDirectory(data).check_origins([model_name(configuration, training_seed)])
         made = _of_object(reader, data, object_id, [view] if reader.model.image == "rendering" else grasps, surface, resolution)
     return replace(made, files=_write(out, made, surface))
+
+
+def chosen_models(models: Place | None, data: Place | None, configuration: str | None) -> tuple[Place, str]:
+    """Choose the folder of models, and the network.
+
+    Parameters
+    ----------
+    models, data
+        As they were named: a folder of models, else that of a data directory if it holds some, else the weights that ship.
+    configuration
+        The network; by default `occluded-touch`, of shipped weights the one that takes whatever there is.
+
+    Raises
+    ------
+    StageError
+        Nothing is named, and no weights ship.
+    """
+    if models is None and data is not None and (trained_models(data / "models") or not trained_models(SHIPPED)):
+        models = data / "models"
+    return (shipped_models(), configuration or DEFAULT) if models is None else (models, configuration or "occluded-touch")
 
 
 def reconstruct(
