@@ -143,6 +143,20 @@ def predict(
         print_line(f"{path}: {size}")
 
 
+def demo(folder: Annotated[Path, typer.Argument(help="Folder to write to.")] = Path("demo")) -> None:
+    """Reconstruct an object that no training saw, from one image and one grasp.
+
+    The grasp is simulated, and reconstructed by the weights that ship: a closed coloured mesh, and a turntable of it beside the object.
+    """
+    from pipeline.inference.demo import demo as show
+
+    made = show(folder, console)
+    closed = made.made.closed
+    print_line(f"{made.seen}: the one image, with the hand in it; {made.made.touched.sum()} fingers touched")
+    print_line(f"{made.mesh}: closed, {0 if closed is None else len(closed.faces)} faces, made in {made.seconds:.0f} s")
+    print_line(f"{made.turntable}: the object, and its reconstruction, {1e3 * made.distance:.1f} mm from it on average")
+
+
 def score(
     folder: Annotated[
         Path, typer.Argument(help="Folder of OBJECT.ply, .obj, .stl, .off, .glb, … or .npy, one per test object: metres, world frame.")
