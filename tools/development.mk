@@ -10,8 +10,8 @@ installed-browser installed-exports installed-peers: installed-dev
 weights: EPOCHS := 500
 weights:  ## train the network that ships and the U-Net, evaluate it, and write both with a card to pipeline/assets/weights
 	@$(MAKE) --no-print-directory evaluate MANIFEST=four-classes DATA=data/four-classes/weights CONFIGURATIONS=implicit-any \
-	    SET="train-implicit.epochs=$(EPOCHS) train-implicit.validation_items=6" && \
-	$(BIN)/python -m tools.ship_weights data/four-classes/weights
+	    SET="train-implicit.epochs=$(EPOCHS) train-implicit.validation_items=6"
+	@$(BIN)/python -m tools.ship_weights data/four-classes/weights
 
 test-cpus: lint  ## run the tests as on older processors: without AVX-512, and without AVX2 and FMA
 	@for name in haswell prescott; do \
