@@ -258,7 +258,8 @@ def _coloured(mesh: ClosedMesh, image: NDArray[np.uint8], matrix: NDArray[np.flo
 def _load_model(models: Place, configuration: str, training_seed: int, device: torch.device) -> Reconstructor:
     trained = trained_models(models, training_seed)
     if configuration not in trained:
-        known = f"its models are {', '.join(sorted(trained))}" if trained else "there are none at all"
+        networks = sorted({network_of(name) for name in trained})
+        known = f"its models are {', '.join(networks)}" if networks else "there are none at all"
         guess = meant(configuration, trained) or ("models" in names_in(models) and models / "models")
         way = f"did you mean {guess}?" if guess else "train it with train-gcn, train-implicit, …"
         seed = f"seed-{training_seed}" if training_seed else ""

@@ -264,7 +264,7 @@ def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
 @pytest.mark.parametrize(
     ("asked", "error", "words"),
     [
-        ({"configuration": "occluded"}, StageError, r"no model occluded: its models are none, occluded-touch"),
+        ({"configuration": "occluded"}, StageError, r"no model occluded: its models are implicit-any, none, occluded-touch"),
         ({"out": "ball.stl"}, InvalidInput, r"\.stl"),
         ({"out": "taken.ply"}, InvalidInput, "taken.ply is a folder"),
         ({"grasps": [5]}, StoreError, "no grasp 5; there are grasps 0 to 4"),
