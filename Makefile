@@ -11,7 +11,8 @@
 #   WORKERS=0         processes per shard; 0 is one per core (1 where `make -j` runs several shards at a time)
 #   CONFIGURATIONS="none touch occluded occluded-touch unoccluded unoccluded-touch"
 #                     graph networks to train and evaluate; images or touches that none of them uses are not made;
-#                     implicit-touch, implicit-occluded, implicit-occluded-touch, implicit-unoccluded, implicit-unoccluded-touch too
+#                     implicit-touch, implicit-occluded, implicit-occluded-touch, implicit-unoccluded, implicit-unoccluded-touch too;
+#                     implicit-any takes any of this; implicit-any-touch and its like are single rows of it
 #   SEEDS=0           trainings of each network, and evaluations of them: SEEDS="0 1 2" shows what is chance
 #   PYTHON=...        Python 3.11, 3.12 or 3.13 for the virtual environment VENV=.venv; by default the first that fits, or one that uv has
 
@@ -103,19 +104,21 @@ fit-charts.%: train-unet
 TRAINING  = $(call run,$(1)) --set $(call quoted,$(1).configuration=$(basename $*)) --set $(call quoted,$(1).training_seed=$(subst .,,$(suffix $*)))
 train-gcn.%: every-sample-surfaces $$(if $$(findstring occluded,$$*),every-render-vision) $$(if $$(findstring touch,$$*),every-fit-charts)
 	@$(call TRAINING,train-gcn)
-train-implicit.%: every-sample-surfaces every-sample-distances $$(if $$(findstring occluded,$$*),every-render-vision) $$(if $$(findstring touch,$$*),every-fit-charts)
+train-implicit.%: every-sample-surfaces every-sample-distances $$(if $$(findstring occluded,$$*)$$(findstring -any,$$*),every-render-vision) \
+                 $$(if $$(findstring touch,$$*)$$(findstring -any,$$*),every-fit-charts)
 	@$(call TRAINING,train-implicit)
 
 FAMILIES  = implicit
 # networks called FAMILY-… are trained by train-FAMILY, all others by train-gcn
-NETWORKS  = $(foreach name,$(CONFIGURATIONS),$(firstword $(foreach family,$(FAMILIES),$(if $(filter $(family)-%,$(name)),train-$(family).$(name))) train-gcn.$(name)))
+# implicit-any-touch and its like are rows of the one network implicit-any
+NETWORKS  = $(foreach name,$(sort $(patsubst implicit-any-%,implicit-any,$(CONFIGURATIONS))),$(firstword $(foreach family,$(FAMILIES),$(if $(filter $(family)-%,$(name)),train-$(family).$(name))) train-gcn.$(name)))
 EVALUATED = evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]
 train: $$(foreach seed,$$(SEEDS),$$(addsuffix .$$(seed),$$(NETWORKS)))  ## train these networks, and the U-Net for those that feel
-evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) every-simulate-touch
+evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) every-simulate-grasps
 	@$(call run,evaluate) --set $(call quoted,evaluate.training_seed=$*) --set $(call quoted,$(EVALUATED))
 evaluate: $$(addprefix evaluate.,$$(SEEDS))  ## evaluate these networks on the test objects, beside the supplement's tables
 	@$(BIN)/vt-pipeline report $(call quoted,$(DATA)) --no-pages
-report: $$(addprefix evaluate.,$$(SEEDS))  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
+report: every-simulate-touch $$(addprefix evaluate.,$$(SEEDS))  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
 	@$(BIN)/vt-pipeline report $(call quoted,$(DATA))
 
 # LONG=1: thirteen times the epochs for charts, five times for implicit networks, a night on 2 cores; killed, it continues where it was.

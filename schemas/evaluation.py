@@ -54,15 +54,18 @@ METRICS = {
     "scaled_chamfer": ("1", "Chamfer distance × 1000 in the unit of Table 4, of single images."),
     "local_chamfer_1": ("m2", "Mean squared distance to the prediction of the true points in the first ring around a touch; `_2`, …"),
     **QUALITY,
-    "watertight": ("1", "1 where each edge of the closed mesh has two faces, else 0."),
-    "iou": ("1", "Volume inside both closed mesh and object over that inside either; of objects that are watertight."),
+    "watertight": (
+        "1",
+        "1 where each edge of the surface, or of a closed mesh of it, has two faces, else 0; none of charts that are not closed.",
+    ),
+    "iou": ("1", "Volume inside both this surface and the object over that inside either, where both are watertight."),
 }
 """Unit and meaning of each metric."""
 
 GROUPS = {
     "figures": _group(
-        "Every figure of every reconstruction: of `evaluate` and of `evaluate-single-image`. Networks called `training object, …` are no "
-        "networks: a training object stands in place of each reconstruction, what a network has to beat.",
+        "Every figure of every reconstruction: of `evaluate`, of `evaluate-single-image` and of `vt-pipeline score`. Networks called "
+        "`training object, …` are no networks: a training object stands in place of each reconstruction, what a network has to beat.",
         network=_name("row", "The trained model."),
         object_id=_name("row", "The object's name."),
         first=_count(("row",), "The first grasp given, which the occluded image is of; or the view."),

@@ -2,7 +2,7 @@
 
 import re
 
-TREES = ("models", "sweeps")
+TREES = ("models", "sweeps", "scores")
 """Folders that hold records of folders, and folders that do."""
 
 RECORD = re.compile(r"evaluation(-single-image|-seed-\d+)?\.json")
@@ -17,6 +17,8 @@ def maker_of(folder: str) -> str:
 
     It repeats what trainings declare, because a folder that has not been made has no record, and readers cannot import stages.
     """
+    if folder.startswith("scores/"):
+        return "`vt-pipeline score`"
     if not (match := _MODEL.fullmatch(folder)):
         return "the stage that makes it"
     seed, family, network = match.groups()

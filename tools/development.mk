@@ -1,10 +1,17 @@
 # Tests of other systems, and measurements: what only those need who change this project. Included by the Makefile.
 
 .PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-grasps bench-peers \
-        tradeoff showcase test-systems
+        tradeoff showcase test-systems weights
 
 PEERS_PYTHON := .venv-peers/bin/python
 installed-browser installed-exports installed-peers: installed-dev
+
+# Resumed where it was killed, as all stages are. EPOCHS of 168 objects take half an hour of a core per 500; a GPU is used where there is one.
+weights: EPOCHS := 500
+weights:  ## train the network that ships and the U-Net, evaluate it, and write both with a card to pipeline/assets/weights
+	@$(MAKE) --no-print-directory evaluate MANIFEST=four-classes DATA=data/four-classes/weights CONFIGURATIONS=implicit-any \
+	    SET="train-implicit.epochs=$(EPOCHS) train-implicit.validation_items=6"
+	@$(BIN)/python -m tools.ship_weights data/four-classes/weights
 
 test-cpus: lint  ## run the tests as on older processors: without AVX-512, and without AVX2 and FMA
 	@for name in haswell prescott; do \

@@ -21,8 +21,8 @@ def load_observation(path: str | Path) -> RobotObservation:
 
 def reconstruct(
     observation: RobotObservation | str | Path,
-    models: str | Path,
-    configuration: str = "occluded-touch",
+    models: str | Path | None = None,
+    configuration: str | None = None,
     *,
     resolution: int = 128,
     training_seed: int = 0,
@@ -36,9 +36,9 @@ def reconstruct(
     observation
         From `load_observation`, or a `RobotObservation` of arrays, or the path of an observation file.
     models
-        Folder of trained models: DATA/models.
+        Folder of trained models: DATA/models. By default, the weights that ship.
     configuration
-        Which of them.
+        Which of them; by default `occluded-touch`, of the weights that ship `implicit-any`, which takes whatever there is.
     resolution
         Edges of the closed mesh along the longest side of its box.
     training_seed
@@ -64,4 +64,5 @@ def reconstruct(
 
     given = Path(observation) if isinstance(observation, str) else observation
     options = {"resolution": resolution, "training_seed": training_seed, "seed": seed}
-    return predict.reconstruct(given, place(str(models)), configuration, accelerator=accelerator, **options)
+    folder, network = predict.chosen_models(None if models is None else place(str(models)), None, configuration)
+    return predict.reconstruct(given, folder, network, accelerator=accelerator, **options)

@@ -86,9 +86,14 @@ def predict(
         Path,
         typer.Argument(help="Mesh file to write: .obj, .ply or .glb. Metres, world frame, or the observation's; GLB is in metres, y up."),
     ],
-    configuration: Annotated[str, typer.Option(help="Which model of MODELS: touch, implicit-touch, single-image, …")] = "occluded-touch",
+    configuration: Annotated[
+        str | None,
+        typer.Option(help="Which model of MODELS: touch, implicit-any, …; by default occluded-touch, of shipped ones implicit-any."),
+    ] = None,
     data: Annotated[str | None, typer.Option(help="Data directory; with --object, instead of files.")] = None,
-    models: Annotated[str | None, typer.Option(help="Folder of trained models; by default DATA/models.")] = None,
+    models: Annotated[
+        str | None, typer.Option(help="Folder of trained models; by default DATA/models, or those that ship where there are none.")
+    ] = None,
     object_id: Annotated[
         str | None, typer.Option("--object", help="An object of the data directory.", autocompletion=complete_made_object)
     ] = None,
@@ -111,12 +116,11 @@ def predict(
     if surface not in get_args(prediction.Surface):
         fail(f"--surface {surface}: it is one of {', '.join(get_args(prediction.Surface))}")
     directory = place(data) if data else None
-    if (folder := place(models) if models else directory and directory / "models") is None:
-        fail("name a folder of models with --models, or a data directory with --data")
+    folder, network = prediction.chosen_models(place(models) if models else None, directory, configuration)
     made = prediction.predict(
         out,
         folder,
-        configuration,
+        network,
         data=directory,
         object_id=object_id,
         grasps=grasps or [0],
@@ -139,6 +143,46 @@ def predict(
         print_line(f"{path}: {size}")
 
 
+def demo(folder: Annotated[Path, typer.Argument(help="Folder to write to.")] = Path("demo")) -> None:
+    """Reconstruct an object that no training saw, from one image and one grasp.
+
+    The grasp is simulated, and reconstructed by the weights that ship: a closed coloured mesh, and a turntable of it beside the object.
+    """
+    from pipeline.inference.demo import demo as show
+
+    made = show(folder, console)
+    closed = made.made.closed
+    print_line(f"{made.seen}: the one image, with the hand in it; {made.made.touched.sum()} fingers touched")
+    print_line(f"{made.mesh}: closed, {0 if closed is None else len(closed.faces)} faces, made in {made.seconds:.0f} s")
+    print_line(f"{made.turntable}: the object, and its reconstruction, {1e3 * made.distance:.1f} mm from it on average")
+
+
+def score(
+    folder: Annotated[
+        Path, typer.Argument(help="Folder of OBJECT.ply, .obj, .stl, .off, .glb, … or .npy, one per test object: metres, world frame.")
+    ],
+    data: DataArgument,
+    name: Annotated[str | None, typer.Option(help="Name of the method, in tables; by default the folder's.")] = None,
+    grasps: Annotated[
+        int, typer.Option(min=1, help="Grasps that the files were made from; more in folders grasps-N, or grasps-N-from-K, below.")
+    ] = 1,
+    misplaced: Annotated[bool, typer.Option(help="Measure files too that are far from their object, or in another unit.")] = False,
+) -> None:
+    """Measure another method's reconstructions as `evaluate` measures networks.
+
+    Each file that is missing, unreadable or not in the world's frame is named, and then nothing is written.
+    """
+    from pipeline.inference.score import score as measure
+    from stages.evaluate.evaluation_files import METRICS
+    from stages.evaluate.tables import evaluation_tables
+
+    directory = DataDirectory(data)
+    plan = measure(folder, directory.root, console, name=name, grasps=grasps, misplaced=misplaced)
+    written = directory.whole_folder(plan.units[0].name)
+    show_tables(console, evaluation_tables(written))
+    print_line(f"{written / METRICS}: these tables as JSON, with the settings; `vt-pipeline report {data}` shows them beside the networks'")
+
+
 def report(
     data: DataArgument,
     most: Annotated[int, typer.Option(min=1, help="Objects in the figure of reconstructions at most, spread evenly.")] = 10,
@@ -150,20 +194,20 @@ def report(
     """
     from pipeline.reports.html_report import write_report
     from pipeline.reports.results import results_tables, training_facts
-    from pipeline.reports.training_seeds import evaluations
+    from pipeline.reports.training_seeds import evaluations, scores
     from stages.evaluate.tables import evaluation_tables, training_table
 
     directory = DataDirectory(data)
-    evaluated = evaluations(directory)
+    evaluated, scored = evaluations(directory), scores(directory)
     if exists(directory.folder_record(SINGLE)):
         directory.check_origins([SINGLE])
         trained = {"single-image": training_facts(directory, "models/single-image")}
         show_tables(console, [*evaluation_tables(directory.whole_folder(SINGLE)), training_table(trained)])
         if not evaluated:
             return
-    if evaluated:
-        directory.check_origins(evaluated)
-        show_tables(console, results_tables(directory, evaluated))
+    if evaluated or scored:
+        directory.check_origins([*evaluated, *scored])
+        show_tables(console, results_tables(directory, evaluated, scored))
     else:
         print_line("no network has been evaluated: the report shows the dataset alone; `make report`, with the same variables, trains some")
     if pages:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.inference.observation_file import RobotObservation
 from pipeline.kernels.geometry.transforms import invert_pose, transform_points
-from pipeline.kernels.networks.network_configurations import NetworkInputs
+from pipeline.kernels.networks.network_configurations import ImageKind, NetworkInputs
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import optical_centre, split_projection
@@ -44,6 +44,18 @@ class ModelInputs:
     resolution: tuple[int, int] | None
     background: tuple[int, int, int] | None
     sensor: Sensor | None
+
+
+def used_inputs(config: NetworkInputs, observation: RobotObservation) -> NetworkInputs:
+    """Say what of an observation a network is given: all of its inputs, and of one that takes any those that are there.
+
+    An image in which a hand is marked is an occluded one: the hand is left in it.
+    """
+    if config.image != "any":
+        return config
+    camera = observation.camera
+    image: ImageKind | None = None if camera is None else "unoccluded" if camera.hand_mask is None else "occluded"
+    return config.given(NetworkInputs(image=image, touch=bool(observation.touches)))
 
 
 @dataclass(frozen=True)
@@ -111,6 +123,8 @@ def faults(observation: RobotObservation, model: ModelInputs | None = None) -> l
     model
         The model that it is given to; None checks the observation alone.
     """
+    if model is not None:
+        model = replace(model, config=used_inputs(model.config, observation))
     if far := list(_far(observation)):
         return far + ([] if model is None else list(_unfit(observation, model)))
     box = find_object(observation)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from skimage.transform import resize
 
 from pipeline.errors import InvalidInput
-from pipeline.inference.observation_checks import ModelInputs, ObjectBox, find_object, gel_centres
+from pipeline.inference.observation_checks import ModelInputs, ObjectBox, find_object, gel_centres, used_inputs
 from pipeline.inference.observation_file import ObservedCamera, RobotObservation
 from pipeline.kernels.geometry.transforms import compose, invert_pose, transform_points
 from pipeline.kernels.touch.sensor import Sensor
@@ -76,6 +76,7 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
     box = find_object(observation)
     if box is None:
         raise InvalidInput("object.centre is missing, and cannot be estimated")
+    model = replace(model, config=used_inputs(model.config, observation))
     centre = np.array(model.config.centre)
     to_network = np.eye(4)
     to_network[:3, :3] = turn_to_z(np.array(observation.up))
@@ -234,7 +235,7 @@ def _touch_remarks(observation: RobotObservation, box: ObjectBox, sensor: Sensor
 def facing_away(observation: RobotObservation, box: ObjectBox) -> NDArray[np.bool_]:
     """Tell which sensors (T,) that touch do not face the object's centre."""
     towards = ((box.centre - gel_centres(observation)) * observation.sensor_poses[:, :3, 2]).sum(axis=1)
-    return np.asarray((towards < 0) & [touch.touched is not False for touch in observation.touches])
+    return np.asarray((towards < 0) & np.array([touch.touched is not False for touch in observation.touches], bool))
 
 
 def _left_out(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:

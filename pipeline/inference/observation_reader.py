@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -17,7 +17,8 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
-from pipeline.inference.observation_checks import ModelInputs
+from pipeline.inference.observation_checks import ModelInputs, used_inputs
+from pipeline.inference.observation_file import RobotObservation
 from pipeline.inference.observation_placement import Placement, network_tactile_images
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.touch.sensor import sensor_to_world
@@ -100,6 +101,10 @@ class ObservationReader:
         images = network_tactile_images(placed.observation, self.unet.sensor, self.unet.untouched)
         vertices, touched = self._charts(images, placed.sensor_poses, [touch.touched for touch in touches])
         return Observation(placed.image, vertices, touched, placed.camera)
+
+    def suited_to(self, observed: RobotObservation) -> ObservationReader:
+        """Give a model that takes any inputs what an observation has."""
+        return replace(self, model=self.model.given(used_inputs(self.model.config, observed)))
 
     @cached_property
     def inputs(self) -> ModelInputs:

@@ -18,10 +18,12 @@ from pipeline.inference.observation_file import RobotObservation, load_observati
 from pipeline.inference.observation_placement import describe_object, place_observation
 from pipeline.inference.observation_reader import ObservationReader, object_mask
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
+from pipeline.kernels.networks.network_configurations import WAYS
 from pipeline.kernels.vision.vertex_colors import foreground, seen_colors
-from pipeline.models.families import load_reconstructor, model_name, trained_models
+from pipeline.models.families import load_reconstructor, model_name, network_of, trained_models
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor, close_reconstruction
+from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place, names_in
 from pipeline.training.device import device_of
@@ -107,7 +109,8 @@ def predict(
         GLB is in metres, and y up.
     models, configuration
         A folder of models (DATA/models), and which of its gcn/ or implicit/ to use, or "single-image". Tactile images need its unet/
-        too.
+        too. "implicit-any" is given whatever the observation has, of a data directory the occluded image and the touches;
+        "implicit-any-touch" and its like are given that alone.
     data, object_id, grasps, view
         From a data directory: an object, and the grasps to give; the occluded image is the first one's. Touch charts that are stored
         there are taken as they are. The single-image model is given the rendering from this viewpoint, in place of grasps.
@@ -144,6 +147,26 @@ def predict(
     return replace(made, files=_write(out, made, surface))
 
 
+def chosen_models(models: Place | None, data: Place | None, configuration: str | None) -> tuple[Place, str]:
+    """Choose the folder of models, and the network.
+
+    Parameters
+    ----------
+    models, data
+        As they were named: a folder of models, else that of a data directory if it holds some, else the weights that ship.
+    configuration
+        The network; by default `occluded-touch`, of shipped weights the one that takes whatever there is.
+
+    Raises
+    ------
+    StageError
+        Nothing is named, and no weights ship.
+    """
+    if models is None and data is not None and (trained_models(data / "models") or not trained_models(SHIPPED)):
+        models = data / "models"
+    return (shipped_models(), configuration or DEFAULT) if models is None else (models, configuration or "occluded-touch")
+
+
 def reconstruct(
     observation: Path | RobotObservation,
     models: Place,
@@ -168,6 +191,8 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
     """Reconstruct from a robot's observation, in its frame and unit."""
     model = reader.model
     if given is None:
+        if model.image == "any":
+            model = model.given(WAYS["none"])
         if model.image or model.touch:
             wanted = " and ".join([*(["an image"] if model.image else []), *(["touches"] if model.touch else [])])
             raise StageError(f"model {model.configuration} needs {wanted}: give an observation, or a data directory and an object")
@@ -175,10 +200,12 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
         return Prediction(made, nothing.touched, _uncoloured(*close_reconstruction(made, resolution)) if surface == "closed" else None)
     if isinstance(given, RobotObservation):
         observed = given
-        if lines := faults(observed, reader.inputs):
+        if lines := faults(observed, reader.suited_to(observed).inputs):
             raise InvalidInput(f"observation: {'; '.join(lines)}")
     else:
-        observed = load_observation(given, lambda part: faults(part, reader.inputs))
+        observed = load_observation(given, lambda part: faults(part, reader.suited_to(part).inputs))
+    reader = reader.suited_to(observed)
+    model = reader.model
     placed = place_observation(observed, reader.inputs)
     seen = reader.of_robot(placed)
     made = model.reconstruct([seen])[0]
@@ -203,6 +230,8 @@ def _of_object(
     reader: ObservationReader, data: Place, object_id: str, chosen: Sequence[int], surface: Surface, resolution: int
 ) -> Prediction:
     """Reconstruct from grasps of a data directory, or from the rendering of a viewpoint."""
+    if reader.model.image == "any":
+        reader = replace(reader, model=reader.model.given(WAYS["occluded-touch"]))
     model = reader.model
     seen = reader.of_object(data, object_id, chosen)
     made = model.reconstruct([seen])[0]
@@ -229,12 +258,13 @@ def _coloured(mesh: ClosedMesh, image: NDArray[np.uint8], matrix: NDArray[np.flo
 def _load_model(models: Place, configuration: str, training_seed: int, device: torch.device) -> Reconstructor:
     trained = trained_models(models, training_seed)
     if configuration not in trained:
-        known = f"its models are {', '.join(sorted(trained))}" if trained else "there are none at all"
+        networks = sorted({network_of(name) for name in trained})
+        known = f"its models are {', '.join(networks)}" if networks else "there are none at all"
         guess = meant(configuration, trained) or ("models" in names_in(models) and models / "models")
         way = f"did you mean {guess}?" if guess else "train it with train-gcn, train-implicit, …"
         seed = f"seed-{training_seed}" if training_seed else ""
         raise StageError(f"{models / seed} has no model {configuration}: {known}; {way}")
-    return load_reconstructor(configuration, DataDirectory(trained[configuration]).whole_folder(configuration), device)
+    return load_reconstructor(configuration, DataDirectory(trained[configuration]).whole_folder(network_of(configuration)), device)
 
 
 def _write(out: Path, made: Prediction, surface: Surface) -> list[Path]:

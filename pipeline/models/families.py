@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from pipeline.kernels.networks.network_configurations import NetworkInputs
+from pipeline.kernels.networks.network_configurations import WAYS, NetworkInputs
 from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor
 from pipeline.models.implicit_reconstruction import ImplicitReconstructor
 from pipeline.models.reconstruction import Reconstructor
@@ -25,19 +25,38 @@ EVERY_CONFIGURATION: Mapping[str, NetworkInputs] = {
 }
 """The networks of all families by name."""
 
+ROWS: Mapping[str, tuple[str, NetworkInputs]] = {
+    f"{name}-{way}": (name, config.given(inputs))
+    for name, config in EVERY_CONFIGURATION.items()
+    if config.image == "any"
+    for way, inputs in WAYS.items()
+}
+"""Networks that take any inputs, as they are given these: `implicit-any-touch` is the network `implicit-any` with touches alone."""
+
 GRASP_CONFIGURATIONS = {name: config for name, config in EVERY_CONFIGURATION.items() if config.image != "rendering"}
 """Those that are given grasps of an object, seen or felt; the others are given a rendering."""
 
 
+def network_of(configuration: str) -> str:
+    """Name the network that a configuration is trained as: its own name, but for the ways to use one that takes any inputs."""
+    return ROWS[configuration][0] if configuration in ROWS else configuration
+
+
+def inputs_of(configuration: str) -> NetworkInputs:
+    """Look up what a configuration's network is given."""
+    return ROWS[configuration][1] if configuration in ROWS else EVERY_CONFIGURATION[configuration]
+
+
 def family_of(configuration: str) -> str:
     """Name the family of a configuration's network; raise a `KeyError` for an unknown configuration."""
+    configuration = network_of(configuration)
     families = {name: folder for folder, family in FAMILIES.items() for name in family.configurations}
     return families[configuration]
 
 
 def model_name(configuration: str, training_seed: int = 0) -> str:
     """Name the folder of a configuration's model, below a data directory, which holds further trainings below `models/seed-1` and so on."""
-    parts = ("models", f"seed-{training_seed}" if training_seed else "", family_of(configuration), configuration)
+    parts = ("models", f"seed-{training_seed}" if training_seed else "", family_of(configuration), network_of(configuration))
     return "/".join(filter(None, parts))
 
 
@@ -47,7 +66,7 @@ def load_reconstructor(configuration: str, folder: Path, device: torch.device | 
     Parameters
     ----------
     configuration
-        Its name.
+        Its name, or a way to use it, of `ROWS`.
     folder
         Written by its training.
     device
@@ -58,11 +77,13 @@ def load_reconstructor(configuration: str, folder: Path, device: torch.device | 
     StoreError
         The folder holds no such network.
     """
-    return FAMILIES[family_of(configuration)](folder, device)
+    loaded = FAMILIES[family_of(configuration)](folder, device)
+    return loaded.given(inputs_of(configuration)) if configuration in ROWS else loaded
 
 
 def trained_models(models: Place, training_seed: int = 0) -> dict[str, Place]:
     """Find the networks that were trained: by configuration, the folder below `models` that holds its record."""
-    folders = {name: (models / model_name(name, training_seed).removeprefix("models/")).parent for name in EVERY_CONFIGURATION}
+    names = (*EVERY_CONFIGURATION, *ROWS)
+    folders = {name: (models / model_name(name, training_seed).removeprefix("models/")).parent for name in names}
     records = {folder: set(names_in(folder)) for folder in set(folders.values())}
-    return {name: folder for name, folder in folders.items() if f"{name}.json" in records[folder]}
+    return {name: folder for name, folder in folders.items() if f"{network_of(name)}.json" in records[folder]}

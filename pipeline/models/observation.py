@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -41,7 +41,14 @@ class Observation:
 def observed_arrays(config: NetworkInputs) -> tuple[str, ...]:
     """Name the arrays of a dataset that a network is given."""
     camera = ["rendering_camera"] if config.image == "rendering" else []
-    return (*([config.image] if config.image else []), *camera, *(("vertices", "stop_rule") if config.touch else ()))
+    return (*stored_images(config), *camera, *(("vertices", "stop_rule") if config.touch else ()))
+
+
+def stored_images(config: NetworkInputs) -> tuple[str, ...]:
+    """Name the arrays of the images that a network may be given."""
+    if config.image == "any":
+        return ("occluded", "unoccluded")
+    return () if config.image is None else (config.image,)
 
 
 def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], config: NetworkInputs) -> Observation:
@@ -56,7 +63,7 @@ def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], 
     grasps
         Grasps whose charts are given; the image is the first camera's of the first. Or a viewpoint.
     config
-        The network's inputs.
+        The network's inputs; of one that takes any, those that it is given here.
     """
     image = None if config.image is None else rows.read(config.image, object_id, grasps[0], camera=0)
     if not config.touch:
@@ -91,7 +98,7 @@ def stack_observations(observations: Sequence[Observation], config: NetworkInput
     observations
         One per item.
     config
-        The network's inputs.
+        The network's inputs. If it takes any image, items may have none: these get black ones, and zeros for a camera.
     camera
         The projection matrix (3, 4) of images that have none of their own; None where each has its own.
     like
@@ -107,17 +114,29 @@ def stack_observations(observations: Sequence[Observation], config: NetworkInput
     if not observations:
         raise ValueError("observations is empty; give at least one")
     images = None
-    if config.image is not None:
+    pictures = [seen.image for seen in observations if seen.image is not None]
+    if config.image == "any" and 0 < len(pictures) < len(observations):
+        blank, nowhere = np.zeros_like(pictures[0]), np.zeros((3, 4))
+        own_camera = nowhere if camera is None else camera.cpu().numpy()
+        observations = [
+            replace(seen, image=blank, camera=nowhere) if seen.image is None else replace(seen, camera=_first(seen.camera, own_camera))
+            for seen in observations
+        ]
         pictures = [seen.image for seen in observations if seen.image is not None]
+    if config.image is not None and (pictures or config.image != "any"):
         if len(pictures) != len(observations) or len({picture.shape for picture in pictures}) != 1:
             raise InvalidInput("the network takes an image of each object, all of one size; some are missing or differ")
         if any(seen.camera is not None for seen in observations):
             own = [camera if seen.camera is None else torch.tensor(seen.camera, device=like.device) for seen in observations]
             camera = torch.stack([matrix for matrix in own if matrix is not None])
         images = network_input(torch.from_numpy(np.stack(pictures)).to(like.device), like.dtype)
-    if not config.touch:
+    if not config.touch or not any(len(felt.touched) for felt in observations):
         none = like.new_zeros(0, config.side**2, 3)
         return NetworkBatch(images, camera, none, none.new_zeros(0, dtype=torch.bool), [0] * len(observations))
-    touch_vertices = torch.from_numpy(np.concatenate([felt.touch_vertices for felt in observations])).to(like)
+    touch_vertices = torch.from_numpy(np.concatenate([felt.touch_vertices for felt in observations if len(felt.touched)])).to(like)
     touched = torch.from_numpy(np.concatenate([felt.touched for felt in observations])).to(like.device)
     return NetworkBatch(images, camera, touch_vertices, touched, [len(felt.touched) for felt in observations])
+
+
+def _first(own: np.ndarray | None, common: np.ndarray) -> np.ndarray:
+    return common if own is None else own

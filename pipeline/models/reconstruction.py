@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import torch
@@ -95,7 +96,7 @@ class Reconstructor(ABC):
     config
         Its inputs and sizes.
     image
-        Which image it is given: None, "occluded", "unoccluded" or "rendering".
+        Which image it is given: None, "occluded", "unoccluded", "rendering" or "any".
     touch
         Whether it is given touch charts.
     camera
@@ -119,6 +120,13 @@ class Reconstructor(ABC):
         self.camera = None if description.camera is None else np.array(description.camera)
         self._camera = None if description.camera is None else torch.tensor(description.camera, dtype=torch.float64, device=device)
         self.resolution, self.background = description.resolution, description.background
+
+    def given(self, inputs: NetworkInputs) -> Self:
+        """Make a reconstructor of the same network, which takes any inputs, that is given these."""
+        restricted = copy.copy(self)
+        restricted.config = self.config.given(inputs)
+        restricted.image, restricted.touch = restricted.config.image, restricted.config.touch
+        return restricted
 
     @torch.no_grad()
     def reconstruct(self, observations: Sequence[Observation]) -> list[Reconstruction]:

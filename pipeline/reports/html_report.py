@@ -222,7 +222,7 @@ def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path
 def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
     """Make the tables of the evaluations and the figure of the learning curves."""
     directory, models = source.directory, trained_models(source.directory, source.evaluated)
-    tables = results_tables(directory, source.evaluated)
+    tables = results_tables(directory, source.evaluated, source.scored)
     curves = []
     if models:
         path = folder / "figures" / "learning-curves.svg"

@@ -16,7 +16,7 @@ from pipeline.console import Row, Table
 from pipeline.dataset.touch_statistics import PAPER
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, difference_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.models.families import FAMILIES
+from pipeline.models.families import FAMILIES, ROWS
 from pipeline.reports.training_seeds import Values, chamfer_of, read_values
 from pipeline.rng import numpy_rng
 from stages.evaluate.evaluation_files import Figures, read_root
@@ -25,7 +25,7 @@ from stages.evaluate.supplement_figures import TABLE_2, TABLE_3
 MIN_OBJECTS = 6
 """Objects that a verdict needs: fewer agree by chance more than once in twenty, and their bootstrap intervals are too short."""
 
-PREFIXES = ("", *(f"{family}-" for family in FAMILIES if family))
+PREFIXES = ("", *(f"{family}-" for family in FAMILIES if family), *sorted({f"{network}-" for network, _ in ROWS.values()}))
 """Of configurations' names, by family: the claims are the same within each."""
 
 Answer = Literal["holds", "does not hold", "undecided"]

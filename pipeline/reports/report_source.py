@@ -17,7 +17,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.scene import Scene
-from pipeline.reports.training_seeds import evaluations
+from pipeline.reports.training_seeds import evaluations, scores
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
 from schemas.catalogue import ARTIFACTS
@@ -48,8 +48,8 @@ class ReportSource:
         The objects that failed in none of them.
     failures
         Stage and reason, by object, of the others.
-    evaluated
-        The names of the evaluations, one per training seed.
+    evaluated, scored
+        The names of the evaluations, one per training seed, and of the scores of other methods.
     evaluation
         The first of them; None where no network has been evaluated.
 
@@ -65,8 +65,8 @@ class ReportSource:
         self.collections = {name: collection for name, collection in collections.items() if name in NEEDED or collection.shards}
         for collection in self.collections.values():
             collection.first  # noqa: B018 (an error where it has not been made)
-        self.evaluated = evaluations(self.directory)
-        self.directory.check_origins([*self.collections, *self.evaluated])
+        self.evaluated, self.scored = evaluations(self.directory), scores(self.directory)
+        self.directory.check_origins([*self.collections, *self.evaluated, *self.scored])
         names = [*self.collections["surfaces"], *self.collections["surfaces"].missing]
         failures = {name: why for name in names for collection in self.collections.values() if (why := collection.failure(name))}
         self.failures = {name: (why.stage, why.reason) for name, why in failures.items()}

@@ -74,12 +74,14 @@ def training_losses(folder: Path) -> tuple[list[float], list[float]]:
     return [epoch.train_loss for epoch in epochs], [epoch.loss for epoch in epochs]
 
 
-def results_tables(directory: DataDirectory, evaluated: Sequence[str]) -> list[Table]:
-    """Make the tables of evaluations, one name per training seed, and the table of trainings."""
+def results_tables(directory: DataDirectory, evaluated: Sequence[str], scored: Sequence[str] = ()) -> list[Table]:
+    """Make the tables of evaluations, one name per training seed, with the scores of other methods, and the table of trainings."""
     tables: list[Table] = []
-    if evaluated:
-        folders = [directory.whole_folder(name) for name in evaluated]
-        tables = [*evaluation_tables(folders[0]), *trainings_table(folders), *orderings_table(orderings(folders))]
+    folders, others = ([directory.whole_folder(name) for name in names] for names in (evaluated, scored))
+    if first := [*folders[:1], *others][:1]:
+        tables += evaluation_tables(first[0], [place for place in others if place != first[0]])
+    if folders:
+        tables += [*trainings_table(folders), *orderings_table(orderings(folders))]
     if models := trained_models(directory, evaluated):
         tables.append(training_table({name: training_facts(directory, place) for name, place in models.items()}))
     return tables

@@ -13,7 +13,7 @@ from pipeline.console import Row, Table
 from pipeline.errors import StoreError
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.models.families import EVERY_CONFIGURATION
+from pipeline.models.families import inputs_of
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import names_in
@@ -32,6 +32,11 @@ def evaluations(directory: DataDirectory) -> list[str]:
     """Name the evaluations of a data directory, that of training seed 0 first."""
     matches = [re.fullmatch(r"evaluation(?:-seed-(\d+))?\.json", name) for name in names_in(directory.root)]
     return [evaluation_name(seed) for seed in sorted(int(match[1] or 0) for match in matches if match)]
+
+
+def scores(directory: DataDirectory) -> list[str]:
+    """Name the scores of other methods in a data directory."""
+    return [name for name in directory.folders() if name.startswith("scores/")]
 
 
 def read_values(folders: Sequence[Path]) -> Values:
@@ -80,7 +85,7 @@ def trainings_table(folders: Sequence[Path]) -> list[Table]:
 def _rows(values: Values, folder: Path) -> Iterator[Row]:
     seed, figures_of = read_root(folder)["seed"], read_figures(folder)
     for name, trainings in values.items():
-        config, chamfer = EVERY_CONFIGURATION[name], TABLE_3_FACTOR * chamfer_of(trainings, 1)
+        config, chamfer = inputs_of(name), TABLE_3_FACTOR * chamfer_of(trainings, 1)
         between: Interval = mean_interval(chamfer, numpy_rng(seed, "trainings", name))
         median, given = float(np.median(chamfer, axis=1).mean()), trainings[0].grasps[-1]
         most = TABLE_3_FACTOR * float(chamfer_of(trainings, given).mean()) if config.touch and given > 1 else None

@@ -41,14 +41,14 @@ def vary_observation(seen: Observation, settings: ReconstructionSettings, genera
     seen
         The observation.
     settings
-        As `vary_image` takes them; and `dropped_touches`, the probability that a touch is left out.
+        As `vary_image` takes them; and `touch_dropout`, the probability that a touch is left out.
     generator
         Draws the variation.
     """
     if seen.image is not None:
         seen = replace(seen, image=vary_image(seen.image, settings, generator))
-    if settings.dropped_touches:
-        kept = (torch.rand(len(seen.touched), generator=generator, dtype=torch.float32) >= settings.dropped_touches).numpy()
+    if settings.touch_dropout:
+        kept = (torch.rand(len(seen.touched), generator=generator, dtype=torch.float32) >= settings.touch_dropout).numpy()
         seen = replace(seen, touch_vertices=seen.touch_vertices[kept], touched=seen.touched[kept])
     return seen
 

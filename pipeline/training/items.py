@@ -12,8 +12,8 @@ from pydantic import BaseModel
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.metrics.chamfer import SearchCloud
-from pipeline.kernels.networks.network_configurations import NetworkInputs
-from pipeline.models.observation import Observation, observed_arrays, stored_observation
+from pipeline.kernels.networks.network_configurations import WAYS, ImageKind, NetworkInputs
+from pipeline.models.observation import Observation, observed_arrays, stored_images, stored_observation
 from pipeline.store.storage import Place
 
 TARGETS = 128
@@ -56,7 +56,8 @@ class Items:
     @property
     def resolution(self) -> list[int] | None:
         """Read the rows and columns of the images; None without them."""
-        return None if self.config.image is None else [self.rows.size(self.config.image, dim) for dim in ("row", "col")]
+        images = stored_images(self.config)
+        return [self.rows.size(images[0], dim) for dim in ("row", "col")] if images else None
 
     @property
     def background(self) -> list[int] | None:
@@ -78,7 +79,7 @@ class Items:
         """Name an item's object."""
         return self.rows.object_ids[item // self.each]
 
-    def view(self, item: int, count: int, others: np.ndarray) -> Observation:
+    def view(self, item: int, count: int, others: np.ndarray, given: NetworkInputs | None = None) -> Observation:
         """Read the network's input: the item's own grasp, then further ones.
 
         Parameters
@@ -89,10 +90,14 @@ class Items:
             Number of grasps.
         others
             Permutation of all grasps, the order of the further ones.
+        given
+            What a network that takes any inputs is given.
         """
-        return stored_observation(self.rows, self.object_of(item), self.grasps_of(item, count, others), self.config)
+        return stored_observation(self.rows, self.object_of(item), self.grasps_of(item, count, others), given or self.config)
 
-    def drawn_view(self, item: int, fewest: int, most: int, generator: torch.Generator) -> Observation:
+    def drawn_view(
+        self, item: int, fewest: int, most: int, generator: torch.Generator, *, dropped: tuple[float, float] = (0.0, 0.0)
+    ) -> Observation:
         """Read the network's input with a random choice of grasps, the item's own first.
 
         Parameters
@@ -103,9 +108,16 @@ class Items:
             Limits of the number of grasps.
         generator
             Draws the number and the further grasps.
+        dropped
+            For a network that takes any inputs, the shares of items without image, and without touches.
         """
         count = int(torch.randint(fewest, most + 1, (), generator=generator))
-        return self.view(item, count, torch.randperm(self.grasps, generator=generator).numpy())
+        others = torch.randperm(self.grasps, generator=generator).numpy()
+        if self.config.image != "any":
+            return self.view(item, count, others)
+        seen, which, felt = torch.rand(3, generator=generator, dtype=torch.float64).tolist()
+        image: ImageKind | None = None if seen < dropped[0] else "occluded" if which < 0.5 else "unoccluded"
+        return self.view(item, count, others, self.config.given(NetworkInputs(image=image, touch=felt >= dropped[1])))
 
     def view_in_turn(self, item: int, fewest: int, most: int) -> Observation:
         """Read the network's input with a fixed choice of grasps, in the order of the dataset.
@@ -115,8 +127,13 @@ class Items:
         item
             Its number, from 0.
         fewest, most
-            An object's items have `fewest` to `most` grasps in turn.
+            An object's items have `fewest` to `most` grasps in turn; those of a network that takes any inputs all `WAYS` in turn, each with
+            more grasps the next time.
         """
+        if self.config.image == "any":
+            again, way = divmod(item, len(WAYS))
+            given = self.config.given([*WAYS.values()][way])
+            return self.view(item, fewest + again % (most - fewest + 1), np.arange(self.grasps), given)
         return self.view(item, fewest + item % self.each % (most - fewest + 1), np.arange(self.grasps))
 
     def grasps_of(self, item: int, count: int, others: np.ndarray) -> list[int]:
@@ -154,4 +171,4 @@ class Items:
 
 def arrays_of(config: NetworkInputs, learned: tuple[str, ...] = ("points",)) -> tuple[str, ...]:
     """Name the arrays that a network of this configuration is trained on, those `learned` that its loss needs among them."""
-    return (*learned, *observed_arrays(config), *(["projection"] if config.image in ("occluded", "unoccluded") else []))
+    return (*learned, *observed_arrays(config), *(["projection"] if config.image not in (None, "rendering") else []))

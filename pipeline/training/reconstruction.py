@@ -33,7 +33,7 @@ from schemas.renderings import RENDERINGS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 
-IMAGES = {"occluded": VISION, "unoccluded": VISION, "rendering": RENDERINGS}
+IMAGES = {"occluded": VISION, "unoccluded": VISION, "any": VISION, "rendering": RENDERINGS}
 """The artifact that holds each kind of image."""
 
 
@@ -113,7 +113,8 @@ class ReconstructionLearner(Learner):
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
         """Read items, each with as many grasps as are drawn for it, varied as the settings ask."""
-        drawn = [self._train.drawn_view(item, self._fewest, self._most, rng) for item, rng in zip(items, generators, strict=True)]
+        dropped, counts = self.settings.dropped_inputs, (self._fewest, self._most)
+        drawn = [self._train.drawn_view(item, *counts, rng, dropped=dropped) for item, rng in zip(items, generators, strict=True)]
         seen = [vary_observation(observation, self.settings, rng) for observation, rng in zip(drawn, generators, strict=True)]
         return Batch(seen, self.targets(self._train, items, generators, validates=False), generators, validates=False)
 

@@ -82,7 +82,7 @@ class ReconstructionSettings(TrainingSettings):
         gt=0,
         le=100,
     )
-    dropped_touches: float = setting(0.0, "share of an item's touch charts that is left out, drawn for each item", ge=0, lt=1)
+    dropped_touches: float | None = setting(0.0, "share of an item's touch charts that is left out, drawn for each item", ge=0, lt=1)
     samples_per_object: int = setting(
         5, "items per object and epoch, each beginning with another grasp, whether a network feels or not", ge=1
     )
@@ -109,6 +109,16 @@ class ReconstructionSettings(TrainingSettings):
         """Describe the network of these settings, for touch charts of side x side vertices and objects in a ball of a radius, m."""
         sizes = self.model_dump(include=set(type(self.named).model_fields), exclude_none=True)
         return self.named.model_copy(update={"radius": radius} | sizes | {"side": side})
+
+    @property
+    def touch_dropout(self) -> float:
+        """The share of touch charts that is left out."""
+        return self.dropped_touches or 0.0
+
+    @property
+    def dropped_inputs(self) -> tuple[float, float]:
+        """The shares of items that a network which takes any inputs is given without image, and without touches."""
+        return 0.0, 0.0
 
     @property
     def label(self) -> str:

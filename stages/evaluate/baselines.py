@@ -6,16 +6,21 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from rich.console import Console
 
+from pipeline.console import Meter
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
-from pipeline.kernels.metrics.retrieval import chamfer_matrix, mean_squared_distance, silhouette_overlap
+from pipeline.kernels.metrics.retrieval import SearchedCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
 from stages.evaluate.evaluation_files import Figure, Figures
 from stages.evaluate.ground_truth import TestObjects
 
 POINTS = 1000
 """Points per object by which it is retrieved; the retrieved object is measured on all of its points."""
+BLOCK = 500
+"""Training objects that are held at a time, a tenth of a megabyte each, and their silhouettes."""
+MASKS = 64
+"""Test objects whose silhouettes are compared at a time."""
 LOOKED_UP = "training object, "
 """Begins the name of each baseline."""
 LABELS = {
@@ -38,9 +43,10 @@ def label(name: str) -> str:
 def retrieve(
     objects: TestObjects,
     training: ObjectRows,
-    most: int,
     figures: Callable[[CloudDistances, int], Mapping[str, float]],
     *,
+    console: Console,
+    most: int,
     silhouettes: Silhouettes | None = None,
     touched: Sequence[NDArray[np.float64]] | None = None,
 ) -> dict[str, Figures]:
@@ -50,10 +56,12 @@ def retrieve(
     ----------
     objects, training
         The test objects, and the training objects.
-    most
-        Number of training objects to choose from, spread evenly.
     figures
         Makes figures of the distances between points, given the number of the test object.
+    console
+        Shows progress.
+    most
+        Number of training objects that the typical one is one of, spread evenly: each is compared with each.
     silhouettes
         For networks that take images.
     touched
@@ -72,32 +80,81 @@ def retrieve(
     by truth
         The nearest one: no retrieval is better.
     """
-    names = [training.object_ids[at] for at in np.linspace(0, len(training) - 1, min(len(training), most)).astype(int)]
-    clouds = [training.read("points", name).astype(np.float64) for name in names]
-    few, asked = [cloud[:POINTS] for cloud in clouds], [objects.points(row)[:POINTS] for row in range(len(objects))]
-    chosen: dict[str, NDArray[np.intp]] = {"typical": np.full(len(objects), np.argmin(chamfer_matrix(few, few).mean(axis=0)))}
-    if silhouettes is not None:
-        masks = [silhouettes(name) for name in names]
-        alike = [silhouette_overlap(silhouettes(name), np.concatenate(masks)).argmax(axis=1) for name in objects.rows.object_ids]
-        chosen["by silhouette"] = np.array(alike) // len(masks[0])  # (object, view)
-    if touched is not None:
-        trees = [cKDTree(cloud) for cloud in few]
-        chosen["by touch"] = np.array([np.argmin([mean_squared_distance(tree, points) for tree in trees]) for points in touched])
-    chosen["by truth"] = chamfer_matrix(asked, few).argmin(axis=1)
-    views, ids = max(matches[0].size for matches in chosen.values()), objects.rows.object_ids
-    return {LOOKED_UP + how: Figures(ids, _measured(objects, clouds, matches, views, figures)) for how, matches in chosen.items()}
+    ids, names = objects.rows.object_ids, training.object_ids
+    spread = np.linspace(0, len(names) - 1, min(len(names), most)).astype(int)
+    masks = None if silhouettes is None else np.stack([silhouettes(name) for name in ids])  # (object, view, pixel)
+    asked = [SearchedCloud(objects.points(row)[:POINTS]) for row in range(len(ids))]
+    felt = None if touched is None else [SearchedCloud(points) for points in touched]
+    search = _Search(asked, felt, masks)
+    blocks = range(0, len(names), BLOCK)
+    steps = len(spread) + len(blocks) * len(ids) + (1 + search.kinds) * len(ids)
+    with Meter(console, "training objects in place of reconstructions", steps, "comparisons") as meter:
+        typical = chamfer_matrix([_cloud(training, names[at]) for at in spread], meter.advance).mean(axis=0).argmin()
+        for start in blocks:
+            block = names[start : start + BLOCK]
+            seen = None if silhouettes is None else np.stack([silhouettes(name) for name in block])
+            search.look_among([_cloud(training, name) for name in block], seen, start, meter)
+        chosen = {"typical": np.full((len(ids), 1), spread[typical]), **search.chosen()}
+        views = max(matches.shape[1] for matches in chosen.values())
+
+        def measured(matches: NDArray[np.intp]) -> list[Figure]:
+            rows = []
+            for row, object_id in enumerate(ids):
+                found: dict[int, Mapping[str, float]] = {}
+                for view, at in enumerate(np.broadcast_to(matches[row], views).tolist()):
+                    if at not in found:
+                        cloud = training.read("points", names[at])[: objects.count].astype(np.float64)
+                        found[at] = figures(cloud_distances(cloud, objects.points(row)), row)
+                    rows += [Figure(object_id, view, 1, metric, value) for metric, value in found[at].items()]
+                meter.advance()
+            return rows
+
+        return {LOOKED_UP + how: Figures(ids, measured(matches)) for how, matches in chosen.items()}
 
 
-def _measured(
-    objects: TestObjects,
-    clouds: Sequence[NDArray[np.float64]],
-    chosen: NDArray[np.intp],
-    views: int,
-    figures: Callable[[CloudDistances, int], Mapping[str, float]],
-) -> list[Figure]:
-    rows = []
-    for row, object_id in enumerate(objects.rows.object_ids):
-        places = np.broadcast_to(chosen[row], views).tolist()
-        measured = {at: figures(cloud_distances(clouds[at][: objects.count], objects.points(row)), row) for at in set(places)}
-        rows += [Figure(object_id, view, 1, metric, value) for view, at in enumerate(places) for metric, value in measured[at].items()]
-    return rows
+def _cloud(training: ObjectRows, name: str) -> SearchedCloud:
+    """Read the points by which an object is retrieved."""
+    return SearchedCloud(training.read("points", name)[:POINTS].astype(np.float64))
+
+
+class _Search:
+    """The training object that is most like each test object, among those that were looked at.
+
+    Parameters
+    ----------
+    asked, felt
+        Points of the test objects, and those that were touched, if any.
+    masks
+        (object, view, pixel) silhouettes of the test objects, if there are images.
+    """
+
+    def __init__(self, asked: Sequence[SearchedCloud], felt: Sequence[SearchedCloud] | None, masks: NDArray[np.bool_] | None) -> None:
+        self._clouds = {"by touch": felt, "by truth": asked} if felt is not None else {"by truth": asked}
+        self._nearest = {how: [(np.inf, 0)] * len(asked) for how in self._clouds}
+        self._masks = masks
+        if masks is not None:
+            self._overlap, self._alike = np.full(masks.shape[:2], -1.0, np.float32), np.zeros(masks.shape[:2], np.intp)
+        self.kinds = len(self._clouds) + (masks is not None)
+
+    def look_among(self, clouds: Sequence[SearchedCloud], masks: NDArray[np.bool_] | None, start: int, meter: Meter) -> None:
+        """Compare further training objects, the first of which has the number `start`, given by their points and silhouettes."""
+        if masks is not None and self._masks is not None:
+            flat, views = masks.reshape(-1, masks.shape[-1]), masks.shape[1]
+            for first in range(0, len(self._masks), MASKS):
+                some = slice(first, first + MASKS)
+                asked = self._masks[some]
+                overlap = silhouette_overlap(asked.reshape(-1, asked.shape[-1]), flat).reshape(*asked.shape[:2], -1)
+                better = (largest := overlap.max(axis=-1)) > self._overlap[some]
+                self._overlap[some] = np.where(better, largest, self._overlap[some])
+                self._alike[some] = np.where(better, start + overlap.argmax(axis=-1) // views, self._alike[some])
+        for row in range(len(self._clouds["by truth"])):
+            for how, asked_clouds in self._clouds.items():
+                below, _ = self._nearest[how][row]
+                if found := nearest_cloud(asked_clouds[row], clouds, both=how == "by truth", below=below):
+                    self._nearest[how][row] = found[0], start + found[1]
+            meter.advance()
+
+    def chosen(self) -> dict[str, NDArray[np.intp]]:
+        """List the numbers of the training objects, (object, view or 1), by how they were chosen."""
+        seen = {} if self._masks is None else {"by silhouette": self._alike}
+        return seen | {how: np.array([[at] for _, at in nearest]) for how, nearest in self._nearest.items()}

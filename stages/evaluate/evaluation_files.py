@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -72,9 +71,9 @@ class Figures:
     def __init__(self, object_ids: Sequence[str], rows: Iterable[Figure]) -> None:
         self.object_ids, self.rows = list(object_ids), list(rows)
         number = {object_id: row for row, object_id in enumerate(self.object_ids)}
-        self._values: dict[tuple[str, int], tuple[list[int], list[float]]] = defaultdict(lambda: ([], []))
+        self._values: dict[tuple[str, int], tuple[list[int], list[float]]] = {}
         for figure in self.rows:
-            places, values = self._values[figure.metric, figure.grasps]
+            places, values = self._values.setdefault((figure.metric, figure.grasps), ([], []))
             places.append(number[figure.object_id])
             values.append(figure.value)
 
@@ -90,22 +89,28 @@ class Figures:
 
     def per_case(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
         """Take a metric of every object and choice of grasps: (object, first)."""
-        return np.reshape(self._values[metric, grasps][1], (len(self.object_ids), -1))
+        return np.reshape(self._found(metric, grasps)[1], (len(self.object_ids), -1))
+
+    def _found(self, metric: str, grasps: int = 1) -> tuple[list[int], list[float]]:
+        """Look up the objects' numbers and the values of a metric; none where it was not measured."""
+        return self._values.get((metric, grasps), ([], []))
 
     def per_object(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
-        """Compute the mean over the choices of grasps: (object,)."""
+        """Compute the mean over the choices of grasps: (object,); (0,) where the network was not given so many."""
+        if not self._found(metric, grasps)[1]:
+            return np.zeros(0)
         return np.asarray(self.per_case(metric, grasps).mean(axis=1))
 
     def available(self, metric: str) -> NDArray[np.float64]:
         """List a metric, with one grasp, of the objects that have it: (object,)."""
-        return np.array(self._values[metric, 1][1])
+        return np.array(self._found(metric)[1])
 
     def ring(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Compute the local Chamfer distance in a ring, the mean over the touches with points in it, and count these: (object,) each.
 
         The distance is 0 if the count is 0.
         """
-        places, values = self._values[f"local_chamfer_{number}", 1]
+        places, values = self._found(f"local_chamfer_{number}")
         size = len(self.object_ids)
         sites = np.bincount(np.array(places, int), minlength=size)
         return np.bincount(np.array(places, int), weights=values, minlength=size) / np.maximum(sites, 1), sites

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.console import pluralise
+from pipeline.dataset.grasping_hand import grasping_sensors
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
@@ -35,7 +37,7 @@ from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
 from stages.evaluate.ground_truth import TestObjects
 from stages.evaluate.measure import Case, MeasuredCase, Protocol
-from stages.evaluate.settings import EvaluationSettings
+from stages.evaluate.settings import SurfaceSettings
 
 ALL = "all"
 """The class of every object, the stop rule of every chart."""
@@ -50,15 +52,17 @@ class GraspProtocol(Protocol):
 
     stage = "evaluate"
     keeps_surfaces = True
+    reads_charts: ClassVar[bool] = True
 
-    def __init__(self, job: DatasetJob, models: Sequence[Reconstructor]) -> None:
-        self.job, self.seen = job, any(model.image for model in models)
-        self.settings: EvaluationSettings = job.settings
-        self.objects = TestObjects(job.data, arrays_of(models), self.settings.points, self.stage)
+    def __init__(self, job: DatasetJob, models: Sequence[Any]) -> None:
+        self.job, self.seen, self.felt = job, any(model.image for model in models), any(model.touch for model in models)
+        self.settings: SurfaceSettings = job.settings
+        self.objects = TestObjects(job.data, arrays_of(models, charts=self.reads_charts), self.settings.points, self.stage)
         self.poses, self.touched = self.objects.stack("sensor_pose"), self.objects.stack("touch_success")  # (object, grasp, sensor, …)
-        self.sensor = self.objects.rows.sensor()
+        rows = self.objects.rows
+        self.sensors = rows.sensors() if self.felt else grasping_sensors({"grasps": rows.attributes("grasps")})
         held = self.touched.shape[1]
-        if (beyond := [str(number) for number in self.settings.grasps if number > held]) and any(model.touch for model in models):
+        if (beyond := [str(number) for number in self.settings.grasps if number > held]) and self.felt and self.reads_charts:
             job.console.print(
                 f"evaluate.grasps: {', '.join(beyond)} left out: the dataset holds {pluralise(held, 'grasp')} of each object "
                 "(simulate-grasps.grasps)"
@@ -69,11 +73,11 @@ class GraspProtocol(Protocol):
         """List the cases of a model; see `make_cases`."""
         return make_cases(self.touched.shape[1], self.settings.grasps, touch=model.touch, occluded=model.image == "occluded")
 
-    def identity(self, name: str, object_id: str, case: Case) -> tuple[str | int, ...]:
-        """Name the draw of points by object, model and grasps."""
-        return object_id, name, case.first, len(case.grasps)
+    def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
+        """Name the draw of points by object and grasps."""
+        return object_id, case.first, case.given
 
-    def figures(self, name: str, model: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+    def figures(self, name: str, model: Any, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the distances of a case; add its appearance if it is the first, and the rings around its touches if it has one grasp."""
         settings, case = self.settings, measured.case
         distances = dict(self.distance_figures(measured.distances, measured.row))
@@ -84,7 +88,7 @@ class GraspProtocol(Protocol):
             distances |= {metric + suffix: figure for metric, figure in figures.items()}
         yield from ((first, metric, value) for first in case.firsts for metric, value in distances.items())
         if measured.is_first:
-            appearance = self.appearance(measured) | (self.closed(name, model, measured) if settings.closed_resolution else {})
+            appearance = self.appearance(measured) | self.closed(model, measured)
             yield from ((case.first, metric, value) for metric, value in appearance.items())
         if case.given == 1:
             yield from self.rings(measured)
@@ -103,50 +107,58 @@ class GraspProtocol(Protocol):
         points, rings = self.objects.points(measured.row), self.settings.rings
         for grasp in measured.case.firsts:
             for sensor in np.flatnonzero(self.touched[measured.row, grasp]):
-                ring = ring_indices(points, self.poses[measured.row, grasp, sensor], self.sensor.width, rings)
+                ring = ring_indices(points, self.poses[measured.row, grasp, sensor], self.sensors[sensor].width, rings)
                 means, counts = ring_means(measured.distances.truth, ring, rings)
                 yield from ((grasp, f"local_chamfer_{at + 1}", float(means[at])) for at in np.flatnonzero(counts))
 
     def appearance(self, measured: MeasuredCase) -> dict[str, float]:
-        """Measure the appearance of a reconstruction; see the schema's `QUALITY`."""
+        """Measure the appearance of a reconstruction; see the schema's `QUALITY`. Of a point cloud it is its farthest points alone."""
         made, points, normals = measured.reconstruction, self.objects.points(measured.row), self.objects.normals(measured.row)
+        spike = {"spike": float(np.sqrt(np.quantile(measured.distances.predicted, 0.999)))}
+        if not len(made.faces):
+            return spike
         vision = made.faces[(made.faces < made.vision).all(axis=1)]
+        angles = dihedral_angles(made.vertices, vision)
         a, b, c = np.moveaxis(made.vertices[measured.faces], 1, 0)
         across = np.cross(b - a, c - a)
         drawn = across / np.linalg.norm(across, axis=1, keepdims=True)  # a face with a point on it has an area
         return {
             "area_ratio": surface_area(made.vertices, made.faces) / sampled_area(points, normals),
-            "dihedral": float(np.median(dihedral_angles(made.vertices, vision))),
+            **({"dihedral": float(np.median(angles))} if len(angles) else {}),  # triangles without a common edge have none
             "seam_gap": 0.0 if made.is_whole else float(seam_gaps(made.vertices[: made.vision], made.position).mean()),
-            "spike": float(np.sqrt(np.quantile(measured.distances.predicted, 0.999))),
+            **spike,
             "normal_consistency": normal_consistency(measured.points, drawn, points, normals),
             "crossing": float(crossing_faces(made.vertices, vision, made.position).mean()),
         }
 
-    def closed(self, name: str, model: Reconstructor, measured: MeasuredCase) -> dict[str, float]:
-        """Close a reconstruction, and measure the inside that it shares with the object.
+    def closed(self, model: Any, measured: MeasuredCase) -> dict[str, float]:
+        """Measure the inside that a reconstruction shares with the object: its own, or that of a closed mesh if the settings ask for one.
 
         Parameters
         ----------
-        name, model
+        model
             The model.
         measured
             Its reconstruction of an object in a case.
 
         Returns
         -------
-        `watertight` (0 or 1) and, if the object's mesh is watertight, `iou`.
+        `watertight` (0 or 1) and, if it is 1 and the object's mesh is watertight, `iou`; nothing of charts that are not to be closed.
         """
-        object_id = self.objects.rows.object_ids[measured.row]
-        vertices, faces = close_reconstruction(
-            measured.reconstruction, self.settings.closed_resolution or 0, self.observe(model, measured.row, measured.case)
-        )
+        object_id, made = self.objects.rows.object_ids[measured.row], measured.reconstruction
+        if self.settings.closed_resolution:
+            given = self.observe(model, measured.row, measured.case)
+            vertices, faces = close_reconstruction(made, self.settings.closed_resolution, given)
+        elif made.is_whole and len(made.faces):
+            vertices, faces = made.vertices, made.faces
+        else:
+            return {}
         closed = {"watertight": float(is_watertight(faces))}
-        if not bool(self.objects.surfaces.view(object_id)["watertight"]):
+        if not (closed["watertight"] and bool(self.objects.surfaces.view(object_id)["watertight"])):
             return closed
         mesh = read_mesh(self.objects.surfaces.view(object_id))
         corners = np.concatenate([vertices, mesh.vertices])
-        rng = numpy_rng(self.job.seed, "evaluate", "closed", name, object_id)
+        rng = numpy_rng(self.job.seed, "evaluate", "closed", object_id)
         points = rng.uniform(corners.min(axis=0), corners.max(axis=0), (POINTS_IN_BOX, 3))
         return closed | {"iou": intersection_over_union((vertices, faces), (mesh.vertices, mesh.faces), points)}
 
@@ -163,12 +175,13 @@ class GraspProtocol(Protocol):
                 (images.read("segmentation", object_id, camera=0)[0] == Label.OBJECT).reshape(1, -1) if images else np.zeros((1, 0), bool)
             )
 
-        touched = [self._touched_points(row) for row in range(len(self.objects))]
+        touched = [self._touched_points(row) for row in range(len(self.objects))] if self.felt else None
         return retrieve(
             self.objects,
             training,
-            self.settings.looked_up,
             self.distance_figures,
+            console=self.job.console,
+            most=self.settings.looked_up,
             silhouettes=silhouettes if images else None,
             touched=touched,
         )
@@ -176,13 +189,13 @@ class GraspProtocol(Protocol):
     def _touched_points(self, row: int) -> NDArray[np.float64]:
         """Collect the points that the sensors touched in an object's first grasp, (N, 3), m; the sensors' positions if none touched."""
         depth, poses = self.objects.rows.read("depth", self.objects.rows.object_ids[row], 0), self.poses[row, 0]
-        clouds = [local_points(depth[site], poses[site], self.sensor) for site in np.flatnonzero(self.touched[row, 0])]
+        clouds = [local_points(depth[site], poses[site], self.sensors[site]) for site in np.flatnonzero(self.touched[row, 0])]
         return np.concatenate([cloud[:count] for cloud, count in clouds] or [poses[:, :3, 3]]).astype(np.float64)
 
-    def extra(self, models: Sequence[Reconstructor]) -> dict[str, Arrays]:
+    def extra(self, models: Sequence[Any]) -> dict[str, Arrays]:
         """Make Table 1 and, for models with touch, the table of touch charts."""
         groups = {"table_1": dataset(self.job.data)}
-        if any(model.touch for model in models):
+        if "residual" in self.objects.rows.arrays:
             groups["charts"] = chart_residuals(*map(self.objects.stack, ("residual", "iterations", "stop_rule")))
         return groups
 
@@ -215,11 +228,21 @@ def make_cases(available: int, numbers: Sequence[int], *, touch: bool, occluded:
     return cases
 
 
-def arrays_of(models: Sequence[Reconstructor]) -> list[str]:
-    """List the arrays that these models' evaluation reads; `untouched` for the sensor's description in the attributes."""
+def arrays_of(models: Sequence[Any], *, charts: bool = True) -> list[str]:
+    """List the arrays that these models' evaluation reads; `untouched` for the sensor's description in the attributes.
+
+    Parameters
+    ----------
+    models
+        Name the image that they take, and whether they take touch.
+    charts
+        Whether those with touch take it as touch charts.
+    """
     images = sorted({model.image for model in models if model.image is not None})
-    charts = ["vertices", "residual", "iterations", "stop_rule"] if any(model.touch for model in models) else []
-    return ["points", "normals", "depth", "sensor_pose", "touch_success", "untouched", *images, *charts]
+    if not any(model.touch for model in models):
+        return ["points", "normals", "sensor_pose", "touch_success", *images]
+    fitted = ["vertices", "residual", "iterations", "stop_rule"] if charts else []
+    return ["points", "normals", "sensor_pose", "touch_success", "depth", "untouched", *images, *fitted]
 
 
 def dataset(data: Place) -> Arrays:

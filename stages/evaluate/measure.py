@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +59,7 @@ class MeasuredCase:
     points
         (N, 3) points drawn from it, m.
     faces
-        (N, 3) vertices of the face of each point.
+        (N, 3) vertices of the face of each point; (0, 3) of a point cloud, which has no faces.
     distances
         Between these points and the object's.
     """
@@ -93,13 +93,11 @@ class Protocol(ABC):
         """List the cases of a model."""
 
     @abstractmethod
-    def identity(self, name: str, object_id: str, case: Case) -> tuple[str | int, ...]:
-        """Name the draw of points from a reconstruction, for the random generator.
+    def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
+        """Name the draw of points from a reconstruction, for the random generator: the same for every model, whatever it is called.
 
         Parameters
         ----------
-        name
-            The model's.
         object_id, case
             The reconstruction's.
         """
@@ -142,14 +140,46 @@ class Protocol(ABC):
         """
         return stored_observation(self.objects.rows, self.objects.rows.object_ids[row], case.grasps or (case.first,), model.config)
 
+    def reconstruct(self, model: Any, work: Sequence[tuple[int, Case]]) -> list[Reconstruction]:
+        """Reconstruct objects, given by number, in cases."""
+        made: list[Reconstruction] = model.reconstruct([self.observe(model, row, case) for row, case in work])
+        return made
 
-def measure(name: str, model: Reconstructor, protocol: Protocol, job: DatasetJob) -> tuple[list[Figure], Arrays]:
+
+def stored(made: Reconstruction) -> Reconstruction:
+    """Round a reconstruction to the float32 in which it is stored and written: what is measured is what anybody can measure again."""
+    return replace(made, vertices=made.vertices.astype(np.float32).astype(np.float64))
+
+
+def draw(made: Reconstruction, count: int, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Draw points from a reconstruction.
+
+    Parameters
+    ----------
+    made
+        A surface, or a point cloud, which has no faces.
+    count
+        Points to draw; of a cloud with fewer, all of them.
+    rng
+        Draws them.
+
+    Returns
+    -------
+    (N, 3) points, m, and (N, 3) vertices of the face of each; (0, 3) of a cloud.
+    """
+    if not len(made.faces):
+        return rng.permutation(made.vertices)[:count], made.faces
+    points, face = sample_triangles(made.vertices[made.faces], count, rng)
+    return points, made.faces[face]
+
+
+def measure(name: str, model: Any, protocol: Protocol, job: DatasetJob) -> tuple[list[Figure], Arrays]:
     """Measure a model on the test objects.
 
     Parameters
     ----------
     name, model
-        The model.
+        The model, or whatever the protocol reconstructs with.
     protocol
         Gives the objects, cases and figures.
     job
@@ -172,17 +202,16 @@ def measure(name: str, model: Reconstructor, protocol: Protocol, job: DatasetJob
     with Meter(job.console, f"{protocol.stage} {name}", len(work), "reconstructions") as meter:
         for start in range(0, len(work), size):
             batch = work[start : start + size]
-            surfaces = model.reconstruct([protocol.observe(model, row, case) for row, case in batch])
+            surfaces = map(stored, protocol.reconstruct(model, batch))
             for (row, case), made in zip(batch, surfaces, strict=True):
                 object_id = objects.rows.object_ids[row]
-                identity = protocol.identity(name, object_id, case)
+                identity = protocol.identity(object_id, case)
                 if not np.isfinite(made.vertices).all():
-                    case_name = " ".join(map(str, identity))
+                    case_name = " ".join(map(str, (name, *identity)))
                     raise StageError(f"the reconstruction of {case_name} holds NaN or infinity; was the model trained to the end?")
-                rng = numpy_rng(job.seed, protocol.stage, *identity)
-                points, face = sample_triangles(made.vertices[made.faces], objects.count, rng)
+                points, faces = draw(made, objects.count, numpy_rng(job.seed, protocol.stage, *identity))
                 distances = cloud_distances(points, objects.points(row))
-                measured = MeasuredCase(row, case, made, points, made.faces[face], distances, is_first=case is cases[0])
+                measured = MeasuredCase(row, case, made, points, faces, distances, is_first=case is cases[0])
                 rows += [
                     Figure(object_id, first, case.given, metric, value) for first, metric, value in protocol.figures(name, model, measured)
                 ]

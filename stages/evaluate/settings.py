@@ -6,7 +6,10 @@ from pydantic import AfterValidator, Field
 
 from pipeline.config.settings import Settings, setting
 from pipeline.errors import unknown
-from pipeline.models.families import GRASP_CONFIGURATIONS
+from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS
+
+METHOD_NAME = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}$"
+"""Of a method, which becomes the name of a folder."""
 
 
 def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
@@ -16,11 +19,14 @@ def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _known(names: tuple[str, ...]) -> tuple[str, ...]:
-    if strange := [name for name in names if name not in GRASP_CONFIGURATIONS]:
-        raise ValueError(unknown("configuration", strange[0], list(GRASP_CONFIGURATIONS)))
-    if not names or len(set(names)) < len(names):
-        raise ValueError(f"{names}: name some of {', '.join(GRASP_CONFIGURATIONS)}, each once")
-    return names
+    known = [*GRASP_CONFIGURATIONS, *ROWS]
+    if strange := [name for name in names if name not in known]:
+        raise ValueError(unknown("configuration", strange[0], known))
+    # a network that takes any inputs is evaluated in every way
+    rows = [row for name in names for row in ([row for row, (network, _) in ROWS.items() if network == name] or [name])]
+    if not rows or len(set(rows)) < len(rows):
+        raise ValueError(f"{names}: name some of {', '.join(known)}, each once")
+    return tuple(rows)
 
 
 class MeasuringSettings(Settings):
@@ -29,22 +35,18 @@ class MeasuringSettings(Settings):
     points: int = setting(10_000, "points drawn from each surface: as many as S^obj has; the sampling floor falls with them", ge=2)
     tau: float = setting(1e-4, "squared distance of F1 in Table 4's protocol, in its scaled unit", gt=0, le=1e6, changes="definition")
     looked_up: int = setting(
-        200, "training objects among which the baselines look, spread evenly: each test object is compared with each of them", ge=1
+        200,
+        "training objects of which the baselines' typical one is one, spread evenly: each is compared with each; the others look at all",
+        ge=1,
     )
     batch_size: int = setting(16, "as in training; more needs more memory, and sums may differ in their last bit with it", ge=1)
     threads: int = setting(1, "of torch on a CPU, as in training", ge=1)
     accelerator: Literal["auto", "cpu", "cuda"] = setting("auto", "a GPU where there is one", changes="speed")
 
 
-class EvaluationSettings(MeasuringSettings):
-    """Choose what is measured, and on how many points (supplement 3.5, Tables 2 to 4)."""
+class SurfaceSettings(MeasuringSettings):
+    """Choose what is measured of surfaces that were made from grasps (supplement 3.5, Tables 2 to 4)."""
 
-    configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = setting(
-        ("none", "touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch"),
-        "the supplement's five modalities and no input at all; what none of these is shown need not have been made",
-        changes="definition",
-    )
-    training_seed: int = setting(0, "whose networks are evaluated: those of the trainings with this setting", ge=0, changes="definition")
     grasps: Annotated[tuple[Annotated[int, Field(ge=1)], ...], AfterValidator(_with_one)] = setting(
         (1, 2, 3, 4, 5), "Table 3's numbers of grasps; those the dataset does not have are left out, and named", changes="definition"
     )
@@ -59,10 +61,31 @@ class EvaluationSettings(MeasuringSettings):
     closed_resolution: int | None = setting(
         None,
         "edges along the longest side of a closed mesh of each object's reconstruction with one grasp, for its watertightness and "
-        "intersection over union; null makes none: one takes 0.9 s with 64 edges, 2.3 s with 128",
+        "intersection over union; null measures those of networks that make closed meshes, as they are: a mesh takes 0.9 s with 64 edges, "
+        "2.3 s with 128",
         ge=8,
         le=400,
     )
+
+
+class EvaluationSettings(SurfaceSettings):
+    """Choose which networks are measured."""
+
+    configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = setting(
+        ("none", "touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch"),
+        "the supplement's five modalities and no input at all; what none of these is shown need not have been made",
+        changes="definition",
+    )
+    training_seed: int = setting(0, "whose networks are evaluated: those of the trainings with this setting", ge=0, changes="definition")
+
+
+class ScoreSettings(SurfaceSettings):
+    """Choose which files `vt-pipeline score` measures, and how; these settings are the command's."""
+
+    method: str = setting(..., "name of the method, in tables", changes="definition", pattern=METHOD_NAME)
+    files: str = setting(..., "SHA-256 of all files of the folder, with their names", changes="definition")
+    given: int = setting(1, "grasps that the files in the folder itself were made from", ge=1, changes="definition")
+    misplaced: bool = setting(False, "whether reconstructions that are far from their objects are measured too", changes="definition")
 
 
 class SingleImageEvaluationSettings(MeasuringSettings):

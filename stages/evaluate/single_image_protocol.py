@@ -40,7 +40,7 @@ class SingleImageProtocol(Protocol):
         """List the views."""
         return [Case(view, (), 1, (view,)) for view in range(self.views)]
 
-    def identity(self, name: str, object_id: str, case: Case) -> tuple[str | int, ...]:
+    def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
         """Name the draw of points by object and view."""
         return object_id, case.first
 
@@ -55,7 +55,8 @@ class SingleImageProtocol(Protocol):
         def silhouettes(object_id: str) -> NDArray[np.bool_]:
             return everything.read("silhouette", object_id)[: self.views, ::STEP, ::STEP].reshape(self.views, -1)
 
-        return retrieve(self.objects, training, self.settings.looked_up, self._figures, silhouettes=silhouettes)
+        how = {"console": self.job.console, "most": self.settings.looked_up}
+        return retrieve(self.objects, training, self._figures, **how, silhouettes=silhouettes)
 
     def extra(self, models: Sequence[Reconstructor]) -> dict[str, Arrays]:
         """Make none."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -16,7 +17,7 @@ from pipeline.config.manifest import SPLITS
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_statistics import has_paper_sizes
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
-from pipeline.models.families import GRASP_CONFIGURATIONS, load_reconstructor, model_name
+from pipeline.models.families import inputs_of, load_reconstructor, model_name
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.store.directory import DataDirectory
 from pipeline.store.row_files import Result, RowFiles
@@ -44,6 +45,14 @@ class NetworkEvaluation(DatasetStage):
 
     protocol: ClassVar[Callable[..., Protocol]]
 
+    @abstractmethod
+    def rows(self, settings: Any) -> dict[str, str]:
+        """Name the folder of the model of each row of the tables."""
+
+    def models(self, settings: Any) -> tuple[str, ...]:
+        """Name the models, of which one may have several rows."""
+        return tuple(dict.fromkeys(self.rows(settings).values()))
+
     def attributes(self, job: DatasetJob, protocol: Any, models: Mapping[str, Reconstructor]) -> dict[str, Any]:
         """Describe the evaluation, for the root of its group.
 
@@ -70,7 +79,7 @@ class NetworkEvaluation(DatasetStage):
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Measure model by model, and training objects in their place; then write the tables."""
         device = device_of(job.settings.accelerator)
-        models = {Path(name).name: load_reconstructor(Path(name).name, folder, device) for name, folder in job.models.items()}
+        models = {name: load_reconstructor(name, job.models[model], device) for name, model in self.rows(job.settings).items()}
         protocol = self.protocol(job, list(models.values()))
         figures: dict[str, Figures] = {}
         groups: dict[str, Mapping[str, Any]] = {"objects": protocol.objects.table(), **protocol.extra(list(models.values()))}
@@ -79,15 +88,39 @@ class NetworkEvaluation(DatasetStage):
                 rows, surfaces = _measured(name, model, protocol, job)
                 figures[name] = Figures(protocol.objects.rows.object_ids, rows)
                 groups |= {f"{surfaces_group(model)}/{name}": surfaces} if surfaces else {}
-        groups["figures"] = long_table(figures | protocol.baselines())
-        attributes = self.attributes(job, protocol, models)
-        write_evaluation(job.folder, groups, attributes)
-        content = {**attributes, "tables": [table.as_json() for table in evaluation_tables(job.folder)]}
-        (job.folder / METRICS).write_text(json.dumps(content, indent=2, sort_keys=True, allow_nan=False))
+        write_measured(job, protocol, figures, groups, self.attributes(job, protocol, models))
         facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
         job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` prints the tables, and writes pages"))
         shutil.rmtree(job.folder / MEASURED, ignore_errors=True)
         return {"objects": len(protocol.objects), "left_out": len(protocol.objects.rows.left_out), "training": facts}
+
+
+def write_measured(
+    job: DatasetJob,
+    protocol: Protocol,
+    figures: Mapping[str, Figures],
+    groups: Mapping[str, Mapping[str, Any]],
+    attributes: Mapping[str, Any],
+) -> None:
+    """Measure the baselines, and write all figures and their tables.
+
+    Parameters
+    ----------
+    job
+        Has the folder.
+    protocol
+        Measures the baselines.
+    figures
+        Of the networks, by name.
+    groups
+        The other groups of the schema.
+    attributes
+        Of the root.
+    """
+    figures = {**figures, **protocol.baselines()}
+    write_evaluation(job.folder, {**groups, "figures": long_table(figures)}, attributes)
+    content = {**attributes, "tables": [table.as_json() for table in evaluation_tables(job.folder)]}
+    (job.folder / METRICS).write_text(json.dumps(content, indent=2, sort_keys=True, allow_nan=False))
 
 
 def _measured(name: str, model: Reconstructor, protocol: Protocol, job: DatasetJob) -> tuple[list[Figure], Arrays]:
@@ -112,14 +145,14 @@ class Evaluate(NetworkEvaluation):
     protocol = GraspProtocol
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
-        """Name the artifacts that the models take, and those of the touch sites."""
-        networks = [GRASP_CONFIGURATIONS[name] for name in settings.configurations]
+        """Name the artifacts that the models take, and the grasps, whose touch sites are measured around whatever the models take."""
+        networks = [inputs_of(name) for name in settings.configurations]
         seen, felt = any(network.image for network in networks), any(network.touch for network in networks)
-        return (SURFACES, GRASPS, TOUCH, *([VISION] if seen else []), *([CHARTS] if felt else []))
+        return (SURFACES, GRASPS, *([VISION] if seen else []), *([TOUCH, CHARTS] if felt else []))
 
-    def models(self, settings: EvaluationSettings) -> tuple[str, ...]:
-        """Name the models."""
-        return tuple(model_name(name, settings.training_seed) for name in settings.configurations)
+    def rows(self, settings: EvaluationSettings) -> dict[str, str]:
+        """Name the model of each configuration."""
+        return {name: model_name(name, settings.training_seed) for name in settings.configurations}
 
     def splits(self, settings: EvaluationSettings) -> tuple[str, ...]:
         """Name all: the models are measured on test objects only, but Table 1 counts all."""
@@ -146,9 +179,9 @@ class EvaluateSingleImage(NetworkEvaluation):
         """Name the objects' points and renderings."""
         return (SURFACES, RENDERINGS)
 
-    def models(self, settings: SingleImageEvaluationSettings) -> tuple[str, ...]:
-        """Name the model."""
-        return (model_name("single-image"),)
+    def rows(self, settings: SingleImageEvaluationSettings) -> dict[str, str]:
+        """Name the one model."""
+        return {"single-image": model_name("single-image")}
 
     def splits(self, settings: SingleImageEvaluationSettings) -> tuple[str, ...]:
         """Name the split that is measured, and the one that baselines retrieve from."""

@@ -16,7 +16,7 @@ from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, sampling_distance, sampling_share
 from pipeline.rng import numpy_rng
 from stages.evaluate.baselines import LOOKED_UP, label
-from stages.evaluate.evaluation_files import Arrays, Figures, read_figures, read_root, read_table
+from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_figures, read_root, read_table
 from stages.evaluate.grasp_protocol import ALL, NEAR, NEAR_SHARE
 from stages.evaluate.single_image_tables import single_image_tables
 from stages.evaluate.supplement_figures import BEST_EPOCH, TABLE_2, TABLE_3
@@ -38,22 +38,66 @@ ACCURACY = {
 }
 """The metrics that need no explanation, by label, and the factors to their units."""
 
+SHARED = {"normals agree, %": ("normal_consistency", 100), "intersection over union": ("iou", 1)}
+"""Metrics beside them that only surfaces have, of their first grasp, and closed ones."""
+
+CHAMFER = ("chamfer", TABLE_3_FACTOR)
+"""In Table 3's unit."""
+
+COMPARED = ("points", "tau", "scale", "rings")
+"""Settings that figures in one table share."""
+
 Networks = Mapping[str, Figures]
 Members = Mapping[str, NDArray[np.bool_]]
 SMALLEST = "smallest value that sampling allows"
 """Of a Chamfer distance: that of two samplings of one surface."""
 
 
-def evaluation_tables(folder: Path) -> list[Table]:
-    """Make the tables of an evaluation folder of any protocol; raise a `StoreError` if there is none."""
-    return list(single_image_tables(folder) if "views" in read_root(folder) else _grasp_tables(folder))
+def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
+    """Make the tables of an evaluation folder of any protocol.
+
+    Parameters
+    ----------
+    folder
+        Of the evaluation.
+    scored
+        Scores of other methods, which get rows beside the networks'.
+
+    Raises
+    ------
+    StoreError
+        There is no evaluation, or a score that cannot be read.
+    """
+    return list(single_image_tables(folder) if "views" in read_root(folder) else _grasp_tables(folder, scored))
 
 
-def _grasp_tables(folder: Path) -> Iterator[Table]:
+def difference(folder: Path, other: Path) -> str | None:
+    """Say in what two evaluations differ that forbids to compare their figures: a setting, the seed or the objects."""
+    ours, theirs = read_root(folder), read_root(other)
+    for name in COMPARED:
+        if ours["settings"][name] != theirs["settings"].get(name):
+            return f"{name}={theirs['settings'].get(name)}, not {ours['settings'][name]}"
+    if ours["seed"] != theirs["seed"]:
+        return f"seed {theirs['seed']}, not {ours['seed']}"
+    mine, others = (read_table(place, "objects")["object_id"].tolist() for place in (folder, other))
+    return None if mine == others else "other objects"
+
+
+def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     root, figures, objects = read_root(folder), read_figures(folder), read_table(folder, "objects")
     settings, paper, floor = root["settings"], root["paper_sizes"], objects["floor"].mean()
-    networks = {name: figures[name] for name in root["configurations"]}
-    felt = {name: networks[name] for name, given in root["configurations"].items() if given["touch"]}
+    given = dict(root["configurations"])
+    for place in scored:
+        if problem := difference(folder, place):
+            yield Table(f"{', '.join(read_root(place)['configurations'])} was scored with {problem}: left out; score it again")
+            continue
+        theirs = read_figures(place)
+        for name, inputs in read_root(place)["configurations"].items():
+            shown = f"{name}, scored" if name in given else name
+            given[shown], figures[shown] = inputs, theirs[name]
+    every = {name: figures[name] for name in given}
+    networks = {name: network for name, network in every.items() if 1 in network.grasps}
+    felt = {name: every[name] for name, inputs in given.items() if inputs["touch"]}
     baselines = {name: network for name, network in figures.items() if name.startswith(LOOKED_UP)}
     members, rng = _members(objects["category"]), partial(numpy_rng, root["seed"])
     classes = [f"{name} ({member.sum()})" for name, member in members.items()]
@@ -64,7 +108,7 @@ def _grasp_tables(folder: Path) -> Iterator[Table]:
     if root["left_out"]:
         yield Table(f"Left out because they failed: {', '.join(root['left_out'])}")
     yield _accuracy({**networks, **baselines}, objects, settings["points"], partial(rng, "accuracy"))
-    if felt and len(next(iter(felt.values())).grasps) > 1:
+    if len(_numbers(felt)) > 1:
         yield _distances_by_grasps(felt, partial(rng, "grasps"))
     yield _distances_by_class(networks, members, classes, partial(rng, "classes"))
     yield _dataset(read_table(folder, "table_1"), paper)
@@ -82,30 +126,38 @@ def _grasp_tables(folder: Path) -> Iterator[Table]:
         yield _baselines(baselines, members, classes, partial(rng, "baselines"))
     labels = ["model", *(label for label, _ in QUALITY_UNITS.values())]
     yield Table("Surfaces with one grasp, mean / median over objects", labels, _quality(networks), ["", *[".3g"] * len(QUALITY_UNITS)])
-    if settings["closed_resolution"]:
-        columns = ["model", "watertight, %", "objects with an inside", "intersection over union, mean / median"]
-        title = "Closed meshes of the surfaces with one grasp"
-        yield Table(title, columns, [_closed(name, network) for name, network in networks.items()], ["", ".0f", "", ".3f"])
-    if felt:
+    if closed := {name: network for name, network in networks.items() if len(network.available("watertight"))}:
+        columns = ["model", "watertight, %", "of which the object has an inside", "intersection over union, mean / median"]
+        title = "Closed surfaces with one grasp" + ("" if settings["closed_resolution"] else ", as they are")
+        yield Table(title, columns, [_closed(name, network) for name, network in closed.items()], ["", ".0f", "", ".3f"])
+    if has_table(folder, "charts"):
         yield _charts(read_table(folder, "charts"))
 
 
+def _numbers(networks: Networks) -> list[int]:
+    """List the numbers of grasps that any of these networks was given."""
+    return sorted({number for figures in networks.values() for number in figures.grasps})
+
+
 def _accuracy(networks: Networks, objects: Arrays, points: int, rng: Callable[..., np.random.Generator]) -> Table:
-    """Make the table of mean distances and F-scores with one grasp; baselines and the limit of sampling are below the networks."""
+    """Make the table of the plainest figures with one grasp; baselines and the limit of sampling are below the networks."""
     rows = []
     for name, figures in networks.items():
-        cells = (_estimate(figures.per_object(metric), rng(name, metric), factor) for metric, factor in ACCURACY.values())
+        cells = [_estimate(figures.per_object(metric), rng(name, metric), factor) for metric, factor in (*ACCURACY.values(), CHAMFER)]
+        cells += [_estimate(figures.available(metric), rng(name, metric), factor) for metric, factor in SHARED.values()]
         rows.append(Row([label(name), *cells], dim=name.startswith(LOOKED_UP)))
     best = [
         (1e3 * sampling_distance(area, points), *(100 * sampling_share(area, points, near) for near in (NEAR, NEAR_SHARE * diagonal)))
         for area, diagonal in zip(objects["area"].tolist(), objects["diagonal"].tolist(), strict=True)
     ]
-    rows.append(Row(["best value that sampling allows", *np.mean(best, axis=0).tolist()], dim=True))
-    return Table("Accuracy with one grasp", ["model", *ACCURACY], rows, ["", ".2f", ".1f", ".1f"])
+    floor = TABLE_3_FACTOR * float(objects["floor"].mean())
+    rows.append(Row(["best value that sampling allows", *np.mean(best, axis=0).tolist(), floor, None, None], dim=True))
+    columns = ["model", *ACCURACY, f"Chamfer × {TABLE_3_FACTOR:.0f}", *SHARED]
+    return Table("Accuracy with one grasp", columns, rows, ["", ".2f", ".1f", ".1f", ".3f", ".1f", ".3f"])
 
 
 def _distances_by_grasps(networks: Networks, rng: Callable[..., np.random.Generator]) -> Table:
-    numbers = next(iter(networks.values())).grasps
+    numbers = _numbers(networks)
     rows = [
         Row([name, *(_estimate(figures.per_object("mean_distance", number), rng(name, number), 1e3) for number in numbers)])
         for name, figures in networks.items()
@@ -182,7 +234,7 @@ def _rings(networks: Networks, count: int, floor: float, rng: Callable[..., np.r
 
 
 def _grasps(networks: Networks, floor: float, rng: Callable[..., np.random.Generator], paper: bool) -> Table:
-    numbers, rows = next(iter(networks.values())).grasps, []
+    numbers, rows = _numbers(networks), []
     for name, figures in networks.items():
         estimates = (_estimate(figures.per_object("chamfer", number), rng(name, number), TABLE_3_FACTOR) for number in numbers)
         rows.append(Row([name, *estimates]))
@@ -227,7 +279,7 @@ def _quality(networks: Networks) -> list[Row]:
     rows = []
     for name, figures in networks.items():
         values = [(factor, figures.available(measure)) for measure, (_, factor) in QUALITY_UNITS.items()]
-        rows.append(Row([name, *((factor * _mean(measured), factor * _median(measured)) for factor, measured in values)]))
+        rows.append(Row([name, *((factor * _mean(found), factor * _median(found)) if len(found) else None for factor, found in values)]))
     return rows
 
 

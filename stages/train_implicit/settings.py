@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal, cast
 
+from pydantic import model_validator
+
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.image_encoder import Norm
 from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS, ImplicitConfig
@@ -39,8 +41,10 @@ class ImplicitSettings(ReconstructionSettings):
     )
     encoder_layers: Literal[12, 15, 18] = setting(12, "as in Table 10")
     encoder_kernel: Literal[3, 5] = setting(5, "as `train-gcn`'s")
-    encoder_norm: Norm = setting(
-        "batch", "as `train-gcn`'s; with group the validation loss does not jump on its way, and ends where it does with batch"
+    encoder_norm: Norm | None = setting(
+        None,
+        "as `train-gcn`'s; with group the validation loss does not jump on its way, and ends where it does with batch; null takes "
+        "group for implicit-any, whose batches have more or fewer images, and batch for the others",
     )
     encoder_width: float = setting(0.25, "share of the tables' channels", gt=0, le=2)
     learning_rate: float = setting(2e-3, "with the cosine schedule", gt=0)
@@ -56,6 +60,30 @@ class ImplicitSettings(ReconstructionSettings):
         1, "per object and epoch; the grasp that each begins with is drawn where they are fewer than the grasps", ge=1
     )
     validation_items: int = setting(1, "items per validation object, with 1, 2, … grasps", ge=1)
+    dropped_image: float = setting(0.2, "implicit-any alone: share of items without image; half of the others' is occluded", ge=0, le=1)
+    dropped_grasps: float = setting(0.35, "implicit-any alone: share of items without touches, with an image or without", ge=0, le=1)
+    dropped_touches: float | None = setting(
+        None,
+        "share of an item's touch charts that is left out, drawn for each item; null: a tenth for implicit-any, else none",
+        ge=0,
+        lt=1,
+    )
+
+    @model_validator(mode="after")
+    def _norm_of_any(self) -> ImplicitSettings:
+        if self.named.image == "any" and self.encoder_norm == "batch" and self.devices * self.num_nodes > 1:
+            raise ValueError("encoder_norm=batch needs an image of some item in each process, which implicit-any may not have; take group")
+        return self
+
+    @property
+    def dropped_inputs(self) -> tuple[float, float]:
+        """The shares of items that `implicit-any` is given without image, and without touches."""
+        return self.dropped_image, self.dropped_grasps
+
+    @property
+    def touch_dropout(self) -> float:
+        """The share of touch charts that is left out."""
+        return (0.1 if self.named.image == "any" else 0.0) if self.dropped_touches is None else self.dropped_touches
 
     def network(self, side: int, radius: float = RADIUS) -> ImplicitConfig:
         """Describe the network of these settings, with lengths in proportion to the radius; parameters as of any family's."""

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from typer.testing import CliRunner
 
+from pipeline.cli import app
 from pipeline.store.directory import DataDirectory
 from pipeline.store.reshard import reshard
+from stages.evaluate.evaluation_files import read_figures
 from tests.stages import ball_dataset as spheres
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -69,6 +72,15 @@ def test_touch_in_pybullet_prints_its_rate(run):
     printed = run("touch_in_pybullet", "gel_16mm", 20)
     assert "20 steps, 20 of them touch" in printed
     assert "tactile images per second" in printed
+
+
+def test_a_method_of_twenty_lines_is_scored(run, data, tmp_path):
+    assert "2 spheres in" in run("score_a_method", data, tmp_path / "sphere")
+    done = CliRunner().invoke(app, ["score", str(tmp_path / "sphere"), str(data)])
+    assert done.exit_code == 0, done.output
+    figures = read_figures(DataDirectory(data).whole_folder("scores/sphere"))["sphere"]
+    assert (figures.per_object("mean_distance") < 0.02).all()  # the objects are balls: their touches decide on radius and place
+    assert (figures.available("iou") > 0.7).all()
 
 
 def test_train_one_network_lowers_its_loss(run, data):

@@ -37,6 +37,7 @@ def data(tmp_path_factory):
     spheres.make_data(folder, 1)
     for name in ("none", "touch", "occluded-touch", "unoccluded"):
         spheres.make_model(folder, name, still=name == "none")
+    spheres.make_implicit_model(folder, "implicit-any")
     (unet := folder / "made").mkdir()
     with torch.random.fork_rng():
         torch.manual_seed(0)
@@ -91,6 +92,31 @@ def test_a_stored_grasp_becomes_charts_and_a_joined_surface(data, tmp_path, suff
     orange = (np.asarray(apart.visual.vertex_colors)[:, :3] == TOUCH_COLOR[:3]).all(axis=1)
     assert orange.sum() == FELT * spheres.SIDE**2
     assert not list(tmp_path.glob("*.tmp"))
+
+
+@pytest.mark.parametrize(
+    ("left_out", "way"),
+    [
+        ((), "occluded-touch"),
+        (("touches", "sensor", "untouched"), "occluded"),
+        (("camera",), "touch"),
+        (("hand_mask", "touches", "sensor", "untouched"), "unoccluded"),
+    ],
+)
+def test_one_network_takes_whatever_an_observation_has(data, grasp, tmp_path, left_out, way):
+    described = entries(grasp)
+    described["object"] = {"centre": described["object"]["centre"], "diagonal": 0.2}
+    for name in left_out:
+        (described["camera"] if name == "hand_mask" else described).pop(name, None)
+    file = write(tmp_path / "g.yaml", described)
+    made = [
+        predict(tmp_path / f"{number}.ply", data / "models", name, observation=file)
+        for number, name in enumerate(("implicit-any", f"implicit-any-{way}"))
+    ]
+    np.testing.assert_array_equal(made[0].reconstruction.vertices, made[1].reconstruction.vertices)
+    assert bool(len(made[0].touched)) == ("touch" in way)
+    done = CliRunner().invoke(app, ["check", str(file), "--models", str(data / "models"), "--configuration", "implicit-any"])
+    assert done.exit_code == 0, done.output
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".glb"])
@@ -238,7 +264,7 @@ def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
 @pytest.mark.parametrize(
     ("asked", "error", "words"),
     [
-        ({"configuration": "occluded"}, StageError, r"no model occluded: its models are none, occluded-touch"),
+        ({"configuration": "occluded"}, StageError, r"no model occluded: its models are implicit-any, none, occluded-touch"),
         ({"out": "ball.stl"}, InvalidInput, r"\.stl"),
         ({"out": "taken.ply"}, InvalidInput, "taken.ply is a folder"),
         ({"grasps": [5]}, StoreError, "no grasp 5; there are grasps 0 to 4"),

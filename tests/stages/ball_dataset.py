@@ -19,6 +19,7 @@ from pipeline.engine.unit import Unit
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
+from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS, ImplicitNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
@@ -237,6 +238,21 @@ def make_model(data: Path, name: str, *, still: bool = False, training_seed: int
         with torch.no_grad():
             for parameter in network.parameters():
                 parameter.zero_()
+    return _save(data, name, network, training_seed)
+
+
+def make_implicit_model(data: Path, name: str, **sizes: Any) -> Path:
+    """Save a small implicit network, as `train-implicit` does, with random weights; much is inside, but where touches say otherwise."""
+    small = {"features": 16, "blocks": 1, "spacing": 0.03, "side": SIDE, "encoder_width": 0.125}
+    network = ImplicitNetwork(IMPLICIT_CONFIGURATIONS[name].model_copy(update=small | sizes), torch.Generator().manual_seed(3))
+    with torch.no_grad():
+        network.last.bias -= 1.0
+    return _save(data, name, network)
+
+
+def _save(data: Path, name: str, network: Any, training_seed: int = 0) -> Path:
+    """Save a network with its description, and publish it with facts of a training that was none."""
+    config = network.config
     folder = data / ".work" / "made" / f"{name} {training_seed}"
     folder.mkdir(parents=True)
     camera = projection_matrix(CAMERA).tolist() if config.image else None
@@ -245,4 +261,6 @@ def make_model(data: Path, name: str, *, still: bool = False, training_seed: int
     save_model(folder, network, description | {"resolution": resolution, "charts": {"side": config.side} if config.touch else None})
     hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
     facts = {"parameters": 1000, "epochs": 3, "best_epoch": 1, "best": {"loss": 2.5}, "training_seconds": 1.5, "hardware": hardware}
-    return publish(data, model_name(name, training_seed), folder, "train-gcn", facts)
+    return publish(
+        data, model_name(name, training_seed), folder, "train-implicit" if name in IMPLICIT_CONFIGURATIONS else "train-gcn", facts
+    )

@@ -155,19 +155,25 @@ def test_closed_meshes_are_measured_where_they_are_asked_for(data, evaluation):
     assert figures(folder, "none").available("spike").tolist() == figures(evaluation[0], "none").available("spike").tolist()
 
 
-def test_what_is_looked_up_is_a_training_object(tmp_path):
+def test_what_is_looked_up_is_a_training_object(tmp_path, monkeypatch):
     balls = {"a": "train", "b": "test", "c": "test", "d": "train", "e": "test"}  # of radius 0.1, 0.12, …
     spheres.make_data(tmp_path, len(balls), ("train", "test", "test"))
-    spheres.make_model(tmp_path, "unoccluded")
-    model = DeformationReconstructor(DataDirectory(tmp_path).whole_folder("models/gcn/unoccluded"))
+    models = []
+    for name in ("unoccluded", "touch"):
+        spheres.make_model(tmp_path, name)
+        models.append(DeformationReconstructor(DataDirectory(tmp_path).whole_folder(f"models/gcn/{name}")))
     settings = EvaluationSettings(points=500)
-    protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, settings, 0, {}, Console()), [model])
+    protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, settings, 0, {}, Console()), models)
     objects = protocol.objects
     assert objects.rows.object_ids == [name for name, split in balls.items() if split == "test"]
     found = {name.removeprefix(LOOKED_UP): one.per_object("chamfer") for name, one in protocol.baselines().items()}
     floors = [sampling_floor(objects.area(row), objects.count) for row in range(3)]
     for how, apart in {"by truth": 0.02, "by touch": 0.02, "by silhouette": 0.02}.items():
         assert found[how] == pytest.approx([2 * apart**2 + floor for floor in floors], rel=0.2), how
+    whole = protocol.baselines()
+    monkeypatch.setattr("stages.evaluate.baselines.BLOCK", 1)  # as if there were many training objects
+    monkeypatch.setattr("stages.evaluate.baselines.MASKS", 2)
+    assert {how: one.rows for how, one in protocol.baselines().items()} == {how: one.rows for how, one in whole.items()}
     assert found["typical"] == pytest.approx(
         [2 * apart**2 + floor for apart, floor in zip((0.02, 0.04, 0.08), floors, strict=True)], rel=0.2
     )
@@ -196,7 +202,10 @@ def test_every_table_is_there(evaluation):
     tables = {table["title"].partition(":")[0]: table for table in metrics["tables"] if table["columns"]}
     accuracy = tables["Accuracy with one grasp"]
     assert next(iter(tables)) == "Accuracy with one grasp"
-    assert accuracy["columns"] == ["model", "mean distance, mm", "F-score at 5 mm, %", "F-score at 1 % of the diagonal, %"]
+    shown = ["mean distance, mm", "F-score at 5 mm, %", "F-score at 1 % of the diagonal, %", "Chamfer × 9000", "normals agree, %"]
+    assert accuracy["columns"] == ["model", *shown, "intersection over union"]
+    assert accuracy["rows"][0][4][0] == pytest.approx(9000 * figures(folder, "none").per_object("chamfer").mean())
+    assert accuracy["rows"][0][5][0] == pytest.approx(100 * figures(folder, "none").available("normal_consistency").mean())
     assert [row[0] for row in accuracy["rows"]] == [*CONFIGURATIONS, "best value that sampling allows"]
     assert accuracy["rows"][0][1][0] == pytest.approx(1e3 * figures(folder, "none").per_object("mean_distance").mean())
     assert {"Table 1", "Table 2", "Table 3", "Modalities"} <= tables.keys()
@@ -281,12 +290,21 @@ def test_a_killed_run_goes_on_with_the_next_configuration(data, evaluation, monk
         assert figures(folder, name).rows == figures(evaluation[0], name).rows
 
 
-def test_models_without_touch_open_no_charts_and_those_without_sight_no_images():
+def test_models_without_touch_need_no_touches_and_those_without_sight_no_images():
     stage = Evaluate()
     names = {artifact.name for artifact in stage.inputs(EvaluationSettings(configurations=("none",)))}
-    assert names == {"surfaces", "grasps", "touch"}
-    assert {artifact.name for artifact in stage.inputs(EvaluationSettings(configurations=("touch",)))} == names | {"charts"}
+    assert names == {"surfaces", "grasps"}
+    assert {artifact.name for artifact in stage.inputs(EvaluationSettings(configurations=("touch",)))} == names | {"touch", "charts"}
     assert {artifact.name for artifact in stage.inputs(EvaluationSettings(configurations=("occluded",)))} == names | {"vision"}
+
+
+def test_networks_that_feel_nothing_are_evaluated_where_no_touch_was_made(data, evaluation, tmp_path):
+    bare = shutil.copytree(data, tmp_path / "bare", ignore=shutil.ignore_patterns("touch", "charts", "evaluation*"))
+    folder, printed = evaluate(bare, configurations=("none", "occluded"))
+    assert LOOKED_UP + "by touch" not in read_figures(folder)
+    for name in ("none", "occluded"):
+        assert figures(folder, name).rows == figures(evaluation[0], name).rows  # the rings around touch sites too
+    assert "Table 3:" not in printed
 
 
 def test_without_touch_there_is_no_table_of_grasps(data):

@@ -141,7 +141,12 @@ def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
     reads = {name: {one.name for one in TrainImplicit().inputs(ImplicitSettings(configuration=name))} for name in IMPLICIT_CONFIGURATIONS}
     assert reads["implicit-touch"] == {"surfaces", "distances", "charts"}
     assert reads["implicit-occluded"] == reads["implicit-unoccluded"] == {"surfaces", "distances", "vision"}
-    assert reads["implicit-occluded-touch"] == reads["implicit-unoccluded-touch"] == {"surfaces", "distances", "vision", "charts"}
+    assert (
+        reads["implicit-any"]
+        == reads["implicit-occluded-touch"]
+        == reads["implicit-unoccluded-touch"]
+        == {"surfaces", "distances", "vision", "charts"}
+    )
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from heapq import heappop, heappush
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+COARSE = (32, 256)
+"""Points by which clouds are compared, coarsely and less so, before all of them are."""
+ROUNDING = 1 - 1e-9
+"""Keeps a bound below the distance that it bounds, whatever rounding does."""
 
 
 def mean_squared_distance(tree: cKDTree, points: NDArray[np.floating]) -> float:
@@ -14,25 +21,101 @@ def mean_squared_distance(tree: cKDTree, points: NDArray[np.floating]) -> float:
     return float(np.square(tree.query(points)[0]).mean())
 
 
-def chamfer_matrix(clouds: Sequence[NDArray[np.floating]], others: Sequence[NDArray[np.floating]]) -> NDArray[np.float64]:
-    """Compute the Chamfer distance of each cloud to each of the others.
+class SearchedCloud:
+    """A cloud that is compared with many others, all of its points or bounds from few of them.
 
     Parameters
     ----------
-    clouds, others
-        A and B clouds, (N, 3) each, one frame.
+    points
+        (N, 3), any order.
+    """
+
+    def __init__(self, points: NDArray[np.floating]) -> None:
+        self.points = points
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """The search tree of the points."""
+        return cKDTree(self.points)
+
+    @cached_property
+    def coarse(self) -> tuple[tuple[NDArray[np.floating], NDArray[np.intp], NDArray[np.float64]], ...]:
+        """By level: some of the points, (K, 3), which of them is nearest to each point, (N,), and how far that is, (N,)."""
+        levels = []
+        for count in COARSE:
+            some = self.points[np.linspace(0, len(self.points) - 1, min(count, len(self.points))).astype(int)]
+            apart, nearest = cKDTree(some).query(self.points)
+            levels.append((some, nearest, apart))
+        return tuple(levels)
+
+    def bound(self, target: SearchedCloud, level: int) -> float:
+        """Compute a lower bound of the mean squared distance to the nearest points of `target`; at the last level, the distance itself.
+
+        A distance to a cloud changes by no more than one moves: a point r away from a coarse one is at least as far as that less r.
+        """
+        if level == len(COARSE):
+            return mean_squared_distance(target.tree, self.points)
+        some, nearest, apart = self.coarse[level]
+        least = np.maximum(target.tree.query(some)[0][nearest] - apart, 0.0)
+        return float(np.square(least).mean()) * ROUNDING
+
+
+def nearest_cloud(query: SearchedCloud, clouds: Sequence[SearchedCloud], *, both: bool, below: float = np.inf) -> tuple[float, int] | None:
+    """Find the cloud nearest to another one; the same one, to the bit, as by comparing all of them.
+
+    Parameters
+    ----------
+    query
+        The cloud.
+    clouds
+        Those to choose from, in the query's frame.
+    both
+        Whether the distance is the Chamfer distance, or the mean squared distance from the query's points alone.
+    below
+        Only a distance below this one counts.
 
     Returns
     -------
-    (A, B) float64, mean squared nearest distances, both directions summed, in the square of the clouds' unit.
+    The distance, in the square of the clouds' unit, and the number of the first cloud that has it; None if none is nearer than `below`.
+
+    Notes
+    -----
+    The cloud of the least bound is looked at more closely, again and again: once that is by all points, no other can be nearer.
     """
-    trees = [cKDTree(other) for other in others]
-    return np.array(
-        [
-            [mean_squared_distance(tree, cloud) + mean_squared_distance(own, other) for other, tree in zip(others, trees, strict=True)]
-            for cloud, own in zip(clouds, map(cKDTree, clouds), strict=True)
-        ]
-    )
+    waiting = [(0.0, False, number, 0) for number in range(len(clouds))]  # bound, whether it is the distance, cloud, level
+    while waiting:
+        bound, exact, number, level = heappop(waiting)
+        if bound >= below:
+            return None
+        if exact:
+            return bound, number
+        closer = query.bound(clouds[number], level) + (clouds[number].bound(query, level) if both else 0.0)
+        exact = level == len(COARSE)
+        heappush(waiting, (closer if exact else max(bound, closer), exact, number, level + 1))
+    return None
+
+
+def chamfer_matrix(clouds: Sequence[SearchedCloud], advance: Callable[[], None] = lambda: None) -> NDArray[np.float64]:
+    """Compute the Chamfer distance of each cloud to each other.
+
+    Parameters
+    ----------
+    clouds
+        A clouds, one frame.
+    advance
+        Is called after each row.
+
+    Returns
+    -------
+    (A, A) float64, symmetric: mean squared nearest distances, both directions summed, in the square of the clouds' unit.
+    """
+    matrix = np.zeros((len(clouds), len(clouds)))
+    for row, cloud in enumerate(clouds):
+        for column, other in enumerate(clouds[:row]):
+            apart = mean_squared_distance(other.tree, cloud.points) + mean_squared_distance(cloud.tree, other.points)
+            matrix[row, column] = matrix[column, row] = apart
+        advance()
+    return matrix
 
 
 def silhouette_overlap(masks: NDArray[np.bool_], others: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -64,8 +64,9 @@ IMPLICIT_CONFIGURATIONS: Mapping[str, ImplicitConfig] = {
     "implicit-occluded-touch": ImplicitConfig(image="occluded", touch=True),
     "implicit-unoccluded": ImplicitConfig(image="unoccluded"),
     "implicit-unoccluded-touch": ImplicitConfig(image="unoccluded", touch=True),
+    "implicit-any": ImplicitConfig(image="any", touch=True, encoder_norm="group"),  # batches of it have more or fewer images
 }
-"""The implicit networks by name: they are given what the supplement's of that name are given."""
+"""The implicit networks by name: they are given what the supplement's of that name are given; `implicit-any` any of it."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +76,11 @@ class Encoding:
     Attributes
     ----------
     maps
-        (B, channels, rows, columns) of each map that queries pool, the image itself first; none without an image.
+        (K, channels, rows, columns) of each map that queries pool, the image itself first, of the K items with an image; none without.
     cameras
-        (B, 3, 4) projection matrices; None without an image.
+        (K, 3, 4) projection matrices; None without an image.
+    seen
+        (K,) int64: the items that have an image; all of them, but for a network that takes any.
     overall
         (B, G) global features.
     touches
@@ -86,6 +89,7 @@ class Encoding:
 
     maps: list[Tensor]
     cameras: Tensor | None
+    seen: Tensor
     overall: Tensor
     touches: list[TouchPoints] | None
 
@@ -114,7 +118,7 @@ class ImplicitNetwork(nn.Module):
                 plan = ENCODER_PLANS[config.encoder_layers]
                 self.encoder = ImageEncoder(plan, config.encoder_kernel, config.encoder_norm, config.encoder_width)
                 self.seen = nn.Linear(self.encoder.deepest * POOLED_SIDE**2, overall)
-                inputs += COLOURS + self.encoder.channels + overall
+                inputs += COLOURS + self.encoder.channels + overall + (config.image == "any")  # and whether there is an image
             if config.touch:
                 self.felt = nn.Sequential(nn.Linear(POINT_FEATURES, overall), nn.ReLU(), nn.Linear(overall, overall))
                 inputs += TOUCH_FEATURES + overall
@@ -167,7 +171,7 @@ class ImplicitNetwork(nn.Module):
         Parameters
         ----------
         images, camera, touch_vertices, touched, counts
-            As `DeformationNetwork.forward` takes them.
+            As `DeformationNetwork.forward` takes them. Of a network that takes any image, items without one have zeros for a camera.
 
         Returns
         -------
@@ -180,21 +184,32 @@ class ImplicitNetwork(nn.Module):
         ValueError
             An input is missing or superfluous.
         """
-        if (images is not None) != (self.encoder is not None) or (any(counts) and not self.config.touch):
+        optional = self.config.image == "any"
+        if ((images is not None) != (self.encoder is not None) and not optional) or (any(counts) and not self.config.touch):
             raise ValueError(f"a network with image {self.config.image!r} and touch {self.config.touch} is given something else")
         maps, cameras, overall, touches = [], None, [self.last.weight.new_zeros(len(counts), 0)], None
-        if self.encoder is not None and images is not None and camera is not None:
-            deep = self.encoder(images)
-            maps = [images, *deep]
-            cameras = camera.to(images).expand(len(images), 3, 4)
-            overall.append(self.seen(functional.adaptive_avg_pool2d(deep[-1], POOLED_SIDE).flatten(1)))
+        seen = torch.arange(0 if images is None else len(counts), device=self.last.weight.device)
+        if self.encoder is not None:
+            shown = self.last.weight.new_zeros(len(counts), self.seen.out_features)
+            if images is not None and camera is not None:
+                cameras = camera.to(images).expand(len(images), 3, 4)
+                if optional and not bool((has_image := cameras.any(dim=(1, 2))).all()):
+                    seen = torch.nonzero(has_image)[:, 0]
+                    images, cameras = images[seen], cameras[seen]
+            if images is not None and len(seen):
+                deep = self.encoder(images)
+                maps = [images, *deep]
+                shown = _placed(self.seen(functional.adaptive_avg_pool2d(deep[-1], POOLED_SIDE).flatten(1)), seen, shown)
+            elif self.training:  # processes that share a step wait for the gradient of each weight, be it zero
+                shown = shown + 0 * sum(weights.sum() for layer in (self.encoder, self.seen) for weights in layer.parameters())
+            overall.append(shown)
         if self.config.touch:
             if not bool(torch.isfinite(touch_vertices).all()):
                 raise InvalidInput("touch_vertices has values that are not finite: leave out the items they come from")
             touches = split_touches(self._unit(touch_vertices), touched, counts)
             nothing = self.last.weight.new_zeros(1, self.config.features // 2)
             overall.append(torch.stack([torch.cat([nothing, self.felt(points.point_features)]).amax(dim=0) for points in touches]))
-        return Encoding(maps, cameras, torch.cat(overall, dim=1), touches)
+        return Encoding(maps, cameras, seen, torch.cat(overall, dim=1), touches)
 
     def decode(self, code: Encoding, queries: Tensor) -> Tensor:
         """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m, about the band where they are larger."""
@@ -204,15 +219,23 @@ class ImplicitNetwork(nn.Module):
         """Predict as `decode`; also returns what was felt nearest to the queries, (B, N, TOUCH_FEATURES), of a network with touch."""
         unit, felt = self._unit(queries), None
         parts = [unit, code.overall[:, None].expand(-1, queries.shape[1], -1)]
-        if self.encoder is not None and code.cameras is not None:
-            parts.append(pool_features(code.maps, (MapGrid(), *self.encoder.grids), project_to_pixels(code.cameras, queries)))
+        if self.encoder is not None:
+            optional = self.config.image == "any"
+            pooled = unit.new_zeros(*unit.shape[:2], COLOURS + self.encoder.channels + optional)
+            if code.maps and code.cameras is not None:
+                pixels = project_to_pixels(code.cameras, queries[code.seen])
+                features = pool_features(code.maps, (MapGrid(), *self.encoder.grids), pixels)
+                if optional:
+                    features = torch.cat([features, torch.ones_like(features[..., :1])], dim=2)
+                pooled = _placed(features, code.seen, pooled)
+            parts.append(pooled)
         if code.touches is not None:
             felt = torch.stack([points.features_at(query) for points, query in zip(code.touches, unit, strict=True)])
             parts.append(felt)
-        features: Tensor = self.first(torch.cat(parts, dim=2))
+        hidden: Tensor = self.first(torch.cat(parts, dim=2))
         for block in self.blocks:
-            features = features + block(features)
-        last: Tensor = self.last(features.relu())[..., 0]
+            hidden = hidden + block(hidden)
+        last: Tensor = self.last(hidden.relu())[..., 0]
         return self.config.band * (torch.tanh(last) + TANH_SLOPE * last), felt
 
     def decode_with_touches(self, code: Encoding, queries: Tensor) -> Tensor:
@@ -237,3 +260,8 @@ class ImplicitNetwork(nn.Module):
     def _unit(self, points: Tensor) -> Tensor:
         """Radii from the centre, from world, m."""
         return (points.to(self.last.weight) - self.last.weight.new_tensor(self.config.centre)) / self.config.radius
+
+
+def _placed(features: Tensor, items: Tensor, others: Tensor) -> Tensor:
+    """Put the features of some items, (K, …), among those of all, (B, …); unchanged if they are of all."""
+    return features if len(features) == len(others) else others.to(features).index_copy(0, items, features)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -11,7 +11,7 @@ from pipeline.kernels.charts.touch_chart import MAX_SIDE
 from pipeline.kernels.charts.vision_charts import MAX_SPLITS
 from pipeline.kernels.networks.image_encoder import Norm
 
-ImageKind = Literal["occluded", "unoccluded", "rendering"]
+ImageKind = Literal["occluded", "unoccluded", "rendering", "any"]
 Seams = Literal["open", "tied"]
 TouchEdges = Literal["centres", "all"]
 
@@ -25,7 +25,8 @@ class NetworkInputs(BaseModel):
     Attributes
     ----------
     image
-        The image it sees, if any; "rendering" is one of several images of the object, each with its own camera.
+        The image it sees, if any; "rendering" is one of several images of the object, each with its own camera; "any" an occluded or an
+        unoccluded one, or none, of each item.
     touch
         Whether it is given touch charts and which of them touched.
     encoder_layers, encoder_kernel, encoder_norm, encoder_width
@@ -47,6 +48,21 @@ class NetworkInputs(BaseModel):
     side: int = Field(default=9, ge=3, le=MAX_SIDE)
     centre: tuple[float, float, float] = (0.0, 0.0, 0.6)
     radius: float = Field(default=RADIUS, gt=0)
+
+    def given(self, inputs: NetworkInputs) -> Self:
+        """Describe this network where it is given no more than these inputs."""
+        return self.model_copy(update={"image": inputs.image, "touch": inputs.touch})
+
+
+WAYS: Mapping[str, NetworkInputs] = {
+    "none": NetworkInputs(),
+    "touch": NetworkInputs(touch=True),
+    "occluded": NetworkInputs(image="occluded"),
+    "occluded-touch": NetworkInputs(image="occluded", touch=True),
+    "unoccluded": NetworkInputs(image="unoccluded"),
+    "unoccluded-touch": NetworkInputs(image="unoccluded", touch=True),
+}
+"""What a network that takes any inputs may be given."""
 
 
 class NetworkConfig(NetworkInputs):

@@ -3,14 +3,65 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from pipeline.kernels.metrics.retrieval import chamfer_matrix, silhouette_overlap
+from pipeline.kernels.metrics.retrieval import COARSE, SearchedCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
+from tests.references.all_pairs import chamfer_to_all, squared_distance_to_all
+
+
+def line(*places: float) -> np.ndarray:
+    return np.array([[place, 0.0, 0.0] for place in places])
+
+
+def shapes(count: int, seed: int) -> list[np.ndarray]:
+    """Ellipsoids of many sizes, some of them nearly the same."""
+    rng = np.random.default_rng(seed)
+    kinds = rng.uniform(0.05, 0.3, (4, 3))
+    points = rng.normal(size=(count, 700, 3))
+    return list(
+        points / np.linalg.norm(points, axis=2, keepdims=True) * (kinds[np.arange(count) % 4] + rng.normal(0, 0.01, (count, 3)))[:, None]
+    )
 
 
 def test_chamfer_matrix_of_points_on_a_line():
-    at = {0: np.zeros((1, 3)), 1: np.array([[1.0, 0, 0]]), 3: np.array([[3.0, 0, 0]]), 13: np.array([[1.0, 0, 0], [3, 0, 0]])}
-    found = chamfer_matrix([at[0], at[13]], [at[0], at[1], at[3]])
-    assert found.tolist() == [[0, 1 + 1, 9 + 9], [(1 + 9) / 2 + 1, (0 + 4) / 2 + 0, (4 + 0) / 2 + 0]]
+    found = chamfer_matrix([SearchedCloud(line(0)), SearchedCloud(line(1, 3)), SearchedCloud(line(1))])
+    assert found.tolist() == [[0, (1 + 9) / 2 + 1, 2], [(1 + 9) / 2 + 1, 0, (0 + 4) / 2], [2, (0 + 4) / 2, 0]]
+
+
+@pytest.mark.parametrize("both", [True, False])
+def test_the_nearest_cloud_is_that_of_comparing_all(both):
+    clouds, asked = shapes(24, 0), shapes(8, 1)
+    searched = [SearchedCloud(cloud) for cloud in clouds]
+    for cloud in (*asked, clouds[5]):
+        every = chamfer_to_all(cloud, clouds) if both else squared_distance_to_all(cloud, clouds)
+        value, number = nearest_cloud(SearchedCloud(cloud), searched, both=both) or (np.nan, -1)
+        assert number == int(np.argmin(every))
+        assert value == pytest.approx(min(every), rel=1e-9, abs=1e-18)
+        assert nearest_cloud(SearchedCloud(cloud), searched, both=both, below=value) is None
+
+
+def test_of_equal_clouds_the_first_is_the_nearest():
+    cloud, other = shapes(2, 2)
+    found = nearest_cloud(SearchedCloud(cloud), [SearchedCloud(one) for one in (other, other + 0.01, cloud, cloud)], both=True)
+    assert found == (0.0, 2)
+
+
+def test_bounds_stay_below_the_distance_and_spare_most_comparisons():
+    clouds = [SearchedCloud(cloud) for cloud in shapes(40, 3)]
+    query, *others = clouds
+    for other in others:
+        bounds = [query.bound(other, level) for level in range(len(COARSE) + 1)]
+        assert max(bounds[:-1]) <= bounds[-1]
+    exact = []
+    genuine = SearchedCloud.bound
+
+    class Counted(SearchedCloud):
+        def bound(self, target, level):
+            exact.append(level == len(COARSE))
+            return genuine(self, target, level)
+
+    nearest_cloud(Counted(query.points), others, both=True)
+    assert sum(exact) < len(others) / 2
 
 
 def test_overlap_is_intersection_over_union():

@@ -33,6 +33,8 @@ def queries(items: int, count: int = 20) -> torch.Tensor:
 
 def test_implicit_configurations_have_the_inputs_of_the_supplements():
     for name, config in IMPLICIT_CONFIGURATIONS.items():
+        if config.image == "any":
+            continue
         other = CONFIGURATIONS[name.removeprefix("implicit-")]
         assert (config.image, config.touch) == (other.image, other.touch)
 

@@ -1,0 +1,142 @@
+"""The demo: an object that no training saw is grasped once, seen once, and reconstructed by the weights that ship."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from rich.console import Console
+
+from pipeline.config.manifest import load_manifest
+from pipeline.config.objects import Object
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.engine.stage import ObjectStage
+from pipeline.formats.scene_file import load_scene
+from pipeline.inference.predict import Prediction, predict
+from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.metrics.cloud_distances import cloud_distances
+from pipeline.kernels.vision.camera import Camera, look_at
+from pipeline.kernels.vision.labels import Label
+from pipeline.models.shipped_weights import DEFAULT, shipped_models
+from pipeline.reports.second_view import fitted_camera
+from pipeline.store.directory import DataDirectory
+from schemas.surfaces import SURFACES
+from stages.registry import DATASET, load_stage, resolve
+from stages.render_vision.renderer import Renderer
+
+MANIFEST, OBJECT = "toy", "duck"
+"""Of the pybullet wheel; the weights that ship have learned from procedural objects alone."""
+SETTINGS = ("simulate-grasps.grasps=1",)
+FRAMES, PIXELS, MILLISECONDS = 36, 256, 80
+"""Of the turntable: pictures of a turn, pixels per side of each mesh, and time per picture."""
+GREY = (150, 170, 190)
+"""Colour of what the image does not show."""
+
+
+@dataclass(frozen=True)
+class Demo:
+    """What a demo made.
+
+    Attributes
+    ----------
+    mesh, turntable, seen
+        Files: the closed mesh, an animation of the object beside it, and the image that the network was given.
+    made
+        The reconstruction.
+    distance
+        Mean distance between reconstruction and object, m.
+    seconds
+        That the reconstruction took, without the simulation and the pictures.
+    """
+
+    mesh: Path
+    turntable: Path
+    seen: Path
+    made: Prediction
+    distance: float
+    seconds: float
+
+
+def demo(folder: Path, console: Console) -> Demo:
+    """Simulate a grasp of the duck, reconstruct it from one image and the touches of that grasp, and draw it beside the object.
+
+    Parameters
+    ----------
+    folder
+        Gets the mesh, the pictures and, below `data`, the simulated grasp.
+    console
+        Shows progress.
+
+    Raises
+    ------
+    StageError
+        No weights ship with this version.
+    """
+    models, data = shipped_models(), folder / "data"
+    item = next(item for item in load_manifest(MANIFEST).objects() if item.object_id == OBJECT)
+    simulate(item, data, console)
+    mesh, turntable, seen = folder / f"{OBJECT}.glb", folder / "turntable.webp", folder / "seen.png"
+    began = time.perf_counter()
+    made = predict(mesh, models, DEFAULT, data=data, object_id=OBJECT, grasps=[0], surface="closed")
+    seconds = time.perf_counter() - began
+    rows = ObjectRows(data, ["occluded", "points"], None)
+    Image.fromarray(rows.read("occluded", OBJECT, 0, camera=0)).save(seen)
+    draw_turntable(read_mesh(DataDirectory(data).collection(SURFACES).view(OBJECT)), reconstructed_mesh(made), turntable)
+    assert made.closed is not None
+    apart = cloud_distances(made.closed.vertices, rows.read("points", OBJECT)).mean_distance
+    return Demo(mesh, turntable, seen, made, apart, seconds)
+
+
+def simulate(item: Object, data: Path, console: Console) -> None:
+    """Make the dataset of one object and one grasp."""
+    for name in DATASET:
+        stage = load_stage(name)
+        assert isinstance(stage, ObjectStage)
+        for plan in make_plans(Request(stage, resolve(name, "draft", SETTINGS), MANIFEST, [item], "draft", 0, data)):
+            if not plan.up_to_date():
+                run(plan, console)
+
+
+def reconstructed_mesh(made: Prediction) -> Mesh:
+    """Make a mesh of a closed reconstruction, in the image's colours, grey elsewhere."""
+    assert made.closed is not None
+    closed = made.closed
+    colors = np.where(closed.seen[:, None], closed.colors, np.array(GREY, np.uint8))
+    look = Look.plain(len(closed.vertices), len(closed.faces), (255, 255, 255))
+    faces = closed.faces.astype(np.int32)
+    return Mesh(closed.vertices, faces, replace(look, vertex_color=np.insert(colors, 3, 255, axis=1)))
+
+
+def draw_turntable(truth: Mesh, made: Mesh, path: Path) -> None:
+    """Draw an object and its reconstruction side by side, once around, as an animated WebP."""
+    scene = load_scene("supplement")
+    with Renderer(scene, PIXELS) as renderer:
+        cameras, turns = _orbit(scene.camera.with_resolution(PIXELS), truth.vertices), []
+        for mesh in (truth, made):
+            with renderer.added(mesh, Label.OBJECT) as handle:
+                turns.append([renderer.render([(handle, np.eye(4))], camera).rgb for camera in cameras])
+        frames = [Image.fromarray(np.concatenate(pair, axis=1)) for pair in zip(*turns, strict=True)]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=MILLISECONDS, loop=0, quality=80)
+
+
+def _orbit(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
+    """Turn a camera once around the middle of points, from where it stands, with a view that holds all of them."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    x, y, z = ((low + high) / 2).tolist()
+    size = float(np.linalg.norm(high - low)) / np.sqrt(12)
+    corners = np.array([[x, y, z]]) + size * np.array(list(product((-1, 1), repeat=3)))  # of a cube that is as large
+    across, along, up = (np.array(camera.position) - (x, y, z)).tolist()
+    cameras = []
+    for angle in np.arange(FRAMES) * 2 * np.pi / FRAMES:
+        cosine, sine = float(np.cos(angle)), float(np.sin(angle))
+        position = (x + cosine * across - sine * along, y + sine * across + cosine * along, z + up)
+        cameras.append(fitted_camera(look_at(camera, position, (x, y, z)), corners))
+    return cameras

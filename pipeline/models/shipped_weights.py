@@ -1,0 +1,94 @@
+"""Networks that ship with the package: a folder of models as trainings fill it, with a card beside each network."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+import pipeline
+from pipeline.errors import InvalidInput, StageError, StoreError
+from pipeline.formats.description_file import invalid_entries
+from pipeline.formats.file_content import read_file
+from pipeline.models.families import model_name, network_of, trained_models
+
+SHIPPED = Path(pipeline.__file__).parent / "assets" / "weights"
+"""Laid out as DATA/models. `make weights` fills it; a version without weights has no such folder."""
+DEFAULT = "implicit-any"
+"""The network that reconstructs where none is named."""
+CARD = "{}.card.yaml"
+MAX_BYTES = 2**16
+"""Of a card."""
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class TrainedOn(_Entry):
+    """One source of the objects that a network learned from."""
+
+    source: str
+    licence: str
+
+
+class Error(_Entry):
+    """Chamfer distances × 9000 with one grasp over the test objects of a class, in objects of 0.5 m."""
+
+    objects: int = Field(ge=1)
+    mean: float = Field(ge=0)
+    median: float = Field(ge=0)
+
+
+class ModelCard(_Entry):
+    """What a shipped network is.
+
+    Attributes
+    ----------
+    network
+        Its configuration.
+    manifest, objects, trained_on
+        The objects that it learned from: the manifest's name, how many, and each source with its licence.
+    commit, command
+        Which code trained it, and how.
+    errors
+        Of objects that it has not seen: by row of the tables (what it was given), and by class; `all` is every object.
+    not_for
+        What it is not for.
+    """
+
+    network: str
+    manifest: str
+    objects: int = Field(ge=1)
+    trained_on: tuple[TrainedOn, ...] = Field(min_length=1)
+    commit: str
+    command: str
+    errors: dict[str, dict[str, Error]]
+    not_for: str
+
+
+def shipped_models() -> Path:
+    """Find the folder of the networks that ship; a `StageError` if this version has none."""
+    if not trained_models(SHIPPED):
+        raise StageError(
+            "no network ships with this version of vt-pipeline: name a folder of models with --models, or a data directory with --data"
+        )
+    return SHIPPED
+
+
+def card_path(models: Path, configuration: str) -> Path:
+    """Return the path of a network's card, below a folder of models."""
+    record = models / model_name(configuration).removeprefix("models/")
+    return record.with_name(CARD.format(network_of(configuration)))
+
+
+def read_card(configuration: str, models: Path = SHIPPED) -> ModelCard:
+    """Read the card of a shipped network; a `StoreError` if there is none, or it cannot be used."""
+    path = card_path(models, configuration)
+    try:
+        return ModelCard.model_validate(yaml.safe_load(read_file(path, MAX_BYTES)))
+    except ValidationError as error:
+        raise StoreError(f"{path}: {invalid_entries(error)}; run `make weights` again") from error
+    except (InvalidInput, OSError, yaml.YAMLError) as error:
+        raise StoreError(f"{path} cannot be read as a card ({error}); run `make weights` again") from error

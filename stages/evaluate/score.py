@@ -1,0 +1,144 @@
+"""Reconstructions that another method wrote as files, measured as networks' are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from rich.markup import escape
+
+from pipeline.config.manifest import SPLITS
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.touch_statistics import has_paper_sizes
+from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
+from pipeline.engine.versions import library_versions
+from pipeline.errors import InvalidInput, StageError
+from pipeline.models.reconstruction import Reconstruction
+from schemas.base import Artifact
+from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+from schemas.touch import TOUCH
+from schemas.vision import VISION
+from stages.evaluate.evaluation_files import Figures
+from stages.evaluate.grasp_protocol import GraspProtocol
+from stages.evaluate.measure import Case, measure
+from stages.evaluate.scored_files import ScoredFiles, find_faults, find_files, read_surface
+from stages.evaluate.settings import ScoreSettings
+from stages.evaluate.stage import write_measured
+
+
+@dataclass(frozen=True)
+class Method:
+    """What stands in the place of a network: a method of which there are files alone.
+
+    Attributes
+    ----------
+    image, touch
+        Whether the baselines that look at images and at touches are measured beside it.
+    has_charts
+        False: its surfaces are meshes or point clouds.
+    """
+
+    image: str | None
+    touch: bool
+    has_charts: bool = False
+
+
+class ScoreProtocol(GraspProtocol):
+    """Measure files as `evaluate` measures networks: with its draws, so that a network's own meshes get its own figures."""
+
+    keeps_surfaces = False
+    reads_charts: ClassVar[bool] = False
+
+    def __init__(self, job: DatasetJob, method: Method, folder: Path) -> None:
+        super().__init__(job, [method])
+        rows, settings = self.objects.rows, job.settings
+        every = ObjectRows(job.data, ["points"], None)
+        others = [name for name in (*every.object_ids, *every.left_out) if name not in rows.object_ids]
+        self.folder, self.files = folder, find_files(folder, rows.object_ids, others, settings.given, self.touched.shape[1])
+
+    def cases(self, model: Any) -> list[Case]:
+        """List the numbers of grasps, and the first ones, that there are files of."""
+        held = self.touched.shape[1]
+        return [
+            Case(first, tuple((first + step) % held for step in range(given)), given, (first,)) for given, first in sorted(self.files.paths)
+        ]
+
+    def reconstruct(self, model: Any, work: Sequence[tuple[int, Case]]) -> list[Reconstruction]:
+        """Read the files."""
+        return [read_surface(self.files.paths[case.given, case.first][self.objects.rows.object_ids[row]]) for row, case in work]
+
+    def refuse_faults(self) -> ScoredFiles:
+        """Return the files if each can be scored; otherwise raise an `InvalidInput` that names all that cannot."""
+
+        def truth(object_id: str) -> Any:
+            return self.objects.points(self.objects.rows.object_ids.index(object_id))
+
+        faults = list(find_faults(self.files, self.folder, truth, misplaced=self.job.settings.misplaced))
+        if faults:
+            raise InvalidInput(f"{self.folder} cannot be scored:\n  " + "\n  ".join(faults))
+        return self.files
+
+
+class Score(DatasetStage):
+    """Measure the files of one method on the test objects.
+
+    Parameters
+    ----------
+    folder
+        Holds the files, as `find_files` takes them.
+    reads
+        The artifacts beside `surfaces` and `grasps` that the baselines look at, of those that were made.
+    """
+
+    name = "score"
+    summary = "Another method's reconstructions on the test objects, from files: the tables of `evaluate`."
+    settings_type = ScoreSettings
+
+    def __init__(self, folder: Path, reads: Sequence[Artifact]) -> None:
+        self.folder, self.reads = folder, tuple(reads)
+
+    def inputs(self, settings: ScoreSettings) -> tuple[Artifact, ...]:
+        """Name the artifacts of the objects, of the touch sites, and of the baselines."""
+        return (SURFACES, GRASPS, *self.reads)
+
+    def splits(self, settings: ScoreSettings) -> tuple[str, ...]:
+        """Name all: test objects are measured, training objects retrieved, and Table 1 counts all."""
+        return SPLITS
+
+    def writes(self, settings: ScoreSettings) -> str:
+        """Name the folder of the method's score."""
+        return f"scores/{settings.method}"
+
+    def cost(self, settings: ScoreSettings, objects: int) -> Cost:
+        """Estimate the reading and measuring of a fifth of the objects, and their baselines."""
+        return Cost(seconds=objects, kilobytes=10 * objects)
+
+    def make(self, job: DatasetJob) -> dict[str, Any]:
+        """Check all files, measure them and the baselines, and write the tables."""
+        settings: ScoreSettings = job.settings
+        method = Method("occluded" if VISION in self.reads else None, TOUCH in self.reads)
+        protocol = ScoreProtocol(job, method, self.folder)
+        files = protocol.refuse_faults()
+        if files.unused:
+            job.console.print(escape(f"{len(files.unused)} files are of objects outside the test split, and are not scored"))
+        try:
+            rows, _ = measure(settings.method, method, protocol, job)
+        except InvalidInput as error:  # each file was readable a moment ago
+            raise StageError(f"{self.folder} changed while it was measured: {error}; score it again") from error
+        object_rows = protocol.objects.rows
+        attributes = {
+            "settings": settings.results(),
+            "seed": job.seed,
+            "split": object_rows.split,
+            "configurations": {settings.method: {"image": None, "touch": True}},
+            "left_out": object_rows.left_out,
+            "paper_sizes": has_paper_sizes(job.data),
+            "vt_pipeline": library_versions()["vt-pipeline"],
+        }
+        figures = {settings.method: Figures(object_rows.object_ids, rows)}
+        write_measured(job, protocol, figures, {"objects": protocol.objects.table(), **protocol.extra([method])}, attributes)
+        given = sorted({number for number, _ in files.paths})
+        return {"objects": len(protocol.objects), "files": sum(map(len, files.paths.values())), "grasps": given}

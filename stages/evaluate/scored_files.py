@@ -1,0 +1,231 @@
+"""Another method's reconstructions as files: found by the object's name, read, and refused where they are not what they should be."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from pipeline.console import abbreviate
+from pipeline.errors import InvalidInput, meant
+from pipeline.formats.file_content import MESH_SUFFIXES, regular_stat
+from pipeline.formats.mesh_file import load_mesh
+from pipeline.kernels.geometry.mesh import check_coordinates
+from pipeline.kernels.metrics.retrieval import mean_squared_distance
+from pipeline.models.reconstruction import Reconstruction
+
+CLOUD = ".npy"
+"""Suffix of a point cloud as an array; a PLY file may hold one too."""
+SUFFIXES = (*MESH_SUFFIXES, CLOUD)
+CASE = re.compile(r"grasps-([1-9]\d*)(?:-from-(\d+))?")
+"""Folders below: how many grasps were given, and the first of them."""
+Y_UP = (".glb", ".gltf")
+"""Formats whose y points up by their standard; they are turned to the world's z."""
+
+SIZES = 10.0
+"""Times larger or smaller than the object, beyond which a reconstruction is in another unit, not bad."""
+TURNED = 0.25
+"""Share of its error that a reconstruction keeps when it is turned, below which it was made with another axis up."""
+FEW = 500
+"""Points by which that is told."""
+UNITS = {1e-3: "km", 1e2: "cm", 1e3: "mm", 39.37: "inches"}
+"""Units by how many of them are a metre."""
+
+Surface = tuple[NDArray[np.float64], NDArray[np.int64]]
+
+
+@dataclass(frozen=True)
+class ScoredFiles:
+    """The files of a folder.
+
+    Attributes
+    ----------
+    paths
+        By number of grasps and first grasp, and by object.
+    faults
+        A line for each file that is missing, or that is there and cannot be used.
+    unused
+        Names of files that are of no test object.
+    """
+
+    paths: Mapping[tuple[int, int], Mapping[str, Path]]
+    faults: Sequence[str]
+    unused: Sequence[str]
+
+
+def surface_files(folder: Path) -> list[Path]:
+    """List the files of reconstructions in a folder, and in those below it that are called `grasps-N` or `grasps-N-from-K`."""
+    places = [folder, *(path for path in sorted(folder.iterdir()) if path.is_dir() and CASE.fullmatch(path.name))]
+    return [path for place in places for path in sorted(place.iterdir()) if path.suffix.lower() in SUFFIXES]
+
+
+def find_files(folder: Path, tested: Sequence[str], others: Sequence[str], given: int, held: int) -> ScoredFiles:
+    """Find the file of each test object.
+
+    Parameters
+    ----------
+    folder
+        Holds files called OBJECT.SUFFIX, and perhaps folders `grasps-N` or `grasps-N-from-K` of such files.
+    tested, others
+        The objects that are scored, and the dataset's others.
+    given
+        Grasps that the files in the folder itself were made from.
+    held
+        Grasps that the dataset holds of each object.
+    """
+    paths: dict[tuple[int, int], dict[str, Path]] = {}
+    faults, unused = [], []
+    for path in surface_files(folder):
+        name = str(path.relative_to(folder))
+        match = CASE.fullmatch(path.parent.name) if path.parent != folder else None
+        case = (int(match[1]), int(match[2] or 0)) if match else (given, 0)
+        if case[0] > held or case[1] >= held:
+            faults.append(f"{name}: the dataset holds {held} grasps of each object, from 0")
+        elif path.stem in others:
+            unused.append(name)
+        elif path.stem not in tested:
+            guess = meant(path.stem, tested)
+            faults.append(f"{name}: the dataset has no object {path.stem}{f', did you mean {guess}?' if guess else ''}")
+        elif path.stem in (there := paths.setdefault(case, {})):
+            faults.append(f"{name}: {there[path.stem].relative_to(folder)} is of the same object and grasps; keep one of them")
+        else:
+            there[path.stem] = path
+    for (number, first), there in paths.items():
+        if missing := [object_id for object_id in tested if object_id not in there]:
+            which = f" with {number} grasps from {first} on" if len(paths) > 1 else ""
+            faults.append(f"{len(missing)} of {len(tested)} test objects have no file{which}: {', '.join(missing)}")
+    if not paths:
+        faults.append(f"there is no file of a test object: files are called OBJECT with a suffix of {', '.join(SUFFIXES)}, and the test ")
+        faults[-1] += f"objects are {abbreviate(list(tested))}"
+    return ScoredFiles(paths, faults, unused)
+
+
+def read_surface(path: Path) -> Reconstruction:
+    """Read a mesh or, without faces, a point cloud.
+
+    Parameters
+    ----------
+    path
+        A mesh file, a PLY file of points, or an array (N, 3) of points; metres, world frame. glTF's y becomes the world's z.
+
+    Raises
+    ------
+    InvalidInput
+        The file is missing or damaged, holds no point, or one that is not finite.
+    """
+    vertices, faces = _read_cloud(path) if path.suffix.lower() == CLOUD else _read_mesh(path)
+    if not len(vertices):
+        raise InvalidInput("it holds no point")
+    check_coordinates(vertices, "points")
+    if path.suffix.lower() in Y_UP:
+        vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
+    return Reconstruction(vertices, faces, vision=len(vertices), position=np.arange(len(vertices)), side=2)
+
+
+def _read_cloud(path: Path) -> Surface:
+    try:
+        regular_stat(path)
+        points = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise InvalidInput(f"it cannot be read as an array of points ({error})") from error
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
+        raise InvalidInput(f"it holds an array {points.shape} of {points.dtype}, not (number of points, 3) numbers")
+    return points.astype(np.float64), np.zeros((0, 3), np.int64)
+
+
+def _read_mesh(path: Path) -> Surface:
+    try:
+        mesh = load_mesh(path)
+    except InvalidInput as error:
+        if path.suffix.lower() != ".ply":
+            raise
+        try:
+            cloud = trimesh.load(path, process=False)
+        except Exception:  # trimesh raises whatever its parsing trips over; the error that it holds no mesh says more
+            raise error from None
+        if not isinstance(cloud, trimesh.PointCloud):
+            raise
+        return np.asarray(cloud.vertices, np.float64), np.zeros((0, 3), np.int64)
+    return mesh.vertices, mesh.faces.astype(np.int64)
+
+
+def find_faults(files: ScoredFiles, folder: Path, truth: Callable[[str], NDArray[np.float64]], *, misplaced: bool) -> Iterator[str]:
+    """Read every file, and name those that cannot be scored.
+
+    Parameters
+    ----------
+    files
+        Of the folder.
+    folder
+        Is left out of their names.
+    truth
+        Reads the points of an object, (N, 3), m, world frame.
+    misplaced
+        Whether reconstructions far from their object, or of quite another size, are scored all the same.
+    """
+    yield from files.faults
+    shares, anyway = [], "; --misplaced measures it as it is"
+    for objects in files.paths.values():
+        for object_id, path in objects.items():
+            try:
+                made = read_surface(path)
+            except InvalidInput as error:
+                yield f"{path.relative_to(folder)}: {error}"
+                continue
+            points = truth(object_id)
+            if not misplaced and (problem := misplacement(made.vertices, points)):
+                yield f"{path.relative_to(folder)}: {problem}{anyway}"
+            elif len(made.faces) and not _has_area(made):
+                yield f"{path.relative_to(folder)}: none of its {len(made.faces)} faces has an area"
+            else:
+                shares.append(_share_when_turned(made.vertices, points))
+    if shares and not misplaced and np.median(shares) < TURNED:
+        yield (
+            "turned by 90° about x, half of the reconstructions or more would be several times nearer to their objects: the files have y "
+            f"up, and the world's z points up{anyway}"
+        )
+
+
+def misplacement(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> str | None:
+    """Say why a reconstruction cannot be in the world's frame and in metres; None if it may.
+
+    Parameters
+    ----------
+    vertices, points
+        (V, 3) of the reconstruction, and (N, 3) of the object, m. One in a hundred of either may be anywhere.
+    """
+    (place, size), (true_place, true_size) = _box(vertices), _box(points)
+    if not true_size / SIZES < size < true_size * SIZES:
+        times = size / true_size
+        unit = min(UNITS, key=lambda one: abs(np.log(max(times, 1e-9) / one)))
+        hint = f", as if it were in {UNITS[unit]}" if 0.5 < times / unit < 2 else ""
+        return f"it is {times:.3g} times as large as the object{hint}; the world's unit is the metre"
+    if np.linalg.norm(place - true_place) > true_size:
+        middles = ("(" + ", ".join(f"{value:.3g}" for value in middle) + ")" for middle in (place, true_place))
+        return "its middle is at {}, the object's at {} m: it is not in the world's frame".format(*middles)
+    return None
+
+
+def _box(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Compute the middle (3,) and the diagonal of the box that holds the points but for the outermost hundredth on each side."""
+    low, high = np.quantile(points, (0.01, 0.99), axis=0)
+    return (low + high) / 2, float(np.linalg.norm(high - low))
+
+
+def _has_area(made: Reconstruction) -> bool:
+    a, b, c = np.moveaxis(made.vertices[made.faces], 1, 0)
+    return bool(np.cross(b - a, c - a).any())
+
+
+def _share_when_turned(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> float:
+    """Compute what share of its distance to the object a reconstruction keeps when it is turned from y up to z up in its place."""
+    some, tree = vertices[np.linspace(0, len(vertices) - 1, min(FEW, len(vertices))).astype(int)], cKDTree(points)
+    middle = _box(points)[0]
+    x, y, z = (some - middle).T
+    return mean_squared_distance(tree, middle + np.stack([x, -z, y], axis=1)) / max(mean_squared_distance(tree, some), 1e-12)

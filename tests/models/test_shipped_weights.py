@@ -1,0 +1,106 @@
+"""Weights that ship: copied with a card from a data directory, found by `predict` without --models, refused where there are none."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+import trimesh
+from rich.console import Console
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.errors import StageError, StoreError
+from pipeline.inference.predict import chosen_models
+from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.touch.tactile_image import untouched_image
+from pipeline.models import shipped_weights
+from pipeline.models.shipped_weights import card_path, read_card, shipped_models
+from pipeline.models.touch_model import save_touch_model
+from stages.evaluate.settings import EvaluationSettings
+from stages.evaluate.stage import Evaluate
+from tests.engine.tiny_stages import publish
+from tests.stages import ball_dataset as spheres
+from tools import ship_weights
+
+NETWORK = "implicit-any"
+OBJECTS = spheres.objects(3, ("train", "test"))
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    torch.set_num_threads(1)
+    folder = tmp_path_factory.mktemp("balls")
+    spheres.make_data(folder, 3, ("train", "test"))
+    spheres.make_implicit_model(folder, NETWORK, spacing=0.05)
+    (unet := folder / "made").mkdir()
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        save_touch_model(unet, UNet(4), sensor=spheres.SENSOR, untouched=untouched_image(spheres.SENSOR), mask_threshold=1e-3)
+    publish(folder, "models/unet", unet, "train-unet")
+    settings = EvaluationSettings(points=200, grasps=(1,), configurations=(NETWORK,))
+    (plan,) = make_plans(Request(Evaluate(), settings, "balls", OBJECTS, "draft", 0, folder))
+    run(plan, Console(quiet=True))
+    return folder
+
+
+@pytest.fixture
+def shipped(data, tmp_path, monkeypatch) -> Path:
+    """Ship the weights to a folder of their own, with a manifest in place of the balls', which have none."""
+    weights = tmp_path / "weights"
+    manifest = ship_weights.load_manifest("toy")
+    monkeypatch.setattr(ship_weights, "load_manifest", lambda name: manifest)
+    ship_weights.ship(data, weights, NETWORK)
+    for module in ("pipeline.models.shipped_weights", "pipeline.inference.predict"):
+        monkeypatch.setattr(f"{module}.SHIPPED", weights)
+    return weights
+
+
+def test_what_ships_has_a_card_with_sources_licences_and_errors_by_row_and_class(shipped):
+    card = read_card(NETWORK, shipped)
+    assert card.objects == 2
+    assert card.trained_on
+    assert all(source.licence for source in card.trained_on)
+    assert {f"{NETWORK}-none", f"{NETWORK}-occluded-touch"} <= card.errors.keys()
+    of_all = card.errors[f"{NETWORK}-touch"]["all"]
+    assert of_all.objects == 1
+    assert of_all.mean == of_all.median > 0
+    assert card.not_for
+
+
+def test_predict_without_models_takes_what_ships(data, shipped, tmp_path):
+    assert shipped_models() == shipped
+    bare = shutil.copytree(data, tmp_path / "bare", ignore=shutil.ignore_patterns("models", "evaluation*"))
+    done = CliRunner().invoke(app, ["predict", str(tmp_path / "out.ply"), "--data", str(bare), "--object", "b"])
+    assert done.exit_code == 0, done.output
+    assert trimesh.load(tmp_path / "out.ply").is_watertight
+    assert chosen_models(None, None, None) == (shipped, NETWORK)
+    assert chosen_models(None, data, None) == (data / "models", "occluded-touch")  # its own
+    assert chosen_models(None, bare, f"{NETWORK}-touch") == (shipped, f"{NETWORK}-touch")
+
+
+def test_where_no_weights_ship_the_message_says_what_to_name(tmp_path, monkeypatch):
+    for module in ("pipeline.models.shipped_weights", "pipeline.inference.predict"):
+        monkeypatch.setattr(f"{module}.SHIPPED", tmp_path / "none")
+    with pytest.raises(StageError, match="name a folder of models with --models"):
+        chosen_models(None, None, None)
+    assert chosen_models(None, tmp_path, None) == (tmp_path / "models", "occluded-touch")
+
+
+@pytest.mark.parametrize(("content", "words"), [("[", "cannot be read as a card"), ("network: 3\n", "network")])
+def test_a_damaged_card_is_named(shipped, content, words):
+    card_path(shipped, NETWORK).write_text(content)
+    with pytest.raises(StoreError, match=words):
+        read_card(NETWORK, shipped)
+
+
+def test_weights_that_ship_are_small_and_each_has_a_card():
+    """Of those in the repository, if there are any."""
+    for name in shipped_weights.trained_models(shipped_weights.SHIPPED):
+        assert read_card(name).network
+    files = [path for path in shipped_weights.SHIPPED.rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) < ship_weights.MAX_BYTES

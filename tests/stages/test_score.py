@@ -1,0 +1,228 @@
+"""`vt-pipeline score`: our own predictions get the figures of `evaluate` to the last digit, and what cannot be scored is named."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from rich.console import Console
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.inference.predict import predict
+from pipeline.reports.results import results_tables
+from pipeline.reports.training_seeds import scores
+from pipeline.store.directory import DataDirectory
+from stages.evaluate.evaluation_files import METRICS, read_figures
+from stages.evaluate.scored_files import find_faults, find_files, misplacement, read_surface
+from stages.evaluate.settings import EvaluationSettings
+from stages.evaluate.stage import Evaluate
+from tests.stages import ball_dataset as spheres
+
+NETWORK = "implicit-touch"
+SPLITS = ("train", "test")
+OBJECTS = spheres.objects(6, SPLITS)
+TESTED = [item.object_id for item in OBJECTS if item.split == "test"]
+CASES = [(1, first) for first in range(5)] + [(2, first) for first in range(5)]
+
+
+def vt(*arguments: object, fails: bool = False) -> str:
+    done = CliRunner().invoke(app, [*map(str, arguments)])
+    assert (done.exit_code != 0) == fails, done.output
+    assert "Traceback" not in done.output
+    return " ".join(done.output.split())
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    torch.set_num_threads(1)
+    folder = tmp_path_factory.mktemp("balls")
+    spheres.make_data(folder, 6, SPLITS)
+    spheres.make_implicit_model(folder, NETWORK, touch_reach=0.05)
+    settings = EvaluationSettings(points=500, grasps=(1, 2), configurations=(NETWORK,), tau=2e-4)
+    (plan,) = make_plans(Request(Evaluate(), settings, "balls", OBJECTS, "draft", 3, folder))
+    run(plan, Console(quiet=True))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def predictions(data, tmp_path_factory) -> Path:
+    """Write the network's reconstructions in every case, as a user would."""
+    folder = tmp_path_factory.mktemp("files") / "own"
+    for given, first in CASES:
+        (place := folder / (f"grasps-{given}-from-{first}" if first else f"grasps-{given}")).mkdir(parents=True)
+        for object_id in TESTED:
+            grasps = [(first + step) % 5 for step in range(given)]
+            suffix = ".glb" if object_id == TESTED[0] else ".ply"
+            predict(place / f"{object_id}{suffix}", data / "models", NETWORK, data=data, object_id=object_id, grasps=grasps)
+    return folder
+
+
+@pytest.fixture
+def folder(predictions, tmp_path) -> Path:
+    """Copy the reconstructions from the first grasp."""
+    return shutil.copytree(predictions / "grasps-1", tmp_path / "method")
+
+
+def scored(data: Path, name: str) -> Path:
+    return DataDirectory(data).whole_folder(f"scores/{name}")
+
+
+def test_our_own_predictions_get_the_figures_of_evaluate_to_the_last_digit(data, predictions):
+    printed = vt("score", predictions, data)
+    ours, theirs = read_figures(DataDirectory(data).whole_folder("evaluation")), read_figures(scored(data, "own"))
+    assert len(ours[NETWORK].rows) > 100
+    assert ours[NETWORK].available("iou").size == ours[NETWORK].available("watertight").size == len(TESTED)
+    assert sorted(ours[NETWORK].rows) == sorted(theirs["own"].rows)
+    assert {name: ours[name].rows for name in ours if name != NETWORK}.items() <= {name: theirs[name].rows for name in theirs}.items()
+    own, evaluated = (
+        json.loads((place / METRICS).read_text()) for place in (scored(data, "own"), DataDirectory(data).whole_folder("evaluation"))
+    )
+    for table in ("Accuracy with one grasp", "Table 2", "Table 3", "Modalities"):
+        (mine,), (other,) = (
+            [row for found in content["tables"] if found["title"].startswith(table) for row in found["rows"] if row[0] == name]
+            for content, name in ((own, "own"), (evaluated, NETWORK))
+        )
+        means = [[cell[0] if isinstance(cell, list) else cell for cell in row[1:]] for row in (mine, other)]
+        assert means[0] == means[1], table
+    assert "metrics.json" in printed
+    assert own["settings"]["points"] == 500  # those of the evaluation
+    assert own["vt_pipeline"]
+
+
+def test_a_score_is_a_row_beside_the_networks(data, folder):
+    vt("score", folder, data, "--name", "other")
+    directory = DataDirectory(data)
+    assert "scores/other" in scores(directory)
+    accuracy = next(table for table in results_tables(directory, ["evaluation"], ["scores/other"]) if table.title.startswith("Accuracy"))
+    assert [row.cells[0] for row in accuracy.rows][:2] == [NETWORK, "other"]
+    by_grasps = next(table for table in results_tables(directory, ["evaluation"], ["scores/other"]) if table.title.startswith("Table 3"))
+    (row,) = (row for row in by_grasps.rows if row.cells[0] == "other")
+    assert row.cells[2] is None  # two grasps were not given
+    assert "other" in vt("report", data, "--no-pages")
+    assert "scores/other" in vt("status", data)
+    vt("validate", data)
+    assert "3 objects" in results_tables(directory, [], ["scores/other"])[0].title
+
+
+def test_the_same_files_are_not_measured_again_and_others_are(data, folder):
+    first = vt("score", folder, data, "--name", "again")
+    before = scored(data, "again")
+    assert vt("score", folder, data, "--name", "again") == first
+    assert scored(data, "again") == before
+    shutil.copy(folder / f"{TESTED[1]}.ply", folder / f"{TESTED[2]}.ply")
+    vt("score", folder, data, "--name", "again")
+    assert scored(data, "again") != before
+
+
+def test_point_clouds_are_scored_by_their_distances_alone(data, tmp_path):
+    rows = ObjectRows(data, ["points"], "test")
+    for object_id in TESTED:
+        points = rows.read("points", object_id)
+        if object_id == TESTED[0]:
+            trimesh.PointCloud(points).export(tmp_path / f"{object_id}.ply")
+        else:
+            np.save(tmp_path / f"{object_id}.npy", points)
+    printed = vt("score", tmp_path, data, "--name", "truth")
+    figures = read_figures(scored(data, "truth"))["truth"]
+    assert (figures.per_object("mean_distance") < 0.02).all()  # 500 of 2000 points: what sampling leaves
+    assert not len(figures.available("normal_consistency"))
+    assert not len(figures.available("iou"))
+    assert "truth" in printed
+
+
+def test_each_fault_of_a_folder_is_named_and_nothing_is_written(data, folder):
+    first, second, third = TESTED
+    (folder / f"{first}.glb").unlink()
+    trimesh.creation.icosphere(2, 150.0).export(folder / f"{second}.ply")  # its ball has a radius of 0.16 m
+    moved = trimesh.load(folder / f"{third}.ply", process=False)
+    moved.apply_translation(-spheres.CENTRE - [0, 0, 0.5]).export(folder / f"{third}.ply")
+    (folder / "typo.ply").write_bytes((folder / f"{second}.ply").read_bytes())
+    moved.export(folder / f"{third}.stl")
+    (folder / "a.obj").write_text("of the training split")
+    (folder / "grasps-9").mkdir()
+    (folder / "grasps-9" / f"{first}.ply").write_text("")
+    words = vt("score", folder, data, "--name", "faulty", fails=True)
+    for fault in (
+        f"1 of 3 test objects have no file: {first}",
+        "times as large as the object, as if it were in mm",
+        f"{third}.ply: its middle is at (",
+        "it is not in the world's frame",
+        "typo.ply: the dataset has no object typo",
+        f"{third}.stl: {third}.ply is of the same object and grasps",
+        "the dataset holds 5 grasps",
+    ):
+        assert fault in words, fault
+    assert "scores/faulty" not in scores(DataDirectory(data))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "b.ply"),
+        (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\nnan 0 0\n", "NaN"),
+        (b"not a mesh", "b.ply"),
+    ],
+    ids=["empty", "nan", "text"],
+)
+def test_a_file_that_cannot_be_used_is_named(data, folder, content, words):
+    np.save(folder / f"{TESTED[1]}.npy", np.zeros((0, 3)))
+    (folder / f"{TESTED[1]}.ply").unlink()
+    (folder / f"{TESTED[0]}.glb").unlink()
+    (folder / f"{TESTED[0]}.ply").write_bytes(content)
+    printed = vt("score", folder, data, fails=True)
+    assert words in printed
+    assert f"{TESTED[1]}.npy: it holds no point" in printed
+
+
+def test_misplaced_reconstructions_are_measured_if_that_is_asked_for(data, tmp_path):
+    bar = trimesh.creation.box((0.02, 0.02, 0.2))
+    for object_id in TESTED:
+        bar.copy().apply_translation(spheres.CENTRE + [0, 0, 2]).export(tmp_path / f"{object_id}.ply")
+    assert "--misplaced" in vt("score", tmp_path, data, "--name", "far", fails=True)
+    vt("score", tmp_path, data, "--name", "far", "--misplaced")
+
+
+def test_files_with_y_up_are_told_from_bad_ones(tmp_path):
+    rng = np.random.default_rng(0)
+    truth = {name: rng.normal(size=(2000, 3)) * [0.02, 0.02, 0.1] + spheres.CENTRE for name in "abc"}  # upright rods
+    for name, points in truth.items():
+        x, y, z = (points - spheres.CENTRE).T
+        np.save(tmp_path / f"{name}.npy", spheres.CENTRE + np.stack([x, z, -y], axis=1))
+    files = find_files(tmp_path, list(truth), [], 1, 5)
+    (fault,) = find_faults(files, tmp_path, truth.__getitem__, misplaced=False)
+    assert "the files have y up" in fault
+    for name, points in truth.items():
+        np.save(tmp_path / f"{name}.npy", points * [3, 1, 0.8] - [0, 0, -0.12])
+    assert not list(find_faults(files, tmp_path, truth.__getitem__, misplaced=False))
+
+
+def test_misplacement_names_the_unit_and_leaves_bad_reconstructions_alone():
+    points = np.random.default_rng(0).normal(size=(2000, 3)) * [0.1, 0.05, 0.02] + spheres.CENTRE
+    assert misplacement(points, points) is None
+    assert misplacement(points * 0.5 + 0.5 * spheres.CENTRE + 0.1, points) is None  # bad, not elsewhere
+    assert "in cm" in str(misplacement(points * 100, points))
+    assert "in mm" in str(misplacement(points * 1000, points))
+    assert "0.001 times as large" in str(misplacement(points / 1000, points))
+    assert "not in the world's frame" in str(misplacement(points - spheres.CENTRE * 3, points))
+
+
+def test_gltf_files_are_turned_to_the_worlds_up(tmp_path):
+    box = trimesh.creation.box((0.1, 0.2, 0.3))
+    box.export(tmp_path / "box.glb")  # whose y is up
+    made = read_surface(tmp_path / "box.glb")
+    assert np.ptp(made.vertices, axis=0) == pytest.approx([0.1, 0.3, 0.2])
+
+
+def test_what_names_no_method_or_folder_is_refused(data, tmp_path):
+    assert "no folder" in vt("score", tmp_path / "none", data, fails=True)
+    assert "no file of a test object" in vt("score", tmp_path, data, fails=True)
+    assert "a method's name" in vt("score", tmp_path, data, "--name", "a/b", fails=True)

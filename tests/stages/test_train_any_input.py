@@ -1,0 +1,153 @@
+"""`implicit-any`: one network that is trained on, evaluated with and asked for every combination of inputs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from rich.console import Console
+
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.errors import InvalidInput
+from pipeline.inference.predict import predict
+from pipeline.kernels.networks.network_configurations import WAYS
+from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS, inputs_of, load_reconstructor, model_name, trained_models
+from pipeline.reports.training_seeds import trainings_table
+from pipeline.rng import torch_generator
+from pipeline.store.directory import DataDirectory
+from pipeline.training.items import Items
+from stages.evaluate.evaluation_files import read_figures, read_root
+from stages.evaluate.tables import evaluation_tables
+from stages.registry import load_stage, resolve
+from stages.train_implicit.stage import ImplicitLearner, TrainImplicit
+from tests.stages import ball_dataset as spheres
+
+NAME = "implicit-any"
+SPLITS = ("train", "valid", "test")
+OBJECTS = spheres.objects(3, SPLITS)
+SETTINGS = (
+    *("train-implicit.configuration=implicit-any", "train-implicit.features=16", "train-implicit.blocks=1", "train-implicit.epochs=2"),
+    *("train-implicit.queries=50", "train-implicit.validation_queries=50", "train-implicit.encoder_width=0.125"),
+    *("train-implicit.samples_per_object=6", "train-implicit.validation_items=6", "train-implicit.radius=0.25"),
+    *("train-implicit.spacing=0.04", "evaluate.configurations=[implicit-any]", "evaluate.points=200", "evaluate.grasps=[1,5]"),
+)
+
+
+def run_stage(data: Path, stage: str) -> None:
+    (plan,) = make_plans(Request(load_stage(stage), resolve(stage, "draft", SETTINGS), "balls", OBJECTS, "draft", 0, data))
+    run(plan, Console(record=True, width=200))
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    torch.set_num_threads(1)
+    folder = tmp_path_factory.mktemp("balls")
+    spheres.make_data(folder, 3, SPLITS)
+    for stage in ("train-implicit", "evaluate"):
+        run_stage(folder, stage)
+    return folder
+
+
+def test_training_draws_every_combination_of_inputs_and_validates_them_in_turn(data):
+    settings = resolve("train-implicit", "draft", SETTINGS)
+    items = Items(data, "train", settings.named, 6, learned=ImplicitLearner.arrays)
+    drawn = [items.drawn_view(0, 1, 5, torch_generator(0, n), dropped=settings.dropped_inputs) for n in range(200)]
+    given = {(seen.image is not None, bool(len(seen.touched))) for seen in drawn}
+    assert given == {(False, False), (False, True), (True, False), (True, True)}
+    assert {len(seen.touched) // spheres.SENSORS for seen in drawn} == {0, 1, 2, 3, 4, 5}
+    shown = [seen.image for seen in drawn if seen.image is not None]
+    alone = items.rows.read("unoccluded", items.rows.object_ids[0], camera=0)
+    assert 0.35 < np.mean([np.array_equal(image, alone) for image in shown]) < 0.65
+    assert 0.1 < 1 - len(shown) / len(drawn) < 0.3
+    turns = [items.view_in_turn(item, 1, 5) for item in range(6)]
+    assert [(seen.image is not None, len(seen.touched)) for seen in turns] == [
+        (way.image is not None, spheres.SENSORS if way.touch else 0) for way in WAYS.values()
+    ]
+    assert np.array_equal(turns[4].image, alone)
+    assert settings.touch_dropout == 0.1
+    assert resolve("train-implicit", "draft", ["train-implicit.configuration=implicit-touch"]).touch_dropout == 0
+
+
+def test_other_networks_draw_what_they_drew(data):
+    settings = resolve("train-implicit", "draft", ["train-implicit.configuration=implicit-occluded-touch"])
+    items = Items(data, "train", settings.named, 1, learned=ImplicitLearner.arrays)
+    first, second = torch_generator(0, "a"), torch_generator(0, "a")
+    seen = items.drawn_view(0, 1, 5, first, dropped=settings.dropped_inputs)
+    count = int(torch.randint(1, 6, (), generator=second))
+    torch.randperm(5, generator=second)
+    assert len(seen.touched) == count * spheres.SENSORS
+    assert torch.equal(torch.rand(3, generator=first), torch.rand(3, generator=second))
+
+
+def test_it_is_evaluated_in_every_row_of_the_tables(data):
+    folder = DataDirectory(data).whole_folder("evaluation")
+    rows = [f"{NAME}-{way}" for way in WAYS]
+    given = read_root(folder)["configurations"]
+    assert list(given) == rows
+    assert given[f"{NAME}-occluded-touch"] == {"image": "occluded", "touch": True}
+    figures = read_figures(folder)
+    assert all(np.isfinite(figures[row].per_object("chamfer")).all() for row in rows)
+    assert figures[f"{NAME}-touch"].grasps == [1, 5]
+    values = [float(figures[row].per_object("chamfer")[0]) for row in rows]
+    assert len(set(values)) == len(values)  # each input changes the answer
+    accuracy = next(table for table in evaluation_tables(folder) if table.title.startswith("Accuracy"))
+    assert [row.cells[0] for row in accuracy.rows][:6] == rows
+    assert [row.cells[0] for row in trainings_table([folder])[0].rows] == rows
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_it_predicts_from_each_combination_of_inputs(data, tmp_path, way):
+    done = predict(tmp_path / "out.ply", data / "models", f"{NAME}-{way}", data=data, object_id="c", grasps=[0, 1])
+    assert trimesh.load(done.files[0]).is_watertight
+    assert bool(len(done.touched)) == WAYS[way].touch
+
+
+def test_it_predicts_from_what_there_is_and_from_nothing(data, tmp_path):
+    both = predict(tmp_path / "a.ply", data / "models", NAME, data=data, object_id="c", grasps=[0])
+    same = predict(tmp_path / "b.ply", data / "models", f"{NAME}-occluded-touch", data=data, object_id="c", grasps=[0])
+    np.testing.assert_array_equal(both.reconstruction.vertices, same.reconstruction.vertices)
+    assert len(predict(tmp_path / "c.ply", data / "models", NAME).reconstruction.faces)
+
+
+def test_missing_images_in_a_batch_change_nothing_for_the_others(data):
+    model = load_reconstructor(NAME, DataDirectory(data).whole_folder(f"models/implicit/{NAME}"))
+    items = Items(data, "test", model.config, 6, learned=ImplicitLearner.arrays)
+    observations = [items.view_in_turn(item, 1, 5) for item in range(6)]
+    batch = model._batch(observations)
+    queries = torch.rand(6, 30, 3, generator=torch.Generator().manual_seed(0)) * 0.4 + torch.tensor([-0.2, -0.2, 0.4])
+    with torch.no_grad():
+        together = model.network(queries, **vars(batch))
+        for number, observation in enumerate(observations):
+            alone = model.network(queries[number, None], **vars(model._batch([observation])))
+            torch.testing.assert_close(together[number], alone[0], atol=1e-6, rtol=1e-4)
+
+
+def test_a_step_without_any_image_gives_every_weight_a_gradient(data):
+    """Processes that share a step wait for each of them."""
+    settings = resolve("train-implicit", "draft", SETTINGS)
+    network = TrainImplicit().family.network_type(settings.network(spheres.SIDE), torch.Generator().manual_seed(0)).train()
+    none = {
+        "images": None,
+        "camera": None,
+        "touch_vertices": torch.zeros(0, spheres.SIDE**2, 3),
+        "touched": torch.zeros(0, dtype=torch.bool),
+    }
+    network(torch.rand(2, 5, 3), **none, counts=[0, 0]).sum().backward()
+    assert all(weights.grad is not None for weights in network.encoder.parameters())
+
+
+def test_names_of_rows_lead_to_the_one_network(data):
+    assert model_name(f"{NAME}-touch", 1) == f"models/seed-1/implicit/{NAME}"
+    assert inputs_of(f"{NAME}-unoccluded").image == "unoccluded"
+    assert ROWS.keys() <= trained_models(data / "models").keys()
+    assert NAME in GRASP_CONFIGURATIONS
+    assert not ROWS.keys() & GRASP_CONFIGURATIONS.keys()
+    assert resolve("evaluate", "draft", ["evaluate.configurations=[implicit-any-touch]"]).configurations == ("implicit-any-touch",)
+    with pytest.raises(InvalidInput, match="each once"):
+        resolve("evaluate", "draft", ["evaluate.configurations=[implicit-any,implicit-any-touch]"])
+    with pytest.raises(InvalidInput, match="take group"):
+        resolve("train-implicit", "draft", [*SETTINGS, "train-implicit.encoder_norm=batch", "train-implicit.devices=2"])
