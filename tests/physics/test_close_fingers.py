@@ -23,7 +23,8 @@ FINGER = """<link name="{0}"><inertial><origin xyz="0 0 0.03"/><mass value="0.01
 <collision><geometry><mesh filename="finger.obj"/></geometry></collision></link>
 <joint name="{0}" type="revolute"><parent link="palm"/><child link="{0}"/><origin xyz="{1} 0 0" rpy="0 {2} 0"/><axis xyz="1 0 0"/>
 <limit lower="0" upper="1.5" effort="1" velocity="1"/></joint>"""
-HAND = """{name: pair, urdf: pair.urdf, sensor: gel_16mm, torque: 1, palm: {link: palm, facing: [0, -1, 0], centre: [0, -0.01, 0]}, fingers: [
+HAND = """{name: pair, urdf: pair.urdf, sensor: gel_16mm, torque: 1, palm: {link: palm, facing: [0, -1, 0], centre: [0, 0, 0]},
+fingers: [
 {name: left, joints: [left], sensor: {link: left, origin: [0, -0.005, 0.05], normal: [0, -1, 0], columns: [1, 0, 0]}},
 {name: right, joints: [right], sensor: {link: right, origin: [0, -0.005, 0.05], normal: [0, -1, 0], columns: [1, 0, 0]}}]}"""
 
