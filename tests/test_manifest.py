@@ -47,6 +47,7 @@ def test_every_built_in_manifest_loads():
         "single-image",
         "toy",
         "warehouse",
+        "weights",
     ]
     for name in names:
         assert load_manifest(name).name == name
