@@ -39,8 +39,12 @@ def calibrated_change(pressed: NDArray[np.float64], sensor: Sensor, calibration:
     -------
     (rows, cols, 3) float64, levels of 255; 0 where the gel stays flat and lit.
     """
+    return indentation_change(deformed(pressed, sensor), sensor, calibration)
+
+
+def indentation_change(bump: NDArray[np.float64], sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
+    """Compute the change of colours of a gel whose surface lies `bump` (rows, cols), m, below its rest; else as `calibrated_change`."""
     change = np.zeros((*sensor.shape, 3))
-    bump = deformed(pressed, sensor)
     if bump.any():
         x, y = fitted_positions(sensor, calibration.within)
         shading = np.array(calibration.coefficients)
