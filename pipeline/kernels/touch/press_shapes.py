@@ -147,7 +147,7 @@ def _ball(x: Array, y: Array, drawn: Drawn) -> Array:
 
 def _ellipsoid(x: Array, y: Array, drawn: Drawn) -> Array:
     flatter, longer = drawn.rng.uniform(0.4, 1.0, 2)
-    return flatter * _dome(drawn.size, x**2 + (y / longer) ** 2)
+    return np.asarray(flatter * _dome(drawn.size, x**2 + (y / longer) ** 2))
 
 
 def _cone(x: Array, y: Array, drawn: Drawn) -> Array:
@@ -211,7 +211,7 @@ def _stairs(x: Array, y: Array, drawn: Drawn) -> Array:
     steps, share = np.floor(along), along - np.floor(along)
     smooth = np.minimum(share * tread * wall / rise, 1.0)  # each step falls along a wall, from the tread before
     heights = -rise * np.maximum(steps - 1 + smooth, 0.0)
-    return heights - wall * np.maximum(np.maximum(np.abs(x), np.abs(y)) - drawn.size, 0)
+    return np.asarray(heights - wall * np.maximum(np.maximum(np.abs(x), np.abs(y)) - drawn.size, 0))
 
 
 def _relief(x: Array, y: Array, drawn: Drawn) -> Array:
