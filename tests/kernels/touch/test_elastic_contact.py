@@ -67,10 +67,10 @@ def test_a_flat_punch_takes_the_force_of_its_closed_form():
 @pytest.mark.parametrize(
     ("ratio", "compressible", "rubber"), [(0.2, 1.207, 1.281), (0.6, 1.784, 2.211), (1, 2.480, 3.609), (2, 4.336, 9.069)]
 )
-def test_a_flat_punch_on_a_layer_takes_the_published_force(ratio, compressible, rubber):
+def test_a_flat_punch_on_a_layer_takes_the_published_force(ratio, soft, rubber):
     """2 E* a d times the table of Hayes, Keer, Herrmann and Mockros 1972, by the punch's radius over the layer's thickness."""
     punch, depth = 0.0045, 1e-4
-    for poisson, factor in ((0.3, compressible), (0.5, rubber)):
+    for poisson, factor in ((0.3, soft), (0.5, rubber)):
         layer = Gel(modulus=E, poisson=poisson, thickness=punch / ratio)
         worn = sensor(160, 160, layer)
         gel = press_elastic(np.where(radii(worn) < punch, depth, 0), worn, layer)
