@@ -64,9 +64,7 @@ def test_a_flat_punch_takes_the_force_of_its_closed_form():
     assert gel.pressure[distance < 0.1 * punch] == pytest.approx(STIFF * depth / (np.pi * punch), rel=0.03)
 
 
-@pytest.mark.parametrize(
-    ("ratio", "compressible", "rubber"), [(0.2, 1.207, 1.281), (0.6, 1.784, 2.211), (1, 2.480, 3.609), (2, 4.336, 9.069)]
-)
+@pytest.mark.parametrize(("ratio", "soft", "rubber"), [(0.2, 1.207, 1.281), (0.6, 1.784, 2.211), (1, 2.480, 3.609), (2, 4.336, 9.069)])
 def test_a_flat_punch_on_a_layer_takes_the_published_force(ratio, soft, rubber):
     """2 E* a d times the table of Hayes, Keer, Herrmann and Mockros 1972, by the punch's radius over the layer's thickness."""
     punch, depth = 0.0045, 1e-4
