@@ -93,6 +93,8 @@ render-vision.%: simulate-grasps.%
 	@$(SHARD)
 simulate-touch.%: simulate-grasps.%
 	@$(SHARD)
+simulate-presses.%: sample-surfaces.%
+	@$(SHARD)
 sample-distances.%: sample-surfaces.%
 	@$(SHARD)
 train-unet: every-simulate-touch  ## train the U-Net that predicts depth from tactile images
@@ -130,7 +132,7 @@ reproduce:  ## test the supplement's claims on 240 procedural objects, networks 
 	$(MAKE) --no-print-directory -j$$(nproc) report SEEDS="0 1 2" $(FOUR) && \
 	echo "dataset: $$(((made - began) / 60)) min; training, evaluation and report: $$((($$(date +%s) - made) / 60)) min on $$(nproc) cores"
 
-.PRECIOUS: every-% sample-surfaces.% sample-distances.% read-renderings.% simulate-grasps.% render-vision.% simulate-touch.% fit-charts.% \
+.PRECIOUS: every-% sample-surfaces.% sample-distances.% read-renderings.% simulate-grasps.% render-vision.% simulate-touch.% simulate-presses.% fit-charts.% \
            train-gcn.% train-implicit.% evaluate.%
 
 summary: every-render-vision every-simulate-touch  ## the statistics and contact sheets alone

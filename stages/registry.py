@@ -38,6 +38,7 @@ OWN = {
     "simulate-grasps": Entry("stages.simulate_grasps", "SimulateGrasps", "GraspSettings"),
     "render-vision": Entry("stages.render_vision", "RenderVision", "VisionSettings"),
     "simulate-touch": Entry("stages.simulate_touch", "SimulateTouch", "TouchSettings"),
+    "simulate-presses": Entry("stages.simulate_presses", "SimulatePresses", "PressSettings"),
     "sample-distances": Entry("stages.sample_distances", "SampleDistances", "DistanceSettings"),
     "train-unet": Entry("stages.train_unet", "TrainUnet", "UnetSettings"),
     "fit-charts": Entry("stages.fit_charts", "FitCharts", "ChartSettings"),

@@ -33,6 +33,7 @@ from tools.overview_picture import draw_overview
 ROOT = Path(__file__).parents[1]
 ASSIGNMENTS = [
     *("sample-surfaces.points=2000", "simulate-grasps.attempts=6", "simulate-grasps.ik_samples=512"),
+    *("simulate-presses.presses=5", "simulate-presses.pixels=40"),
     *("train-unet.width=4", "train-unet.epochs=2", "train-unet.batch_size=8", "fit-charts.max_iterations=60"),
     *("train-gcn.epochs=2", "train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.encoder_width=0.25"),
     *(
@@ -172,7 +173,7 @@ def test_a_changed_line_in_a_kernel_rebuilds_what_stands_on_it_and_nothing_else(
     source.write_text(source.read_text() + "\nCHANGED = True\n")
     asked = [sys.executable, "-c", DRY_RUNS, json.dumps([run_of(stage, manifest, made, "--dry-run") for stage in GRASP_STAGES])]
     said = json.loads(subprocess.check_output(asked, env={**os.environ, "PYTHONPATH": str(tmp_path)}, cwd=tmp_path))
-    assert [stage for stage, words in zip(GRASP_STAGES, said, strict=True) if "would " in words] == ["simulate-touch"]
+    assert [stage for stage, words in zip(GRASP_STAGES, said, strict=True) if "would " in words] == ["simulate-touch", "simulate-presses"]
 
 
 def test_grasps_are_read_as_tensors(made):

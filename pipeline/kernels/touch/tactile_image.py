@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.touch.calibrated_shading import calibrated_change, deformed, polynomial_background
+from pipeline.kernels.touch.calibrated_shading import deformed, indentation_change, polynomial_background
 from pipeline.kernels.touch.gel_surface import gel_surface, impression
 from pipeline.kernels.touch.lamp_shading import WHITE, shade
 from pipeline.kernels.touch.optics import Calibration, Lights
@@ -49,11 +49,27 @@ def tactile_image(depth: np.ndarray, sensor: Sensor, rng: np.random.Generator | 
     instead of float64 moves an intensity by at most 2^-23 lambda w/width times the pixels per side, 5e-6 for the shipped sensor: few
     values change, none by more than 1.
     """
-    pressed = impression(depth, sensor)
+    return image_of_gel(deformed(impression(depth, sensor), sensor), sensor, rng)
+
+
+def image_of_gel(indentation: NDArray[np.float64], sensor: Sensor, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
+    """Compute the tactile image of a gel whose surface is known.
+
+    Parameters
+    ----------
+    indentation
+        (rows, cols) float64, how deep the gel's surface lies below its rest, m: from `press_gel`.
+    sensor, rng
+        As in `tactile_image`.
+
+    Returns
+    -------
+    (rows, cols, 3) uint8, red, green, blue.
+    """
     if sensor.calibrated is None:
-        image: NDArray[Any] = _lit(deformed(pressed, sensor), sensor)
+        image: NDArray[Any] = _lit(indentation, sensor)
     else:
-        image = background(sensor, sensor.calibrated) + calibrated_change(pressed, sensor, sensor.calibrated)
+        image = background(sensor, sensor.calibrated) + indentation_change(indentation, sensor, sensor.calibrated)
     if rng is not None and sensor.noise != "none":
         image = image + rng.normal(0.0, sensor.noise, image.shape)
     return image if image.dtype == np.uint8 else _levels(image)
