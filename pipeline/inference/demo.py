@@ -32,8 +32,8 @@ from schemas.surfaces import SURFACES
 from stages.registry import DATASET, load_stage, resolve
 from stages.render_vision.renderer import Renderer
 
-MANIFEST, OBJECT = "toy", "duck"
-"""Of the pybullet wheel; the weights that ship have learned from procedural objects alone."""
+MANIFEST, OBJECT = "toy", "bottle-0001"
+"""Of a class that the weights that ship know, and unseen by them: their manifest has other variants."""
 SETTINGS = ("simulate-grasps.grasps=1",)
 FRAMES, PIXELS, MILLISECONDS = 36, 256, 80
 """Of the turntable: pictures of a turn, pixels per side of each mesh, and time per picture."""
@@ -66,7 +66,7 @@ class Demo:
 
 
 def demo(folder: Path, console: Console) -> Demo:
-    """Simulate a grasp of the duck, reconstruct it from one image and the touches of that grasp, and draw it beside the object.
+    """Simulate a grasp of a bottle, reconstruct it from one image and the touches of that grasp, and draw it beside the object.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ def test_the_demo_writes_a_closed_coloured_mesh_and_a_turntable(tmp_path, monkey
     folder = tmp_path / "demo"
     done = CliRunner().invoke(app, ["demo", str(folder)])
     assert done.exit_code == 0, done.output
-    mesh = trimesh.load(folder / "duck.glb", force="mesh")
+    mesh = trimesh.load(folder / "bottle-0001.glb", force="mesh")
     assert mesh.is_watertight
     colors = np.asarray(mesh.visual.vertex_colors)[:, :3]
     assert len(np.unique(colors, axis=0)) > 1  # those of the image, and grey
