@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.transforms import invert_pose
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.gel_surface import in_gel
-from pipeline.kernels.touch.pressed_gel import PressedGel, press_gel
+from pipeline.kernels.touch.pressed_gel import PressedGel, normal_force, press_gel
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
@@ -52,13 +53,27 @@ class Touch:
 
     @cached_property
     def contact(self) -> NDArray[np.bool_]:
-        """(rows, cols): where the object is in the gel."""
-        return in_gel(self.depth, self.sensor)
+        """(rows, cols): where the object is in the gel; where the sensor's gel is elastic, where it presses."""
+        return in_gel(self.depth, self.sensor) if self.sensor.gel is None else self.gel.contact
 
     @cached_property
     def gel(self) -> PressedGel:
-        """The gel's own surface, which the sensor's membrane draws in around the contact, and where the object touches it."""
+        """The gel's own surface, `indentation`, where the object touches it, `contact`, and an elastic gel's `pressure`."""
         return press_gel(self.depth, self.sensor)
+
+    @property
+    def pressure(self) -> NDArray[np.float64]:
+        """(rows, cols) normal pressure, Pa; an `InvalidInput` if the sensor has no elastic gel."""
+        if self.gel.pressure is None:
+            raise InvalidInput(
+                f"sensor {self.sensor.name} has no elastic gel, so pressure is not known; give its file `gel: {{modulus: …}}`"
+            )
+        return self.gel.pressure
+
+    @property
+    def force(self) -> float:
+        """Normal force, N; an `InvalidInput` if the sensor has no elastic gel."""
+        return normal_force(self.pressure, self.sensor)
 
     @property
     def success(self) -> bool:

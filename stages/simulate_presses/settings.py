@@ -60,6 +60,6 @@ class PressSettings(ObjectSettings):
     )
     gel: Range | None = setting(
         None,
-        "least and greatest factor of the membrane's width, drawn for each press where a gel is not known well; null: the sensor's",
+        "least and greatest factor of the membrane's width, or of an elastic gel's thickness, drawn per press; null: the sensor's gel",
         changes="definition",
     )

@@ -19,7 +19,7 @@ from pipeline.kernels.touch.depth_quantisation import quantise_depth
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.press_patches import random_patch
 from pipeline.kernels.touch.press_shapes import Press, PressRanges, random_press
-from pipeline.kernels.touch.pressed_gel import press_gel
+from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import image_of_gel, resample, untouched_image
 from pipeline.store.rows import Row
@@ -101,13 +101,24 @@ def _process(unit: Unit, inputs: Inputs, sensor: Sensor, settings: PressSettings
 def _pressed(press: Press, sensor: Sensor, settings: PressSettings, rng: np.random.Generator) -> Row:
     """Compute the arrays of one press, from the depth as it is stored."""
     if settings.gel is not None:
-        sensor = sensor.model_copy(update={"membrane": sensor.membrane * rng.uniform(*settings.gel)})
+        sensor = scaled_gel(sensor, rng.uniform(*settings.gel))
     depth = quantise_depth(press.depth, sensor, gel_bits=GEL_BITS, far_bits=FAR_BITS)
     gel = press_gel(depth, sensor)
-    return {
+    row: Row = {
         "press_shape": np.array(PRESSED.index(press.shape), np.uint8),
         "press_depth": depth,
         "press_indentation": gel.indentation.astype(np.float32),
         "press_contact": gel.contact,
         "press_image": image_of_gel(gel.indentation, sensor, rng),
     }
+    if gel.pressure is not None:
+        row |= {"press_pressure": gel.pressure.astype(np.float32), "press_force": np.array(normal_force(gel.pressure, sensor), np.float32)}
+    return row
+
+
+def scaled_gel(sensor: Sensor, factor: float) -> Sensor:
+    """Give a sensor a membrane that is wider by a factor, or an elastic gel that is so much thicker."""
+    if sensor.gel is None:
+        return sensor.model_copy(update={"membrane": sensor.membrane * factor})
+    thickness = (sensor.gel.thickness or sensor.w) * factor
+    return sensor.model_copy(update={"gel": sensor.gel.model_copy(update={"thickness": thickness})})

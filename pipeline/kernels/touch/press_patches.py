@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.face_culling import BoxedFaces
-from pipeline.kernels.touch.press_shapes import Press, PressRanges, press_relief
+from pipeline.kernels.touch.press_shapes import Press, PressRanges, press_relief, small_rather
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 
@@ -57,7 +57,7 @@ def random_patch(
     low, high = (faces.centre - faces.half).min(axis=1), (faces.centre + faces.half).max(axis=1)
     outside = float(np.linalg.norm(high - low))  # from a point of the object, as far as no part of it is
     for _ in range(ATTEMPTS):
-        size = math.exp(rng.uniform(*np.log(scale)))
+        size = small_rather(scale, rng)
         sides = {"width": sensor.width / size, "given_height": sensor.height / size, "range": 2 * outside}
         pose = _facing(points, normals, outside, ranges.tilt, rng)
         seen = ray_depth(faces, pose, sensor.model_copy(update=sides))
@@ -75,8 +75,7 @@ def _facing(
     away = -np.asarray(normals[chosen], np.float64)
     aside = np.cross(away, rng.normal(size=3))
     aside /= np.linalg.norm(aside)  # any direction across the normal: it turns the sensor, and the tilt is about it
-    angle = rng.uniform(0, tilt)
-    z = math.cos(angle) * away + math.sin(angle) * np.cross(aside, away)
+    z = away + rng.uniform(0, math.tan(tilt)) * np.cross(aside, away)
     z /= np.linalg.norm(z)
     pose = np.eye(4)
     pose[:3, :3] = np.stack([aside, np.cross(z, aside), z], axis=1)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.transforms import sin_cos
 from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
@@ -121,16 +122,28 @@ def random_press(sensor: Sensor, rng: np.random.Generator, ranges: PressRanges |
     if unknown := [name for name in names if name not in SHAPES]:
         raise InvalidInput(f"there is no shape {unknown[0]!r}; there are {', '.join(SHAPES)}")
     name = names[int(rng.integers(len(names)))]
-    depth, size = rng.uniform(*ranges.depth), math.exp(rng.uniform(*np.log(ranges.size)))
-    middle, turn = rng.uniform(-0.5, 0.5, 2) * (sensor.width, sensor.height), rng.uniform(0, 2 * math.pi)
-    slope, towards = (math.tan(rng.uniform(0, ranges.tilt)) if rng.random() < TILTED else 0.0), rng.uniform(0, 2 * math.pi)
+    depth, size = rng.uniform(*ranges.depth), small_rather(ranges.size, rng)
+    middle = rng.uniform(-0.5, 0.5, 2) * (sensor.width, sensor.height)
+    turn, towards = direction(rng), direction(rng)
+    slope = rng.uniform(0, math.tan(ranges.tilt)) if rng.random() < TILTED else 0.0
     x, y = np.meshgrid(*pixel_centres(sensor))
     x, y = x - middle[0], y - middle[1]
-    u, v = math.cos(turn) * x + math.sin(turn) * y, math.cos(turn) * y - math.sin(turn) * x
-    relief = SHAPES[name](u, v, Drawn(size, depth, rng)) + slope * (math.cos(towards) * u + math.sin(towards) * v)
+    u, v = turn[1] * x + turn[0] * y, turn[1] * y - turn[0] * x
+    relief = SHAPES[name](u, v, Drawn(size, depth, rng)) + slope * (towards[1] * u + towards[0] * v)
     if not (relief > -np.inf).any():  # at the rim, between the pixels: put it into the middle
         return random_press(sensor, rng, ranges, names)
     return Press(name, press_relief(relief, sensor, depth))
+
+
+def small_rather(limits: tuple[float, float], rng: np.random.Generator) -> float:
+    """Draw a number between two: half of them lie in the lowest quarter."""
+    return limits[0] + (limits[1] - limits[0]) * float(rng.random()) ** 2
+
+
+def direction(rng: np.random.Generator) -> tuple[float, float]:
+    """Draw a direction; returns its sine and cosine."""
+    sine, cosine = sin_cos(np.array(rng.uniform(0, 2 * math.pi)))
+    return float(sine), float(cosine)
 
 
 class Drawn(NamedTuple):
@@ -218,8 +231,10 @@ def _relief(x: Array, y: Array, drawn: Drawn) -> Array:
     """Make a rough plate: waves of several lengths and directions, as deep as the press; round, with upright walls."""
     heights = np.zeros_like(x)
     for _ in range(12):
-        length, angle, phase = drawn.rng.uniform(0.25, 1.2) * drawn.size, *drawn.rng.uniform(0, 2 * math.pi, 2)
-        heights += np.cos(2 * math.pi / length * (math.cos(angle) * x + math.sin(angle) * y) + phase)
+        length, phase, (sine, cosine) = drawn.rng.uniform(0.25, 1.2) * drawn.size, drawn.rng.random(), direction(drawn.rng)
+        turns = (cosine * x + sine * y) / length + phase
+        share = 2 * (turns - np.floor(turns)) - 1
+        heights += 4 * share * (1 - np.abs(share))  # nearly a sine, in fewer steps and with the same bits everywhere
     amplitude = drawn.rng.uniform(0.05, 0.5) * drawn.depth / math.sqrt(6)  # of a standard deviation of 1
     return amplitude * heights - drawn.rng.uniform(*WALLS) * np.maximum(np.hypot(x, y) - drawn.size, 0)
 
@@ -233,9 +248,9 @@ def _dome(radius: float, squared: Array) -> Array:
 def _outside(x: Array, y: Array, drawn: Drawn) -> Array:
     """How far points lie beyond the sides of a polygon of 3 to 6 corners, m; negative inside: `-size` in the middle at the least."""
     count = int(drawn.rng.integers(3, 7))
-    angles = 2 * math.pi / count * (np.arange(count) + drawn.rng.uniform(-0.25, 0.25, count))
+    sines, cosines = sin_cos(2 * math.pi / count * (np.arange(count) + drawn.rng.uniform(-0.25, 0.25, count)))
     reach = drawn.size * drawn.rng.uniform(0.6, 1.0, count)
-    sides = [math.cos(angle) * x + math.sin(angle) * y - far for angle, far in zip(angles, reach, strict=True)]
+    sides = [cosine * x + sine * y - far for sine, cosine, far in zip(sines, cosines, reach, strict=True)]
     return np.asarray(np.max(sides, axis=0))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.touch.calibrated_shading import deformed
+from pipeline.kernels.touch.elastic_contact import press_elastic
 from pipeline.kernels.touch.gel_surface import impression
 from pipeline.kernels.touch.sensor import Sensor
 
@@ -18,13 +19,16 @@ class PressedGel(NamedTuple):
     Attributes
     ----------
     indentation
-        (rows, cols) float64, m: how deep the gel's surface lies below its rest.
+        (rows, cols) float64, m: how deep the gel's surface lies below its rest; negative where an elastic gel rises.
     contact
         (rows, cols): where the object touches it.
+    pressure
+        (rows, cols) float64, Pa, of an elastic gel; None of another.
     """
 
     indentation: NDArray[np.float64]
     contact: NDArray[np.bool_]
+    pressure: NDArray[np.float64] | None = None
 
 
 def press_gel(depth: np.ndarray, sensor: Sensor) -> PressedGel:
@@ -35,11 +39,11 @@ def press_gel(depth: np.ndarray, sensor: Sensor) -> PressedGel:
     depth
         (rows, cols) D of the object in m from the sensor plane, float32 or float64, +inf where nothing is met.
     sensor
-        Gives the gel; one without a membrane is drawn in nowhere but under the object.
+        Gives the gel: an elastic one, or one with a membrane; one with neither is drawn in nowhere but under the object.
 
     Returns
     -------
-    Surface and contact.
+    Surface, contact and pressure.
 
     Raises
     ------
@@ -47,5 +51,13 @@ def press_gel(depth: np.ndarray, sensor: Sensor) -> PressedGel:
         As `impression`.
     """
     pressed = impression(depth, sensor)
+    if sensor.gel is not None:
+        indentation, pressure = press_elastic(pressed, sensor, sensor.gel)
+        return PressedGel(indentation, pressure > 0, pressure)
     indentation = deformed(pressed, sensor)
     return PressedGel(indentation, (pressed > 0) & (indentation <= pressed))
+
+
+def normal_force(pressure: NDArray[np.float64], sensor: Sensor) -> float:
+    """Add up the pressure (rows, cols), Pa, on a sensor's gel: the normal force, N."""
+    return float(pressure.sum()) * sensor.pitch[0] * sensor.pitch[1]
