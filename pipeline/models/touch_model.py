@@ -251,9 +251,9 @@ class LocalTouchModel(TouchModel):
             raise InvalidInput(f"tactile images are {images.dtype} {images.shape}; the local network reads uint8 (N, rows, cols, 3)")
         if untouched is not None and (untouched.shape != images.shape[1:] or untouched.dtype != np.uint8):
             raise InvalidInput(f"the untouched photograph is {untouched.dtype} {untouched.shape}, the others are {images.shape[1:]}")
-        self._check_sides(images.shape[1], images.shape[2])
+        self.check_sides(images.shape[1], images.shape[2])
 
-    def _check_sides(self, rows: int, cols: int) -> None:
+    def check_sides(self, rows: int, cols: int) -> None:
         given, own = cols / rows, self.sensor.width / self.sensor.height
         if abs(given / own - 1) > SIDES_TOLERANCE:
             raise InvalidInput(

@@ -19,7 +19,7 @@ from pipeline.kernels.touch.depth_quantisation import quantise_depth
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.press_patches import random_patch
 from pipeline.kernels.touch.press_shapes import Press, PressRanges, random_press
-from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
+from pipeline.kernels.touch.pressed_gel import normal_force, press_gel, scaled_gel
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import image_of_gel, resample, untouched_image
 from pipeline.store.rows import Row
@@ -114,11 +114,3 @@ def _pressed(press: Press, sensor: Sensor, settings: PressSettings, rng: np.rand
     if gel.pressure is not None:
         row |= {"press_pressure": gel.pressure.astype(np.float32), "press_force": np.array(normal_force(gel.pressure, sensor), np.float32)}
     return row
-
-
-def scaled_gel(sensor: Sensor, factor: float) -> Sensor:
-    """Give a sensor a membrane that is wider by a factor, or an elastic gel that is so much thicker."""
-    if sensor.gel is None:
-        return sensor.model_copy(update={"membrane": sensor.membrane * factor})
-    thickness = (sensor.gel.thickness or sensor.w) * factor
-    return sensor.model_copy(update={"gel": sensor.gel.model_copy(update={"thickness": thickness})})

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.kernels.touch.press_shapes import random_press
-from pipeline.kernels.touch.pressed_gel import press_gel
+from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
 from pipeline.rng import numpy_rng
@@ -101,13 +101,13 @@ def random_presses(sensor: Sensor, count: int, seed: int, *, gel: tuple[float, f
     seed
         Of all draws.
     gel
-        Least and greatest factor of the membrane's width, drawn for each press.
+        Least and greatest factor of the elastic gel's thickness, or of the membrane's width, drawn for each press.
     """
     presses = []
     for number in range(count):
         rng = numpy_rng(seed, "random-presses", number)
         press = random_press(sensor, rng)
-        varied = sensor.model_copy(update={"membrane": sensor.membrane * rng.uniform(*gel)})
+        varied = scaled_gel(sensor, rng.uniform(*gel))
         state = press_gel(press.depth, varied)
         presses.append(SeenPress(image_of_gel(state.indentation, varied, rng), state.indentation.astype(np.float32), state.contact))
     return RandomPresses(sensor, untouched_image(sensor), presses)

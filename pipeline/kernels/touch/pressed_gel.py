@@ -61,3 +61,11 @@ def press_gel(depth: np.ndarray, sensor: Sensor) -> PressedGel:
 def normal_force(pressure: NDArray[np.float64], sensor: Sensor) -> float:
     """Add up the pressure (rows, cols), Pa, on a sensor's gel: the normal force, N."""
     return float(pressure.sum()) * sensor.pitch[0] * sensor.pitch[1]
+
+
+def scaled_gel(sensor: Sensor, factor: float) -> Sensor:
+    """Give a sensor a membrane that is wider by a factor, or an elastic gel that is so much thicker."""
+    if sensor.gel is None:
+        return sensor.model_copy(update={"membrane": sensor.membrane * factor})
+    thickness = (sensor.gel.thickness or sensor.w) * factor
+    return sensor.model_copy(update={"gel": sensor.gel.model_copy(update={"thickness": thickness})})
