@@ -24,11 +24,8 @@ def draw_presses(photographs: PhotographSet, readings: list[Reading], path: Path
     for row, (press, reading) in zip(axes, chosen, strict=True):
         truth = np.where(press.footprint, press.depth, np.nan)
         deepest = max(float(np.nanmax(truth)), float(reading.depth.max()))
-        maps = [
-            (reading.depth, 0.0, deepest, "viridis"),
-            (truth, 0.0, deepest, "viridis"),
-            (reading.depth - truth, -FARTHEST, FARTHEST, "RdBu"),
-        ]
+        difference = (reading.depth - truth, -FARTHEST, FARTHEST, "RdBu")
+        maps = [(reading.depth, 0.0, deepest, "viridis"), (truth, 0.0, deepest, "viridis"), difference]
         for ax, (values, least, most, colours), title in zip(row, maps, (f"{press.name}: read", "truth", "difference"), strict=True):
             figure.colorbar(ax.imshow(values, vmin=least, vmax=most, cmap=colours), ax=ax, shrink=0.8)
             ax.set_title(title, fontsize=8)

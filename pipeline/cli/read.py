@@ -45,9 +45,8 @@ def read_touch(
         stream = camera_frames(camera)
     else:
         assert photographs is not None
-        stream = (
-            watched(photographs, untouched) if watch else ((path.stem, read_image(path)) for path in photographs_of(photographs, untouched))
-        )
+        files = [] if watch else photographs_of(photographs, untouched)
+        stream = watched(photographs, untouched) if watch else ((path.stem, read_image(path)) for path in files)
     began, count, reading_seconds = time.perf_counter(), 0, 0.0
     for name, image in stream:
         start = time.perf_counter()

@@ -254,6 +254,7 @@ class LocalTouchModel(TouchModel):
         self.check_sides(images.shape[1], images.shape[2])
 
     def check_sides(self, rows: int, cols: int) -> None:
+        """Raise an `InvalidInput` where images of this many pixels are wider or higher than the sensor is."""
         given, own = cols / rows, self.sensor.width / self.sensor.height
         if abs(given / own - 1) > SIDES_TOLERANCE:
             raise InvalidInput(
