@@ -31,6 +31,8 @@ IMAGES_AT_ONCE = 32
 """Tactile images in one batch: at Table 5's width about half a GB of features."""
 SIDES_TOLERANCE = 0.03
 """By which the sides of photographs may differ from the sensor's: pixels that are not quite square."""
+SENSOR_MEANS = ("name", "width", "height", "w", "surface", "calibrated", "lights", "diffuse")
+"""What two descriptions of one sensor have in common, whatever their pixels, gel and background."""
 MM = 1e3
 
 
@@ -235,8 +237,8 @@ class LocalTouchModel(TouchModel):
         return self.read(images).contact
 
     def check_sensor(self, sensor: Sensor) -> None:
-        """Raise `InvalidInput` where the sensor is another one, but for its number of pixels and its gel's membrane."""
-        if resample(sensor, *self.sensor.shape).model_copy(update={"membrane": self.sensor.membrane}) != self.sensor:
+        """Raise `InvalidInput` where the sensor is another one, but for its number of pixels and how its gel gives way."""
+        if any(getattr(sensor, name) != getattr(self.sensor, name) for name in SENSOR_MEANS):
             raise InvalidInput(
                 f"the local network knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s: run train-touch for it"
             )

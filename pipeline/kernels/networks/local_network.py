@@ -35,20 +35,20 @@ class LocalNetwork(nn.Module):
 
     Parameters
     ----------
-    features
-        Of the hidden layers; 16 make 4,900 parameters, 20 kB.
+    width
+        Features of the hidden layers; 16 make 4,900 parameters, 20 kB.
     """
 
-    def __init__(self, features: int = 16) -> None:
+    def __init__(self, width: int = 16) -> None:
         super().__init__()
-        if features < 1:
-            raise ValueError(f"a local network of {features} features; it needs at least 1")
-        self.features = features
+        if width < 1:
+            raise ValueError(f"a local network of width {width}; it needs at least 1")
+        self.width = width
         self.colours = nn.Sequential(
-            *(nn.Conv2d(COLOURS + 2, features, 3, padding=1), nn.ReLU(inplace=True)),
-            *(nn.Conv2d(features, features, 3, padding=2, dilation=2), nn.ReLU(inplace=True)),
-            *(nn.Conv2d(features, features, 1), nn.ReLU(inplace=True)),
-            nn.Conv2d(features, 2, 1),
+            *(nn.Conv2d(COLOURS + 2, width, 3, padding=1), nn.ReLU(inplace=True)),
+            *(nn.Conv2d(width, width, 3, padding=2, dilation=2), nn.ReLU(inplace=True)),
+            *(nn.Conv2d(width, width, 1), nn.ReLU(inplace=True)),
+            nn.Conv2d(width, 2, 1),
         )
         hidden = CONTACT_FEATURES
         self.shape = nn.Sequential(
