@@ -52,7 +52,7 @@ fuzz: installed-dev  ## feed a million wrong files to whatever reads files (half
 	@$(BIN)/python -m tests.fuzz
 
 bench: installed-dev simulate-touch.0  ## measure every stage beside its raw limit, in one run
-	@$(BIN)/python -m benchmarks surfaces grasps vision depth chamfer unet charts gcn --data $(call quoted,$(DATA))
+	@$(BIN)/python -m benchmarks surfaces grasps vision depth presses chamfer unet charts gcn --data $(call quoted,$(DATA))
 
 bench-grasps: installed-dev simulate-grasps.0  ## test DATA's grasps in PyBullet and MuJoCo: lift, six directions, DexGraspBench
 	@$(BIN)/python -m benchmarks.held_grasps $(call quoted,$(DATA))

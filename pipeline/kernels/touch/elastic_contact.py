@@ -83,14 +83,10 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
     part = coarse[window]
     unit_pressure = np.zeros_like(coarse)  # of a gel whose plane-strain modulus is 1 Pa
     unit_pressure[window] = _solve(part, whole.part(part.shape), _Stiffness(part.shape, pitch, gel.poisson, thickness))
-    indentation, inside, pressure = whole(unit_pressure), unit_pressure > 0, unit_pressure
+    indentation, pressure = whole(unit_pressure), unit_pressure
     if factor > 1:
-        cells = (indentation, inside.astype(np.float64), unit_pressure)
-        indentation, shares, pressure = (_refine(values, factor, sensor.shape) for values in cells)
-        inside = (shares >= 0.5) & (pressed > 0)
-        pressure = np.where(inside, np.maximum(pressure, 0), 0)
-        pressure *= float(unit_pressure.sum()) * factor**2 / max(float(pressure.sum()), np.finfo(float).tiny)
-    surface = np.where(inside, pressed, np.where(pressed > 0, np.maximum(indentation, pressed), indentation))
+        indentation, pressure = _refine(indentation, factor, sensor.shape), _spread(unit_pressure, pressed > 0, factor)
+    surface = np.where(pressed > 0, np.maximum(indentation, pressed), indentation)
     return ElasticContact(surface, gel.modulus / (1 - gel.poisson**2) * pressure)
 
 
@@ -177,6 +173,22 @@ def _solve(pressed: Array, displacement: _Displacement, stiffness: _Stiffness) -
         else:
             surface, steepness = surface - length * moved, float((step * gap).sum())
     raise ArithmeticError(f"the contact of {int(below.sum())} cells has not settled after {MOST_STEPS} steps")
+
+
+def _spread(pressure: Array, pressed: NDArray[np.bool_], factor: int) -> Array:
+    """Spread the pressure on each cell over its pixels that are pressed: falling to the lesser neighbour, with the cell's force."""
+    offsets = (np.arange(factor) + 0.5) / factor - 0.5
+    fine = np.repeat(np.repeat(pressure, factor, axis=0), factor, axis=1)
+    for axis in (0, 1):
+        edges = np.diff(pressure, axis=axis, prepend=np.take(pressure, [0], axis), append=np.take(pressure, [-1], axis))
+        before, after = np.delete(edges, -1, axis), np.delete(edges, 0, axis)
+        slope = np.where(before * after > 0, np.sign(after) * np.minimum(np.abs(before), np.abs(after)), 0)  # no new peaks
+        steps = np.tile(offsets, pressure.shape[axis])
+        fine += np.repeat(np.repeat(slope, factor, axis=0), factor, axis=1) * (steps[:, None] if axis == 0 else steps[None])
+    rows, cols = pressed.shape
+    fine = np.where(pressed, fine[:rows, :cols], 0)
+    share = np.divide(pressure, _cell_means(fine, factor), out=np.zeros_like(pressure), where=pressure > 0)
+    return np.asarray(fine * np.repeat(np.repeat(share, factor, axis=0), factor, axis=1)[:rows, :cols])
 
 
 def _refine(coarse: Array, factor: int, shape: tuple[int, int]) -> Array:

@@ -21,6 +21,9 @@ KNOTS_PER_THICKNESS = 100
 WAVES, NODES = 16.0, 400
 """Greatest wave number times thickness at which a layer differs from a half-space, by 1e-13, and nodes of the quadrature up to it."""
 
+GAUSS = (-0.5 / 3**0.5, 0.5 / 3**0.5)
+"""Nodes of a quadrature over a cell, in cells."""
+
 
 @lru_cache(maxsize=8)
 def influence(shape: tuple[int, int], pitch: tuple[float, float], poisson: float, thickness: float) -> Array:
@@ -47,11 +50,12 @@ def influence(shape: tuple[int, int], pitch: tuple[float, float], poisson: float
     The half-space's part is exact (Boussinesq's solution integrated over a rectangle; Love 1929). The layer's is the inverse Hankel
     transform of `layer_factor` - 1, which is smooth on the scale of the thickness.
     """
-    offsets = [np.arange(count) * size for count, size in zip(shape, pitch, strict=True)]
-    half = _half_space(shape, pitch)
-    distance = np.hypot(offsets[0][:, None], offsets[1][None]) / thickness
-    bond = np.where(distance < REACH, _bond(poisson)(np.minimum(distance, REACH)), -1 / np.maximum(distance, REACH))
-    displacement = half + bond * (pitch[0] * pitch[1] / (np.pi * thickness))
+    y, x = (np.arange(count) * size for count, size in zip(shape, pitch, strict=True))
+    bond = np.zeros(shape)
+    for sign_y, sign_x in product(GAUSS, GAUSS):  # a mean over the cell
+        distance = np.hypot(y[:, None] + sign_y * pitch[0], x[None] + sign_x * pitch[1]) / thickness
+        bond += np.where(distance < REACH, _bond(poisson)(np.minimum(distance, REACH)), -1 / np.maximum(distance, REACH)) / 4
+    displacement = _half_space(shape, pitch) + bond * (pitch[0] * pitch[1] / (np.pi * thickness))
     displacement.flags.writeable = False
     return np.asarray(displacement)
 
