@@ -75,7 +75,9 @@ def calibrate_sensor(
     console.print(table)
     worst = max(found.tested_errors, key=lambda one: one.contact)
     print_line(f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact")
-    print_line(f"then fitted to all {len(found.photographs)}; membrane {1e3 * fit.sensor.membrane:.2f} mm, position degree {fit.position_degree}")
+    print_line(
+        f"then fitted to all {len(found.photographs)}; membrane {1e3 * fit.sensor.membrane:.2f} mm, position degree {fit.position_degree}"
+    )
     for line in fitted_range(fit.calibration):
         print_line(line)
     for line in fit.at_end:

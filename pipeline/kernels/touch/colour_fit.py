@@ -6,7 +6,7 @@ Valid range: contacts of 8 pixels radius or more.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -22,8 +22,12 @@ from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
 """Widths of the membrane that are tried, in contact radii."""
-POSITION_DEGREES = (0, 1, 2, 3, 4)
+POSITION_DEGREES = (0, 1, 2, 3, 4, 5)
 """Degrees of the polynomial in the position that are tried."""
+GAIN = 0.02
+"""Share of the least error that a higher degree must gain to be taken."""
+USUAL_DEGREE = 2
+"""With which the membrane is chosen where the degree is not given: the best width hardly depends on it."""
 DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)
 """Shadows that are tried: degrees, and height over length."""
 
@@ -83,40 +87,48 @@ def fit_colours(
 
     Notes
     -----
-    The membrane and the degree in the position are those with which a fit to all photographs but one predicts that one best, on
-    average over the photographs. Then all are fitted, and shadows are added, each the one that explains most of what is left.
+    The membrane, and then the degree in the position, are those with which a fit to all photographs but one predicts that one best,
+    on average over the photographs; a higher degree is taken only if it gains more than `GAIN`. Then all photographs are fitted, and
+    shadows are added, each the one that explains most of what is left.
     """
     radius = float(np.median([photograph.contact.radius for photograph in photographs])) * sensor.pitch[1]
-    degrees = POSITION_DEGREES if options.position_degree is None else (options.position_degree,)
     within = contact_box(sensor, [photograph.contact for photograph in photographs])
+
+    def sampled(share: float, degree: int) -> list[Sample]:
+        candidate, degrees = sensor.model_copy(update={"membrane": share * radius}), (options.normal_degree, degree)
+        return sample_photographs(candidate, photographs, untouched, ball_radius=ball_radius, degrees=degrees, within=within)
+
+    given = options.position_degree
+    usual = USUAL_DEGREE if given is None else given
+    shares = {share: left_out_error(sampled(share, usual)) for share in MEMBRANES}
+    share = min(shares, key=shares.__getitem__)
+    samples = sampled(share, POSITION_DEGREES[-1] if given is None else given)
     terms = len(powers(options.normal_degree)) - 1
-    least, chosen = math.inf, None
-    for share in MEMBRANES:
-        candidate = sensor.model_copy(update={"membrane": share * radius})
-        sizes = options.normal_degree, degrees[-1]
-        samples = sample_photographs(candidate, photographs, untouched, ball_radius=ball_radius, degrees=sizes, within=within)
-        for degree in degrees:
-            columns = _columns(terms, degree, degrees[-1])
-            if (error := left_out_error(samples, columns)) < least:
-                least, chosen = error, (share, candidate, samples, degree, columns)
-    assert chosen is not None, "errors are finite"
-    share, fitted, samples, degree, columns = chosen
-    samples = [Sample(sample.bump, sample.at, sample.inside, sample.features[:, columns], sample.change) for sample in samples]
+    if given is None:
+        parts = {degree: _of_degree(samples, degree, terms) for degree in POSITION_DEGREES}
+        errors = {degree: left_out_error(part) for degree, part in parts.items()}
+        given = next(degree for degree in POSITION_DEGREES if errors[degree] <= (1 + GAIN) * min(errors.values()))
+        samples = parts[given]
+    fitted = sensor.model_copy(update={"membrane": share * radius})
     samples, shadows = _with_shadows(samples, fitted, options.shadows)
     mean: Levels = tuple(untouched.mean(axis=(0, 1)).tolist())
-    calibration = _calibration(samples, shadows, (terms, len(powers(degree))), (mean,), within)
-    at_end = []
+    calibration = _calibration(samples, shadows, (terms, len(powers(given))), (mean,), within)
+    return ColourFit(fitted, calibration, given, tuple(_at_end(share, given if options.position_degree is None else None)))
+
+
+def _at_end(share: float, degree: int | None) -> Iterator[str]:
+    """Say which choices lie at the end of what is tried; `degree` is None where it was given."""
     if share == MEMBRANES[-1]:
-        at_end.append(f"the membrane is as wide as the widest that is tried, {share:g} contact radii: is the ball's radius right?")
-    if len(degrees) > 1 and degree == degrees[-1]:
-        at_end.append(f"the degree in the position is the highest that is tried, {degree}: --position-degree {degree + 1} may be better")
-    return ColourFit(fitted, calibration, degree, tuple(at_end))
+        yield f"the membrane is as wide as the widest that is tried, {share:g} contact radii: is the ball's radius right?"
+    if degree == POSITION_DEGREES[-1]:
+        yield f"the degree in the position is the highest that is tried, {degree}: --position-degree {degree + 1} may be better"
 
 
-def _columns(terms: int, degree: int, highest: int) -> NDArray[np.intp]:
-    """List the features of some degree in the position among those of the highest."""
-    places, every = len(powers(degree)), len(powers(highest))
-    return (every * np.arange(terms)[:, None] + np.arange(places)).ravel()
+def _of_degree(samples: Sequence[Sample], degree: int, terms: int) -> list[Sample]:
+    """Keep the features up to some degree in the position, of samples with `terms` of the normal."""
+    every, places = samples[0].features.shape[1] // terms, len(powers(degree))
+    columns = (every * np.arange(terms)[:, None] + np.arange(places)).ravel()
+    return [sample.with_features(sample.features[:, columns]) for sample in samples]
 
 
 def _with_shadows(samples: list[Sample], sensor: Sensor, count: int) -> tuple[list[Sample], list[tuple[int, float]]]:
@@ -131,7 +143,8 @@ def _with_shadows(samples: list[Sample], sensor: Sensor, count: int) -> tuple[li
             shade = np.concatenate(shades[shadow])
             gains[shadow] = float(np.square(shade @ errors).sum() / max(float(shade @ shade), 1e-12))
         shadows.append(max(sorted(gains), key=gains.__getitem__))
-        samples = [sample.with_features([shade]) for sample, shade in zip(samples, shades[shadows[-1]], strict=True)]
+        pairs = zip(samples, shades[shadows[-1]], strict=True)
+        samples = [sample.with_features(np.column_stack([sample.features, shade])) for sample, shade in pairs]
     return samples, shadows
 
 
@@ -140,7 +153,7 @@ def _shade(sample: Sample, sensor: Sensor, direction: int, slope: float) -> NDAr
 
 
 def _solved(samples: Sequence[Sample]) -> NDArray[np.float64]:
-    return solve(np.sum([sample.equations for sample in samples], axis=0), np.arange(samples[0].features.shape[1]))
+    return solve(np.sum([sample.equations for sample in samples], axis=0))
 
 
 def _calibration(

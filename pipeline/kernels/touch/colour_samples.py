@@ -52,14 +52,14 @@ class Sample:
         weight = np.where(self.inside, CONTACT_WEIGHT, 1.0)[:, None] ** 2
         return np.asarray(self.features.T @ (weight * np.hstack([self.features, self.change])))
 
-    def error(self, coefficients: NDArray[np.float64], columns: NDArray[np.intp]) -> float:
-        """Compute the mean error of colours in the contact plus that in the ring, levels; `coefficients` are those of `columns`."""
-        size = np.abs(self.change - self.features[:, columns] @ coefficients).mean(axis=1)
+    def error(self, coefficients: NDArray[np.float64]) -> float:
+        """Compute the mean error of colours in the contact plus that in the ring, levels; `coefficients` is (k, 3)."""
+        size = np.abs(self.change - self.features @ coefficients).mean(axis=1)
         return sum(float(size[part].mean()) for part in (self.inside, ~self.inside) if part.any())
 
-    def with_features(self, features: Sequence[NDArray[np.float64]]) -> Sample:
-        """Add features, each of n pixels."""
-        return Sample(self.bump, self.at, self.inside, np.column_stack([self.features, *features]), self.change)
+    def with_features(self, features: NDArray[np.float64]) -> Sample:
+        """Return a sample with other features, (n, any number)."""
+        return Sample(self.bump, self.at, self.inside, features, self.change)
 
 
 def sample_photographs(
@@ -109,14 +109,14 @@ def sample_photographs(
     return samples
 
 
-def solve(equations: NDArray[np.float64], columns: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Solve a sum of `Sample.equations` for the coefficients of some columns, (columns, 3) float64, levels."""
-    matrix, right = equations[np.ix_(columns, columns)], equations[columns, -3:]
+def solve(equations: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Solve a sum of `Sample.equations` for the coefficients, (k, 3) float64, levels."""
+    matrix, right = equations[:, :-3], equations[:, -3:]
     ridge = RIDGE * np.trace(matrix) / len(matrix) * np.eye(len(matrix))
     return np.linalg.solve(matrix + ridge, right)
 
 
-def left_out_error(samples: Sequence[Sample], columns: NDArray[np.intp]) -> float:
+def left_out_error(samples: Sequence[Sample]) -> float:
     """Average the error of each photograph by a fit to all others, levels: contacts plus rings."""
-    total = sum(sample.equations for sample in samples)
-    return float(np.mean([sample.error(solve(total - sample.equations, columns), columns) for sample in samples]))
+    total = np.sum([sample.equations for sample in samples], axis=0)
+    return float(np.mean([sample.error(solve(total - sample.equations)) for sample in samples]))
