@@ -18,7 +18,7 @@ from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table, alone, side_by_side
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.calibrate_sensor import render_contact
-from pipeline.kernels.touch.calibration_fit import RING, Circle, Photograph, ball_impression, distance_from
+from pipeline.kernels.touch.ball_contact import RING, Circle, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.find_contact import find_contact
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image

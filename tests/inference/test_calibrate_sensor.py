@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
-from pipeline.inference.calibrate_sensor import read_photographs
-from pipeline.kernels.touch.calibration_fit import Circle, ball_impression
+from pipeline.inference.ball_photographs import read_photographs
+from pipeline.kernels.touch.ball_contact import Circle, ball_impression
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import background, tactile_image, untouched_image
 

@@ -3,7 +3,7 @@
 import pytest
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.calibration_fit import Circle, contact_box
+from pipeline.kernels.touch.ball_contact import Circle, contact_box
 from pipeline.kernels.touch.fitted_range import fitted_range, missing_photographs
 
 SENSOR = load_sensor("gelsight")
