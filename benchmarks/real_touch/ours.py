@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from benchmarks.real_touch.photograph_sets import PhotographSet
-from pipeline.kernels.touch.calibration_fit import FitOptions, fit_calibration
+from pipeline.kernels.touch.colour_fit import FitOptions, fit_colours
 from pipeline.kernels.touch.sensor import Sensor
 
 THICKNESS = 4e-3
@@ -27,6 +27,8 @@ def calibrated_sensor(photographs: PhotographSet) -> Sensor:
             "calibrated": {"coefficients": [[[0.0]] * 2] * 3, "background": [(0.0, 0.0, 0.0)]},
         }
     )
-    fitted, optics = fit_calibration(sensor, photographs.balls, photographs.untouched, 1e-3 * photographs.ball_radius, FitOptions(3, 1, 3))
-    optics = optics.model_copy(update={"background": photographs.untouched_path.name})
-    return fitted.model_copy(update={"calibrated": optics, "photograph": photographs.untouched_path.read_bytes()})
+    options = FitOptions(elastic=True)
+    fit = fit_colours(sensor, photographs.balls, photographs.untouched, 1e-3 * photographs.ball_radius, options)
+    optics = fit.calibration.model_copy(update={"background": photographs.untouched_path.name})
+    print(f"{photographs.name}: degree {fit.position_degree} in the position, gel {fit.sensor.gel}", flush=True)
+    return fit.sensor.model_copy(update={"calibrated": optics, "photograph": photographs.untouched_path.read_bytes()})

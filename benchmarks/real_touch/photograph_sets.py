@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from skimage.draw import polygon2mask
 
 from pipeline.formats.image_file import read_image
-from pipeline.kernels.touch.calibration_fit import Circle, Photograph
+from pipeline.kernels.touch.ball_contact import Circle, Photograph
 from pipeline.kernels.touch.find_contact import find_contact
 
 SETS = Path(__file__).parent / "sets"
