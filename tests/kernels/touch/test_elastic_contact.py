@@ -137,6 +137,17 @@ def test_force_grows_with_depth(numbers):
         grows(number)
 
 
+@pytest.mark.parametrize("scale", [1e-3, 500.0])
+def test_a_larger_sensor_feels_the_same_pressure(scale):
+    """All lengths times a number: the indentation is that many times as deep, the pressure the same, the force its square."""
+    pressed = np.maximum(5e-4 - radii(sensor(60, 80)) ** 2 / 0.008, 0)
+    small, large = (sensor(60, 80, Gel(modulus=E, thickness=0.004 * by), SIDE * by) for by in (1.0, scale))
+    found, again = (press_elastic(by * pressed, worn, worn.gel) for worn, by in ((small, 1.0), (large, scale)))
+    np.testing.assert_allclose(again.pressure, found.pressure, atol=1e-6 * found.pressure.max())
+    np.testing.assert_allclose(again.indentation / scale, found.indentation, atol=1e-6 * pressed.max())
+    assert normal_force(again.pressure, large) == pytest.approx(scale**2 * normal_force(found.pressure, small))
+
+
 def test_nothing_pressed_presses_nothing():
     worn = sensor(100, 120)
     gel = press_gel(np.full(worn.shape, np.inf), worn)
