@@ -15,8 +15,10 @@ from stages.train_touch.settings import TouchTrainingSettings
 
 PIXELS = 160
 """Along the longer side of what the network sees, as `simulate-presses` has it."""
-PRESSES, WATCHED = 1800, 32
+PRESSES, WATCHED = 1200, 16
 """To learn from, and to watch the training by."""
+STEPS = 1200
+"""Of the training: of all presses as many times."""
 GEL = (0.4, 2.0)
 """Least and greatest factor of the gel's thickness per press: photographs of balls tell it no better."""
 
@@ -35,17 +37,20 @@ def train_sensor_network(
     presses
         How many to learn from.
     settings
-        Of the training; by default those of `train-touch`.
+        Of the training; by default those of `train-touch`, for `STEPS` steps.
 
     Returns
     -------
     The model, and facts about the training.
     """
+    if settings is None:
+        settings = TouchTrainingSettings()
+        settings = settings.model_copy(update={"epochs": max(1, round(STEPS * settings.batch_size / presses))})
     longer = max(sensor.width, sensor.height)
     seen = resample(sensor, *(max(2, round(PIXELS * side / longer)) for side in (sensor.height, sensor.width)))
     training, watched = (random_presses(seen, count, own, gel=GEL) for count, own in ((presses, 2 * seed), (WATCHED, 2 * seed + 1)))
     with tempfile.TemporaryDirectory() as folder:
-        network, facts = train_local_network(training, watched, settings or TouchTrainingSettings(), folder=Path(folder), seed=seed)
+        network, facts = train_local_network(training, watched, settings, folder=Path(folder), seed=seed)
     return LocalTouchModel(network, training.sensor, training.untouched), facts
 
 

@@ -36,8 +36,8 @@ class TrainTouch(DatasetStage):
 
     def cost(self, settings: TouchTrainingSettings, objects: int) -> Cost:
         """Estimate 72 presses per object and epoch; a window's time grows with its pixels and with the width."""
-        pixels = (settings.window / 96) ** 2
-        return Cost(seconds=objects * 72 * settings.epochs * 0.004 * pixels * settings.width / 16, kilobytes=100)
+        pixels = (settings.window / 64) ** 2
+        return Cost(seconds=objects * 72 * settings.epochs * 0.003 * pixels * settings.width / 16, kilobytes=100)
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Train, and save the last epoch's weights with the sensor and its untouched image."""

@@ -152,7 +152,7 @@ def test_a_local_network_s_points_can_be_asked_for(tmp_path: Path) -> None:
         *_, bias = network.parameters()
         bias.fill_(1.0)
     save_touch_model(tmp_path, network, sensor=SENSOR, untouched=untouched_image(SENSOR))
-    settings = ChartSettings(cloud="local", max_iterations=20)
+    settings = ChartSettings(cloud="local", tight=True)
     assert STAGE.models(settings) == ("models/touch",)
     row = run(settings, task(), {NETWORKS["local"]: tmp_path})
     local = (row["vertices"][0, 0] - poses()[0, 0, :3, 3]) @ poses()[0, 0, :3, :3]  # the sensor's frame
