@@ -13,6 +13,7 @@
 #                     graph networks to train and evaluate; images or touches that none of them uses are not made;
 #                     implicit-touch, implicit-occluded, implicit-occluded-touch, implicit-unoccluded, implicit-unoccluded-touch too
 #   SEEDS=0           trainings of each network, and evaluations of them: SEEDS="0 1 2" shows what is chance
+#   REAL=...          folder of clones of public repositories with photographs, for bench-touch and test-sensors
 #   PYTHON=...        Python 3.11, 3.12 or 3.13 for the virtual environment VENV=.venv; by default the first that fits, or one that uv has
 
 .DEFAULT_GOAL := help
@@ -22,7 +23,7 @@ MAKEFLAGS += --no-builtin-rules
 
 # ---- Values. They are taken as they are: make expands nothing in them, and `quoted` keeps the shell from it. Recipes hold no line breaks.
 
-VARIABLES := MANIFEST PRESET DATA OBJECTS UNITS UP SET SHARDS WORKERS CONFIGURATIONS SEEDS LONG VENV PYTHON
+VARIABLES := MANIFEST PRESET DATA OBJECTS UNITS UP SET SHARDS WORKERS CONFIGURATIONS SEEDS LONG REAL VENV PYTHON
 define newline
 
 
