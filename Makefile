@@ -13,7 +13,7 @@
 #                     graph networks to train and evaluate; images or touches that none of them uses are not made;
 #                     implicit-touch, implicit-occluded, implicit-occluded-touch, implicit-unoccluded, implicit-unoccluded-touch too
 #   SEEDS=0           trainings of each network, and evaluations of them: SEEDS="0 1 2" shows what is chance
-#   REAL=...          folder of clones of public repositories with photographs, for bench-touch and test-sensors
+#   REAL=...          folder of clones of public repositories with photographs, for bench-touch and test-sensors: see docs/real-touch.md
 #   PYTHON=...        Python 3.11, 3.12 or 3.13 for the virtual environment VENV=.venv; by default the first that fits, or one that uv has
 
 .DEFAULT_GOAL := help
@@ -69,7 +69,7 @@ run      = $(BIN)/vt-pipeline run $(call quoted,$(1)) $(options)
 RUN      = $(call run,$@)
 SHARD    = $(call run,$(basename $@)) --shard $(call quoted,$(subst .,,$(suffix $@)))
 
-.PHONY: help setup household dataset summary train-unet train evaluate report reproduce train-single-image evaluate-single-image single-image \
+.PHONY: help setup household dataset summary train-unet train-touch train evaluate report reproduce train-single-image evaluate-single-image single-image \
         renderings docs lint test clean FORCE
 FORCE:
 
@@ -93,9 +93,13 @@ render-vision.%: simulate-grasps.%
 	@$(SHARD)
 simulate-touch.%: simulate-grasps.%
 	@$(SHARD)
+simulate-presses.%: sample-surfaces.%
+	@$(SHARD)
 sample-distances.%: sample-surfaces.%
 	@$(SHARD)
 train-unet: every-simulate-touch  ## train the U-Net that predicts depth from tactile images
+	@$(RUN)
+train-touch: every-simulate-presses  ## train the network that reads photographs from simulated presses
 	@$(RUN)
 fit-charts.%: train-unet
 	@$(SHARD)
@@ -128,7 +132,7 @@ reproduce:  ## test the supplement's claims on 240 procedural objects, networks 
 	$(MAKE) --no-print-directory -j$$(nproc) report SEEDS="0 1 2" $(FOUR) && \
 	echo "dataset: $$(((made - began) / 60)) min; training, evaluation and report: $$((($$(date +%s) - made) / 60)) min on $$(nproc) cores"
 
-.PRECIOUS: every-% sample-surfaces.% sample-distances.% read-renderings.% simulate-grasps.% render-vision.% simulate-touch.% fit-charts.% \
+.PRECIOUS: every-% sample-surfaces.% sample-distances.% read-renderings.% simulate-grasps.% render-vision.% simulate-touch.% simulate-presses.% fit-charts.% \
            train-gcn.% train-implicit.% evaluate.%
 
 summary: every-render-vision every-simulate-touch  ## the statistics and contact sheets alone

@@ -28,6 +28,14 @@ TOUCH = Artifact(
             "The tactile image of each sensor when nothing touches it: losses mask against it.",
             equation="2-5",
         ),
+        "pressure": Array(
+            ("object", "grasp", "sensor", "row", "col"),
+            "float32",
+            "Pa",
+            "Normal pressure on an elastic gel, 0 outside the contact.",
+            optional=True,
+        ),
+        "force": Array(("object", "grasp", "sensor"), "float32", "N", "Normal force on an elastic gel.", optional=True),
         "local_points": Array(
             ("object", "grasp", "sensor", "point", "xyz"),
             "float32",

@@ -231,12 +231,12 @@ def test_version_is_that_of_the_package() -> None:
 @pytest.mark.parametrize(
     ("words", "completed"),
     [
-        ("run sim", ["simulate-grasps", "simulate-touch"]),
+        ("run sim", ["simulate-grasps", "simulate-touch", "simulate-presses"]),
         ("run sample-surfaces --preset d", ["draft"]),
         ("run sample-surfaces --object duc", ["duck"]),
         ("run sample-surfaces --manifest no-such --object duc", []),
         ("run sample-surfaces --manifest fo", ["four-classes"]),
-        ("run sample-surfaces --set simulate-", ["simulate-grasps.", "simulate-touch."]),
+        ("run sample-surfaces --set simulate-", ["simulate-grasps.", "simulate-touch.", "simulate-presses."]),
         ("run sample-surfaces --set sample-s", [f"sample-surfaces.{name}=" for name in load_settings_type("sample-surfaces").model_fields]),
         ("run sample-surfaces --set simulate-grasps.attem", ["simulate-grasps.attempts=50"]),
         ("run sample-surfaces --set simulate-grasps.sensor", [f"simulate-grasps.sensor={name}" for name in shipped_files("sensor")]),
@@ -246,7 +246,7 @@ def test_version_is_that_of_the_package() -> None:
         ("run sample-surfaces --set simulat-touch.tracer=sp", []),
         ("run sample-surfaces --set simulate-touch.trace=", []),
         ("check gelsight_", ["gelsight_mini"]),
-        ("submit sim", ["simulate-grasps", "simulate-touch"]),
+        ("submit sim", ["simulate-grasps", "simulate-touch", "simulate-presses"]),
     ],
 )
 def test_shell_completes_names(words: str, completed: list[str]) -> None:

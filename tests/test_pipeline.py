@@ -33,6 +33,7 @@ from tools.overview_picture import draw_overview
 ROOT = Path(__file__).parents[1]
 ASSIGNMENTS = [
     *("sample-surfaces.points=2000", "simulate-grasps.attempts=6", "simulate-grasps.ik_samples=512"),
+    *("simulate-presses.presses=5", "simulate-presses.pixels=40"),
     *("train-unet.width=4", "train-unet.epochs=2", "train-unet.batch_size=8", "fit-charts.max_iterations=60"),
     *("train-gcn.epochs=2", "train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.encoder_width=0.25"),
     *(

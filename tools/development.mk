@@ -1,6 +1,6 @@
 # Tests of other systems, and measurements: what only those need who change this project. Included by the Makefile.
 
-.PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-grasps bench-peers \
+.PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-grasps bench-peers bench-touch \
         tradeoff showcase test-systems
 
 PEERS_PYTHON := .venv-peers/bin/python
@@ -52,13 +52,17 @@ fuzz: installed-dev  ## feed a million wrong files to whatever reads files (half
 	@$(BIN)/python -m tests.fuzz
 
 bench: installed-dev simulate-touch.0  ## measure every stage beside its raw limit, in one run
-	@$(BIN)/python -m benchmarks surfaces grasps vision depth chamfer unet charts gcn --data $(call quoted,$(DATA))
+	@$(BIN)/python -m benchmarks surfaces grasps vision depth presses chamfer unet charts gcn --data $(call quoted,$(DATA))
 
 bench-grasps: installed-dev simulate-grasps.0  ## test DATA's grasps in PyBullet and MuJoCo: lift, six directions, DexGraspBench
 	@$(BIN)/python -m benchmarks.held_grasps $(call quoted,$(DATA))
 
 bench-peers: installed-peers installed-tacto simulate-touch.0  ## measure TACTO, Taxim, KeOps, HDF5 … beside ours; writes docs/peers.md
 	@KEOPS_CACHE_FOLDER="$$PWD/.venv-peers/keops" OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks --data $(call quoted,$(DATA)) --write docs/peers.md
+
+bench-touch: installed-dev  ## score depth read in photographs of REAL=FOLDER, beside a look-up table; writes docs/real-touch.md (20 minutes)
+	@$(if $(REAL),,echo "name the folder of the photographs: make bench-touch REAL=FOLDER (docs/real-touch.md says what to clone into it)"; exit 1)
+	@$(BIN)/python -m benchmarks.real_touch $(call quoted,$(REAL)) --write docs/real-touch.md
 
 tradeoff: installed-dev  ## measure what settings cost and how wrong they are; writes docs/tradeoff.md (40 minutes on 2 cores)
 	@$(BIN)/python -m benchmarks.tradeoff --write docs/tradeoff.md

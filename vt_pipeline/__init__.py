@@ -3,7 +3,8 @@
 >>> import vt_pipeline as vt
 >>> sensor = vt.load_sensor("gelsight_mini")
 >>> mug = vt.load_object("mug.glb")
->>> touch = vt.touch(mug, sensor, pose)  # touch.depth, .image, .points, .normals, .contact_area
+>>> touch = vt.touch(mug, sensor, pose)  # touch.depth, .image, .points, .normals, .contact_area, .gel
+>>> touch = vt.press(relief, sensor, depth=0.5e-3)  # (rows, cols) heights, m; vt.image(touch.depth, sensor) is touch.image
 """
 
 from pathlib import Path
@@ -19,6 +20,7 @@ from pipeline.kernels.touch.sensor import Sensor  # noqa: E402
 from pipeline.kernels.touch.tactile_image import untouched_image  # noqa: E402
 from vt_pipeline.grasping import Grasps, grasp  # noqa: E402
 from vt_pipeline.objects import TouchObject, load_object  # noqa: E402
+from vt_pipeline.pressing import image, press  # noqa: E402
 from vt_pipeline.reconstructing import load_observation, reconstruct  # noqa: E402
 from vt_pipeline.touching import Touch, Touches, touch, touch_many  # noqa: E402
 
@@ -31,9 +33,11 @@ __all__ = [
     "TouchObject",
     "Touches",
     "grasp",
+    "image",
     "load_object",
     "load_observation",
     "load_sensor",
+    "press",
     "reconstruct",
     "touch",
     "touch_many",

@@ -14,10 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.transforms import invert_pose
 from pipeline.kernels.touch.contact import touch_success
 from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.kernels.touch.pressed_gel import PressedGel, normal_force, press_gel
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
@@ -51,8 +53,27 @@ class Touch:
 
     @cached_property
     def contact(self) -> NDArray[np.bool_]:
-        """(rows, cols): where the object is in the gel."""
-        return in_gel(self.depth, self.sensor)
+        """(rows, cols): where the object is in the gel; where the sensor's gel is elastic, where it presses."""
+        return in_gel(self.depth, self.sensor) if self.sensor.gel is None else self.gel.contact
+
+    @cached_property
+    def gel(self) -> PressedGel:
+        """The gel's own surface, `indentation`, where the object touches it, `contact`, and an elastic gel's `pressure`."""
+        return press_gel(self.depth, self.sensor)
+
+    @property
+    def pressure(self) -> NDArray[np.float64]:
+        """(rows, cols) normal pressure, Pa; an `InvalidInput` if the sensor has no elastic gel."""
+        if self.gel.pressure is None:
+            raise InvalidInput(
+                f"sensor {self.sensor.name} has no elastic gel, so pressure is not known; give its file `gel: {{modulus: …}}`"
+            )
+        return self.gel.pressure
+
+    @property
+    def force(self) -> float:
+        """Normal force, N; an `InvalidInput` if the sensor has no elastic gel."""
+        return normal_force(self.pressure, self.sensor)
 
     @property
     def success(self) -> bool:
@@ -134,8 +155,8 @@ def touch(
     InvalidInput
         A pose is not a rigid motion.
     """
-    object_, sensor, pose = as_object(object_), as_sensor(sensor), _as_poses("pose", pose, (4, 4))
-    seen_from = pose if object_pose is None else invert_pose(_as_poses("object_pose", object_pose, (4, 4))) @ pose
+    object_, sensor, pose = as_object(object_), as_sensor(sensor), as_pose("pose", pose)
+    seen_from = pose if object_pose is None else invert_pose(as_pose("object_pose", object_pose)) @ pose
     if not isinstance(rng, np.random.Generator | None):
         raise TypeError(f"rng is a numpy.random.Generator, or None; this is {type(rng).__name__}")
     depth = ray_depth(object_.faces, seen_from, sensor).astype(np.float32)
@@ -177,6 +198,11 @@ def touch_many(object_: TouchObject | Source, sensor: Sensor | str | Path, poses
     cores = len(os.sched_getaffinity(0)) if workers is None else workers
     _in_processes(fill, len(checked), min(cores, max(1, len(checked) // WORTH_A_PROCESS)) if workers is None else cores)
     return Touches(sensor, checked, depth, image)
+
+
+def as_pose(name: str, given: Any) -> NDArray[np.float64]:
+    """Return a pose (4, 4); of a wrong shape or type, it says which is wanted, and of a wrong matrix, what is wrong with it."""
+    return _as_poses(name, given, (4, 4))
 
 
 def _as_poses(name: str, given: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

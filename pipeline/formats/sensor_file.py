@@ -10,10 +10,29 @@ from pipeline.formats.description_file import description_path, read_description
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.tactile_image import resample
 
 
-def load_sensor(name: str | Path) -> Sensor:
-    """Read a sensor by the name of a shipped sensor or by path; an `InvalidInput` names the file and what is wrong with it."""
+def load_sensor(name: str | Path, *, shape: tuple[int, int] | None = None) -> Sensor:
+    """Read a sensor.
+
+    Parameters
+    ----------
+    name
+        Of a shipped sensor, or the path of a sensor file.
+    shape
+        Rows and columns of pixels, if not those of the file: see `resample`.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be used, and the message names it and what is wrong with it; or it cannot have these pixels.
+    """
+    sensor = _read_sensor(name)
+    return sensor if shape is None else resample(sensor, *shape)
+
+
+def _read_sensor(name: str | Path) -> Sensor:
     path = description_path("sensor", name)
     sensor = read_description("sensor", path, Sensor)
     file = photograph_file(path, sensor)

@@ -17,7 +17,8 @@ from pipeline.kernels.touch.gel_surface import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 
 GEL_MODULUS = 1e5
-"""Pa, Young's modulus of soft silicone. Pressed in by 2 mm over 60 mm², a gel of 7 mm presses back with 2 N."""
+"""Pa, Young's modulus of a gel whose sensor file gives none: soft silicone. Pressed in by 2 mm over 60 mm², a gel of 7 mm presses back
+with 2 N."""
 GEL_MASS = 0.02
 """kg, of a gel's plate: a lighter one swings on its spring faster than steps of 1/240 s can follow."""
 DAMPING = 0.25
@@ -68,7 +69,8 @@ def gel_spring(sensor: Sensor, contact: Contact | None, *, friction: float, marg
     if contact is None:
         return GelSpring()
     height = max(contact.nearest - margin + OVERLAP, 0.0)
-    stiffness = GEL_MODULUS / sensor.w * contact.volume / (gel_top(sensor) - height)
+    modulus = GEL_MODULUS if sensor.gel is None else sensor.gel.modulus
+    stiffness = modulus / sensor.w * contact.volume / (gel_top(sensor) - height)
     torsion = 2 / 3 * friction * float(np.sqrt(contact.area / np.pi))
     return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * GEL_MASS)), torsion)
 

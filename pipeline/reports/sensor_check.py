@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.fitted_range import fitted_range, slope_degrees
 from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.reports.plots import save_figure
@@ -34,9 +35,21 @@ def check_sensor(path: Path, picture: Path) -> list[str]:
         f"gel {MM * sensor.width:.4g} x {MM * sensor.height:.4g} mm, {MM * sensor.w:.4g} mm thick; rays reach {MM * sensor.range:.4g} mm",
         f"{sensor.cols} x {sensor.rows} pixels of {MM * (x[1] - x[0]):.3g} x {MM * (y[1] - y[0]):.3g} mm",
         f"untouched image: mean {', '.join(f'{level:.0f}' for level in untouched.mean(axis=(0, 1)))} of 255, {clipped:.1f} % clipped",
+        *gel_lines(sensor),
         *(fitted_range(sensor.calibrated) if sensor.calibrated else []),
         f"picture: {picture}",
     ]
+
+
+def gel_lines(sensor: Sensor) -> list[str]:
+    """Describe an elastic gel, and how hard it is pressed in the picture."""
+    if sensor.gel is None:
+        return []
+    pressure = press_gel(pressed_ball(sensor), sensor).pressure
+    assert pressure is not None
+    layer = f"{sensor.gel.modulus / 1e6:.3g} MPa, Poisson's ratio {sensor.gel.poisson:g}, {MM * (sensor.gel.thickness or sensor.w):.4g} mm"
+    felt = f"{normal_force(pressure, sensor):.3g} N, at most {pressure.max() / 1e3:.3g} kPa"
+    return [f"elastic gel: {layer}; the ball in the picture, {MM * PRESS * sensor.w:.3g} mm deep, presses with {felt}"]
 
 
 def draw(sensor: Sensor, path: Path) -> None:
@@ -72,7 +85,7 @@ def _section(axes: Axes, sensor: Sensor, depth: NDArray[np.float64]) -> None:
     x = pixel_centres(sensor)[0] * MM
     row = depth[sensor.rows // 2] * MM
     surface = np.broadcast_to(gel_surface(sensor), sensor.shape)[sensor.rows // 2] * MM
-    axes.fill_between(x, np.minimum(row, surface), color="#9ecae1", label="gel")
+    axes.fill_between(x, surface - MM * press_gel(depth, sensor).indentation[sensor.rows // 2], color="#9ecae1", label="gel")
     axes.plot(x, surface, "k--", linewidth=0.8, label="undeformed")
     axes.plot(x, row, color="#d94801", linewidth=1.2, label="ball")
     axes.set(title="the middle row in section", xlabel="x, mm", ylabel="D, mm", ylim=(0, 1.4 * sensor.w * MM), aspect="equal")

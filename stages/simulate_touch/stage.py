@@ -14,14 +14,15 @@ from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
-from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
+from pipeline.formats.sensor_file import load_sensor, load_worn_sensors, sensor_files
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.depth_quantisation import quantise_depth
 from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
+from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
-from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
@@ -51,9 +52,15 @@ class SimulateTouch(ObjectStage):
         return settings.model_copy(update={"sensors": settings.sensors or tuple(attributes["grasps"]["hand"]["sensor_files"])})
 
     def check_inputs(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
-        """Check that the sensors to simulate are those that the hand wore."""
+        """Check that the sensors to simulate are those that the hand wore, and that all of them or none have an elastic gel."""
         hand, sensors = attributes["grasps"]["hand"], list(_worn(settings))
         worn = hand["sensor_files"]
+        elastic = {name: load_sensor(name).gel is not None for name in sensors}
+        if len(set(elastic.values())) > 1:
+            raise InvalidInput(
+                f"an elastic gel gives pressure and force, which {', '.join(name for name in elastic if elastic[name])} would have and "
+                f"{', '.join(name for name in elastic if not elastic[name])} not; give all sensors of the hand a `gel`, or none"
+            )
         same_fingers = list(map(worn.index, worn)) == list(map(sensors.index, sensors))
         if same_fingers and hand["sensor_digest"] == assets_digest(self.assets(settings)):  # even if the files were moved
             return
@@ -105,7 +112,10 @@ def _touch(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, settings: TouchS
     else:
         exact = sphere_traced_depth(faces, pose, sensor, tolerance=settings.sphere_tolerance, max_steps=settings.sphere_steps)
     depth = quantise_depth(exact, sensor, gel_bits=settings.gel_bits, far_bits=settings.far_bits)
-    row: Row = {"depth": depth, "tactile_image": tactile_image(depth, sensor, rng)}
+    gel = press_gel(depth, sensor)
+    row: Row = {"depth": depth, "tactile_image": image_of_gel(gel.indentation, sensor, rng)}
+    if gel.pressure is not None:
+        row |= {"pressure": gel.pressure.astype(np.float32), "force": np.array(normal_force(gel.pressure, sensor), np.float32)}
     if settings.store_points:
         points, count = local_points(depth, pose, sensor)
         row |= {"local_points": points, "local_count": np.asarray(count)}

@@ -66,6 +66,7 @@ GRAPH = {"epochs": 1, "gcn_layers": 3, "gcn_features": 12, "encoder_width": 0.1,
 DRAFT = {
     "sample-surfaces": {"points": 3000},
     "simulate-grasps": {"attempts": 6, "ik_samples": 512},
+    "simulate-presses": {"presses": 5, "pixels": 40},
     "sample-distances": {"queries": 1024},
     "train-unet": {"width": 4, "epochs": 1},
     "fit-charts": {"max_iterations": 60},

@@ -13,6 +13,7 @@ from pipeline.reports.contact_sheet_page import COLORS, depth_colors
 from pipeline.reports.paper_figures import procedure_steps
 from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
+from schemas.presses import PRESSED
 from tools.picture_row import draw_row
 from tools.stage_pictures.cuts import cutting_plane, frame_cut, outline
 from tools.stage_pictures.shown import Shown
@@ -25,6 +26,9 @@ SEGMENTS = np.array([[235, 235, 238], COLORS[0], COLORS[1]], np.uint8)
 """Colours of background, object and hand."""
 VIEWPOINTS = 6
 """Renderings that are shown of an object."""
+PRESSES, CLEAR_CONTACT = 6, 0.12
+"""Presses that are shown, and the share of an image in contact that shows most."""
+CONTACT_COLOR = np.array([1.0, 0.75, 0.4])
 
 
 def draw_surfaces(shown: Shown, path: Path) -> None:
@@ -98,6 +102,22 @@ def draw_touch(shown: Shown, path: Path) -> None:
         *((f"D ≥ {1e3 * depth.min():.1f} mm", one) for depth, one in zip(depths, maps, strict=True)),
     ]
     draw_row(panels, path, columns=len(names))
+
+
+def draw_presses(shown: Shown, path: Path) -> None:
+    """Tactile images of one press of each shape, the clearest, above the gel's indentation: bright is deep, orange touches."""
+    names = ("press_shape", "press_image", "press_indentation", "press_contact")
+    row = shown.source.directory.collection(ARTIFACTS["presses"]).view(shown.object_id)
+    shapes, images, indentations, contacts = (row[name] for name in names)
+    clear = [(abs(float(contacts[n].mean()) - CLEAR_CONTACT), n) for n in range(len(shapes))]
+    best = [min(item for item in clear if shapes[item[1]] == code)[1] for code in np.unique(shapes)]
+    chosen = sorted(best, key=lambda n: clear[n])[:PRESSES]
+    maps = []
+    for n in chosen:
+        grey = 60 + 195 * np.maximum(indentations[n], 0)[..., None] / indentations[n].max() * np.ones(3)
+        maps.append(np.where(contacts[n][..., None], grey * CONTACT_COLOR, grey).astype(np.uint8))
+    titles = [f"{PRESSED[shapes[n]]}, {1e3 * indentations[n].max():.1f} mm" for n in chosen]
+    draw_row([*zip(titles, images[chosen], strict=True), *(("", one) for one in maps)], path, columns=len(chosen))
 
 
 def draw_renderings(directory: DataDirectory, path: Path) -> None:

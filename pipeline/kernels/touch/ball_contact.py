@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.touch.calibrated_shading import MM, deformed
+from pipeline.kernels.touch.elastic_contact import press_elastic
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 RING = 3.0
@@ -41,12 +42,12 @@ class Photograph:
 
 
 def ball_impression(sensor: Sensor, contact: Circle, ball_radius: float) -> NDArray[np.float64]:
-    """Compute the impression of a ball whose contact with the gel, as the sensor's membrane leaves it, is a given circle.
+    """Compute the impression of a ball whose contact with the gel, as the sensor's membrane or elastic gel leaves it, is a given circle.
 
     Parameters
     ----------
     sensor
-        Gives pixels and membrane.
+        Gives pixels and gel.
     contact
         The circle; its radius is one along x where pixels are not square.
     ball_radius
@@ -67,13 +68,16 @@ def ball_impression(sensor: Sensor, contact: Circle, ball_radius: float) -> NDAr
     distance = distance_from(sensor, contact)
     height = np.sqrt(np.maximum(ball_radius**2 - distance**2, 0))
     shallow = np.sqrt(ball_radius**2 - reach**2)  # of the ball's centre above the gel, if nothing around is drawn in
-    if sensor.membrane == 0:
+    if sensor.membrane == 0 and sensor.gel is None:
         return np.asarray(np.maximum(height - shallow, 0))
     low, high, inside = 0.0, shallow, distance <= reach  # no deeper than its equator
     for _ in range(HALVINGS):  # the deeper the ball, the larger its contact
         middle = (low + high) / 2
         pressed = np.maximum(height - middle, 0)
-        touching = (pressed > 0) & (deformed(pressed, sensor) <= pressed)
+        if sensor.gel is not None:  # whose surface meets the ball within the solver's tolerance
+            touching = press_elastic(pressed, sensor, sensor.gel).pressure > 0
+        else:
+            touching = (pressed > 0) & (deformed(pressed, sensor) <= pressed)
         low, high = (middle, high) if touching.sum() > inside.sum() else (low, middle)
     return np.asarray(np.maximum(height - (low + high) / 2, 0))
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.cast_shadow import shade_depth
+from pipeline.kernels.touch.elastic_contact import press_elastic
 from pipeline.kernels.touch.gel_membrane import drawn_in
 from pipeline.kernels.touch.optics import POSITION_TERMS, SLOPE_TERMS, Calibration
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
@@ -19,7 +20,9 @@ MM = 1e3
 
 
 def deformed(pressed: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
-    """Compute how deep the gel is drawn in: the impression D' (rows, cols), m, with the sensor's membrane where it has one."""
+    """Compute how deep the gel is drawn in: the impression D' (rows, cols), m, with the sensor's membrane or elastic gel if it has one."""
+    if sensor.gel is not None:
+        return press_elastic(pressed, sensor, sensor.gel).indentation
     if sensor.membrane == 0 or not pressed.any():
         return pressed
     return drawn_in(pressed, (sensor.membrane / sensor.pitch[0], sensor.membrane / sensor.pitch[1]))
@@ -39,8 +42,12 @@ def calibrated_change(pressed: NDArray[np.float64], sensor: Sensor, calibration:
     -------
     (rows, cols, 3) float64, levels of 255; 0 where the gel stays flat and lit.
     """
+    return indentation_change(deformed(pressed, sensor), sensor, calibration)
+
+
+def indentation_change(bump: NDArray[np.float64], sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
+    """Compute the change of colours of a gel whose surface lies `bump` (rows, cols), m, below its rest; else as `calibrated_change`."""
     change = np.zeros((*sensor.shape, 3))
-    bump = deformed(pressed, sensor)
     if bump.any():
         x, y = fitted_positions(sensor, calibration.within)
         shading = np.array(calibration.coefficients)
@@ -120,9 +127,9 @@ def _shade(
     for row in range(rows):
         above, below = max(row - 1, 0), min(row + 1, rows - 1)
         first, last = 0, cols - 1
-        while first < cols and bump[row, first] < FLAT and bump[above, first] < FLAT and bump[below, first] < FLAT:
+        while first < cols and abs(bump[row, first]) < FLAT and abs(bump[above, first]) < FLAT and abs(bump[below, first]) < FLAT:
             first += 1
-        while last > first and bump[row, last] < FLAT and bump[above, last] < FLAT and bump[below, last] < FLAT:
+        while last > first and abs(bump[row, last]) < FLAT and abs(bump[above, last]) < FLAT and abs(bump[below, last]) < FLAT:
             last -= 1
         if first == cols:
             continue

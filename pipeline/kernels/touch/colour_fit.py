@@ -18,10 +18,14 @@ from pipeline.kernels.touch.calibrated_shading import MM, powers
 from pipeline.kernels.touch.cast_shadow import shade_depth
 from pipeline.kernels.touch.colour_samples import Sample, left_out_error, sample_photographs, solve
 from pipeline.kernels.touch.optics import Calibration, Levels, Shadow
-from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
 
 MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
 """Widths of the membrane that are tried, in contact radii."""
+THICKNESSES = (1.0, 2.0, 4.0, 8.0)
+"""Of the elastic gel, that are tried, in contact radii."""
+MODULUS = 2e5
+"""Pa, of an elastic gel whose forces nobody measured: its shape does not depend on it."""
 POSITION_DEGREES = (0, 1, 2, 3, 4, 5)
 """Degrees of the polynomial in the position that are tried."""
 GAIN = 0.02
@@ -34,11 +38,22 @@ DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Degrees of the polynomials in normal and position, None for the one that predicts best, and how many shadows are sought."""
+    """What is fitted.
+
+    Attributes
+    ----------
+    normal_degree, position_degree
+        Degrees of the polynomials; None for the one in the position that predicts best.
+    shadows
+        How many are sought.
+    elastic
+        Whether the gel is an elastic layer, whose thickness is fitted, in place of a membrane.
+    """
 
     normal_degree: int = 3
     position_degree: int | None = None
     shadows: int = 3
+    elastic: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +109,18 @@ def fit_colours(
     radius = float(np.median([photograph.contact.radius for photograph in photographs])) * sensor.pitch[1]
     within = contact_box(sensor, [photograph.contact for photograph in photographs])
 
+    def with_gel(share: float) -> Sensor:
+        if options.elastic:
+            return sensor.model_copy(update={"membrane": 0.0, "gel": Gel(modulus=MODULUS, thickness=share * radius)})
+        return sensor.model_copy(update={"membrane": share * radius})
+
     def sampled(share: float, degree: int) -> list[Sample]:
-        candidate, degrees = sensor.model_copy(update={"membrane": share * radius}), (options.normal_degree, degree)
+        candidate, degrees = with_gel(share), (options.normal_degree, degree)
         return sample_photographs(candidate, photographs, untouched, ball_radius=ball_radius, degrees=degrees, within=within)
 
-    given = options.position_degree
+    given, tried = options.position_degree, THICKNESSES if options.elastic else MEMBRANES
     usual = USUAL_DEGREE if given is None else given
-    shares = {share: left_out_error(sampled(share, usual)) for share in MEMBRANES}
+    shares = {share: left_out_error(sampled(share, usual)) for share in tried}
     share = min(shares, key=shares.__getitem__)
     samples = sampled(share, POSITION_DEGREES[-1] if given is None else given)
     terms = len(powers(options.normal_degree)) - 1
@@ -109,11 +129,12 @@ def fit_colours(
         errors = {degree: left_out_error(part) for degree, part in parts.items()}
         given = next(degree for degree in POSITION_DEGREES if errors[degree] <= (1 + GAIN) * min(errors.values()))
         samples = parts[given]
-    fitted = sensor.model_copy(update={"membrane": share * radius})
+    fitted = with_gel(share)
     samples, shadows = _with_shadows(samples, fitted, options.shadows)
     mean: Levels = tuple(untouched.mean(axis=(0, 1)).tolist())
+    at_end = _at_end(0.0 if options.elastic else share, given if options.position_degree is None else None)
     calibration = _calibration(samples, shadows, (terms, len(powers(given))), (mean,), within)
-    return ColourFit(fitted, calibration, given, tuple(_at_end(share, given if options.position_degree is None else None)))
+    return ColourFit(fitted, calibration, given, tuple(at_end))
 
 
 def _at_end(share: float, degree: int | None) -> Iterator[str]:

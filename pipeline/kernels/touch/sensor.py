@@ -44,6 +44,16 @@ class Surface(BaseModel):
         return self
 
 
+class Gel(BaseModel):
+    """An elastic gel: a layer of rubber, bonded to a rigid plate."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    modulus: Annotated[float, Field(gt=0, le=1e12, description="Young's modulus, Pa; a gel's is some 1e5")]
+    poisson: Annotated[float, Field(ge=0, le=0.5, description="Poisson's ratio; rubber's is nearly 0.5")] = 0.48
+    thickness: Annotated[Length | None, Field(description="of the elastic layer, m; by default w")] = None
+
+
 class Sensor(BaseModel):
     """A gel on a rectangular sensor plane, seen by a camera below it."""
 
@@ -58,6 +68,10 @@ class Sensor(BaseModel):
     range: Annotated[Length, Field(description="greatest depth at which a surface is found, m")]
     surface: Annotated[Surface | None, Field(description="shape of the gel; by default flat")] = None
     membrane: Annotated[float, Field(ge=0, le=1, description="how far the gel is drawn in around a contact, m; 0 for not at all")] = 0.0
+    gel: Annotated[
+        Gel | None,
+        Field(exclude_if=lambda gel: gel is None, description="an elastic gel, which gives pressure and force; no membrane then"),
+    ] = None
     noise: Annotated[
         Literal["none"] | Annotated[float, Field(gt=0, le=128)], Field(description="standard deviation of pixel noise, levels of 255")
     ]
@@ -70,6 +84,8 @@ class Sensor(BaseModel):
     def _is_whole(self) -> Sensor:
         if (self.lights is None) == (self.calibrated is None):
             raise ValueError("give either lights (equations 2 to 5) or calibrated (coefficients fitted to photographs)")
+        if self.gel is not None and self.membrane > 0:
+            raise ValueError(f"an elastic gel draws itself in around a contact: remove the membrane of {self.membrane} m, or the gel")
         if self.surface is not None and self.surface.radius is not None:
             reach = {"both": np.hypot(self.width, self.height), "x": self.width, "y": self.height}[self.surface.along] / 2
             radius = self.surface.radius

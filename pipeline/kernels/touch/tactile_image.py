@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from pipeline.errors import InvalidInput
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.touch.calibrated_shading import calibrated_change, deformed, polynomial_background
+from pipeline.kernels.touch.calibrated_shading import deformed, indentation_change, polynomial_background
 from pipeline.kernels.touch.gel_surface import gel_surface, impression
 from pipeline.kernels.touch.lamp_shading import WHITE, shade
 from pipeline.kernels.touch.optics import Calibration, Lights
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.sensor import MAX_PIXELS_PER_SIDE, Sensor
 
 
 def tactile_image(depth: np.ndarray, sensor: Sensor, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
@@ -49,11 +50,27 @@ def tactile_image(depth: np.ndarray, sensor: Sensor, rng: np.random.Generator | 
     instead of float64 moves an intensity by at most 2^-23 lambda w/width times the pixels per side, 5e-6 for the shipped sensor: few
     values change, none by more than 1.
     """
-    pressed = impression(depth, sensor)
+    return image_of_gel(deformed(impression(depth, sensor), sensor), sensor, rng)
+
+
+def image_of_gel(indentation: NDArray[np.float64], sensor: Sensor, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
+    """Compute the tactile image of a gel whose surface is known.
+
+    Parameters
+    ----------
+    indentation
+        (rows, cols) float64, how deep the gel's surface lies below its rest, m: from `press_gel`.
+    sensor, rng
+        As in `tactile_image`.
+
+    Returns
+    -------
+    (rows, cols, 3) uint8, red, green, blue.
+    """
     if sensor.calibrated is None:
-        image: NDArray[Any] = _lit(deformed(pressed, sensor), sensor)
+        image: NDArray[Any] = _lit(indentation, sensor)
     else:
-        image = background(sensor, sensor.calibrated) + calibrated_change(pressed, sensor, sensor.calibrated)
+        image = background(sensor, sensor.calibrated) + indentation_change(indentation, sensor, sensor.calibrated)
     if rng is not None and sensor.noise != "none":
         image = image + rng.normal(0.0, sensor.noise, image.shape)
     return image if image.dtype == np.uint8 else _levels(image)
@@ -107,6 +124,38 @@ def background(sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
 @lru_cache(maxsize=8)
 def _decoded(photograph: bytes) -> NDArray[np.float64]:
     return np.asarray(Image.open(io.BytesIO(photograph)).convert("RGB"), np.float64)
+
+
+def resample(sensor: Sensor, rows: int, cols: int) -> Sensor:
+    """Give a sensor other numbers of pixels; its gel, its optics and the field of view of its background stay.
+
+    Parameters
+    ----------
+    sensor
+        The sensor; a photograph of its background is resized with it: averaged where pixels become larger, else interpolated.
+    rows, cols
+        Pixels along y and x.
+
+    Returns
+    -------
+    The sensor with these pixels.
+
+    Raises
+    ------
+    InvalidInput
+        The numbers are not from 2 to `MAX_PIXELS_PER_SIDE`.
+    """
+    if not all(isinstance(count, int | np.integer) and 2 <= count <= MAX_PIXELS_PER_SIDE for count in (rows, cols)):
+        raise InvalidInput(f"a sensor has from 2 to {MAX_PIXELS_PER_SIDE} rows and columns of pixels; these are {rows} x {cols}")
+    if (rows, cols) == sensor.shape:
+        return sensor
+    changes: dict[str, Any] = {"rows": int(rows), "cols": int(cols)}
+    if sensor.photograph is not None:
+        photograph = Image.open(io.BytesIO(sensor.photograph)).convert("RGB")
+        with io.BytesIO() as file:
+            photograph.resize((cols, rows), Image.Resampling.BILINEAR).save(file, "PNG")  # its support widens where it averages
+            changes["photograph"] = file.getvalue()
+    return sensor.model_copy(update=changes)
 
 
 def _lit(bump: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:

@@ -116,3 +116,34 @@ def test_a_sensor_file_that_changed_since_the_grasps_is_refused() -> None:
     STAGE.check_inputs(TouchSettings(sensors=WORN), {"grasps": {"hand": {"sensor_files": moved, "sensor_digest": digest}}})
     with pytest.raises(InvalidInput, match="the file of sensor gel_16mm has changed since the grasps were made; run simulate-grasps again"):
         STAGE.check_inputs(TouchSettings(sensors=WORN), {"grasps": {"hand": {"sensor_files": list(WORN), "sensor_digest": "0" * 64}}})
+
+
+def elastic(folder: Path, modulus: float) -> str:
+    path = folder / f"soft_{modulus:g}.yaml"
+    path.write_text(description_path("sensor", "gel_16mm").read_text() + f"gel: {{modulus: {modulus}}}\n")
+    return str(path)
+
+
+def test_an_elastic_gel_stores_pressure_and_force(tmp_path: Path) -> None:
+    soft = elastic(tmp_path, 1e5)
+    settings = TouchSettings(sensors=(soft, soft, elastic(tmp_path, 2e5)))
+    row, rigid = run(settings, six_poses()), run(TouchSettings(sensors=WORN), six_poses())
+    assert (row["depth"] == rigid["depth"]).all()
+    for name in ("pressure", "force"):
+        assert row[name].dtype == STAGE.output.arrays[name].dtype
+    pixel = np.prod(SENSOR.pitch)
+    np.testing.assert_allclose(row["force"], row["pressure"].sum(axis=(-2, -1)) * pixel, rtol=1e-5)
+    assert row["force"][0, 0] > row["force"][0, 1] > 0  # 1 mm and 3 mm from a ball under 6.8 mm of gel
+    assert (row["force"][1] > 0).tolist() == [True, False, False]
+    touched = row["pressure"] > 0
+    assert 0 < touched[0, 2].sum() < (row["depth"][0, 2] < SENSOR.w).sum()  # 6 mm away: the gel gives way around the contact
+    assert (row["tactile_image"][0, 0] != rigid["tactile_image"][0, 0]).any()
+    alike = run(TouchSettings(sensors=(elastic(tmp_path, 2e5),) * 3), six_poses())
+    np.testing.assert_allclose(alike["force"][0, 0], 2 * row["force"][0, 0], rtol=1e-5)
+    assert (alike["tactile_image"] == row["tactile_image"]).all()  # how stiff it is changes no shape
+
+
+def test_fingers_of_which_some_have_an_elastic_gel_are_refused(tmp_path: Path) -> None:
+    worn = ("gel_16mm", "gel_16mm", elastic(tmp_path, 1e5))
+    with pytest.raises(InvalidInput, match=r"which .*soft_100000.yaml would have and gel_16mm not; give all sensors of the hand a `gel`"):
+        STAGE.check_inputs(TouchSettings(sensors=worn), {"grasps": {"hand": {"sensor_files": list(worn), "sensor_digest": "0" * 64}}})

@@ -1,0 +1,228 @@
+"""Contact of a rigid object with an elastic gel: pressure, contact area and the surface around it from one model, without friction.
+
+Valid range: impressions that are small beside the gel's thickness; slopes well below 1, as linear elasticity has it.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.compiled import compiled
+from pipeline.kernels.touch.elastic_layer import influence, layer_factor
+from pipeline.kernels.touch.sensor import Gel, Sensor
+
+Array = NDArray[np.float64]
+MOST_CELLS = 160
+"""Cells along the longer side of an image, of which more pixels share one: contact is solved on them."""
+TOLERANCE = 1e-4
+"""Of the deepest impression: how far the gel's surface may be from the object's in the contact. The force errs by as much."""
+MOST_STEPS = 300
+"""Ten times what any press has needed."""
+
+
+class ElasticContact(NamedTuple):
+    """Hold the solution of a contact.
+
+    Attributes
+    ----------
+    indentation
+        (rows, cols) float64, m: how deep the gel's surface lies below its rest; negative where it rises.
+    pressure
+        (rows, cols) float64, Pa; 0 outside the contact.
+    """
+
+    indentation: Array
+    pressure: Array
+
+
+def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
+    """Press a rigid object into an elastic gel.
+
+    Parameters
+    ----------
+    pressed
+        (rows, cols) float64, the impression D': how deep the object lies below the gel's rest, m, 0 elsewhere.
+    sensor, gel
+        Give the pixels and the layer.
+
+    Returns
+    -------
+    Surface and pressure. Nothing presses outside the image.
+
+    Raises
+    ------
+    InvalidInput
+        The gel is thinner than the cells on which its contact is solved.
+    ArithmeticError
+        The contact has not settled after `MOST_STEPS`.
+
+    Notes
+    -----
+    Pressure p >= 0 minimises p·Gp/2 - p·D' over the cells with D' > 0, where G is `influence`: the gel's surface Gp is nowhere above the
+    object, and meets it where p > 0. So the force, the derivative of a minimum by the depth, grows with the depth. Where images have more
+    than `MOST_CELLS` per side, squares of pixels share a cell with their mean D', and what lies between is interpolated.
+    """
+    factor = -(-max(sensor.shape) // MOST_CELLS)
+    coarse = _cell_means(pressed, factor)
+    if not coarse.any():
+        return ElasticContact(np.zeros(sensor.shape), np.zeros(sensor.shape))
+    pitch, thickness = (sensor.pitch[0] * factor, sensor.pitch[1] * factor), gel.thickness or sensor.w
+    if thickness < max(pitch):
+        raise InvalidInput(
+            f"the elastic gel of sensor {sensor.name!r} is {thickness} m thick, its contact is solved on cells of {max(pitch):.3g} m: "
+            "give the sensor more pixels, or the gel its thickness in metres"
+        )
+    whole = _whole_grid(coarse.shape, pitch, gel.poisson, thickness)
+    window = tuple(slice(at[0], at[-1] + 1) for at in (np.flatnonzero(coarse.any(axis=axis)) for axis in (1, 0)))
+    part = coarse[window]
+    unit_pressure = np.zeros_like(coarse)  # of a gel whose plane-strain modulus is 1 Pa
+    unit_pressure[window] = _solve(part, whole.part(part.shape), _Stiffness(part.shape, pitch, gel.poisson, thickness))
+    indentation, pressure = whole(unit_pressure), unit_pressure
+    if factor > 1:
+        indentation, pressure = _refine(indentation, factor, sensor.shape), _spread(unit_pressure, pressed > 0, factor)
+    surface = np.where(pressed > 0, np.maximum(indentation, pressed), indentation)
+    return ElasticContact(surface, gel.modulus / (1 - gel.poisson**2) * pressure)
+
+
+def _cell_means(pressed: Array, factor: int) -> Array:
+    """Average squares of pixels; what a square lacks at the rim is 0: nothing is known to press there."""
+    if factor == 1:
+        return pressed
+    rows, cols = (-(-count // factor) for count in pressed.shape)
+    padded = np.zeros((rows * factor, cols * factor))
+    padded[: pressed.shape[0], : pressed.shape[1]] = pressed
+    lines = padded.reshape(rows, factor, -1).sum(axis=1)
+    return np.asarray(lines.reshape(rows, cols, factor).sum(axis=2) / factor**2)
+
+
+class _Displacement:
+    """The displacements of a pressure on a grid, without wrapping around: `displacement(pressure)`, both (rows, cols)."""
+
+    def __init__(self, kernel: Array) -> None:
+        rows, cols = self.shape = kernel.shape
+        self.kernel = kernel
+        self.padded = (fft.next_fast_len(2 * rows - 1), fft.next_fast_len(2 * cols - 1, real=True))
+        wrapped = np.zeros(self.padded)
+        wrapped[:rows, :cols] = kernel
+        wrapped[self.padded[0] - rows + 1 :, :cols] = kernel[:0:-1]
+        wrapped[:, self.padded[1] - cols + 1 :] = wrapped[:, cols - 1 : 0 : -1]
+        self.spectrum = fft.rfft2(wrapped)
+
+    def __call__(self, pressure: Array) -> Array:
+        found = fft.irfft2(fft.rfft2(pressure, self.padded) * self.spectrum, self.padded)
+        return np.ascontiguousarray(found[: self.shape[0], : self.shape[1]])
+
+    def part(self, shape: tuple[int, ...]) -> _Displacement:
+        """Return that of a smaller grid."""
+        return self if shape == self.shape else _Displacement(self.kernel[: shape[0], : shape[1]])
+
+
+@lru_cache(maxsize=8)
+def _whole_grid(shape: tuple[int, int], pitch: tuple[float, float], poisson: float, thickness: float) -> _Displacement:
+    return _Displacement(influence(shape, pitch, poisson, thickness))
+
+
+class _Stiffness:
+    """Roughly the inverse of `_Displacement`, as if the grid were repeated: what preconditions the solver."""
+
+    def __init__(self, shape: tuple[int, int], pitch: tuple[float, float], poisson: float, thickness: float) -> None:
+        self.shape = shape
+        waves = [2 * np.pi * frequencies for frequencies in (fft.fftfreq(shape[0], pitch[0]), fft.rfftfreq(shape[1], pitch[1]))]
+        wave = np.hypot(waves[0][:, None], waves[1][None])
+        wave[0, 0] = np.pi / max(shape[0] * pitch[0], shape[1] * pitch[1])  # a lone contact is no infinite one
+        self.spectrum = wave / (2 * layer_factor(wave * thickness, poisson))
+
+    def __call__(self, displacement: Array) -> Array:
+        return np.asarray(fft.irfft2(fft.rfft2(displacement) * self.spectrum, self.shape))
+
+
+def _solve(pressed: Array, displacement: _Displacement, stiffness: _Stiffness) -> Array:
+    """Find the pressure by projected conjugate gradients (Polonsky and Keer 1999; preconditioned as Vollebregt 2014).
+
+    Cells whose pressure would become negative leave the contact; cells where the object comes through the gel's surface join it.
+    """
+    below = pressed > 0
+    pressure = np.where(below, np.maximum(stiffness(pressed), 0), 0)
+    if not pressure.any():
+        pressure = pressed.copy()
+    surface = displacement(pressure)
+    pressure *= (scale := (pressed * pressure).sum() / (surface * pressure).sum())
+    surface *= scale
+    allowed, direction, gap, steepness = TOLERANCE * pressed.max(), np.zeros_like(pressed), np.zeros_like(pressed), 0.0
+    for _ in range(MOST_STEPS):
+        last, gap = gap, surface - pressed
+        through = below & (pressure == 0) & (gap < 0)
+        contact = (pressure > 0) | through
+        if np.sqrt(np.square(gap[contact]).mean()) < allowed and not (gap[through] < -allowed).any():
+            return pressure
+        step = np.where(contact, stiffness(np.where(contact, gap, 0)), 0)
+        turn = max(0.0, float((step * (gap - last)).sum()) / steepness) if steepness else 0.0
+        direction = np.where(contact, step + turn * direction, 0)
+        moved = displacement(direction)
+        length = (gap * direction).sum() / (moved * direction).sum()
+        pressure = pressure - length * direction
+        if through.any() or (pressure < 0).any():  # another contact: directions begin again
+            np.maximum(pressure, 0, out=pressure)
+            surface, steepness = displacement(pressure), 0.0
+        else:
+            surface, steepness = surface - length * moved, float((step * gap).sum())
+    raise ArithmeticError(f"the contact of {int(below.sum())} cells has not settled after {MOST_STEPS} steps")
+
+
+def _spread(pressure: Array, pressed: NDArray[np.bool_], factor: int) -> Array:
+    """Spread the pressure on each cell over its pixels that are pressed: falling to the lesser neighbour, with the cell's force."""
+    offsets = (np.arange(factor) + 0.5) / factor - 0.5
+    fine = np.repeat(np.repeat(pressure, factor, axis=0), factor, axis=1)
+    for axis in (0, 1):
+        edges = np.diff(pressure, axis=axis, prepend=np.take(pressure, [0], axis), append=np.take(pressure, [-1], axis))
+        before, after = np.delete(edges, -1, axis), np.delete(edges, 0, axis)
+        slope = np.where(before * after > 0, np.sign(after) * np.minimum(np.abs(before), np.abs(after)), 0)  # no new peaks
+        steps = np.tile(offsets, pressure.shape[axis])
+        fine += np.repeat(np.repeat(slope, factor, axis=0), factor, axis=1) * (steps[:, None] if axis == 0 else steps[None])
+    rows, cols = pressed.shape
+    fine = np.where(pressed, fine[:rows, :cols], 0)
+    share = np.divide(pressure, _cell_means(fine, factor), out=np.zeros_like(pressure), where=pressure > 0)
+    return np.asarray(fine * np.repeat(np.repeat(share, factor, axis=0), factor, axis=1)[:rows, :cols])
+
+
+def _refine(coarse: Array, factor: int, shape: tuple[int, int]) -> Array:
+    """Interpolate by cubics through the middles of cells, each of which becomes factor x factor pixels; cut to a shape."""
+    shares = (np.arange(factor) + 0.5) / factor - 0.5
+    weights = np.array([_cubic(share % 1) for share in shares])
+    starts = np.floor(shares).astype(np.int64)
+    rows = _refine_rows(np.ascontiguousarray(coarse), factor, starts, weights)
+    fine = _refine_rows(np.ascontiguousarray(rows.T), factor, starts, weights).T
+    return np.ascontiguousarray(fine[: shape[0], : shape[1]])
+
+
+def _cubic(t: float) -> list[float]:
+    """Compute the weights of four neighbours at a share t from the second to the third (Catmull and Rom)."""
+    return [t * (-0.5 + t * (1 - t / 2)), 1 + t * t * (-2.5 + 1.5 * t), t * (0.5 + t * (2 - 1.5 * t)), t * t * (-0.5 + t / 2)]
+
+
+@compiled
+def _refine_rows(coarse: Array, factor: int, starts: NDArray[np.int64], weights: Array) -> Array:
+    """Interpolate between rows; beyond the first and last one, along a line."""
+    rows, cols = coarse.shape
+    padded = np.empty((rows + 4, cols))
+    padded[2 : rows + 2] = coarse
+    for beyond in (1, 2):
+        for col in range(cols):
+            padded[2 - beyond, col] = coarse[0, col] + beyond * (coarse[0, col] - coarse[min(1, rows - 1), col])
+            padded[rows + 1 + beyond, col] = coarse[rows - 1, col] + beyond * (coarse[rows - 1, col] - coarse[max(rows - 2, 0), col])
+    fine = np.empty((rows * factor, cols))
+    for row in range(rows):
+        for k in range(factor):
+            first = row + starts[k] + 1
+            for col in range(cols):
+                total = 0.0
+                for n in range(4):
+                    total += weights[k, n] * padded[first + n, col]
+                fine[row * factor + k, col] = total
+    return fine

@@ -1,0 +1,105 @@
+"""How a soft layer yields to pressure: displacements of its surface under pressure on one cell of a grid.
+
+Valid range: linear elasticity, small slopes; cells no larger than the layer is thick. Where it is much thicker than the grid is wide, the
+layer is a half-space.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.special import j0
+
+Array = NDArray[np.float64]
+REACH = 30.0
+"""Thicknesses away from a load at which a layer no longer moves: less than 1e-9 of a half-space's displacement."""
+KNOTS_PER_THICKNESS = 100
+WAVES, NODES = 16.0, 400
+"""Greatest wave number times thickness at which a layer differs from a half-space, by 1e-13, and nodes of the quadrature up to it."""
+
+GAUSS = (-0.5 / 3**0.5, 0.5 / 3**0.5)
+"""Nodes of a quadrature over a cell, in cells."""
+
+
+@lru_cache(maxsize=8)
+def influence(shape: tuple[int, int], pitch: tuple[float, float], poisson: float, thickness: float) -> Array:
+    """Compute the displacements that a uniform pressure on one cell causes in the cells of a grid.
+
+    Parameters
+    ----------
+    shape
+        Rows and columns of the grid.
+    pitch
+        Size of a cell along y and x, m.
+    poisson
+        Poisson's ratio, 0 to 0.5.
+    thickness
+        Of the layer, whose base is bonded to a rigid plate and whose surface is free of friction, m.
+
+    Returns
+    -------
+    (rows, cols) float64, read-only: [i, j] is the displacement into the layer, m, in the middle of the cell i rows and j columns away,
+    of a pressure of 1 Pa where the layer's plane-strain modulus E / (1 - poisson²) is 1 Pa.
+
+    Notes
+    -----
+    The half-space's part is exact (Boussinesq's solution integrated over a rectangle; Love 1929). The layer's is the inverse Hankel
+    transform of `layer_factor` - 1, which is smooth on the scale of the thickness.
+    """
+    y, x = (np.arange(count) * size for count, size in zip(shape, pitch, strict=True))
+    bond = np.zeros(shape)
+    for sign_y, sign_x in product(GAUSS, GAUSS):  # a mean over the cell
+        distance = np.hypot(y[:, None] + sign_y * pitch[0], x[None] + sign_x * pitch[1]) / thickness
+        bond += np.where(distance < REACH, _bond(poisson)(np.minimum(distance, REACH)), -1 / np.maximum(distance, REACH)) / 4
+    displacement = _half_space(shape, pitch) + bond * (pitch[0] * pitch[1] / (np.pi * thickness))
+    displacement.flags.writeable = False
+    return np.asarray(displacement)
+
+
+def layer_factor(wave: NDArray[np.floating], poisson: float) -> Array:
+    """Compute how much less than a half-space a bonded layer yields to a wave of pressure.
+
+    Parameters
+    ----------
+    wave
+        (...) wave number times thickness, > 0.
+    poisson
+        Poisson's ratio, 0 to 0.5.
+
+    Returns
+    -------
+    (...) float64, 0 to 1: the displacement's amplitude over that of a half-space, 2 p / (q E / (1 - poisson²)).
+
+    Notes
+    -----
+    (2k sinh 2a - 4a) / (2k cosh 2a + 1 + k² + 4a²) with k = 3 - 4 poisson and a = wave: plane strain of a layer that is bonded to a rigid
+    base (Johnson, Contact Mechanics, 1985, 5.8).
+    """
+    k, small = 3 - 4 * poisson, np.exp(-2 * np.asarray(wave, np.longdouble))  # extended: the same bits on every processor
+    above = k * (1 - small**2) - 4 * wave * small
+    return np.asarray(above / (k * (1 + small**2) + (1 + k**2 + 4 * np.square(wave)) * small), np.float64)
+
+
+@lru_cache(maxsize=8)
+def _bond(poisson: float) -> CubicSpline:
+    """Compute what the rigid base takes from a half-space's 1/r, by distance in thicknesses: the integral of (factor - 1) J0(a r)."""
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    wave, weights = (nodes + 1) * WAVES / 2, weights * WAVES / 2
+    distance = np.linspace(0, REACH, int(REACH * KNOTS_PER_THICKNESS) + 1)
+    weighted = weights * (layer_factor(wave, poisson) - 1)
+    return CubicSpline(distance, (j0(distance[:, None] * wave) * weighted).sum(axis=1))
+
+
+@lru_cache(maxsize=8)
+def _half_space(shape: tuple[int, int], pitch: tuple[float, float]) -> Array:
+    """Integrate 1 / (pi r) over a cell, seen from the middles of the cells of a grid."""
+    y, x = (np.arange(count, dtype=np.longdouble) * size for count, size in zip(shape, pitch, strict=True))
+    total = np.zeros(shape, np.longdouble)
+    for sign_y, sign_x in product((1, -1), (1, -1)):
+        v, u = y[:, None] + sign_y * pitch[0] / 2, x[None] + sign_x * pitch[1] / 2
+        total += sign_y * sign_x * (u * np.arcsinh(v / np.abs(u)) + v * np.arcsinh(u / np.abs(v)))
+    return np.asarray(total / np.pi, np.float64)

@@ -1,0 +1,83 @@
+"""Patches of an object as reliefs: what a gel meets that is pressed onto the object from outside."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.touch.face_culling import BoxedFaces
+from pipeline.kernels.touch.press_shapes import Press, PressRanges, press_relief, small_rather
+from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.sensor import Sensor
+
+ATTEMPTS = 20
+"""Points that are tried before an object counts as one without a patch: rays pass thin parts between two pixels."""
+
+
+def random_patch(
+    faces: BoxedFaces,
+    points: NDArray[np.floating],
+    normals: NDArray[np.floating],
+    sensor: Sensor,
+    rng: np.random.Generator,
+    *,
+    ranges: PressRanges | None = None,
+    scale: tuple[float, float] = (0.04, 0.5),
+) -> Press:
+    """Draw a press of a patch of an object, made smaller so that more of it fits on the gel.
+
+    Parameters
+    ----------
+    faces
+        The object, from `box_faces`, m.
+    points, normals
+        (N, 3) points of its surface and outward unit normals there, in the same frame, m.
+    sensor
+        Gives the gel and its pixels.
+    rng
+        Draws the point, the direction, the scale and the depth.
+    ranges
+        Of depth and tilt; by default those of `PressRanges`.
+    scale
+        Least and greatest size of the pressed object, of its own size.
+
+    Returns
+    -------
+    The shape "patch", and its depth map.
+
+    Raises
+    ------
+    InvalidInput
+        No ray meets the object at `ATTEMPTS` points.
+    """
+    ranges = ranges or PressRanges()
+    low, high = (faces.centre - faces.half).min(axis=1), (faces.centre + faces.half).max(axis=1)
+    outside = float(np.linalg.norm(high - low))  # from a point of the object, as far as no part of it is
+    for _ in range(ATTEMPTS):
+        size = small_rather(scale, rng)
+        sides = {"width": sensor.width / size, "given_height": sensor.height / size, "range": 2 * outside}
+        pose = _facing(points, normals, outside, ranges.tilt, rng)
+        seen = ray_depth(faces, pose, sensor.model_copy(update=sides))
+        depth = rng.uniform(*ranges.depth)
+        if np.isfinite(seen).any():
+            return Press("patch", press_relief(-size * seen, sensor, depth))
+    raise InvalidInput(f"no ray of {ATTEMPTS} sensors meets the object; it is thinner than a pixel")
+
+
+def _facing(
+    points: NDArray[np.floating], normals: NDArray[np.floating], distance: float, tilt: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Draw the pose (4, 4) of a sensor that faces a point of a surface from a distance, tilted by up to an angle, turned at random."""
+    chosen = int(rng.integers(len(points)))
+    away = -np.asarray(normals[chosen], np.float64)
+    aside = np.cross(away, rng.normal(size=3))
+    aside /= np.linalg.norm(aside)  # any direction across the normal: it turns the sensor, and the tilt is about it
+    z = away + rng.uniform(0, math.tan(tilt)) * np.cross(aside, away)
+    z /= np.linalg.norm(z)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([aside, np.cross(z, aside), z], axis=1)
+    pose[:3, 3] = np.asarray(points[chosen], np.float64) - distance * z
+    return pose

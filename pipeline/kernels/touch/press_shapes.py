@@ -1,0 +1,271 @@
+"""Shapes that are pressed into a gel without a hand: random ones to train on, and any relief at a given depth.
+
+A relief is an array of heights along the sensor's -z, from an object towards the gel; -inf where the object has no surface.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.transforms import sin_cos
+from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+
+Array = NDArray[np.float64]
+WALLS = (3.0, 30.0)
+"""Height over length of a solid's walls: nearly upright, so that they fall within a few pixels."""
+TILTED = 0.3
+"""Share of the presses whose shape does not lie flat on the gel."""
+
+
+@dataclass(frozen=True)
+class PressRanges:
+    """Ranges from which random presses are drawn.
+
+    Attributes
+    ----------
+    size
+        Least and greatest radius of a shape, m.
+    depth
+        Least and greatest depth of the deepest point in the gel, m.
+    tilt
+        Greatest angle by which a shape is tilted, rad.
+    """
+
+    size: tuple[float, float] = (0.0015, 0.008)
+    depth: tuple[float, float] = (0.0001, 0.0012)
+    tilt: float = math.radians(8)
+
+
+class Press(NamedTuple):
+    """A random press: the name of its shape, and its depth map (rows, cols) float64 D, m, +inf where nothing is met."""
+
+    shape: str
+    depth: Array
+
+
+def press_relief(relief: Array, sensor: Sensor, depth: float) -> Array:
+    """Press a relief into a gel.
+
+    Parameters
+    ----------
+    relief
+        (rows, cols) heights towards the gel, m; -inf where there is no surface. A constant added to it changes nothing.
+    sensor
+        Gives the shape and surface of the gel.
+    depth
+        How deep the deepest point lies in the gel, m.
+
+    Returns
+    -------
+    (rows, cols) float64 D from the sensor plane, m; +inf where nothing is met within the sensor's range.
+
+    Raises
+    ------
+    ValueError
+        The relief has another shape, or holds NaN or +inf.
+    InvalidInput
+        The relief has no surface, or the depth is not between 0 and the thickness of the gel where the deepest point lies.
+    """
+    if relief.shape != sensor.shape:
+        raise ValueError(f"relief has shape {relief.shape}; sensor {sensor.name!r} has {sensor.shape} (rows, cols)")
+    if not (relief < np.inf).all():
+        raise ValueError("relief holds NaN or +inf; heights are finite, and -inf where there is no surface")
+    above = gel_surface(sensor) + relief  # height over one plane: how deep, but for a constant
+    deepest = np.unravel_index(int(above.argmax()), above.shape)
+    if above[deepest] == -np.inf:
+        raise InvalidInput("the relief has no surface: all its heights are -inf")
+    thickness = float(np.broadcast_to(gel_surface(sensor), sensor.shape)[deepest])
+    if not 0 < depth < thickness:
+        raise InvalidInput(f"depth is {depth} m; a press into sensor {sensor.name!r} is more than 0 and less than the gel, {thickness} m")
+    met = gel_surface(sensor) - (above - above[deepest] + depth)
+    return np.where(met > sensor.range, np.inf, np.maximum(met, 0.0))
+
+
+def random_press(sensor: Sensor, rng: np.random.Generator, ranges: PressRanges | None = None, shapes: Sequence[str] | None = None) -> Press:
+    """Draw a press: a shape at a random place, turned and perhaps tilted, as deep as drawn.
+
+    Parameters
+    ----------
+    sensor
+        Gives the gel and its pixels. Positions lie anywhere on it: shapes may be cut by its rim.
+    rng
+        Draws everything; equal states give equal presses, for other pixel counts the same press in other pixels.
+    ranges
+        By default those of `PressRanges`.
+    shapes
+        Names from `SHAPES` to choose from; by default all.
+
+    Returns
+    -------
+    Name of the shape, and depth map.
+
+    Raises
+    ------
+    InvalidInput
+        A shape is unknown, or the depth is more than the gel.
+
+    Examples
+    --------
+    >>> sensor = load_sensor("gelsight", shape=(240, 320))
+    >>> press = random_press(sensor, np.random.default_rng(0))
+    >>> image = tactile_image(press.depth, sensor)
+    """
+    ranges, names = ranges or PressRanges(), tuple(shapes or SHAPES)
+    if unknown := [name for name in names if name not in SHAPES]:
+        raise InvalidInput(f"there is no shape {unknown[0]!r}; there are {', '.join(SHAPES)}")
+    name = names[int(rng.integers(len(names)))]
+    depth, size = rng.uniform(*ranges.depth), small_rather(ranges.size, rng)
+    middle = rng.uniform(-0.5, 0.5, 2) * (sensor.width, sensor.height)
+    turn, towards = direction(rng), direction(rng)
+    slope = rng.uniform(0, math.tan(ranges.tilt)) if rng.random() < TILTED else 0.0
+    x, y = np.meshgrid(*pixel_centres(sensor))
+    x, y = x - middle[0], y - middle[1]
+    u, v = turn[1] * x + turn[0] * y, turn[1] * y - turn[0] * x
+    relief = SHAPES[name](u, v, Drawn(size, depth, rng)) + slope * (towards[1] * u + towards[0] * v)
+    if not (relief > -np.inf).any():  # at the rim, between the pixels: put it into the middle
+        return random_press(sensor, rng, ranges, names)
+    return Press(name, press_relief(relief, sensor, depth))
+
+
+def small_rather(limits: tuple[float, float], rng: np.random.Generator) -> float:
+    """Draw a number between two: half of them lie in the lowest quarter."""
+    return limits[0] + (limits[1] - limits[0]) * float(rng.random()) ** 2
+
+
+def direction(rng: np.random.Generator) -> tuple[float, float]:
+    """Draw a direction; returns its sine and cosine."""
+    sine, cosine = sin_cos(np.array(rng.uniform(0, 2 * math.pi)))
+    return float(sine), float(cosine)
+
+
+class Drawn(NamedTuple):
+    """What has been drawn for a shape: its radius and its depth in the gel, m; and what draws the rest."""
+
+    size: float
+    depth: float
+    rng: np.random.Generator
+
+
+def _ball(x: Array, y: Array, drawn: Drawn) -> Array:
+    return _dome(drawn.size, x**2 + y**2)
+
+
+def _ellipsoid(x: Array, y: Array, drawn: Drawn) -> Array:
+    flatter, longer = drawn.rng.uniform(0.4, 1.0, 2)
+    return np.asarray(flatter * _dome(drawn.size, x**2 + (y / longer) ** 2))
+
+
+def _cone(x: Array, y: Array, drawn: Drawn) -> Array:
+    """Make a cone, blunt at the tip: of radius `size` at most."""
+    radius, slope = np.hypot(x, y), drawn.rng.uniform(0.2, 1.2)
+    blunt = drawn.rng.uniform(0.02, 0.4) * drawn.size
+    return np.where(radius < drawn.size, slope * (blunt - np.hypot(radius, blunt)), -np.inf)
+
+
+def _cylinder(x: Array, y: Array, drawn: Drawn) -> Array:
+    """Make a cylinder that lies on the gel, of any length."""
+    half = drawn.rng.uniform(0.5, 4.0) * drawn.size
+    return np.where(np.abs(x) < half, _dome(drawn.size, y**2), -np.inf)
+
+
+def _prism(x: Array, y: Array, drawn: Drawn) -> Array:
+    """Make a prism of 3 to 6 sides that stands on its flat end."""
+    return -drawn.rng.uniform(*WALLS) * np.maximum(_outside(x, y, drawn), 0)
+
+
+def _pyramid(x: Array, y: Array, drawn: Drawn) -> Array:
+    """Make a pyramid whose tip is cut off."""
+    flat = drawn.rng.uniform(0.1, 0.6) * drawn.size
+    return -drawn.rng.uniform(0.15, 1.0) * np.maximum(_outside(x, y, drawn) + drawn.size - flat, 0)
+
+
+def _post(x: Array, y: Array, drawn: Drawn) -> Array:
+    """Make a cylinder that stands on its flat end."""
+    return -drawn.rng.uniform(*WALLS) * np.maximum(np.hypot(x, y) - 0.7 * drawn.size, 0)
+
+
+def _edge(x: Array, y: Array, drawn: Drawn) -> Array:
+    """Make a ridge with two flanks, and rounded."""
+    left, right = drawn.rng.uniform(0.15, 1.5, 2)
+    blunt, half = drawn.rng.uniform(0.01, 0.2) * drawn.size, drawn.rng.uniform(0.5, 4.0) * drawn.size
+    return np.where(np.abs(x) < half, -np.where(y < 0, left, right) * (np.hypot(y, blunt) - blunt), -np.inf)
+
+
+def _ring(x: Array, y: Array, drawn: Drawn) -> Array:
+    """Make a torus that lies on the gel."""
+    thick = drawn.rng.uniform(0.1, 0.45) * drawn.size
+    return _dome(thick, (np.hypot(x, y) - drawn.size) ** 2)
+
+
+def _bumps(x: Array, y: Array, drawn: Drawn) -> Array:
+    """Make some round bumps beside each other."""
+    count = int(drawn.rng.integers(2, 9))
+    tops = [
+        (drawn.rng.uniform(-1, 1, 2) * drawn.size, drawn.rng.uniform(0.1, 0.45) * drawn.size, drawn.rng.uniform(0, 0.7) * drawn.depth)
+        for _ in range(count)
+    ]
+    domes = [_dome(radius, (x - at[0]) ** 2 + (y - at[1]) ** 2) - radius - lower for at, radius, lower in tops]
+    return np.asarray(np.max(domes, axis=0))
+
+
+def _stairs(x: Array, y: Array, drawn: Drawn) -> Array:
+    """Make a flight of stairs, with upright walls around it."""
+    tread, rise = drawn.rng.uniform(0.2, 0.8) * drawn.size, drawn.rng.uniform(0.2, 0.7) * drawn.depth
+    along = np.abs(x) / tread if drawn.rng.random() < 0.3 else (x + drawn.size) / tread  # a pyramid of steps, or one way
+    wall = drawn.rng.uniform(*WALLS)
+    steps, share = np.floor(along), along - np.floor(along)
+    smooth = np.minimum(share * tread * wall / rise, 1.0)  # each step falls along a wall, from the tread before
+    heights = -rise * np.maximum(steps - 1 + smooth, 0.0)
+    return np.asarray(heights - wall * np.maximum(np.maximum(np.abs(x), np.abs(y)) - drawn.size, 0))
+
+
+def _relief(x: Array, y: Array, drawn: Drawn) -> Array:
+    """Make a rough plate: waves of several lengths and directions, as deep as the press; round, with upright walls."""
+    heights = np.zeros_like(x)
+    for _ in range(12):
+        length, phase, (sine, cosine) = drawn.rng.uniform(0.25, 1.2) * drawn.size, drawn.rng.random(), direction(drawn.rng)
+        turns = (cosine * x + sine * y) / length + phase
+        share = 2 * (turns - np.floor(turns)) - 1
+        heights += 4 * share * (1 - np.abs(share))  # nearly a sine, in fewer steps and with the same bits everywhere
+    amplitude = drawn.rng.uniform(0.05, 0.5) * drawn.depth / math.sqrt(6)  # of a standard deviation of 1
+    return amplitude * heights - drawn.rng.uniform(*WALLS) * np.maximum(np.hypot(x, y) - drawn.size, 0)
+
+
+def _dome(radius: float, squared: Array) -> Array:
+    """Heights of a ball's or cylinder's upper half over its middle plane, at squared distances from the axis."""
+    inside = radius**2 - squared
+    return np.where(inside > 0, np.sqrt(np.maximum(inside, 0)), -np.inf)
+
+
+def _outside(x: Array, y: Array, drawn: Drawn) -> Array:
+    """How far points lie beyond the sides of a polygon of 3 to 6 corners, m; negative inside: `-size` in the middle at the least."""
+    count = int(drawn.rng.integers(3, 7))
+    sines, cosines = sin_cos(2 * math.pi / count * (np.arange(count) + drawn.rng.uniform(-0.25, 0.25, count)))
+    reach = drawn.size * drawn.rng.uniform(0.6, 1.0, count)
+    sides = [cosine * x + sine * y - far for sine, cosine, far in zip(sines, cosines, reach, strict=True)]
+    return np.asarray(np.max(sides, axis=0))
+
+
+SHAPES: Mapping[str, Callable[[Array, Array, Drawn], Array]] = {
+    "ball": _ball,
+    "ellipsoid": _ellipsoid,
+    "cone": _cone,
+    "cylinder": _cylinder,
+    "prism": _prism,
+    "pyramid": _pyramid,
+    "post": _post,
+    "edge": _edge,
+    "ring": _ring,
+    "bumps": _bumps,
+    "stairs": _stairs,
+    "relief": _relief,
+}
+"""The shapes of random presses by name: each makes a relief (rows, cols), m, from the positions of pixels in its own frame, m."""

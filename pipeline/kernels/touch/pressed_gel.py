@@ -1,0 +1,71 @@
+"""The gel that an object is pressed into: its surface, and where the object touches it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.touch.calibrated_shading import deformed
+from pipeline.kernels.touch.elastic_contact import press_elastic
+from pipeline.kernels.touch.gel_surface import impression
+from pipeline.kernels.touch.sensor import Sensor
+
+
+class PressedGel(NamedTuple):
+    """Hold the state of a gel.
+
+    Attributes
+    ----------
+    indentation
+        (rows, cols) float64, m: how deep the gel's surface lies below its rest; negative where an elastic gel rises.
+    contact
+        (rows, cols): where the object touches it.
+    pressure
+        (rows, cols) float64, Pa, of an elastic gel; None of another.
+    """
+
+    indentation: NDArray[np.float64]
+    contact: NDArray[np.bool_]
+    pressure: NDArray[np.float64] | None = None
+
+
+def press_gel(depth: np.ndarray, sensor: Sensor) -> PressedGel:
+    """Compute the state of a gel under an object.
+
+    Parameters
+    ----------
+    depth
+        (rows, cols) D of the object in m from the sensor plane, float32 or float64, +inf where nothing is met.
+    sensor
+        Gives the gel: an elastic one, or one with a membrane; one with neither is drawn in nowhere but under the object.
+
+    Returns
+    -------
+    Surface, contact and pressure.
+
+    Raises
+    ------
+    ValueError
+        As `impression`.
+    """
+    pressed = impression(depth, sensor)
+    if sensor.gel is not None:
+        indentation, pressure = press_elastic(pressed, sensor, sensor.gel)
+        return PressedGel(indentation, pressure > 0, pressure)
+    indentation = deformed(pressed, sensor)
+    return PressedGel(indentation, (pressed > 0) & (indentation <= pressed))
+
+
+def normal_force(pressure: NDArray[np.float64], sensor: Sensor) -> float:
+    """Add up the pressure (rows, cols), Pa, on a sensor's gel: the normal force, N."""
+    return float(pressure.sum()) * sensor.pitch[0] * sensor.pitch[1]
+
+
+def scaled_gel(sensor: Sensor, factor: float) -> Sensor:
+    """Give a sensor a membrane that is wider by a factor, or an elastic gel that is so much thicker."""
+    if sensor.gel is None:
+        return sensor.model_copy(update={"membrane": sensor.membrane * factor})
+    thickness = (sensor.gel.thickness or sensor.w) * factor
+    return sensor.model_copy(update={"gel": sensor.gel.model_copy(update={"thickness": thickness})})

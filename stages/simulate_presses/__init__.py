@@ -1,0 +1,1 @@
+"""The stage `simulate-presses`."""

@@ -1,0 +1,116 @@
+"""`simulate-presses`: what a sensor sees of random shapes, and of patches of each object, that are pressed into its gel without a hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.unit import Unit
+from pipeline.errors import InvalidInput
+from pipeline.formats.sensor_file import load_sensor, sensor_files
+from pipeline.kernels.touch.depth_quantisation import quantise_depth
+from pipeline.kernels.touch.face_culling import box_faces
+from pipeline.kernels.touch.press_patches import random_patch
+from pipeline.kernels.touch.press_shapes import Press, PressRanges, random_press
+from pipeline.kernels.touch.pressed_gel import normal_force, press_gel, scaled_gel
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.tactile_image import image_of_gel, resample, untouched_image
+from pipeline.store.rows import Row
+from schemas.base import Artifact
+from schemas.presses import PRESSED, PRESSES
+from schemas.surfaces import SURFACES
+from stages.simulate_presses.settings import PressSettings
+
+GEL_BITS, FAR_BITS = 26, 18
+"""Depths are stored in steps of 2^-26 m in the gel and of 2^-18 m beyond, as `simulate-touch` stores them."""
+
+
+class SimulatePresses(ObjectStage):
+    """Press random shapes, and patches of each object, into a sensor's gel."""
+
+    name = "simulate-presses"
+    summary = "Press random shapes, and patches of every object, into a gel without a hand: for networks that read photographs."
+    output = PRESSES
+    settings_type = PressSettings
+
+    def inputs(self, settings: PressSettings) -> tuple[Artifact, ...]:
+        """Name the meshes, whose patches are pressed."""
+        return (SURFACES,)
+
+    def assets(self, settings: PressSettings) -> list[Path]:
+        """List the sensor's files."""
+        return sensor_files([settings.sensor])
+
+    def check_inputs(self, settings: PressSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
+        """Check that the gel is thicker than the deepest press."""
+        sensor = pressed_sensor(settings)
+        if settings.depth[1] >= sensor.w:
+            raise InvalidInput(f"depth goes to {settings.depth[1]} m, the gel of {sensor.name} is {sensor.w} m thick; press less deep")
+
+    def constants(self, settings: PressSettings) -> Row:
+        """Render the sensor with nothing in its gel."""
+        return {"press_untouched": untouched_image(pressed_sensor(settings))}
+
+    def attributes(self, settings: PressSettings) -> dict[str, Any]:
+        """Describe the sensor with the pixels of the images, as `simulate-touch` does those of the fingers."""
+        return {"sensors": [pressed_sensor(settings).model_dump(mode="json")]}
+
+    def cost(self, settings: PressSettings) -> Cost:
+        """Estimate per press."""
+        share = ((settings.pixels or 640) / 160) ** 2 * settings.presses
+        return Cost(seconds=0.006 * share, kilobytes=60 * share)
+
+    @contextmanager
+    def session(self, settings: PressSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
+        """Load the sensor once."""
+        sensor = pressed_sensor(settings)
+        yield lambda unit, inputs: _process(unit, inputs, sensor, settings)
+
+
+def pressed_sensor(settings: PressSettings) -> Sensor:
+    """Load the sensor, with as many pixels as the settings say."""
+    sensor = load_sensor(settings.sensor)
+    if settings.pixels is None:
+        return sensor
+    pitch = max(sensor.width, sensor.height) / settings.pixels
+    return resample(sensor, *(max(2, round(side / pitch)) for side in (sensor.height, sensor.width)))
+
+
+def _process(unit: Unit, inputs: Inputs, sensor: Sensor, settings: PressSettings) -> Row:
+    view = inputs["surfaces"]
+    faces = box_faces(read_mesh(view).triangles)
+    ranges = PressRanges(settings.size, settings.depth, math.radians(settings.tilt))
+    rows = []
+    for number in range(settings.presses):
+        rng = unit.rng("simulate-presses", number)
+        if rng.random() < settings.patches:
+            press = random_patch(faces, view["points"], view["normals"], sensor, rng, ranges=ranges, scale=settings.scale)
+        else:
+            press = random_press(sensor, rng, ranges, settings.shapes)
+        rows.append(_pressed(press, sensor, settings, rng))
+    return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+
+
+def _pressed(press: Press, sensor: Sensor, settings: PressSettings, rng: np.random.Generator) -> Row:
+    """Compute the arrays of one press, from the depth as it is stored."""
+    if settings.gel is not None:
+        sensor = scaled_gel(sensor, rng.uniform(*settings.gel))
+    depth = quantise_depth(press.depth, sensor, gel_bits=GEL_BITS, far_bits=FAR_BITS)
+    gel = press_gel(depth, sensor)
+    row: Row = {
+        "press_shape": np.array(PRESSED.index(press.shape), np.uint8),
+        "press_depth": depth,
+        "press_indentation": gel.indentation.astype(np.float32),
+        "press_contact": gel.contact,
+        "press_image": image_of_gel(gel.indentation, sensor, rng),
+    }
+    if gel.pressure is not None:
+        row |= {"press_pressure": gel.pressure.astype(np.float32), "press_force": np.array(normal_force(gel.pressure, sensor), np.float32)}
+    return row

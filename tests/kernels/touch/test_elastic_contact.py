@@ -1,0 +1,181 @@
+"""An elastic gel against closed forms (Hertz's ball and cylinder, a flat punch, a thin layer) and against a dense slow solver."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch.elastic_contact import press_elastic
+from pipeline.kernels.touch.elastic_layer import layer_factor
+from pipeline.kernels.touch.press_shapes import press_relief, random_press
+from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
+from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
+from tests.references.slow_elastic_gel import slow_press
+
+SIDE, E, POISSON = 0.018, 2e5, 0.48
+STIFF = E / (1 - POISSON**2)
+HALF_SPACE = Gel(modulus=E, poisson=POISSON, thickness=10.0)
+"""10 m of rubber under 2 cm of sensor."""
+
+
+def sensor(rows: int, cols: int, gel: Gel | None = HALF_SPACE, side: float = SIDE) -> Sensor:
+    """Square pixels, `side` long along x."""
+    size = {"width": side, "given_height": side * rows / cols, "rows": rows, "cols": cols}
+    return load_sensor("gelsight").model_copy(update=size | {"w": 0.006, "membrane": 0.0, "gel": gel})
+
+
+def radii(worn: Sensor) -> np.ndarray:
+    x, y = pixel_centres(worn)
+    return np.hypot(x[None], y[:, None])
+
+
+@pytest.mark.parametrize("shape", [(120, 160), (240, 320), (480, 640)])
+@pytest.mark.parametrize(("radius", "depth"), [(0.004, 0.0004), (0.006, 0.0005), (0.003, 0.0008)])
+def test_a_ball_follows_hertz(shape, radius, depth):
+    """Force, radius of the contact, pressure and the surface around it, for one pixel per cell and for several."""
+    worn = sensor(*shape)
+    distance = radii(worn)
+    gel = press_elastic(np.maximum(depth - distance**2 / (2 * radius), 0), worn, HALF_SPACE)
+    contact, peak = np.sqrt(radius * depth), 2 * STIFF / np.pi * np.sqrt(depth / radius)
+    force, area = normal_force(gel.pressure, worn), (gel.pressure > 0).sum() * np.prod(worn.pitch)
+    assert force == pytest.approx(4 / 3 * STIFF * np.sqrt(radius) * depth**1.5, rel=0.002)
+    assert np.sqrt(area / np.pi) == pytest.approx(contact, rel=0.02)
+    assert gel.pressure.max() == pytest.approx(peak, rel=0.005)
+    around = (distance > contact) & (distance < 4 * contact)
+    r = distance[around]
+    skirt = ((2 * contact**2 - r**2) * np.arcsin(contact / r) + contact * np.sqrt(r**2 - contact**2)) / (np.pi * radius)
+    assert np.abs(gel.indentation[around] - skirt).max() < 0.01 * depth
+    inside = distance < 0.9 * contact
+    assert np.abs(gel.indentation - (depth - distance**2 / (2 * radius)))[inside].max() < 1e-4 * depth
+    hertz = peak * np.sqrt(np.maximum(1 - (distance / contact) ** 2, 0))
+    assert np.abs(gel.pressure - hertz)[inside].max() < 0.03 * peak
+
+
+def test_a_flat_punch_takes_the_force_of_its_closed_form():
+    """2 E* a d on a half-space, and around it 2 d / pi asin(a / r)."""
+    worn, depth, punch = sensor(240, 320), 3e-4, 0.003
+    distance = radii(worn)
+    gel = press_elastic(np.where(distance < punch, depth, 0), worn, HALF_SPACE)
+    assert normal_force(gel.pressure, worn) == pytest.approx(2 * STIFF * punch * depth, rel=0.02)
+    around = (distance > 1.2 * punch) & (distance < 2 * punch)
+    assert np.abs(gel.indentation[around] - 2 * depth / np.pi * np.arcsin(punch / distance[around])).max() < 0.02 * depth
+    assert gel.pressure[distance < 0.1 * punch] == pytest.approx(STIFF * depth / (np.pi * punch), rel=0.03)
+
+
+def test_a_cylinder_follows_hertz_in_its_middle():
+    """A long one: the half width of the contact is that of its force per length, 2 sqrt(F R / (pi E*)), its pressure 2 F / (pi a)."""
+    radius, depth = 0.004, 4e-4
+    worn = sensor(160, 160).model_copy(update={"given_height": 4 * SIDE, "width": SIDE / 2})  # pixels longer along y
+    x, _ = pixel_centres(worn)
+    profile = np.maximum(depth - x**2 / (2 * radius), 0)
+    gel = press_elastic(np.broadcast_to(profile, worn.shape).copy(), worn, HALF_SPACE)
+    middle = gel.pressure[worn.rows // 2]
+    per_length = middle.sum() * worn.pitch[1]
+    half = 2 * np.sqrt(per_length * radius / (np.pi * STIFF))
+    assert middle.max() == pytest.approx(2 * per_length / (np.pi * half), rel=0.01)
+    assert (middle > 0).sum() * worn.pitch[1] == pytest.approx(2 * half, rel=0.03)
+    expected = middle.max() * np.sqrt(np.maximum(1 - (x / half) ** 2, 0))
+    assert np.abs(middle - expected).max() < 0.05 * middle.max()
+
+
+def test_a_thin_compressible_layer_is_a_bed_of_springs():
+    """Under a wide punch, far from its rim: p = d M / h with the modulus M of a layer that cannot widen."""
+    thickness, depth, poisson = 4e-4, 2e-5, 0.3
+    layer = Gel(modulus=E, poisson=poisson, thickness=thickness)
+    worn = sensor(120, 160, layer)
+    distance = radii(worn)
+    gel = press_elastic(np.where(distance < 0.005, depth, 0), worn, layer)
+    springs = E * (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson)) / thickness
+    assert gel.pressure[distance < 0.003] == pytest.approx(springs * depth, rel=0.01)
+    assert np.abs(gel.indentation[distance > 0.0065]).max() < 0.01 * depth
+
+
+def test_waves_of_pressure_on_a_layer_have_the_limits_of_their_lengths():
+    long = np.array([1e-3])
+    for poisson in (0.0, 0.3, 0.48):
+        assert layer_factor(np.array([20.0]), poisson) == pytest.approx(1, abs=1e-12)
+        winkler = long * (1 - 2 * poisson) / (2 * (1 - poisson) ** 2)
+        assert layer_factor(long, poisson) == pytest.approx(winkler, rel=1e-3)
+    assert layer_factor(long, 0.5) == pytest.approx(2 / 3 * long**3, rel=1e-3)  # rubber that nothing compresses: only squeezed aside
+
+
+@pytest.mark.parametrize("gel", [HALF_SPACE, Gel(modulus=E, poisson=0.3, thickness=0.002), Gel(modulus=E, poisson=0.5, thickness=0.004)])
+def test_a_press_is_that_of_the_slow_solver(gel, rng):
+    worn = sensor(9, 12, gel)
+    for shape in ("ball", "prism", "relief"):
+        pressed = np.maximum(worn.w - random_press(worn, rng, shapes=[shape]).depth, 0)
+        found = press_elastic(pressed, worn, gel)
+        slow, pressure = slow_press(pressed, worn.pitch, modulus=gel.modulus, poisson=gel.poisson, thickness=gel.thickness)
+        assert np.abs(found.pressure - pressure).max() < 1e-3 * pressure.max()
+        assert found.pressure.sum() == pytest.approx(pressure.sum(), rel=5e-4)
+        assert np.abs(found.indentation - slow).max() < 2e-4 * pressed.max()
+
+
+def grows(number: int) -> None:
+    """Press a random shape into a random gel at three depths; the force grows by at least half as much as the depth."""
+    rng = np.random.default_rng(number)
+    gel = Gel(modulus=10 ** rng.uniform(4, 6), poisson=rng.choice([0.0, 0.3, 0.48, 0.5]), thickness=rng.choice([0.001, 0.004, 0.01, 10.0]))
+    worn = sensor(*[(100, 100), (120, 160), (240, 320)][number % 3], gel)
+    press = random_press(worn, rng)
+    deepest = float((worn.w - press.depth).max())
+    relief = np.where(np.isfinite(press.depth), -press.depth, -np.inf)
+    gels = [press_gel(press_relief(relief, worn, share * deepest), worn) for share in (0.9, 0.96, 1.0)]
+    forces = [normal_force(found.pressure, worn) for found in gels]
+    assert forces[0] > 0
+    assert (np.diff(forces) / forces[:-1] > 0.5 * np.array([0.06 / 0.9, 0.04 / 0.96])).all(), (press.shape, gel, forces)
+    for found in gels:
+        assert np.isfinite(found.indentation).all()
+        assert (found.pressure >= 0).all()
+        assert (found.contact == (found.pressure > 0)).all()
+
+
+@pytest.mark.parametrize("numbers", [range(60), pytest.param(range(60, 1000), marks=pytest.mark.slow)], ids=["60", "1000"])
+def test_force_grows_with_depth(numbers):
+    for number in numbers:
+        grows(number)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 500.0])
+def test_a_larger_sensor_feels_the_same_pressure(scale):
+    """All lengths times a number: the indentation is that many times as deep, the pressure the same, the force its square."""
+    pressed = np.maximum(5e-4 - radii(sensor(60, 80)) ** 2 / 0.008, 0)
+    small, large = (sensor(60, 80, Gel(modulus=E, thickness=0.004 * by), SIDE * by) for by in (1.0, scale))
+    found, again = (press_elastic(by * pressed, worn, worn.gel) for worn, by in ((small, 1.0), (large, scale)))
+    np.testing.assert_allclose(again.pressure, found.pressure, atol=1e-6 * found.pressure.max())
+    np.testing.assert_allclose(again.indentation / scale, found.indentation, atol=1e-6 * pressed.max())
+    assert normal_force(again.pressure, large) == pytest.approx(scale**2 * normal_force(found.pressure, small))
+
+
+def test_nothing_pressed_presses_nothing():
+    worn = sensor(100, 120)
+    gel = press_gel(np.full(worn.shape, np.inf), worn)
+    assert not gel.contact.any()
+    assert normal_force(gel.pressure, worn) == 0
+    assert (gel.indentation == 0).all()
+
+
+def test_pixels_that_do_not_fill_whole_cells_change_little():
+    """Of 321 columns three share a cell, and the last cells reach beyond the rim."""
+    force = []
+    for shape in ((160, 160), (321, 321)):
+        worn = sensor(*shape)
+        force.append(normal_force(press_elastic(np.maximum(4e-4 - radii(worn) ** 2 / 0.008, 0), worn, HALF_SPACE).pressure, worn))
+    assert force[1] == pytest.approx(force[0], rel=0.01)
+
+
+def test_a_gel_thinner_than_a_pixel_is_refused():
+    thin = Gel(modulus=E, thickness=1e-5)
+    with pytest.raises(InvalidInput, match=r"1e-05 m thick, its contact is solved on cells of 0.00018 m: give the sensor more pixels"):
+        press_elastic(np.full((60, 100), 1e-4), sensor(60, 100, thin), thin)
+
+
+def test_a_sensor_has_either_a_membrane_or_an_elastic_gel():
+    described = load_sensor("gel_16mm").model_dump(mode="json", exclude_none=True)
+    assert "gel" not in load_sensor("gel_16mm").model_dump(mode="json")  # as before there were any
+    assert Sensor.model_validate(described | {"gel": {"modulus": 2e5}}).gel == Gel(modulus=2e5)
+    with pytest.raises(ValueError, match=r"remove the membrane of 0.001 m, or the gel"):
+        Sensor.model_validate(described | {"membrane": 0.001, "gel": {"modulus": 2e5}})
+    with pytest.raises(ValueError, match="modulus"):
+        Sensor.model_validate(described | {"gel": {"poisson": 0.3}})

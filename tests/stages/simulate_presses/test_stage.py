@@ -1,0 +1,121 @@
+"""The stage on modelled objects: rows as declared, one array from another, equal for any number of pressed objects."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.touch_sensors import touch_sensor
+from pipeline.errors import InvalidInput, StageError
+from pipeline.formats.description_file import description_path
+from pipeline.kernels.touch.gel_surface import impression
+from pipeline.kernels.touch.pressed_gel import press_gel
+from pipeline.kernels.touch.tactile_image import image_of_gel
+from stages.registry import resolve
+from stages.simulate_presses.stage import SimulatePresses, pressed_sensor, scaled_gel
+from tests.stages.tiny_dataset import manifest, run_stage
+
+ARRAYS = ["press_shape", "press_depth", "press_indentation", "press_contact", "press_image"]
+SMALL = ("simulate-presses.presses=8", "simulate-presses.pixels=48")
+ELASTIC = "simulate-presses.sensor={}"
+
+
+@pytest.fixture(scope="module")
+def surfaces(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("presses")
+    run_stage(folder, "sample-surfaces", manifest())
+    return folder
+
+
+def elastic_sensor(folder: Path) -> Path:
+    path = folder / "soft.yaml"
+    path.write_text(description_path("sensor", "gel_16mm").read_text().replace("name: gel_16mm", "name: soft") + "gel: {modulus: 1.0e5}\n")
+    return path
+
+
+def test_rows_follow_from_the_stored_depth(surfaces):
+    run_stage(surfaces, "simulate-presses", manifest(), *SMALL, "simulate-presses.patches=0.5")
+    rows = ObjectRows(surfaces, [*ARRAYS, "press_untouched"], None)
+    sensor = touch_sensor(rows.attributes("presses"))
+    assert sensor.shape == (36, 48)
+    assert rows.read("press_untouched", rows.object_ids[0]).shape == (36, 48, 3)
+    drawn = []
+    for name in rows.object_ids:
+        shape, depth, indentation, contact, image = (rows.read(array, name) for array in ARRAYS)
+        drawn.append(depth)
+        assert (shape == 0).any()  # patches of the object
+        assert (shape > 0).any()
+        for one in range(8):
+            gel = press_gel(depth[one], sensor)
+            assert (gel.contact == contact[one]).all()
+            np.testing.assert_array_equal(gel.indentation.astype(np.float32), indentation[one])
+            assert (image_of_gel(gel.indentation, sensor) == image[one]).all()
+            assert 1e-4 - 1e-8 <= impression(depth[one], sensor).max() <= 1.2e-3 + 1e-8
+            assert (rows.read("press_image", name, one) == image[one]).all()
+    assert not np.array_equal(*drawn)
+    with pytest.raises(Exception, match="press_force"):
+        ObjectRows(surfaces, ["press_force"], None)
+
+
+def test_an_elastic_gel_is_stored_with_pressure_and_force(surfaces, tmp_path):
+    soft = ELASTIC.format(elastic_sensor(tmp_path))
+    run_stage(surfaces, "simulate-presses", manifest(), *SMALL, soft, "simulate-presses.patches=0")
+    rows = ObjectRows(surfaces, [*ARRAYS, "press_pressure", "press_force"], None)
+    sensor = touch_sensor(rows.attributes("presses"))
+    for name in rows.object_ids:
+        pressure, force = rows.read("press_pressure", name), rows.read("press_force", name)
+        np.testing.assert_allclose(force, pressure.sum(axis=(1, 2)) * np.prod(sensor.pitch), rtol=1e-5)
+        assert (force > 0).all()
+        assert ((pressure > 0) == rows.read("press_contact", name)).all()
+
+
+def test_a_gel_that_is_not_known_well_is_drawn_per_press(surfaces):
+    run_stage(surfaces, "simulate-presses", manifest(), *SMALL, "simulate-presses.gel=[0.3, 3]", "simulate-presses.patches=0")
+    rows = ObjectRows(surfaces, ARRAYS, None)
+    sensor = touch_sensor(rows.attributes("presses"))
+    name = rows.object_ids[0]
+    wider = [
+        indentation.sum() - press_gel(depth, sensor).indentation.sum()
+        for depth, indentation in zip(rows.read("press_depth", name), rows.read("press_indentation", name), strict=True)
+    ]
+    assert min(wider) < 0 < max(wider)
+
+
+def test_a_factor_widens_the_membrane_or_thickens_the_elastic_gel(tmp_path):
+    settings = resolve("simulate-presses", "standard", [])
+    assert scaled_gel(pressed_sensor(settings), 2.0).membrane == pytest.approx(0.0018)
+    soft = pressed_sensor(resolve("simulate-presses", "standard", [ELASTIC.format(elastic_sensor(tmp_path))]))
+    assert scaled_gel(soft, 0.5).gel.thickness == pytest.approx(0.0034)
+
+
+def test_pixels_are_square_and_null_keeps_the_cameras():
+    by_pixels = {pixels: pressed_sensor(resolve("simulate-presses", "standard", [f"pixels={pixels}"])).shape for pixels in ("160", "null")}
+    assert by_pixels == {"160": (120, 160), "null": (480, 640)}
+    assert pressed_sensor(resolve("simulate-presses", "standard", ["simulate-presses.sensor=digit"])).shape == (160, 107)
+
+
+@pytest.mark.parametrize(
+    ("assignment", "message"),
+    [
+        ("shapes=[ball, bal]", "there is no shape 'bal'; there are ball, ellipsoid"),
+        ("depth=[0.001, 0.0001]", "the least comes first, then the greatest"),
+        ("sensor=gelsite", "there is no sensor 'gelsite', did you mean gelsight"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_named(assignment, message):
+    with pytest.raises(InvalidInput, match=message):
+        resolve("simulate-presses", "standard", [f"simulate-presses.{assignment}"])
+
+
+def test_a_press_through_the_gel_is_refused_before_anything_is_made(surfaces):
+    with pytest.raises(StageError, match=r"depth goes to 0.005 m, the gel of gelsight is 0.004 m thick; press less deep"):
+        run_stage(surfaces, "simulate-presses", manifest(), "simulate-presses.depth=[0.001, 0.005]")
+
+
+def test_the_sensor_belongs_to_the_key(tmp_path):
+    soft = elastic_sensor(tmp_path)
+    settings = resolve("simulate-presses", "standard", [ELASTIC.format(soft)])
+    assert SimulatePresses().assets(settings) == [soft]

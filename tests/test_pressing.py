@@ -1,0 +1,85 @@
+"""Presses as the library makes them: of reliefs, of objects to a depth, and with an elastic gel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+import vt_pipeline as vt
+from pipeline.kernels.touch.sensor import Gel, pixel_centres
+from tests.kernels.touch.shapes import pose_at
+
+SENSOR = vt.load_sensor("gelsight", shape=(120, 160))
+RADIUS = 0.004
+MESH = trimesh.creation.icosphere(subdivisions=6, radius=RADIUS)
+BALL = vt.load_object((MESH.vertices, MESH.faces))
+X, Y = np.meshgrid(*pixel_centres(SENSOR))
+RELIEF = np.sqrt(np.maximum(RADIUS**2 - X**2 - Y**2, 0)) - np.where(np.hypot(X, Y) < RADIUS, 0, np.inf)
+ELASTIC = SENSOR.model_copy(update={"membrane": 0.0, "gel": Gel(modulus=2e5, thickness=10.0)})
+
+
+def facing(distance: float) -> np.ndarray:
+    return pose_at(np.zeros(3), np.array([0.0, 0.6, 0.8]), distance)
+
+
+def test_a_relief_and_the_object_that_it_is_of_give_the_same_touch():
+    relief, ball = vt.press(RELIEF, SENSOR, depth=6e-4), vt.press(BALL, SENSOR, facing(0.012), depth=6e-4)
+    deep = relief.contact & ball.contact
+    assert deep.sum() > 0.95 * relief.contact.sum()
+    np.testing.assert_allclose(relief.depth[deep], ball.depth[deep], atol=3e-6)  # facets of the mesh
+    assert np.linalg.norm(ball.pose[:3, 3]) == pytest.approx(RADIUS + SENSOR.w - 6e-4, abs=3e-6)
+    assert relief.success
+    assert ball.success
+    assert (relief.image == vt.image(relief.depth, SENSOR)).all()
+    assert relief.contact_area == pytest.approx(np.pi * (2 * RADIUS * 6e-4 - 6e-4**2), rel=0.02)
+    assert relief.gel.contact.sum() <= relief.contact.sum()
+
+
+def test_an_object_without_a_depth_is_pressed_where_the_pose_says():
+    pose = facing(RADIUS + SENSOR.w - 3e-4)
+    assert (vt.press(BALL, SENSOR, pose).depth == vt.touch(BALL, SENSOR, pose).depth).all()
+
+
+def test_an_elastic_gel_gives_pressure_and_force_and_the_rest_none():
+    touch, deeper = vt.press(RELIEF, ELASTIC, depth=5e-4), vt.press(RELIEF, ELASTIC, depth=6e-4)
+    stiff = 2e5 / (1 - 0.48**2)
+    assert touch.force == pytest.approx(4 / 3 * stiff * np.sqrt(RADIUS) * 5e-4**1.5, rel=0.05)  # Hertz has a paraboloid, not a ball
+    assert deeper.force > touch.force
+    assert touch.pressure.sum() * np.prod(ELASTIC.pitch) == pytest.approx(touch.force)
+    assert touch.contact_area == pytest.approx(np.pi * RADIUS * 5e-4, rel=0.06)  # half of what the ball cuts out of the gel's plane
+    assert len(touch.points) == (touch.pressure > 0).sum()
+    with pytest.raises(vt.InvalidInput, match="sensor gelsight has no elastic gel, so pressure is not known; give its file `gel:"):
+        _ = vt.press(RELIEF, SENSOR, depth=5e-4).force
+
+
+def test_noise_is_drawn_where_a_generator_is_given():
+    noisy = SENSOR.model_copy(update={"noise": 2.0})
+    clean = vt.press(RELIEF, noisy, depth=5e-4).image.astype(int)
+    assert 1 < np.abs(vt.press(RELIEF, noisy, depth=5e-4, rng=np.random.default_rng(0)).image - clean).mean() < 3
+    assert (
+        np.abs(vt.image(np.full(SENSOR.shape, np.inf), noisy, np.random.default_rng(0)) - vt.untouched_image(SENSOR).astype(int)).mean() > 1
+    )
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "message"),
+    [
+        (lambda: vt.press(RELIEF, SENSOR), TypeError, "give its depth and no pose"),
+        (lambda: vt.press(RELIEF, SENSOR, np.eye(4), depth=1e-3), TypeError, "give its depth and no pose"),
+        (lambda: vt.press(BALL, SENSOR, depth=1e-3), TypeError, "an object needs a pose"),
+        (lambda: vt.press(RELIEF.T, SENSOR, depth=1e-3), vt.InvalidInput, r"relief has shape \(160, 120\)"),
+        (lambda: vt.press(RELIEF[None], SENSOR, depth=1e-3), TypeError, r"a relief is an array \(rows, cols\) of numbers"),
+        (lambda: vt.press(RELIEF, SENSOR, depth=0.01), vt.InvalidInput, "depth is 0.01 m; a press .* less than the gel"),
+        (lambda: vt.press(BALL, SENSOR, facing(1.0), depth=1e-3), vt.InvalidInput, "no surface lies within 0.02 m in front of the pose"),
+        (lambda: vt.press(BALL, SENSOR, facing(0.012), depth=0.01), vt.InvalidInput, "depth is 0.01 m"),
+        (lambda: vt.press(BALL, SENSOR, 2 * np.eye(4), depth=1e-3), vt.InvalidInput, "not a rigid motion"),
+        (lambda: vt.image(np.zeros((3, 3)), SENSOR), vt.InvalidInput, r"depth has shape \(3, 3\)"),
+        (lambda: vt.image(np.full(SENSOR.shape, np.nan), SENSOR), vt.InvalidInput, "NaN"),
+        (lambda: vt.image([[0.0]], SENSOR), TypeError, r"depth is an array \(rows, cols\) of numbers; this is list"),
+        (lambda: vt.load_sensor("gelsight", shape=(1, 1)), vt.InvalidInput, "these are 1 x 1"),
+    ],
+)
+def test_what_cannot_be_pressed_is_named(wrong, error, message):
+    with pytest.raises(error, match=message):
+        wrong()

@@ -1,0 +1,116 @@
+"""Presses without a hand: images of depth maps, and reliefs or objects pressed to a depth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.press_shapes import press_relief
+from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.tactile_image import tactile_image
+from vt_pipeline.objects import Source, TouchObject, as_object
+from vt_pipeline.touching import Touch, as_pose, as_sensor, touch
+
+
+def image(depth: np.ndarray, sensor: Sensor | str | Path, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
+    """Compute the tactile image of a depth map.
+
+    Parameters
+    ----------
+    depth
+        (rows, cols) distance D of an object from the sensor plane, m; +inf where there is none. The gel begins at `sensor.w`.
+    sensor
+        From `load_sensor`, or what that takes; `load_sensor(name, shape=depth.shape)` gives it the pixels of the depth map.
+    rng
+        Draws the pixel noise of a sensor that has some; None for an image without noise.
+
+    Returns
+    -------
+    (rows, cols, 3) uint8.
+
+    Raises
+    ------
+    InvalidInput
+        The depth map has not the sensor's shape, or holds NaN or negative values.
+    """
+    sensor, depth = as_sensor(sensor), _as_map("depth", depth)
+    try:
+        return tactile_image(depth, sensor, rng)
+    except ValueError as error:
+        raise InvalidInput(str(error)) from error
+
+
+def press(
+    object_: TouchObject | Source | np.ndarray,
+    sensor: Sensor | str | Path,
+    pose: np.ndarray | None = None,
+    *,
+    depth: float | None = None,
+    rng: np.random.Generator | None = None,
+) -> Touch:
+    """Press a relief or an object into a sensor's gel, without a hand.
+
+    Parameters
+    ----------
+    object_
+        (rows, cols) heights towards the gel, m, one per pixel, -inf where there is none; or an object as `touch` takes it.
+    sensor
+        From `load_sensor`, or what that takes.
+    pose
+        Of an object: (4, 4) sensor frame to object frame, m. A relief has none: it lies on the sensor's pixels.
+    depth
+        How deep the deepest point lies in the gel, m. A relief needs it; with an object, the sensor is moved along its normal until it
+        is so, from where `pose` says; by default it stays there.
+    rng
+        Draws the pixel noise of a sensor that has some; None for an image without noise.
+
+    Returns
+    -------
+    The touch; that of a relief in the sensor's own frame.
+
+    Raises
+    ------
+    InvalidInput
+        A relief has another shape than the sensor, or no surface; a pose is not a rigid motion, or no surface is in front of it; the
+        depth is not between 0 and the gel's thickness.
+
+    Examples
+    --------
+    >>> sensor = load_sensor("gelsight_mini", shape=(240, 320))
+    >>> x, y = np.meshgrid(np.linspace(-9e-3, 9e-3, 320), np.linspace(-7e-3, 7e-3, 240))
+    >>> touch = press(-(x**2 + y**2) / (2 * 0.005), sensor, depth=0.5e-3)  # a ball of 5 mm radius
+    """
+    sensor = as_sensor(sensor)
+    if isinstance(object_, np.ndarray):
+        if pose is not None or depth is None:
+            raise TypeError("a relief lies on the sensor's pixels: give its depth and no pose")
+        try:
+            met = press_relief(_as_map("a relief", object_), sensor, depth).astype(np.float32)
+        except ValueError as error:
+            raise InvalidInput(str(error)) from error
+        return Touch(sensor, np.eye(4), met, tactile_image(met, sensor, rng))
+    if pose is None:
+        raise TypeError("an object needs a pose, (4, 4) sensor frame to object frame; a relief is a numpy array")
+    object_, pose = as_object(object_), as_pose("pose", pose)
+    if depth is None:
+        return touch(object_, sensor, pose, rng=rng)
+    seen = ray_depth(object_.faces, pose, sensor)
+    if np.isinf(seen).all():
+        raise InvalidInput(f"no surface lies within {sensor.range} m in front of the pose; move it towards the object:\n{pose}")
+    press_relief(-seen, sensor, depth)  # checks the depth
+    pose = pose.copy()
+    pose[:3, 3] += (depth - float((gel_surface(sensor) - seen).max())) * pose[:3, 2]
+    return touch(object_, sensor, pose, rng=rng)
+
+
+def _as_map(name: str, given: np.ndarray) -> np.ndarray:
+    """Return a map of numbers as floats; a `TypeError` for anything else."""
+    if not isinstance(given, np.ndarray) or given.ndim != 2 or given.dtype.kind not in "fiu":
+        what = f"an array {given.shape} of {given.dtype}" if isinstance(given, np.ndarray) else type(given).__name__
+        raise TypeError(f"{name} is an array (rows, cols) of numbers; this is {what}")
+    return given if given.dtype in (np.float32, np.float64) else given.astype(np.float64)
