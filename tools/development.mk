@@ -38,8 +38,8 @@ test-slurm: installed-dev installed-slurm  ## install Slurm, start one of one no
 test-storage: installed-dev  ## run all stages with their data on two servers of object storage, one killed again and again (4 minutes on 2 cores)
 	@$(BIN)/pytest -n 0 -m slow tests/test_object_storage.py
 
-test-sensors: installed-peers  ## test the shipped sensors on real photographs, beside Taxim; writes docs/sensors.md (2 minutes)
-	@OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks.real_sensors --write docs/sensors.md
+test-sensors: installed-peers  ## test the shipped sensors on real photographs, beside Taxim; with REAL=FOLDER writes docs/sensors.md (3 minutes)
+	@OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks.real_sensors --write docs/sensors.md $(if $(REAL),--real $(call quoted,$(REAL)))
 
 test-hands: installed-hands  ## grasp MANIFEST's objects with the hands of others, from wheels; contact sheets in data/hands (half an hour on 2 cores; MANIFEST=one-of-each: a fifth)
 	@$(BIN)/python -m benchmarks.hands --manifest $(call quoted,$(MANIFEST)) --site-packages .venv-hands/hands \

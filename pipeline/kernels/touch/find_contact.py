@@ -23,6 +23,8 @@ LEAST_CHANGE = 6.0
 """Levels by which a contact differs from the untouched image at least, where it differs most."""
 LEAST_SEEN = 0.4
 """Share of a contact's rim that must lie in the image."""
+LEAST_FILLED = 0.4
+"""Share of a contact that must differ by a third of where it differs most: of a contact at the rim less may be a wrong circle."""
 MARGIN = 20
 """Pixels around the place where colours change, in which they fade."""
 ANGLES, PER_PIXEL = 180, 4
@@ -77,8 +79,12 @@ def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circ
     for moved in FADES:
         circle = _checked(_by_rim(strength[..., None], circle, moved))
     x, y, _ = circle
-    circle = _checked(_by_rim(change, (x, y, _fading(size, x, y, reach)), REFINED))
-    return Circle(*circle)
+    x, y, radius = _checked(_by_rim(change, (x, y, _fading(size, x, y, reach)), REFINED))
+    row, col = np.indices(strength.shape)
+    filled = float((strength > strength.max() / 3)[np.hypot(col - x, row - y) < radius].mean())
+    if filled < LEAST_FILLED:
+        raise InvalidInput(f"no circle fits where it differs from the untouched one: {100 * filled:.0f} % of the best one differ")
+    return Circle(x, y, radius)
 
 
 def _checked(circle: Round) -> Round:
