@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.face_culling import BoxedFaces
-from pipeline.kernels.touch.press_shapes import Press, PressRanges, press_relief, small_rather
+from pipeline.kernels.touch.press_shapes import Press, PressRanges, draw_mostly_small, press_relief
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 
@@ -57,7 +57,7 @@ def random_patch(
     low, high = (faces.centre - faces.half).min(axis=1), (faces.centre + faces.half).max(axis=1)
     outside = float(np.linalg.norm(high - low))  # from a point of the object, as far as no part of it is
     for _ in range(ATTEMPTS):
-        size = small_rather(scale, rng)
+        size = draw_mostly_small(scale, rng)
         sides = {"width": sensor.width / size, "given_height": sensor.height / size, "range": 2 * outside}
         pose = _facing(points, normals, outside, ranges.tilt, rng)
         seen = ray_depth(faces, pose, sensor.model_copy(update=sides))

@@ -122,9 +122,9 @@ def random_press(sensor: Sensor, rng: np.random.Generator, ranges: PressRanges |
     if unknown := [name for name in names if name not in SHAPES]:
         raise InvalidInput(f"there is no shape {unknown[0]!r}; there are {', '.join(SHAPES)}")
     name = names[int(rng.integers(len(names)))]
-    depth, size = rng.uniform(*ranges.depth), small_rather(ranges.size, rng)
+    depth, size = rng.uniform(*ranges.depth), draw_mostly_small(ranges.size, rng)
     middle = rng.uniform(-0.5, 0.5, 2) * (sensor.width, sensor.height)
-    turn, towards = direction(rng), direction(rng)
+    turn, towards = draw_direction(rng), draw_direction(rng)
     slope = rng.uniform(0, math.tan(ranges.tilt)) if rng.random() < TILTED else 0.0
     x, y = np.meshgrid(*pixel_centres(sensor))
     x, y = x - middle[0], y - middle[1]
@@ -135,12 +135,12 @@ def random_press(sensor: Sensor, rng: np.random.Generator, ranges: PressRanges |
     return Press(name, press_relief(relief, sensor, depth))
 
 
-def small_rather(limits: tuple[float, float], rng: np.random.Generator) -> float:
+def draw_mostly_small(limits: tuple[float, float], rng: np.random.Generator) -> float:
     """Draw a number between two: half of them lie in the lowest quarter."""
     return limits[0] + (limits[1] - limits[0]) * float(rng.random()) ** 2
 
 
-def direction(rng: np.random.Generator) -> tuple[float, float]:
+def draw_direction(rng: np.random.Generator) -> tuple[float, float]:
     """Draw a direction; returns its sine and cosine."""
     sine, cosine = sin_cos(np.array(rng.uniform(0, 2 * math.pi)))
     return float(sine), float(cosine)
@@ -231,7 +231,7 @@ def _relief(x: Array, y: Array, drawn: Drawn) -> Array:
     """Make a rough plate: waves of several lengths and directions, as deep as the press; round, with upright walls."""
     heights = np.zeros_like(x)
     for _ in range(12):
-        length, phase, (sine, cosine) = drawn.rng.uniform(0.25, 1.2) * drawn.size, drawn.rng.random(), direction(drawn.rng)
+        length, phase, (sine, cosine) = drawn.rng.uniform(0.25, 1.2) * drawn.size, drawn.rng.random(), draw_direction(drawn.rng)
         turns = (cosine * x + sine * y) / length + phase
         share = 2 * (turns - np.floor(turns)) - 1
         heights += 4 * share * (1 - np.abs(share))  # nearly a sine, in fewer steps and with the same bits everywhere

@@ -127,7 +127,7 @@ def _decoded(photograph: bytes) -> NDArray[np.float64]:
 
 
 def resample(sensor: Sensor, rows: int, cols: int) -> Sensor:
-    """Give a sensor other numbers of pixels; its gel, its optics and the field of view of its background stay.
+    """Give a sensor other numbers of pixels; its gel, optics and noise per pixel stay, and so does the view of its background.
 
     Parameters
     ----------
