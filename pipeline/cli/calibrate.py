@@ -29,6 +29,7 @@ def calibrate_sensor(
     ] = None,
     shadows: Annotated[int, typer.Option(min=0, max=12, help="How many are sought.")] = 3,
     background_degree: Annotated[int | None, typer.Option(min=0, max=6, help="Background as a polynomial; else the photograph.")] = None,
+    train: Annotated[bool, typer.Option("--train", help="Train a network to read depth in the sensor's photographs too.")] = False,
 ) -> None:
     """Calibrate a sensor from photographs of a ball.
 
@@ -75,9 +76,9 @@ def calibrate_sensor(
     console.print(table)
     worst = max(found.tested_errors, key=lambda one: one.contact)
     print_line(f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact")
-    print_line(
-        f"then fitted to all {len(found.photographs)}; membrane {1e3 * fit.sensor.membrane:.2f} mm, position degree {fit.position_degree}"
-    )
+    gel = fit.sensor.gel
+    shape = f"elastic gel {1e3 * (gel.thickness or fit.sensor.w):.2f} mm thick" if gel else f"membrane {1e3 * fit.sensor.membrane:.2f} mm"
+    print_line(f"then fitted to all {len(found.photographs)}; {shape}, position degree {fit.position_degree}")
     for line in fitted_range(fit.calibration):
         print_line(line)
     for line in fit.at_end:
@@ -87,3 +88,13 @@ def calibrate_sensor(
     shown = [render_contact(half.sensor, half.calibration, one, image, radius) for one in found.tested]
     draw_calibration(found.tested, shown, report := out.with_name(f"{out.stem}-calibration.png"))
     print_line(f"{out}, {report}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")
+    if train:
+        from pipeline.formats.sensor_file import load_sensor
+        from pipeline.inference.read_touch import MODEL_SUFFIX
+        from pipeline.inference.train_sensor import save_sensor_network, train_sensor_network
+
+        model, _ = train_sensor_network(load_sensor(out))
+        save_sensor_network(model, network := out.with_name(out.stem + MODEL_SUFFIX))
+        print_line(
+            f"{network}: `vt-pipeline read-touch PHOTOGRAPHS --untouched {untouched} --sensor {shlex.quote(str(out))}` reads with it"
+        )

@@ -22,8 +22,8 @@ from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
 
 MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
 """Widths of the membrane that are tried, in contact radii."""
-THICKNESSES = (1.0, 2.0, 4.0, 8.0)
-"""Of the elastic gel, that are tried, in contact radii."""
+THICKNESSES = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
+"""Of an elastic gel, that are tried, in contact radii; the last is nearly a half-space."""
 MODULUS = 2e5
 """Pa, of an elastic gel whose forces nobody measured: its shape does not depend on it."""
 POSITION_DEGREES = (0, 1, 2, 3, 4, 5)
@@ -31,7 +31,7 @@ POSITION_DEGREES = (0, 1, 2, 3, 4, 5)
 GAIN = 0.02
 """Share of the least error that a higher degree must gain to be taken."""
 USUAL_DEGREE = 2
-"""With which the membrane is chosen where the degree is not given: the best width hardly depends on it."""
+"""With which the gel is chosen where the degree is not given: the best one hardly depends on it."""
 DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)
 """Shadows that are tried: degrees, and height over length."""
 
@@ -47,13 +47,13 @@ class FitOptions:
     shadows
         How many are sought.
     elastic
-        Whether the gel is an elastic layer, whose thickness is fitted, in place of a membrane.
+        Whether the gel is an elastic layer, whose thickness is fitted, or a membrane; None for what predicts best.
     """
 
     normal_degree: int = 3
     position_degree: int | None = None
     shadows: int = 3
-    elastic: bool = False
+    elastic: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class ColourFit:
     Attributes
     ----------
     sensor
-        The sensor with its membrane.
+        The sensor with its membrane or elastic gel.
     calibration
         Its optics; the background is the untouched photograph's mean, a constant.
     position_degree
@@ -78,10 +78,23 @@ class ColourFit:
     at_end: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class _GelShape:
+    """An elastic gel of a thickness, or a membrane of a width, in contact radii."""
+
+    elastic: bool
+    size: float
+
+    def of(self, sensor: Sensor, radius: float) -> Sensor:
+        """Give a sensor this gel, for contacts of some radius, m."""
+        gel = Gel(modulus=MODULUS, thickness=round(self.size * radius, 6)) if self.elastic else None
+        return sensor.model_copy(update={"membrane": 0.0 if self.elastic else round(self.size * radius, 6), "gel": gel})
+
+
 def fit_colours(
     sensor: Sensor, photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball_radius: float, options: FitOptions
 ) -> ColourFit:
-    """Fit membrane, coefficients and shadows.
+    """Fit the gel, coefficients and shadows.
 
     Parameters
     ----------
@@ -102,45 +115,50 @@ def fit_colours(
 
     Notes
     -----
-    The membrane, and then the degree in the position, are those with which a fit to all photographs but one predicts that one best,
+    The gel, and then the degree in the position, are those with which a fit to all photographs but one predicts that one best,
     on average over the photographs; a higher degree is taken only if it gains more than `GAIN`. Then all photographs are fitted, and
     shadows are added, each the one that explains most of what is left.
     """
     radius = float(np.median([photograph.contact.radius for photograph in photographs])) * sensor.pitch[1]
     within = contact_box(sensor, [photograph.contact for photograph in photographs])
 
-    def with_gel(share: float) -> Sensor:
-        if options.elastic:
-            return sensor.model_copy(update={"membrane": 0.0, "gel": Gel(modulus=MODULUS, thickness=share * radius)})
-        return sensor.model_copy(update={"membrane": share * radius})
-
-    def sampled(share: float, degree: int) -> list[Sample]:
-        candidate, degrees = with_gel(share), (options.normal_degree, degree)
+    def sampled(candidate: Sensor, degree: int) -> list[Sample]:
+        degrees = options.normal_degree, degree
         return sample_photographs(candidate, photographs, untouched, ball_radius=ball_radius, degrees=degrees, within=within)
 
-    given, tried = options.position_degree, THICKNESSES if options.elastic else MEMBRANES
+    given = options.position_degree
     usual = USUAL_DEGREE if given is None else given
-    shares = {share: left_out_error(sampled(share, usual)) for share in tried}
-    share = min(shares, key=shares.__getitem__)
-    samples = sampled(share, POSITION_DEGREES[-1] if given is None else given)
+    gels = _gels(options.elastic)
+    candidates = [gel.of(sensor, radius) for gel in gels]
+    errors_of_gels = [left_out_error(sampled(candidate, usual)) for candidate in candidates]
+    chosen = int(np.argmin(errors_of_gels))
+    fitted = candidates[chosen]
+    samples = sampled(fitted, POSITION_DEGREES[-1] if given is None else given)
     terms = len(powers(options.normal_degree)) - 1
     if given is None:
         parts = {degree: _of_degree(samples, degree, terms) for degree in POSITION_DEGREES}
         errors = {degree: left_out_error(part) for degree, part in parts.items()}
         given = next(degree for degree in POSITION_DEGREES if errors[degree] <= (1 + GAIN) * min(errors.values()))
         samples = parts[given]
-    fitted = with_gel(share)
     samples, shadows = _with_shadows(samples, fitted, options.shadows)
     mean: Levels = tuple(untouched.mean(axis=(0, 1)).tolist())
-    at_end = _at_end(0.0 if options.elastic else share, given if options.position_degree is None else None)
+    at_end = _at_end(gels[chosen], given if options.position_degree is None else None)
     calibration = _calibration(samples, shadows, (terms, len(powers(given))), (mean,), within)
     return ColourFit(fitted, calibration, given, tuple(at_end))
 
 
-def _at_end(share: float, degree: int | None) -> Iterator[str]:
+def _gels(elastic: bool | None) -> list[_GelShape]:
+    """List the gels that are tried."""
+    membranes = [_GelShape(False, width) for width in MEMBRANES if not elastic]
+    return membranes + [_GelShape(True, thickness) for thickness in THICKNESSES if elastic is not False]
+
+
+def _at_end(gel: _GelShape, degree: int | None) -> Iterator[str]:
     """Say which choices lie at the end of what is tried; `degree` is None where it was given."""
-    if share == MEMBRANES[-1]:
-        yield f"the membrane is as wide as the widest that is tried, {share:g} contact radii: is the ball's radius right?"
+    if not gel.elastic and gel.size == MEMBRANES[-1]:
+        yield f"the membrane is as wide as the widest that is tried, {gel.size:g} contact radii: is the ball's radius right?"
+    if gel.elastic and gel.size in (THICKNESSES[0], THICKNESSES[-1]):
+        yield f"the elastic gel is as thick as the first or last that is tried, {gel.size:g} contact radii: is the ball's radius right?"
     if degree == POSITION_DEGREES[-1]:
         yield f"the degree in the position is the highest that is tried, {degree}: --position-degree {degree + 1} may be better"
 
