@@ -15,8 +15,8 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.sensor import Sensor, masked_points
-from pipeline.kernels.touch.tactile_image import resample
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from pipeline.store.atomic import write_at_once

@@ -16,7 +16,8 @@ from benchmarks.real_touch.baselines import depth_of, look_up_table
 from benchmarks.real_touch.photograph_sets import SETS, PhotographSet, Press, SetDescription, read_sets
 from benchmarks.real_touch.scores import Reading, mean_scores, score
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.tactile_image import resample, tactile_image, untouched_image
+from pipeline.kernels.touch.resample_sensor import resample
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 
 ROWS, COLS, SCALE = 60, 80, 0.2
 SENSOR = resample(load_sensor("gelsight").model_copy(update={"membrane": 0.0}), ROWS, COLS).model_copy(
