@@ -173,7 +173,7 @@ def test_a_changed_line_in_a_kernel_rebuilds_what_stands_on_it_and_nothing_else(
     source.write_text(source.read_text() + "\nCHANGED = True\n")
     asked = [sys.executable, "-c", DRY_RUNS, json.dumps([run_of(stage, manifest, made, "--dry-run") for stage in GRASP_STAGES])]
     said = json.loads(subprocess.check_output(asked, env={**os.environ, "PYTHONPATH": str(tmp_path)}, cwd=tmp_path))
-    assert [stage for stage, words in zip(GRASP_STAGES, said, strict=True) if "would " in words] == ["simulate-touch"]
+    assert [stage for stage, words in zip(GRASP_STAGES, said, strict=True) if "would " in words] == ["simulate-touch", "simulate-presses"]
 
 
 def test_grasps_are_read_as_tensors(made):

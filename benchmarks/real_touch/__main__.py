@@ -84,19 +84,19 @@ def read_by(model: LocalTouchModel, photographs: PhotographSet) -> Method:
     return read
 
 
-def compare(photographs: PhotographSet, found: list[tuple[str, list[Reading]]]) -> Table:
-    """Tabulate each method's means, and the worst press."""
+def compare(photographs: PhotographSet, found: list[tuple[str, list[Reading]]], least_ms: dict[str, float]) -> Table:
+    """Tabulate each method's means, the worst press, and the least processor milliseconds per photograph."""
     lost = f"{len(photographs.not_found)} photographs are left out, as their contact was not found." if photographs.not_found else ""
     note = f"{len(photographs.balls)} balls to fit to, {len(photographs.presses)} presses to test on. {lost}"
-    table = Table(photographs.name, [*COLUMNS, "worst press, mm"], [note.strip()])
+    table = Table(photographs.name, [*COLUMNS, "worst press, mm", "ms per photograph"], [note.strip()])
     by_kind: dict[str, list[Scores]] = {}
     for name, readings in found:
         scores = scores_of(readings, photographs)
-        table.add(name, *cells(mean_scores(scores)), number(worst(scores)))
+        table.add(name, *cells(mean_scores(scores)), number(worst(scores)), f"{least_ms[name]:.1f}" if name in least_ms else "–")
         by_kind.setdefault(name.rpartition(", seed")[0], []).extend(scores)
     for kind, scores in by_kind.items():
         if kind:
-            table.add(f"**{kind}, mean**", *cells(mean_scores(scores)), number(worst(scores)))
+            table.add(f"**{kind}, mean**", *cells(mean_scores(scores)), number(worst(scores)), "")
     return table
 
 
@@ -163,11 +163,18 @@ def main() -> None:
     for photographs in sets:
         if chosen.predictions:
             found = [("predictions", predicted(chosen.predictions, photographs))]
+            least_ms: dict[str, float] = {}
         else:
-            found = []
+            found, least_ms = [], {}
             for name, method in methods(photographs, range(chosen.seeds), chosen.models):
-                found.append((name, [method(press.image) for press in photographs.presses]))
-        tables = [compare(photographs, found), by_press(photographs, found)]
+                readings, times = [], []
+                for press in photographs.presses:
+                    start = time.process_time()
+                    readings.append(method(press.image))
+                    times.append(1e3 * (time.process_time() - start))
+                found.append((name, readings))
+                least_ms[name] = min(times)
+        tables = [compare(photographs, found, least_ms), by_press(photographs, found)]
         for table in tables:
             pages.append(table.markdown(""))
             print(pages[-1], flush=True)

@@ -22,7 +22,7 @@ FLAT_BEYOND = 2.5
 """Contact radii from a ball beyond which its photograph shows a flat gel, to fit to as well."""
 FLAT_SHARE = 0.05
 """Share of those pixels that is taken."""
-WIDTH, STEPS, BATCH, RATE, SCALE = 64, 2000, 4096, 3e-3, 50.0
+WIDTH, STEPS, BATCH, RATE, SCALE = 64, 1500, 2048, 3e-3, 50.0
 """Of the per-pixel network: three hidden layers of 64 make 8,834 parameters; levels that it sees as 1."""
 
 
@@ -35,7 +35,8 @@ def look_up_table(photographs: PhotographSet) -> Slopes:
     tree = cKDTree(bins)
 
     def read(image: NDArray[np.uint8]) -> NDArray[np.float64]:
-        nearest = tree.query((image.astype(float) - photographs.untouched).reshape(-1, 3) / BIN)[1]
+        colours, of = np.unique((image.astype(float) - photographs.untouched).reshape(-1, 3), axis=0, return_inverse=True)
+        nearest = tree.query(colours / BIN)[1][of.ravel()]
         return means[nearest].T.reshape(2, *image.shape[:2])
 
     return read

@@ -27,7 +27,7 @@ def calibrated_sensor(photographs: PhotographSet) -> Sensor:
             "calibrated": {"coefficients": [[[0.0]] * 2] * 3, "background": [(0.0, 0.0, 0.0)]},
         }
     )
-    options = FitOptions(elastic=True)
+    options = FitOptions(elastic=True)  # a membrane leaves a step at walls, which no network can read
     fit = fit_colours(sensor, photographs.balls, photographs.untouched, 1e-3 * photographs.ball_radius, options)
     optics = fit.calibration.model_copy(update={"background": photographs.untouched_path.name})
     print(f"{photographs.name}: degree {fit.position_degree} in the position, gel {fit.sensor.gel}", flush=True)

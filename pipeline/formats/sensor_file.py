@@ -9,8 +9,8 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, read_description
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.tactile_image import resample
 
 
 def load_sensor(name: str | Path, *, shape: tuple[int, int] | None = None) -> Sensor:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import zarr
@@ -15,8 +16,8 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.sensor import Sensor, masked_points
-from pipeline.kernels.touch.tactile_image import resample
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from pipeline.store.atomic import write_at_once
@@ -142,7 +143,7 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
     files.append(folder / f"{name}.ply")
     write_at_once(files[-1], _ply(reading.points, normals[reading.contact]), durable=False)
     group = zarr.open_group(folder / ZARR, mode="a").require_group(name)
-    arrays = {
+    arrays: dict[str, tuple[np.ndarray, tuple[str, ...], dict[str, Any]]] = {
         "indentation": (reading.indentation, ("row", "col"), {"units": "m"}),
         "contact": (reading.contact, ("row", "col"), {"units": "1"}),
         "normals": (normals, ("row", "col", "xyz"), {"units": "1", "frame": "sensor"}),

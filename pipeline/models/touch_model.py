@@ -22,8 +22,8 @@ from pipeline.kernels.networks.local_network import LocalNetwork, pixel_position
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.tensor_checks import COLOURS, network_input
 from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.sensor import Sensor, masked_points
-from pipeline.kernels.touch.tactile_image import resample
 from pipeline.models.model_files import load_network, read_description, save_model, unusable
 
 UNTOUCHED = "untouched.png"

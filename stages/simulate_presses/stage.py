@@ -20,8 +20,9 @@ from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.press_patches import random_patch
 from pipeline.kernels.touch.press_shapes import Press, PressRanges, random_press
 from pipeline.kernels.touch.pressed_gel import normal_force, press_gel, scaled_gel
+from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.tactile_image import image_of_gel, resample, untouched_image
+from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.presses import PRESSED, PRESSES

@@ -27,7 +27,8 @@ from pipeline.inference.read_touch import PNG_STEP, TouchReader, write_reading
 from pipeline.inference.train_sensor import save_sensor_network
 from pipeline.kernels.networks.local_network import LocalNetwork
 from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.touch.tactile_image import resample, tactile_image, untouched_image
+from pipeline.kernels.touch.resample_sensor import resample
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.touch_model import LocalTouchModel, save_touch_model
 
 ROWS, COLS = 36, 48

@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from pipeline.errors import InvalidInput
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.calibrated_shading import deformed, indentation_change, polynomial_background
 from pipeline.kernels.touch.gel_surface import gel_surface, impression
 from pipeline.kernels.touch.lamp_shading import WHITE, shade
 from pipeline.kernels.touch.optics import Calibration, Lights
-from pipeline.kernels.touch.sensor import MAX_PIXELS_PER_SIDE, Sensor
+from pipeline.kernels.touch.sensor import Sensor
 
 
 def tactile_image(depth: np.ndarray, sensor: Sensor, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
@@ -124,38 +123,6 @@ def background(sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
 @lru_cache(maxsize=8)
 def _decoded(photograph: bytes) -> NDArray[np.float64]:
     return np.asarray(Image.open(io.BytesIO(photograph)).convert("RGB"), np.float64)
-
-
-def resample(sensor: Sensor, rows: int, cols: int) -> Sensor:
-    """Give a sensor other numbers of pixels; its gel, optics and noise per pixel stay, and so does the view of its background.
-
-    Parameters
-    ----------
-    sensor
-        The sensor; a photograph of its background is resized with it: averaged where pixels become larger, else interpolated.
-    rows, cols
-        Pixels along y and x.
-
-    Returns
-    -------
-    The sensor with these pixels.
-
-    Raises
-    ------
-    InvalidInput
-        The numbers are not from 2 to `MAX_PIXELS_PER_SIDE`.
-    """
-    if not all(isinstance(count, int | np.integer) and 2 <= count <= MAX_PIXELS_PER_SIDE for count in (rows, cols)):
-        raise InvalidInput(f"a sensor has from 2 to {MAX_PIXELS_PER_SIDE} rows and columns of pixels; these are {rows} x {cols}")
-    if (rows, cols) == sensor.shape:
-        return sensor
-    changes: dict[str, Any] = {"rows": int(rows), "cols": int(cols)}
-    if sensor.photograph is not None:
-        photograph = Image.open(io.BytesIO(sensor.photograph)).convert("RGB")
-        with io.BytesIO() as file:
-            photograph.resize((cols, rows), Image.Resampling.BILINEAR).save(file, "PNG")  # its support widens where it averages
-            changes["photograph"] = file.getvalue()
-    return sensor.model_copy(update=changes)
 
 
 def _lit(bump: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:

@@ -64,6 +64,17 @@ def test_a_flat_punch_takes_the_force_of_its_closed_form():
     assert gel.pressure[distance < 0.1 * punch] == pytest.approx(STIFF * depth / (np.pi * punch), rel=0.03)
 
 
+@pytest.mark.parametrize(("ratio", "soft", "rubber"), [(0.2, 1.207, 1.281), (0.6, 1.784, 2.211), (1, 2.480, 3.609), (2, 4.336, 9.069)])
+def test_a_flat_punch_on_a_layer_takes_the_published_force(ratio, soft, rubber):
+    """2 E* a d times the table of Hayes, Keer, Herrmann and Mockros 1972, by the punch's radius over the layer's thickness."""
+    punch, depth = 0.0045, 1e-4
+    for poisson, factor in ((0.3, soft), (0.5, rubber)):
+        layer = Gel(modulus=E, poisson=poisson, thickness=punch / ratio)
+        worn = sensor(160, 160, layer)
+        gel = press_elastic(np.where(radii(worn) < punch, depth, 0), worn, layer)
+        assert normal_force(gel.pressure, worn) == pytest.approx(factor * 2 * E / (1 - poisson**2) * punch * depth, rel=0.01)
+
+
 def test_a_cylinder_follows_hertz_in_its_middle():
     """A long one: the half width of the contact is that of its force per length, 2 sqrt(F R / (pi E*)), its pressure 2 F / (pi a)."""
     radius, depth = 0.004, 4e-4

@@ -15,8 +15,9 @@ from pipeline.kernels.touch.gel_surface import gel_surface, impression
 from pipeline.kernels.touch.press_patches import random_patch
 from pipeline.kernels.touch.press_shapes import SHAPES, PressRanges, press_relief, random_press
 from pipeline.kernels.touch.pressed_gel import press_gel
+from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.sensor import pixel_centres
-from pipeline.kernels.touch.tactile_image import image_of_gel, resample, tactile_image, untouched_image
+from pipeline.kernels.touch.tactile_image import image_of_gel, tactile_image, untouched_image
 from schemas.presses import PRESSED
 from tests.kernels.touch.shapes import ball, sheet
 

@@ -12,10 +12,10 @@ from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.formats.description_file import description_path
 from pipeline.kernels.touch.gel_surface import impression
-from pipeline.kernels.touch.pressed_gel import press_gel
+from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
 from pipeline.kernels.touch.tactile_image import image_of_gel
 from stages.registry import resolve
-from stages.simulate_presses.stage import SimulatePresses, pressed_sensor, scaled_gel
+from stages.simulate_presses.stage import SimulatePresses, pressed_sensor
 from tests.stages.tiny_dataset import manifest, run_stage
 
 ARRAYS = ["press_shape", "press_depth", "press_indentation", "press_contact", "press_image"]
