@@ -30,10 +30,15 @@ class SeenPress(NamedTuple):
 
 
 class Presses(Protocol):
-    """Presses of one sensor; `untouched` is (rows, cols, 3) uint8, its image without any."""
+    """Presses of one sensor."""
 
-    sensor: Sensor
-    untouched: NDArray[np.uint8]
+    @property
+    def sensor(self) -> Sensor:
+        """Their sensor, with their pixels."""
+
+    @property
+    def untouched(self) -> NDArray[np.uint8]:
+        """(rows, cols, 3) uint8, the image without a press."""
 
     def __len__(self) -> int:
         """Count the presses."""
