@@ -95,6 +95,5 @@ def calibrate_sensor(
 
         model, _ = train_sensor_network(load_sensor(out))
         save_sensor_network(model, network := out.with_name(out.stem + MODEL_SUFFIX))
-        print_line(
-            f"{network}: `vt-pipeline read-touch PHOTOGRAPHS --untouched {untouched} --sensor {shlex.quote(str(out))}` reads with it"
-        )
+        names = f"--untouched {shlex.quote(str(untouched))} --sensor {shlex.quote(str(out))}"
+        print_line(f"{network}: `vt-pipeline read-touch PHOTOGRAPHS {names}` reads with it")
