@@ -18,7 +18,11 @@ from pipeline.store.spec import group_spec
 from schemas.touch import TOUCH
 
 OURS, NPY, HDF5 = "Zarr, as stored (ours)", ".npy, one file per array", "HDF5, gzip and shuffle"
-MAPS = tuple(name for name, array in TOUCH.arrays.items() if array.dims[:3] == ("object", "grasp", "sensor") and "row" in array.dims)
+MAPS = tuple(
+    name
+    for name, array in TOUCH.arrays.items()
+    if array.dims[:3] == ("object", "grasp", "sensor") and "row" in array.dims and not array.optional
+)
 """Depth maps and tactile images."""
 GRASP = (0, 0)
 """Object and grasp of the one that is read alone."""

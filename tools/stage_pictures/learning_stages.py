@@ -22,8 +22,6 @@ from tools.stage_pictures.data_stages import CONTACT_COLOR
 from tools.stage_pictures.shown import Shown
 
 OBJECTS = 5
-MOST_CONTACT = 0.2
-"""Share of an image that the contact of a press fills at most, to be shown."""
 """Reconstructions that are shown."""
 
 Panels = list[tuple[str, Panel]]
@@ -49,13 +47,18 @@ def draw_unet(shown: Shown, path: Path) -> None:
 
 
 def draw_local_network(shown: Shown, path: Path) -> None:
-    """Draw the press with the largest contact that does not fill the image, and what the local network reads in it."""
+    """Draw the press with the largest contact that does not reach the rim, and what the local network reads in it."""
     model = load_touch_model(shown.source.directory.whole_folder("models/touch"), "cpu")
     assert isinstance(model, LocalTouchModel)
     row = shown.source.directory.collection(ARTIFACTS["presses"]).view(shown.object_id)
-    shares = row["press_contact"].mean(axis=(1, 2))
-    number = int(np.where(shares < MOST_CONTACT, shares, 0).argmax())
+    number = largest_whole(row["press_contact"])
     draw_row(reading_panels(model, row["press_image"][number], row["press_indentation"][number], row["press_untouched"]), path)
+
+
+def largest_whole(contacts: np.ndarray) -> int:
+    """Find the largest of some contacts, (N, rows, cols), that the rim of the image does not cut."""
+    cut = contacts[:, [0, -1]].any(axis=(1, 2)) | contacts[:, :, [0, -1]].any(axis=(1, 2))
+    return int(np.where(cut, 0, contacts.sum(axis=(1, 2))).argmax())
 
 
 def reading_panels(model: LocalTouchModel, image: np.ndarray, indentation: np.ndarray, untouched: np.ndarray) -> Panels:
