@@ -14,6 +14,7 @@
 #                     implicit-touch, implicit-occluded, implicit-occluded-touch, implicit-unoccluded, implicit-unoccluded-touch too;
 #                     implicit-any takes any of this; implicit-any-touch and its like are single rows of it
 #   SEEDS=0           trainings of each network, and evaluations of them: SEEDS="0 1 2" shows what is chance
+#   REAL=...          folder of clones of public repositories with photographs, for bench-touch and test-sensors: see docs/real-touch.md
 #   PYTHON=...        Python 3.11, 3.12 or 3.13 for the virtual environment VENV=.venv; by default the first that fits, or one that uv has
 
 .DEFAULT_GOAL := help
@@ -23,7 +24,7 @@ MAKEFLAGS += --no-builtin-rules
 
 # ---- Values. They are taken as they are: make expands nothing in them, and `quoted` keeps the shell from it. Recipes hold no line breaks.
 
-VARIABLES := MANIFEST PRESET DATA OBJECTS UNITS UP SET SHARDS WORKERS CONFIGURATIONS SEEDS LONG VENV PYTHON
+VARIABLES := MANIFEST PRESET DATA OBJECTS UNITS UP SET SHARDS WORKERS CONFIGURATIONS SEEDS LONG REAL VENV PYTHON
 define newline
 
 
@@ -69,7 +70,7 @@ run      = $(BIN)/vt-pipeline run $(call quoted,$(1)) $(options)
 RUN      = $(call run,$@)
 SHARD    = $(call run,$(basename $@)) --shard $(call quoted,$(subst .,,$(suffix $@)))
 
-.PHONY: help setup household dataset summary train-unet train evaluate report reproduce train-single-image evaluate-single-image single-image \
+.PHONY: help setup household dataset summary train-unet train-touch train evaluate report reproduce train-single-image evaluate-single-image single-image \
         renderings docs lint test clean FORCE
 FORCE:
 
@@ -98,6 +99,8 @@ simulate-presses.%: sample-surfaces.%
 sample-distances.%: sample-surfaces.%
 	@$(SHARD)
 train-unet: every-simulate-touch  ## train the U-Net that predicts depth from tactile images
+	@$(RUN)
+train-touch: every-simulate-presses  ## train the network that reads photographs from simulated presses
 	@$(RUN)
 fit-charts.%: train-unet
 	@$(SHARD)

@@ -41,6 +41,7 @@ OWN = {
     "simulate-presses": Entry("stages.simulate_presses", "SimulatePresses", "PressSettings"),
     "sample-distances": Entry("stages.sample_distances", "SampleDistances", "DistanceSettings"),
     "train-unet": Entry("stages.train_unet", "TrainUnet", "UnetSettings"),
+    "train-touch": Entry("stages.train_touch", "TrainTouch", "TouchTrainingSettings"),
     "fit-charts": Entry("stages.fit_charts", "FitCharts", "ChartSettings"),
     "train-gcn": Entry("stages.train_gcn", "TrainGcn", "GcnSettings"),
     "train-implicit": Entry("stages.train_implicit", "TrainImplicit", "ImplicitSettings"),

@@ -46,7 +46,7 @@ def test_every_stage_makes_what_it_makes_on_a_disk(address, manifest, made, monk
     assert digests(data) == digests(made)
     for stage in GRASP_STAGES:
         assert "up to date" in vt(*run_of(stage, manifest, data))
-    assert vt("validate", data).count(": valid") == 6 * 3 + 4 - 6 * _empty(data)
+    assert vt("validate", data).count(": valid") == 7 * 3 + 5 - 7 * _empty(data)
     assert files_below(place(data) / ".work") == {}
     here, there = (GraspDataset(where, ["tactile_image", "local_points"], split=None) for where in (made, data))
     assert all(np.array_equal(here[item][name], there[item][name]) for item in (0, 7) for name in ("tactile_image", "local_points"))

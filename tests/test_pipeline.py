@@ -35,6 +35,7 @@ ASSIGNMENTS = [
     *("sample-surfaces.points=2000", "simulate-grasps.attempts=6", "simulate-grasps.ik_samples=512"),
     *("simulate-presses.presses=5", "simulate-presses.pixels=40"),
     *("train-unet.width=4", "train-unet.epochs=2", "train-unet.batch_size=8", "fit-charts.max_iterations=60"),
+    *("train-touch.width=4", "train-touch.epochs=2", "train-touch.batch_size=8"),
     *("train-gcn.epochs=2", "train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.encoder_width=0.25"),
     *(
         "train-gcn.batch_size=4",
@@ -48,7 +49,7 @@ ASSIGNMENTS = [
 UNEXPLAINED = ("min D", "looked up", "2A/", "closure 0", "sampling floor", "supplement's")
 """Words that mean nothing to a reader of pages."""
 SHARDED = [name for name in GRASP_STAGES if not isinstance(load_stage(name), DatasetStage)]
-SEEN = {"train-unet": 3, "train-gcn": 3, "train-implicit": 3}
+SEEN = {"train-unet": 3, "train-touch": 3, "train-gcn": 3, "train-implicit": 3}
 """How many of the four objects a dataset stage looks at."""
 
 
@@ -94,7 +95,7 @@ def made(manifest, tmp_path_factory) -> Path:
 
 def test_every_artifact_is_there_and_valid(made):
     artifacts = {load_stage(name).output.name for name in SHARDED}
-    folders = {"models/unet", "models/gcn/occluded-touch", "models/implicit/implicit-unoccluded", "evaluation"}
+    folders = {"models/unet", "models/touch", "models/gcn/occluded-touch", "models/implicit/implicit-unoccluded", "evaluation"}
     assert set(digests(made)) == artifacts | folders
     assert vt("validate", str(made)).count(": valid") == len(artifacts | folders) + (made / "report").exists()
 

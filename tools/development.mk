@@ -1,6 +1,6 @@
 # Tests of other systems, and measurements: what only those need who change this project. Included by the Makefile.
 
-.PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-grasps bench-peers \
+.PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-grasps bench-peers bench-touch \
         tradeoff showcase test-systems weights
 
 PEERS_PYTHON := .venv-peers/bin/python
@@ -45,8 +45,8 @@ test-slurm: installed-dev installed-slurm  ## install Slurm, start one of one no
 test-storage: installed-dev  ## run all stages with their data on two servers of object storage, one killed again and again (4 minutes on 2 cores)
 	@$(BIN)/pytest -n 0 -m slow tests/test_object_storage.py
 
-test-sensors: installed-peers  ## test the shipped sensors on real photographs, beside Taxim; writes docs/sensors.md (2 minutes)
-	@OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks.real_sensors --write docs/sensors.md
+test-sensors: installed-peers  ## test the shipped sensors on real photographs, beside Taxim; with REAL=FOLDER writes docs/sensors.md (3 minutes)
+	@OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks.real_sensors --write docs/sensors.md $(if $(REAL),--real $(call quoted,$(REAL)))
 
 test-hands: installed-hands  ## grasp MANIFEST's objects with the hands of others, from wheels; contact sheets in data/hands (half an hour on 2 cores; MANIFEST=one-of-each: a fifth)
 	@$(BIN)/python -m benchmarks.hands --manifest $(call quoted,$(MANIFEST)) --site-packages .venv-hands/hands \
@@ -66,6 +66,10 @@ bench-grasps: installed-dev simulate-grasps.0  ## test DATA's grasps in PyBullet
 
 bench-peers: installed-peers installed-tacto simulate-touch.0  ## measure TACTO, Taxim, KeOps, HDF5 … beside ours; writes docs/peers.md
 	@KEOPS_CACHE_FOLDER="$$PWD/.venv-peers/keops" OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks --data $(call quoted,$(DATA)) --write docs/peers.md
+
+bench-touch: installed-dev  ## score depth read in photographs of REAL=FOLDER, beside a look-up table; writes docs/real-touch.md (20 minutes)
+	@$(if $(REAL),,echo "name the folder of the photographs: make bench-touch REAL=FOLDER (docs/real-touch.md says what to clone into it)"; exit 1)
+	@$(BIN)/python -m benchmarks.real_touch $(call quoted,$(REAL)) --write docs/real-touch.md
 
 tradeoff: installed-dev  ## measure what settings cost and how wrong they are; writes docs/tradeoff.md (40 minutes on 2 cores)
 	@$(BIN)/python -m benchmarks.tradeoff --write docs/tradeoff.md

@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli import advise, calibrate, check, export, inspection, learn, recipe, run, submit, tradeoff
+from pipeline.cli import advise, calibrate, check, export, inspection, learn, read, recipe, run, submit, tradeoff
 from pipeline.cli.failures import AGAIN, KEPT, failures_as_words
 
 PANELS: dict[str, tuple[Callable[..., None], ...]] = {
     "Make": (run.run, submit.submit, recipe.remake, tradeoff.tradeoff, advise.advise),
-    "Learn": (learn.sweep, learn.report, learn.predict, learn.demo, learn.score),
+    "Learn": (learn.sweep, learn.report, learn.predict, learn.demo, learn.score, read.read_touch),
     "Describe": (check.check, calibrate.calibrate_sensor, inspection.stages),
     "Look and export": (inspection.status, inspection.summary, export.view, export.export, recipe.recipe),
     "Maintain": (inspection.validate, inspection.reshard, inspection.collect_garbage, inspection.doctor),

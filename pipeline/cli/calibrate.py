@@ -24,16 +24,20 @@ def calibrate_sensor(
     mm_per_pixel: Annotated[float, typer.Option(min=1e-6, help="mm; of the gel's surface.")],
     thickness: Annotated[float, typer.Option(min=1e-3, help="Of the gel, mm: how far something can press in.")] = 4.0,
     normal_degree: Annotated[int, typer.Option(min=1, max=6, help="Of the polynomial in the gel's normal.")] = 3,
-    position_degree: Annotated[int, typer.Option(min=0, max=6, help="Of that in the position; 1 or 0 where all contacts lie close.")] = 2,
+    position_degree: Annotated[
+        int | None, typer.Option(min=0, max=6, help="Of that in the position; by default the one that predicts best.")
+    ] = None,
     shadows: Annotated[int, typer.Option(min=0, max=12, help="How many are sought.")] = 3,
     background_degree: Annotated[int | None, typer.Option(min=0, max=6, help="Background as a polynomial; else the photograph.")] = None,
+    train: Annotated[bool, typer.Option("--train", help="Train a network to read depth in the sensor's photographs too.")] = False,
 ) -> None:
     """Calibrate a sensor from photographs of a ball.
 
-    Its colours are fitted to every second photograph and tested on the others.
+    Its colours are fitted to every second photograph and tested on the others, then fitted to all.
     """
-    from pipeline.inference.calibrate_sensor import calibrate, check_name, read_photographs, render_contact, write_sensor
-    from pipeline.kernels.touch.calibration_fit import FitOptions
+    from pipeline.inference.ball_photographs import read_photographs
+    from pipeline.inference.calibrate_sensor import calibrate, check_name, render_contact, write_sensor
+    from pipeline.kernels.touch.colour_fit import FitOptions
     from pipeline.kernels.touch.fitted_range import fitted_range, missing_photographs
     from pipeline.kernels.touch.sensor import Sensor
     from pipeline.reports.plots import draw_calibration
@@ -62,7 +66,8 @@ def calibrate_sensor(
         raise InvalidInput(f"no sensor is like this: {invalid_entries(error)}; are lengths in mm?") from error
     for name, reason in found.left_out.items():
         errors.print(f"[yellow]left out[/] {name}: {reason}")
-    note = f"Fitted by `vt-pipeline calibrate-sensor` to {len(found.fitted)} photographs of a ball of {ball_radius:g} mm radius."
+    fit, half = found.fit, found.half
+    note = f"Fitted by `vt-pipeline calibrate-sensor` to {len(found.photographs)} photographs of a ball of {ball_radius:g} mm radius."
     write_sensor(found, out, untouched, background_degree=background_degree, note=note)
     table = Table("mean error, levels of 255", "photographs", "contact", "ring around it", "untouched: contact", "ring", box=None)
     for title, image_errors in (("fitted to", found.fitted_errors), ("held out", found.tested_errors)):
@@ -70,13 +75,25 @@ def calibrate_sensor(
         table.add_row(title, str(len(image_errors)), *(f"{mean:.1f}" for mean in means))
     console.print(table)
     worst = max(found.tested_errors, key=lambda one: one.contact)
-    print_line(
-        f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact; membrane {1e3 * found.sensor.membrane:.2f} mm"
-    )
-    for line in fitted_range(found.calibration):
+    print_line(f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact")
+    gel = fit.sensor.gel
+    shape = f"elastic gel {1e3 * (gel.thickness or fit.sensor.w):.2f} mm thick" if gel else f"membrane {1e3 * fit.sensor.membrane:.2f} mm"
+    print_line(f"then fitted to all {len(found.photographs)}; {shape}, position degree {fit.position_degree}")
+    for line in fitted_range(fit.calibration):
         print_line(line)
-    for line in missing_photographs(found.sensor, found.calibration, [photograph.contact for photograph in found.fitted]):
+    for line in fit.at_end:
+        errors.print(f"[yellow]at the end of its range[/] {line}")
+    for line in missing_photographs(fit.sensor, fit.calibration, [photograph.contact for photograph in found.photographs]):
         errors.print(f"[yellow]missing[/] {line}")
-    shown = [render_contact(found.sensor, found.calibration, one, image, radius) for one in found.tested]
+    shown = [render_contact(half.sensor, half.calibration, one, image, radius) for one in found.tested]
     draw_calibration(found.tested, shown, report := out.with_name(f"{out.stem}-calibration.png"))
     print_line(f"{out}, {report}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")
+    if train:
+        from pipeline.formats.sensor_file import load_sensor
+        from pipeline.inference.read_touch import MODEL_SUFFIX
+        from pipeline.inference.train_sensor import save_sensor_network, train_sensor_network
+
+        model, _ = train_sensor_network(load_sensor(out))
+        save_sensor_network(model, network := out.with_name(out.stem + MODEL_SUFFIX))
+        names = f"--untouched {shlex.quote(str(untouched))} --sensor {shlex.quote(str(out))}"
+        print_line(f"{network}: `vt-pipeline read-touch PHOTOGRAPHS {names}` reads with it")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,27 +14,15 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
+from pipeline.inference.ball_photographs import MIN_PHOTOGRAPHS, reasons
+from pipeline.kernels.touch.ball_contact import RING, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.calibrated_shading import calibrated_change
-from pipeline.kernels.touch.calibration_fit import (
-    RING,
-    Circle,
-    FitOptions,
-    Photograph,
-    ball_impression,
-    distance_from,
-    fit_background,
-    fit_calibration,
-)
-from pipeline.kernels.touch.find_contact import find_contact
+from pipeline.kernels.touch.colour_fit import ColourFit, FitOptions, fit_background, fit_colours
 from pipeline.kernels.touch.optics import Calibration
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.atomic import write_at_once
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-CIRCLES = "circles.csv"
-"""File of known contacts: name, x, y, radius in pixels, from the centre of pixel (0, 0). Other contacts are detected."""
 SENSOR_NAME = re.compile(r"[A-Za-z0-9._-]{1,120}")
-MIN_PHOTOGRAPHS = 4
 
 
 @dataclass(frozen=True)
@@ -52,56 +38,33 @@ class ImageErrors:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """Hold a calibrated sensor, its errors on the photographs for fitting and testing, and the reasons why others are left out."""
+    """Hold a calibrated sensor and how well its like predicts photographs.
 
-    sensor: Sensor
-    calibration: Calibration
-    fitted: list[Photograph]
-    tested: list[Photograph]
+    Attributes
+    ----------
+    fit
+        To all photographs: what is written.
+    half
+        To every second one, which alone the errors are of.
+    photographs
+        All that were used; the odd ones are held out from `half`.
+    fitted_errors, tested_errors
+        Of `half`, on the photographs that it was fitted to, and on the others.
+    left_out
+        Why other photographs are not used, by name.
+    """
+
+    fit: ColourFit
+    half: ColourFit
+    photographs: list[Photograph]
     fitted_errors: list[ImageErrors]
     tested_errors: list[ImageErrors]
     left_out: dict[str, str]
 
-
-def read_photographs(folder: Path, untouched_path: Path) -> tuple[list[Photograph], NDArray[np.uint8], dict[str, str]]:
-    """Read photographs, and detect their contacts.
-
-    Parameters
-    ----------
-    folder
-        Image files, and perhaps a file `CIRCLES`.
-    untouched_path
-        The photograph with nothing in the gel; it may lie in the folder.
-
-    Returns
-    -------
-    The usable photographs, sorted by name; the untouched one; and why others are left out, by name.
-
-    Raises
-    ------
-    InvalidInput
-        The folder does not exist, the untouched photograph or `CIRCLES` cannot be read, `CIRCLES` names another file,
-        or fewer than `MIN_PHOTOGRAPHS` can be used.
-    """
-    if not folder.is_dir():
-        raise InvalidInput(f"folder {folder} does not exist; give one with photographs of a ball in the gel")
-    untouched, circles = read_image(untouched_path), _read_circles(folder / CIRCLES)
-    photographs: list[Photograph] = []
-    left_out: dict[str, str] = {}
-    for path in _image_files(folder, untouched_path):
-        try:
-            image = read_image(path)
-            photographs.append(Photograph(path.name, image, _contact(image, untouched, circles.get(path.name))))
-        except InvalidInput as error:
-            left_out[path.name] = str(error)
-    if unknown := sorted(circles.keys() - left_out.keys() - {photograph.name for photograph in photographs}):
-        raise InvalidInput(
-            f"{folder / CIRCLES} names {unknown[0]}, which is not a photograph in {folder}; correct its name, or remove the line"
-        )
-    if len(photographs) < MIN_PHOTOGRAPHS:
-        reasons = _reasons(left_out) or "it holds no others"
-        raise InvalidInput(f"{folder} has {len(photographs)} usable photographs, {MIN_PHOTOGRAPHS} are needed; {reasons}")
-    return photographs, untouched, left_out
+    @property
+    def tested(self) -> list[Photograph]:
+        """Photographs that `half` was not fitted to."""
+        return self.photographs[1::2]
 
 
 def check_name(path: Path, untouched_path: Path) -> None:
@@ -110,40 +73,6 @@ def check_name(path: Path, untouched_path: Path) -> None:
         raise InvalidInput(f"{path}: a sensor file is called NAME.yaml, NAME of letters, digits, '.', '_' and '-'")
     if path.with_suffix(".png").resolve() == untouched_path.resolve():
         raise InvalidInput(f"{untouched_path} would be replaced by the report of {path}; rename one of them")
-
-
-def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], given: Circle | None) -> Circle:
-    if image.shape != untouched.shape:
-        own, other = (f"{pixels.shape[0]} x {pixels.shape[1]}" for pixels in (image, untouched))
-        raise InvalidInput(f"it has {own} pixels, the untouched photograph {other}")
-    return given or find_contact(image, untouched)
-
-
-def _image_files(folder: Path, untouched_path: Path) -> list[Path]:
-    files = (file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)
-    return sorted(file for file in files if file.resolve() != untouched_path.resolve())
-
-
-def _reasons(left_out: dict[str, str]) -> str:
-    return "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
-
-
-def _read_circles(path: Path) -> dict[str, Circle]:
-    if not path.is_file():
-        return {}
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte-order mark
-            circles = {row["name"]: Circle(float(row["x"]), float(row["y"]), float(row["radius"])) for row in csv.DictReader(file)}
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInput(
-            f"{path} needs the columns name, x, y, radius, with numbers in pixels; {type(error).__name__}: {error}"
-        ) from error
-    for name, circle in circles.items():
-        if not (math.isfinite(circle.x) and math.isfinite(circle.y) and 0 < circle.radius < math.inf):
-            raise InvalidInput(
-                f"{path}: {name} has x {circle.x}, y {circle.y}, radius {circle.radius}; they must be finite, the radius above 0"
-            )
-    return circles
 
 
 def calibrate(
@@ -155,7 +84,7 @@ def calibrate(
     options: FitOptions,
     left_out: dict[str, str],
 ) -> CalibrationResult:
-    """Fit a sensor to every second photograph and test it on the others.
+    """Fit a sensor to every second photograph and test it on the others; then fit it to all.
 
     Parameters
     ----------
@@ -170,7 +99,7 @@ def calibrate(
 
     Returns
     -------
-    The sensor that was fitted to half of the photographs, with its errors on both halves.
+    The sensor that was fitted to all photographs, and the errors on both halves of the one that was fitted to half of them.
 
     Raises
     ------
@@ -186,13 +115,14 @@ def calibrate(
     usable = [photograph for photograph in photographs if photograph.name not in too_large]
     left_out = left_out | too_large
     if len(usable) < MIN_PHOTOGRAPHS:
-        raise InvalidInput(f"{len(usable)} photographs can be used, {MIN_PHOTOGRAPHS} are needed; {_reasons(left_out)}")
-    fitted, tested = usable[::2], usable[1::2]
-    fitted_sensor, calibration = fit_calibration(sensor, fitted, untouched, ball_radius, options)
-    fitted_errors, tested_errors = (
-        [image_errors(fitted_sensor, calibration, photograph, untouched, ball_radius) for photograph in half] for half in (fitted, tested)
+        raise InvalidInput(f"{len(usable)} photographs can be used, {MIN_PHOTOGRAPHS} are needed; {reasons(left_out)}")
+    half = fit_colours(sensor, usable[::2], untouched, ball_radius, options)
+    fitted, tested = (
+        [image_errors(half.sensor, half.calibration, photograph, untouched, ball_radius) for photograph in part]
+        for part in (usable[::2], usable[1::2])
     )
-    return CalibrationResult(fitted_sensor, calibration, fitted, tested, fitted_errors, tested_errors, left_out)
+    fit = fit_colours(sensor, usable, untouched, ball_radius, options)
+    return CalibrationResult(fit, half, usable, fitted, tested, left_out)
 
 
 def image_errors(
@@ -218,7 +148,8 @@ def image_errors(
     model = render_contact(sensor, calibration, photograph, untouched, ball_radius)
     distance = distance_from(sensor, photograph.contact) / (photograph.contact.radius * sensor.pitch[1])
     contact, ring = distance < 1, (distance >= 1) & (distance < RING)
-    means = [float(np.abs(image.astype(float) - photograph.image)[at].mean()) for image in (model, untouched) for at in (contact, ring)]
+    apart = [np.abs(image.astype(float) - photograph.image) for image in (model, untouched)]
+    means = [float(difference[at].mean()) if at.any() else 0.0 for difference in apart for at in (contact, ring)]
     return ImageErrors(photograph.name, *means)
 
 
@@ -262,7 +193,7 @@ def write_sensor(result: CalibrationResult, path: Path, untouched_path: Path, *,
     note
         Comment at the head of the file.
     """
-    sensor, calibration = result.sensor, result.calibration
+    sensor, calibration = result.fit.sensor, result.fit.calibration
     if background_degree is None:
         photograph = path.with_name(f"{path.stem}-untouched{untouched_path.suffix.lower()}")
         if photograph.resolve() != untouched_path.resolve():  # a previous run may have written it

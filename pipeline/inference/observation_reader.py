@@ -115,12 +115,13 @@ class ObservationReader:
 
     @cached_property
     def unet(self) -> TouchModel:
-        """Load the U-Net beside the models."""
-        if "unet.json" not in names_in(self.models):
+        """Load the network beside the models by whose points charts were fitted: the U-Net, or the local one."""
+        name, called = ("touch", "local network") if self._chart_settings().cloud == "local" else ("unet", "U-Net")
+        if f"{name}.json" not in names_in(self.models):
             raise StageError(
-                f"{self.models} has no U-Net, which makes points of tactile images; name the models of a data directory with one"
+                f"{self.models} has no {called}, which makes points of tactile images; name the models of a data directory with one"
             )
-        return load_touch_model(DataDirectory(self.models).whole_folder("unet"), self.device)
+        return load_touch_model(DataDirectory(self.models).whole_folder(name), self.device)
 
     def _charts(
         self, tactile_images: NDArray[np.uint8], poses: NDArray[np.float64], touched: Sequence[bool | Literal["auto"]] | NDArray[np.bool_]

@@ -1,39 +1,60 @@
-"""Trained U-Nets: from tactile images to depth maps and local point clouds."""
+"""Trained networks that read tactile images: depth maps, contact and local point clouds."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from PIL import Image
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from torch import Tensor, nn
+from torch.nn.functional import interpolate
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.networks.contact_mask import contact_mask
+from pipeline.kernels.networks.local_network import LocalNetwork, pixel_positions
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.tensor_checks import COLOURS, network_input
+from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 from pipeline.models.model_files import load_network, read_description, save_model, unusable
 
 UNTOUCHED = "untouched.png"
 IMAGES_AT_ONCE = 32
 """Tactile images in one batch: at Table 5's width about half a GB of features."""
+SIDES_TOLERANCE = 0.03
+"""By which the sides of photographs may differ from the sensor's: pixels that are not quite square."""
+SENSOR_MEANS = ("name", "width", "height", "w", "surface", "calibrated", "lights", "diffuse")
+"""What two descriptions of one sensor have in common, whatever their pixels, gel and background."""
+MM = 1e3
 
 
 class _Description(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    network: Literal["unet", "local"] = "unet"
     width: int = Field(ge=1, le=2**12)
-    mask_threshold: float = Field(ge=0, le=COLOURS)
+    mask_threshold: float | None = Field(default=None, ge=0, le=COLOURS)
     sensor: Sensor
 
+    @model_validator(mode="after")
+    def _has_a_threshold(self) -> _Description:
+        if (self.network == "unet") == (self.mask_threshold is None):
+            raise ValueError(f"mask_threshold is {self.mask_threshold}; a U-Net has one, and a local network finds contact itself")
+        return self
 
-def save_touch_model(folder: Path, network: UNet, *, sensor: Sensor, untouched: np.ndarray, mask_threshold: float) -> None:
-    """Write a trained U-Net with all that its users need.
+
+def save_touch_model(
+    folder: Path, network: UNet | LocalNetwork, *, sensor: Sensor, untouched: np.ndarray, mask_threshold: float | None = None
+) -> None:
+    """Write a trained network with all that its users need.
 
     Parameters
     ----------
@@ -44,28 +65,35 @@ def save_touch_model(folder: Path, network: UNet, *, sensor: Sensor, untouched: 
     sensor, untouched
         The sensor of its tactile images, and the one without contact, (H, W, 3) uint8 sRGB.
     mask_threshold
-        Difference of colours, 0 to 255, above which a pixel touches.
+        Of a U-Net: squared difference of colours above which a pixel touches, see `contact_mask`.
     """
     Image.fromarray(untouched).save(folder / UNTOUCHED)  # PNG: lossless
-    save_model(folder, network, {"width": network.width, "mask_threshold": mask_threshold, "sensor": sensor.model_dump(mode="json")})
+    described = {"width": network.width, "sensor": sensor.model_dump(mode="json")}
+    own = {"network": "local"} if isinstance(network, LocalNetwork) else {"mask_threshold": mask_threshold}
+    save_model(folder, network, described | own)
 
 
 def load_touch_model(folder: Path, device: torch.device | str) -> TouchModel:
-    """Load the U-Net that `train-unet` saved in `folder`; raise a `StoreError` if it is missing."""
+    """Load the network that `train-unet` or `train-touch` saved in `folder`; raise a `StoreError` if it is missing."""
     described = read_description(folder, _Description)
-    network = load_network(folder, lambda: UNet(described.width), device)
+    kind = LocalNetwork if described.network == "local" else UNet
+    network: nn.Module = load_network(folder, lambda: kind(described.width), device)
     try:
         untouched = read_image(folder / UNTOUCHED)
     except InvalidInput as error:
         raise unusable(folder, error) from error
     if untouched.shape[:2] != described.sensor.shape:
         raise unusable(folder, f"{UNTOUCHED} has {untouched.shape[:2]} pixels, its sensor {described.sensor.shape}")
-    return TouchModel(network, described.sensor, untouched, described.mask_threshold)
+    if isinstance(network, LocalNetwork):
+        return LocalTouchModel(network, described.sensor, untouched)
+    assert isinstance(network, UNet)
+    assert described.mask_threshold is not None
+    return UnetTouchModel(network, described.sensor, untouched, described.mask_threshold)
 
 
 @dataclass(frozen=True)
-class TouchModel:
-    """A trained U-Net in evaluation mode.
+class TouchModel(ABC):
+    """A trained network in evaluation mode.
 
     Attributes
     ----------
@@ -75,15 +103,13 @@ class TouchModel:
         Whose tactile images it was trained on.
     untouched
         (H, W, 3) uint8, that sensor's image with nothing on it.
-    mask_threshold
-        See `contact_mask`.
     """
 
-    network: UNet
+    network: nn.Module
     sensor: Sensor
     untouched: NDArray[np.uint8]
-    mask_threshold: float
 
+    @abstractmethod
     def depth(self, images: np.ndarray) -> NDArray[np.float32]:
         """Predict the depth D from the sensor plane.
 
@@ -101,6 +127,31 @@ class TouchModel:
         InvalidInput
             The images are not this sensor's.
         """
+
+    @abstractmethod
+    def mask(self, images: np.ndarray) -> NDArray[np.bool_]:
+        """Find the pixels that touched, (N, H, W) bool; parameters and errors as `depth`."""
+
+    def clouds(self, images: np.ndarray) -> list[NDArray[np.float64]]:
+        """Predict the local point cloud of each image: (n, 3) sensor frame, m, row by row; n may be 0. Parameters and errors as `depth`."""
+        depth, mask = self.depth(images), self.mask(images)
+        seen = resample(self.sensor, *depth.shape[1:])
+        return [masked_points(*maps, seen) for maps in zip(depth, mask, strict=True)]
+
+    @abstractmethod
+    def check_sensor(self, sensor: Sensor) -> None:
+        """Raise `InvalidInput` where `sensor` is not the one of the tactile images that the network was trained on."""
+
+
+@dataclass(frozen=True)
+class UnetTouchModel(TouchModel):
+    """The paper's U-Net, for images with its sensor's pixels; `mask_threshold` as in `contact_mask`."""
+
+    network: UNet
+    mask_threshold: float
+
+    def depth(self, images: np.ndarray) -> NDArray[np.float32]:
+        """Predict the depth D."""
         self._check(images)
         parameter = next(self.network.parameters())
         with torch.inference_mode():
@@ -109,16 +160,12 @@ class TouchModel:
             return (share * self.sensor.w).float().cpu().numpy()
 
     def mask(self, images: np.ndarray) -> NDArray[np.bool_]:
-        """Find the pixels that touched, (N, H, W) bool; parameters and errors as `depth`."""
+        """Find the pixels whose colour differs from the untouched image's."""
         self._check(images)
         return contact_mask(torch.tensor(images), torch.tensor(self.untouched), self.mask_threshold).numpy()
 
-    def clouds(self, images: np.ndarray) -> list[NDArray[np.float64]]:
-        """Predict the local point cloud of each image: (n, 3) sensor frame, m, row by row; n may be 0. Parameters and errors as `depth`."""
-        return [masked_points(*maps, self.sensor) for maps in zip(self.depth(images), self.mask(images), strict=True)]
-
     def check_sensor(self, sensor: Sensor) -> None:
-        """Raise `InvalidInput` where `sensor` is not the one of the tactile images that the U-Net was trained on."""
+        """Raise `InvalidInput` where the sensor is another one."""
         if sensor != self.sensor:
             raise InvalidInput(
                 f"the U-Net knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s: run train-unet on these"
@@ -129,4 +176,90 @@ class TouchModel:
             raise InvalidInput(
                 f"tactile images are {images.dtype} {images.shape}; this model was trained on sensor {self.sensor.name!r}: "
                 f"uint8 (N, {', '.join(map(str, self.untouched.shape))})"
+            )
+
+
+class GelReading(NamedTuple):
+    """What a local network reads: (N, H, W) float32 indentation of the gel, m, and its contact."""
+
+    indentation: NDArray[np.float32]
+    contact: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class LocalTouchModel(TouchModel):
+    """A local network, for images of its sensor with any number of pixels: it reads them with the pixels that it was trained on."""
+
+    network: LocalNetwork
+
+    def read(self, images: np.ndarray, untouched: np.ndarray | None = None) -> GelReading:
+        """Read the gel in photographs.
+
+        Parameters
+        ----------
+        images
+            (N, H, W, 3) uint8.
+        untouched
+            (H, W, 3) uint8, the photograph with nothing in the gel of the same day; by default the model's own.
+
+        Returns
+        -------
+        Indentation, >= 0, and contact, with the images' pixels.
+
+        Raises
+        ------
+        InvalidInput
+            The images are not uint8 colours, have not the sides of the sensor, or `untouched` has other pixels.
+        """
+        self._check(images, untouched)
+        parameter = next(self.network.parameters())
+        position = pixel_positions(*self.sensor.shape).to(parameter)
+        pitch = (MM * self.sensor.pitch[0], MM * self.sensor.pitch[1])
+        parts = []
+        with torch.inference_mode():
+            rest = self._seen(self.untouched if untouched is None else untouched, parameter)
+            for first in range(0, len(images), IMAGES_AT_ONCE):
+                change = self._seen(images[first : first + IMAGES_AT_ONCE], parameter) - rest
+                shape = self.network(change, position, pitch)
+                maps = torch.stack([shape.depth.clamp(min=0) / MM, shape.contact], dim=1)
+                parts.append(interpolate(maps, size=images.shape[1:3], mode="bilinear").cpu())
+        depth, contact = torch.cat(parts).unbind(dim=1)
+        return GelReading(depth.float().numpy(), (contact > 0).numpy())
+
+    def depth(self, images: np.ndarray) -> NDArray[np.float32]:
+        """Predict the depth D: of the gel at rest, less its indentation."""
+        reading = self.read(images)
+        rest = gel_surface(resample(self.sensor, *images.shape[1:3]))
+        return np.maximum(rest - reading.indentation, 0).astype(np.float32)
+
+    def mask(self, images: np.ndarray) -> NDArray[np.bool_]:
+        """Find the contact."""
+        return self.read(images).contact
+
+    def check_sensor(self, sensor: Sensor) -> None:
+        """Raise `InvalidInput` where the sensor is another one, but for its number of pixels and how its gel gives way."""
+        if any(getattr(sensor, name) != getattr(self.sensor, name) for name in SENSOR_MEANS):
+            raise InvalidInput(
+                f"the local network knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s: run train-touch for it"
+            )
+
+    def _seen(self, images: np.ndarray, parameter: Tensor) -> Tensor:
+        """Average (…, H, W, 3) images to the network's pixels: (B, 3, rows, cols), levels."""
+        levels = torch.tensor(images, device=parameter.device).reshape(-1, *images.shape[-3:]).permute(0, 3, 1, 2).to(parameter.dtype)
+        return interpolate(levels, size=self.sensor.shape, mode="area")
+
+    def _check(self, images: np.ndarray, untouched: np.ndarray | None) -> None:
+        if images.ndim != 4 or images.shape[3] != COLOURS or images.dtype != np.uint8:
+            raise InvalidInput(f"tactile images are {images.dtype} {images.shape}; the local network reads uint8 (N, rows, cols, 3)")
+        if untouched is not None and (untouched.shape != images.shape[1:] or untouched.dtype != np.uint8):
+            raise InvalidInput(f"the untouched photograph is {untouched.dtype} {untouched.shape}, the others are {images.shape[1:]}")
+        self.check_sides(images.shape[1], images.shape[2])
+
+    def check_sides(self, rows: int, cols: int) -> None:
+        """Raise an `InvalidInput` where images of this many pixels are wider or higher than the sensor is."""
+        given, own = cols / rows, self.sensor.width / self.sensor.height
+        if abs(given / own - 1) > SIDES_TOLERANCE:
+            raise InvalidInput(
+                f"photographs of {rows} x {cols} pixels are {given:.3g} times as wide as high, sensor {self.sensor.name} is {own:.3g}: "
+                "crop them to what the sensor file describes"
             )

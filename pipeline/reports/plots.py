@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.console import visible
 from pipeline.errors import InvalidInput
-from pipeline.kernels.touch.calibration_fit import RING, Photograph
+from pipeline.kernels.touch.ball_contact import RING, Photograph
 from pipeline.reports.contact_sheet_page import COLORS, spread_evenly
 from pipeline.store.atomic import write_at_once
 

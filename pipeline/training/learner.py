@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -17,7 +17,11 @@ class Learner(ABC):
     ----------
     network
         The network. The loop may train it in a wrapper: `loss` and `validate` take the network as an argument.
+    keeps_last
+        Whether the last epoch's weights are kept instead of the best epoch's, where validation does not tell which are best.
     """
+
+    keeps_last: ClassVar[bool] = False
 
     def __init__(self, network: nn.Module) -> None:
         self.network = network

@@ -250,7 +250,7 @@ class _Training:
         if not math.isfinite(row["loss"]):
             raise StageError(f"{self.name}: the validation loss of epoch {progress.epoch + 1} is {row['loss']}; lower learning_rate")
         self.fabric.log_dict(row, step=progress.epoch)
-        if not progress.history or row["loss"] < progress.history[progress.best]["loss"]:
+        if not progress.history or self.learner.keeps_last or row["loss"] < progress.history[progress.best]["loss"]:
             progress.best = progress.epoch
             self.best = {name: value.detach().cpu().clone() for name, value in self.module.state_dict().items()}
         progress.history.append(row)

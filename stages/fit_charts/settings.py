@@ -17,9 +17,10 @@ TIGHT_RESIDUAL = 1e-4
 class ChartSettings(ObjectSettings):
     """How touch charts are fitted to point clouds (supplement 2.3)."""
 
-    cloud: Literal["predicted", "true"] = setting(
+    cloud: Literal["predicted", "local", "true"] = setting(
         "predicted",
-        "the points a trained U-Net sees in the tactile image, the supplement's way; `true` are those of the depth map",
+        "the points a trained U-Net sees in the tactile image, the supplement's way; `local`: those that `train-touch`'s network reads; "
+        "`true` are those of the depth map",
         changes="definition",
     )
     halt: float = setting(6e-4, "Chamfer distance, sensor widths², below which a chart is done: the supplement's", gt=0)

@@ -27,8 +27,8 @@ from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 from stages.fit_charts.settings import ChartSettings
 
-UNET = "models/unet"
-"""The folder of `train-unet`'s network, below the data directory."""
+NETWORKS = {"predicted": "models/unet", "local": "models/touch"}
+"""The folders of the networks of `train-unet` and `train-touch`, below the data directory, by `cloud`."""
 TOUCHES = 18
 """Touches per object: nine of the twenty sensors in ten."""
 
@@ -46,8 +46,8 @@ class FitCharts(ObjectStage):
         return (TOUCH, GRASPS)
 
     def models(self, settings: ChartSettings) -> tuple[str, ...]:
-        """Name the U-Net's folder, if the settings ask for its points."""
-        return (UNET,) if settings.cloud == "predicted" else ()
+        """Name the folder of the network whose points the settings ask for."""
+        return (NETWORKS[settings.cloud],) if settings.cloud in NETWORKS else ()
 
     def constants(self, settings: ChartSettings) -> Row:
         """Make the triangles, the same in each chart."""
@@ -60,9 +60,10 @@ class FitCharts(ObjectStage):
 
     @contextmanager
     def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        """Load the U-Net if the settings use it; compute on one thread per worker, for results that do not depend on their number."""
+        """Load the network that the settings use; compute on one thread per worker, for results that do not depend on their number."""
         with torch_threads(1):
-            model = load_touch_model(models[UNET], settings.device) if settings.cloud == "predicted" else None
+            folder = models[NETWORKS[settings.cloud]] if settings.cloud in NETWORKS else None
+            model = load_touch_model(folder, settings.device) if folder else None
             yield lambda unit, inputs: _process(unit, inputs, settings, model)
 
 
@@ -83,7 +84,7 @@ def _process(unit: Unit, inputs: Inputs, settings: ChartSettings, model: TouchMo
 
 
 def _clouds(inputs: Inputs, touched: NDArray[np.bool_], sensor: Sensor, model: TouchModel | None) -> list[NDArray[np.float64]]:
-    """Predict the points of each touch by the U-Net; without one, take those with D < w. Sensor frame, m."""
+    """Predict the points of each touch by a network; without one, take those with D < w. Sensor frame, m."""
     touch = inputs["touch"]
     if model is None:
         return [masked_points(depth, in_gel(depth, sensor), sensor) for depth in touch["depth"][touched].astype(np.float64)]

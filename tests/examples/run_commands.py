@@ -73,6 +73,7 @@ DRAFT = {
     "simulate-presses": {"presses": 5, "pixels": 40},
     "sample-distances": {"queries": 1024},
     "train-unet": {"width": 4, "epochs": 1},
+    "train-touch": {"width": 4, "epochs": 1},
     "fit-charts": {"max_iterations": 60},
     "train-gcn": {**GRAPH, "encoder_layers": 12},
     "train-implicit": {"epochs": 1, "features": 8, "encoder_width": 0.1, "spacing": 0.02},

@@ -10,8 +10,9 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
-from pipeline.inference.calibrate_sensor import read_photographs
-from pipeline.kernels.touch.calibration_fit import Circle, ball_impression
+from pipeline.inference.ball_photographs import read_photographs
+from pipeline.inference.read_touch import TouchReader
+from pipeline.kernels.touch.ball_contact import Circle, ball_impression
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import background, tactile_image, untouched_image
 
@@ -132,3 +133,21 @@ def test_a_name_that_no_sensor_can_have_is_refused_before_the_fit(folder: Path, 
     result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(tmp_path / name), *size])
     assert result.exit_code == 1
     assert "a sensor file is called NAME.yaml" in " ".join(result.output.split())
+
+
+@pytest.mark.slow
+def test_train_ends_with_a_network_that_reads_the_photographs(folder: Path, tmp_path: Path) -> None:
+    """Where the network says that something touches lies the contact, and the gel is pressed in as deep as the ball."""
+    out, untouched = tmp_path / "mine.yaml", folder.parent / "untouched.png"
+    size = ["--ball-radius", "2", "--mm-per-pixel", str(1e3 * TRUE.pitch[1]), "--untouched", str(untouched)]
+    result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(out), *size, "--position-degree", "2", "--train"])
+    assert result.exit_code == 0, result.output
+    assert "mine-touch: `vt-pipeline read-touch PHOTOGRAPHS" in " ".join(result.output.split())
+    photographs, image, _ = read_photographs(folder, untouched)
+    reader = TouchReader(out, image)
+    for one in photographs[:3]:
+        reading = reader.read(one.image)
+        rows, cols = np.nonzero(reading.contact)
+        assert np.hypot(cols.mean() - one.contact.x, rows.mean() - one.contact.y) < 0.3 * one.contact.radius
+        deepest = ball_impression(load_sensor(out), one.contact, BALL).max()
+        assert reading.indentation.max() == pytest.approx(deepest, rel=0.4)

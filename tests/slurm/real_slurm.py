@@ -96,7 +96,7 @@ def test_all_stages_at_once_give_the_digests_of_a_serial_run(asked, serial, tmp_
     states = wait_until(data, ended)
     print(f"{len(states)} tasks took {time.monotonic() - began:.0f} s")
     assert set(states.values()) == {"done"}, vt("status", data)
-    assert len(states) == SHARDS * len(SHARDED) + len(["train-unet", "none", "touch", "train-implicit", "evaluate"])
+    assert len(states) == SHARDS * len(SHARDED) + len(["train-unet", "train-touch", "none", "touch", "train-implicit", "evaluate"])
     assert digests(data) == serial
     submit(asked, data, "simulate-touch")
     wait_until(data, ended)

@@ -13,6 +13,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.fit_options import SUPPLEMENT, FitOptions, StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.networks.local_network import LocalNetwork
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.contact import local_points, touch_success
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
@@ -21,7 +22,7 @@ from pipeline.models.touch_model import save_touch_model
 from pipeline.store.rows import Row
 from schemas.charts import FITTED, STOP_RULES
 from stages.fit_charts.settings import ChartSettings
-from stages.fit_charts.stage import UNET, FitCharts
+from stages.fit_charts.stage import NETWORKS, FitCharts
 from tests.kernels.charts.test_chart_fitting import distances
 
 STAGE = FitCharts()
@@ -129,17 +130,33 @@ def trained(folder: Path, sensor: Sensor = SENSOR, constant: float = 0.6) -> dic
         bias.fill_(np.log(constant / (1 - constant)))
     folder.mkdir()
     save_touch_model(folder, network, sensor=sensor, untouched=untouched_image(sensor), mask_threshold=0.001)
-    return {UNET: folder}
+    return {NETWORKS["predicted"]: folder}
 
 
 def test_predicted_points_are_the_u_nets(tmp_path: Path) -> None:
     settings = ChartSettings(tight=True)
-    assert STAGE.models(settings) == (UNET,)
+    assert STAGE.models(settings) == ("models/unet",)
     assert STAGE.models(TRUE) == ()
     row = run(settings, task(), trained(tmp_path / "unet"))
     assert row["stop_rule"][:, 0].tolist() == [StopRule.threshold] * 2
     local = (row["vertices"][0, 0] - poses()[0, 0, :3, 3]) @ poses()[0, 0, :3, :3]  # the sensor's frame
     assert np.median(np.abs(local[:, 2] - 0.6 * SENSOR.w)) < 3e-4  # vertices of crumpled slivers beyond the rim hang loose
+
+
+def test_a_local_network_s_points_can_be_asked_for(tmp_path: Path) -> None:
+    """One that reads no depth and contact everywhere: its points are the gel at rest."""
+    network = LocalNetwork(1)
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.zero_()
+        *_, bias = network.parameters()
+        bias.fill_(1.0)
+    save_touch_model(tmp_path, network, sensor=SENSOR, untouched=untouched_image(SENSOR))
+    settings = ChartSettings(cloud="local", tight=True)
+    assert STAGE.models(settings) == ("models/touch",)
+    row = run(settings, task(), {NETWORKS["local"]: tmp_path})
+    local = (row["vertices"][0, 0] - poses()[0, 0, :3, 3]) @ poses()[0, 0, :3, :3]  # the sensor's frame
+    assert np.median(np.abs(local[:, 2] - SENSOR.w)) < 3e-4
 
 
 def test_a_touch_that_the_u_net_does_not_see_keeps_its_square(tmp_path: Path) -> None:

@@ -19,7 +19,14 @@ from tools.stage_pictures.data_stages import (
     draw_touch,
     draw_vision,
 )
-from tools.stage_pictures.learning_stages import draw_charts, draw_deformation, draw_implicit, draw_reconstructions, draw_unet
+from tools.stage_pictures.learning_stages import (
+    draw_charts,
+    draw_deformation,
+    draw_implicit,
+    draw_local_network,
+    draw_reconstructions,
+    draw_unet,
+)
 from tools.stage_pictures.shown import Shown, open_shown
 
 PICTURES: dict[str, tuple[Callable[[Shown, Path], None], str]] = {
@@ -29,6 +36,7 @@ PICTURES: dict[str, tuple[Callable[[Shown, Path], None], str]] = {
     "simulate-touch": (draw_touch, "touch"),
     "simulate-presses": (draw_presses, "presses"),
     "train-unet": (draw_unet, "models/unet"),
+    "train-touch": (draw_local_network, "models/touch"),
     "fit-charts": (draw_charts, "charts"),
     "train-gcn": (draw_deformation, "gcn"),
     "sample-distances": (draw_distances, "distances"),

@@ -11,12 +11,14 @@ import numpy as np
 
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.gel_surface import in_gel
-from pipeline.models.touch_model import load_touch_model
+from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from pipeline.reports.contact_sheet_page import depth_colors
 from pipeline.reports.paper_figures import colored_charts, draw_local_points
 from pipeline.reports.reconstruction_gallery import draw_gallery, two_coloured
+from schemas.catalogue import ARTIFACTS
 from tools.picture_row import Panel, draw_row
 from tools.stage_pictures.cuts import cutting_plane, frame_cut, outline
+from tools.stage_pictures.data_stages import CONTACT_COLOR
 from tools.stage_pictures.shown import Shown
 
 OBJECTS = 5
@@ -42,6 +44,38 @@ def draw_unet(shown: Shown, path: Path) -> None:
         (f"error, mean {1e3 * apart[apart > 0].mean():.2f} mm", np.round(255 * error).astype(np.uint8)),
     ]
     draw_row(panels, path)
+
+
+def draw_local_network(shown: Shown, path: Path) -> None:
+    """Draw the press with the largest contact that does not reach the rim, and what the local network reads in it."""
+    model = load_touch_model(shown.source.directory.whole_folder("models/touch"), "cpu")
+    assert isinstance(model, LocalTouchModel)
+    row = shown.source.directory.collection(ARTIFACTS["presses"]).view(shown.object_id)
+    number = largest_whole(row["press_contact"])
+    draw_row(reading_panels(model, row["press_image"][number], row["press_indentation"][number], row["press_untouched"]), path)
+
+
+def largest_whole(contacts: np.ndarray) -> int:
+    """Find the largest of some contacts, (N, rows, cols), that the rim of the image does not cut."""
+    cut = contacts[:, [0, -1]].any(axis=(1, 2)) | contacts[:, :, [0, -1]].any(axis=(1, 2))
+    return int(np.where(cut, 0, contacts.sum(axis=(1, 2))).argmax())
+
+
+def reading_panels(model: LocalTouchModel, image: np.ndarray, indentation: np.ndarray, untouched: np.ndarray) -> Panels:
+    """Make panels of a press: image, true and read indentation, error; bright is deep, orange the contact that is read."""
+    reading = model.read(image[None], untouched)
+    deepest, error = float(indentation.max()), 1e3 * np.abs(reading.indentation[0] - indentation)
+
+    def grey(depth: np.ndarray) -> np.ndarray:
+        return np.clip(60 + 195 * np.maximum(depth, 0) / deepest, 0, 255)[..., None] * np.ones(3)
+
+    read, shown = grey(reading.indentation[0]), matplotlib.colormaps["magma"](np.clip(error / 0.2, 0, 1))
+    return [
+        ("tactile image", image),
+        (f"true indentation, {1e3 * deepest:.2f} mm", grey(indentation).astype(np.uint8)),
+        ("read; orange: contact", np.where(reading.contact[0][..., None], read * CONTACT_COLOR, read).astype(np.uint8)),
+        (f"error, mean {error.mean():.3f} mm", np.round(255 * shown[..., :3]).astype(np.uint8)),
+    ]
 
 
 def draw_charts(shown: Shown, path: Path) -> None:

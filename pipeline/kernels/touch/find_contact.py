@@ -1,6 +1,6 @@
 """Find the circle in which a ball touches the gel, in a photograph.
 
-Valid range: one contact of 8 pixels radius or more, whose rim shows as a change of colour.
+Valid range: one contact of 8 pixels radius or more, whose rim shows as a change of colour, two fifths of it or more in the image.
 """
 
 from __future__ import annotations
@@ -15,24 +15,32 @@ from skimage.measure import CircleModel, label, ransac, regionprops
 from skimage.transform import warp_polar
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.touch.calibration_fit import Circle
+from pipeline.kernels.touch.ball_contact import Circle
 
 SMALLEST = 8.0
 """Pixels: radius of a contact that is looked for at least."""
 LEAST_CHANGE = 6.0
 """Levels by which a contact differs from the untouched image at least, where it differs most."""
+LEAST_SEEN = 0.4
+"""Share of a contact's rim that must lie in the image."""
+LEAST_FILLED = 0.4
+"""Share of a contact that must differ by a third of where it differs most: of a contact at the rim less may be a wrong circle."""
 MARGIN = 20
 """Pixels around the place where colours change, in which they fade."""
 ANGLES, PER_PIXEL = 180, 4
 """Directions in which the rim is sought, and samples per pixel of radius."""
+FADES = (0.3, 0.15)
+"""Radii by which the rim is moved at most, in turns that seek where the strength of the change falls most."""
 REFINED = 0.05
-"""Radii by which the rim is moved at most from the circle found by symmetry: where it is blurred, colours jump most in the middle."""
+"""Radii by which the rim is moved at most where colours jump most: where it is blurred, they jump most in the middle."""
 RIM = 2.0
-"""Pixels by which a point of the rim lies beside the circle at most, and on either side of it those whose colours are compared."""
+"""Pixels by which a point of the rim lies beside the circle at most, and on either side of it those that are compared."""
+
+Round = tuple[float, float, float]
 
 
 def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circle:
-    """Find the contact of a ball.
+    """Find the contact of a ball; the image's rim may cut it.
 
     Parameters
     ----------
@@ -41,62 +49,102 @@ def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circ
 
     Returns
     -------
-    Its centre and radius, pixels; the centre of pixel (0, 0) is (0, 0).
+    Its centre and radius, pixels; the centre of pixel (0, 0) is (0, 0), and that of the contact may lie outside the image.
 
     Raises
     ------
     InvalidInput
-        The photograph shows no contact, or one that reaches over its rim.
+        The photograph shows no contact, or too little of one.
 
     Notes
     -----
-    Opposite sides of a ball slope oppositely, and their colours change oppositely: the centre is where the change of colour is most
-    nearly an odd function. The rim is the circle around it where colours fade fastest; then the circle is fitted by RANSAC to the
-    points near it, one in each direction, where colours jump most.
+    Opposite sides of a ball slope oppositely, and their colours change oppositely: the centre is first sought where the change of
+    colour is most nearly an odd function, and the rim as the circle around it where colours fade fastest. Lamps and the image's rim
+    shift that centre. So a circle is fitted by RANSAC to the points, one in each direction that the image shows, where the strength
+    of the change falls most, twice, and at last to those where colours jump most.
     """
     change = gaussian(image.astype(float) - untouched, 1.5, channel_axis=2)
-    size = gaussian(np.abs(change - np.median(change, axis=(0, 1))).mean(axis=2), 3)
-    if size.max() < LEAST_CHANGE:
-        raise InvalidInput(f"nothing touches: it differs from the untouched one by {size.max():.1f} levels, {LEAST_CHANGE:g} are needed")
-    regions = regionprops(label(size > size.max() / 3), intensity_image=size)
-    start = _by_symmetry(change, max(regions, key=lambda region: region.intensity_max))
-    if start[2] < SMALLEST:
-        raise InvalidInput(f"the contact's radius is {start[2]:.1f} pixels; {SMALLEST:g} are needed")
-    x, y, radius = _by_rim(change, start)
-    if not (radius <= x <= image.shape[1] - 1 - radius and radius <= y <= image.shape[0] - 1 - radius):
-        raise InvalidInput(f"the contact at ({x:.0f}, {y:.0f}), of {radius:.0f} pixels radius, reaches over the image's rim")
+    change -= np.median(change, axis=(0, 1))
+    size = np.abs(change).mean(axis=2)
+    strength = gaussian(size, 3)
+    if strength.max() < LEAST_CHANGE:
+        raise InvalidInput(
+            f"nothing touches: it differs from the untouched one by {strength.max():.1f} levels, {LEAST_CHANGE:g} are needed"
+        )
+    regions = regionprops(label(strength > strength.max() / 3), intensity_image=strength)
+    region = max(regions, key=lambda region: region.intensity_max)
+    reach = int(region.equivalent_diameter_area + 2 * SMALLEST)
+    x, y = _by_symmetry(change, region)
+    circle = _checked((x, y, _fading(strength, x, y, reach)))
+    for moved in FADES:
+        circle = _checked(_by_rim(strength[..., None], circle, moved))
+    x, y, _ = circle
+    x, y, radius = _checked(_by_rim(change, (x, y, _fading(size, x, y, reach)), REFINED))
+    row, col = np.indices(strength.shape)
+    filled = float((strength > strength.max() / 3)[np.hypot(col - x, row - y) < radius].mean())
+    if filled < LEAST_FILLED:
+        raise InvalidInput(f"no circle fits where it differs from the untouched one: {100 * filled:.0f} % of the best one differ")
     return Circle(x, y, radius)
 
 
-def _by_symmetry(change: NDArray[np.float64], region: Any) -> tuple[float, float, float]:
-    """Centre and radius, pixels, of a contact in a region, by symmetry and by how colours fade outwards."""
+def _checked(circle: Round) -> Round:
+    if circle[2] < SMALLEST:
+        raise InvalidInput(f"the contact's radius is {circle[2]:.1f} pixels; {SMALLEST:g} are needed")
+    return circle
+
+
+def _by_symmetry(change: NDArray[np.float64], region: Any) -> tuple[float, float]:
+    """Find the point of a region around which the change of colours is most nearly odd, pixels."""
     top, left, bottom, right = region.bbox
     rows, cols = slice(max(top - MARGIN, 0), bottom + MARGIN), slice(max(left - MARGIN, 0), right + MARGIN)
-    window = (change - np.median(change, axis=(0, 1)))[rows, cols]
+    window = change[rows, cols]
     size = [2 * count for count in window.shape[:2]]
     opposite = -np.sum([fft.irfft2(fft.rfft2(channel, size) ** 2, size) for channel in np.moveaxis(window, 2, 0)], axis=0)
     y, x = (index / 2 for index in np.unravel_index(opposite.argmax(), opposite.shape))  # at i: of pixels whose indices sum to i
-    reach = int(region.equivalent_diameter_area + 2 * SMALLEST)
-    strength = gaussian(np.abs(_polar(window, x, y, reach, 1)).mean(axis=(0, 2)), 2)
-    brightest = int(strength.argmax())
-    return cols.start + x, rows.start + y, float(brightest + np.gradient(strength)[brightest:].argmin())
+    return cols.start + x, rows.start + y
 
 
-def _by_rim(change: NDArray[np.float64], start: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Fit a circle to the points around `start` where colours jump most, one in each direction."""
+def _fading(strength: NDArray[np.float64], x: float, y: float, reach: int) -> float:
+    """Find the radius around a point at which the strength of the change falls fastest, pixels."""
+    rays = _polar(strength[..., None], x, y, reach, 1)[..., 0]
+    rays = rays[:, np.isfinite(rays).mean(axis=0) >= LEAST_SEEN / 2]
+    if rays.shape[1] < SMALLEST:
+        raise InvalidInput(f"the contact at ({x:.0f}, {y:.0f}) lies outside the image; photograph one whose rim shows")
+    mean = gaussian(np.nanmean(rays, axis=0), 2)
+    brightest = int(mean.argmax())
+    return float(brightest + np.gradient(mean)[brightest:].argmin())
+
+
+def _by_rim(values: NDArray[np.float64], start: Round, moved: float) -> Round:
+    """Fit a circle to the points within `moved` radii of `start`, one in each direction, where strength falls or colours jump most."""
     x, y, radius = start
-    across, reach = int(2 * RIM * PER_PIXEL), int(radius * (1 + REFINED) + RIM) + 2
-    colours = _polar(change, x, y, reach, PER_PIXEL)
-    jump = np.abs(colours[:, across:] - colours[:, :-across]).mean(axis=2)
+    across, reach = int(2 * RIM * PER_PIXEL), int(radius * (1 + moved) + RIM) + 2
+    rays = _polar(values, x, y, reach, PER_PIXEL)
+    fall = rays[:, :-across] - rays[:, across:]
+    jump = fall[..., 0] if fall.shape[2] == 1 else np.abs(fall).mean(axis=2)
     radii = RIM + np.arange(jump.shape[1]) / PER_PIXEL
-    near = np.abs(radii - radius) <= REFINED * radius
-    at, angles = radii[near][jump[:, near].argmax(axis=1)], np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)
+    near = np.abs(radii - radius) <= moved * radius
+    seen = np.isfinite(jump[:, near]).all(axis=1)
+    if seen.mean() < LEAST_SEEN:
+        raise InvalidInput(
+            f"the image shows {100 * seen.mean():.0f} % of the rim of the contact at ({x:.0f}, {y:.0f}), of {radius:.0f} pixels radius; "
+            f"{100 * LEAST_SEEN:.0f} % are needed"
+        )
+    angles = np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)[seen]
+    at = radii[near][jump[seen][:, near].argmax(axis=1)]
     points = np.stack([x + at * np.cos(angles), y + at * np.sin(angles)], axis=1)
-    circle, _ = ransac(points, CircleModel, min_samples=3, residual_threshold=RIM, max_trials=200, rng=0)
+    aside = max(RIM, moved * radius / 2) if values.shape[2] == 1 else RIM
+    circle, _ = ransac(points, CircleModel, min_samples=3, residual_threshold=aside, max_trials=200, rng=0)
+    if not circle:
+        raise InvalidInput(f"no circle fits the rim of the contact at ({x:.0f}, {y:.0f}); give it in circles.csv")
     return float(circle.center[0]), float(circle.center[1]), float(circle.radius)
 
 
 def _polar(image: NDArray[np.float64], x: float, y: float, reach: int, per_pixel: int) -> NDArray[np.float64]:
-    """(angle, radius, rgb) values around a point, out to a radius of `reach` pixels."""
+    """(angle, radius, channel) values around a point, out to a radius of `reach` pixels; NaN beyond the image."""
     shape = (ANGLES, reach * per_pixel)
-    return np.asarray(warp_polar(image, center=(y, x), radius=reach, output_shape=shape, channel_axis=2, mode="edge"))
+    rays = np.asarray(warp_polar(image, center=(y, x), radius=reach, output_shape=shape, channel_axis=2, mode="edge"))
+    angles, radii = np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)[:, None], np.arange(shape[1]) / per_pixel
+    col, row = x + radii * np.cos(angles), y + radii * np.sin(angles)
+    rays[(row < 0) | (col < 0) | (row > image.shape[0] - 1) | (col > image.shape[1] - 1)] = np.nan
+    return rays

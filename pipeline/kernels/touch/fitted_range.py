@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from pipeline.kernels.touch.calibration_fit import Circle
+from pipeline.kernels.touch.ball_contact import Circle
 from pipeline.kernels.touch.optics import POSITION_TERMS, Calibration
 from pipeline.kernels.touch.sensor import Sensor
 

@@ -89,7 +89,7 @@ def test_contact_deeper_than_those_fitted_casts_the_shadow_of_the_deepest() -> N
 def test_background_is_the_polynomial_and_what_nothing_touches_shows_it() -> None:
     terms = SMALL.calibrated.background
     x, y = (centres / SMALL.width for centres in pixel_centres(SMALL))
-    expected = sum(x[5] ** i * y[7] ** j * np.array(levels) for (i, j), levels in zip(powers(4), terms, strict=True))
+    expected = sum(x[5] ** i * y[7] ** j * np.array(levels) for (i, j), levels in zip(powers(6), terms, strict=True))
     np.testing.assert_allclose(polynomial_background(SMALL, terms)[7, 5], expected)
     assert (untouched_image(SMALL)[7, 5] == np.rint(expected)).all()
 

@@ -1,9 +1,13 @@
-"""Contacts whose rims are too blurred to see."""
+"""Contacts whose rims are too blurred to see, and those that the image's rim cuts."""
 
 import numpy as np
 import pytest
 
+from pipeline.errors import InvalidInput
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch.ball_contact import Circle, ball_impression
 from pipeline.kernels.touch.find_contact import find_contact
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 
 
 @pytest.mark.parametrize("size", [10.0, 16.0])
@@ -18,3 +22,36 @@ def test_contact_without_a_rim_is_found_by_symmetry(size: float) -> None:
     found = find_contact(image, untouched)
     assert np.hypot(found.x - 90.3, found.y - 54.8) < 2.5
     assert found.radius == pytest.approx(np.sqrt(3) * size, rel=0.15)
+
+
+@pytest.fixture(scope="module")
+def whole() -> tuple[np.ndarray, np.ndarray]:
+    """Make a photograph of a contact of 22 pixels radius around (90, 80), and the untouched one."""
+    sensor = load_sensor("gelsight").model_copy(update={"rows": 160, "cols": 213, "noise": 1.0})
+    pressed = ball_impression(sensor, Circle(90.0, 80.0, 22.0), 0.004)
+    return tactile_image(sensor.w - pressed, sensor, np.random.default_rng(0)), untouched_image(sensor)
+
+
+@pytest.mark.parametrize("seen", [1.7, 1.3, 1.0])
+@pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
+def test_contact_that_the_rim_cuts_is_found(whole: tuple[np.ndarray, np.ndarray], side: str, seen: float) -> None:
+    """`seen` radii of its two are in the image."""
+    reach = 22.0 * (seen - 1)
+    cut = {
+        "left": np.s_[:, int(90 - reach) :],
+        "right": np.s_[:, : int(91 + reach)],
+        "top": np.s_[int(80 - reach) :],
+        "bottom": np.s_[: int(81 + reach)],
+    }[side]
+    image, untouched = (np.ascontiguousarray(one[cut]) for one in whole)
+    found = find_contact(image, untouched)
+    x, y = found.x + (int(90 - reach) if side == "left" else 0), found.y + (int(80 - reach) if side == "top" else 0)
+    assert np.hypot(x - 90, y - 80) < 0.15 * 22
+    assert found.radius == pytest.approx(22, rel=0.15)
+
+
+@pytest.mark.parametrize("left", [98, 104])
+def test_contact_that_lies_mostly_outside_the_image_is_refused(whole: tuple[np.ndarray, np.ndarray], left: int) -> None:
+    image, untouched = (np.ascontiguousarray(one[:, left:]) for one in whole)
+    with pytest.raises(InvalidInput, match=r"% of the (rim|best one)"):
+        find_contact(image, untouched)

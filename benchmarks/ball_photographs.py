@@ -1,0 +1,85 @@
+"""Photographs of balls of known size in the gels of real sensors, that sensors are compared with."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from pipeline.errors import InvalidInput
+from pipeline.inference.ball_photographs import read_photographs
+from pipeline.kernels.touch.ball_contact import Circle, Photograph, ball_impression, distance_from
+from pipeline.kernels.touch.calibrated_shading import calibrated_change
+from pipeline.kernels.touch.sensor import Sensor
+
+GELSLAM = Path("gelslam/src/gelslam/resources/example_calibration")
+"""Where a clone of github.com/rpl-cmu/gelslam has its photographs, below REAL."""
+LARGEST = 4.0
+"""Times the true radius: the largest that is tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class BallSet:
+    """Hold photographs of balls of one radius (m), the untouched one, and how many photographs there are."""
+
+    photographs: list[Photograph]
+    untouched: NDArray[np.uint8]
+    radius: float
+    count: int
+
+
+def gelsight_balls() -> BallSet:
+    """Read the 48 photographs of a GelSight in Taxim's package, RGB, with their contacts as annotated there."""
+    found = importlib.util.find_spec("taxim")
+    if found is None or found.origin is None:
+        raise SystemExit("the package taxim is not installed: run `make test-sensors`, which installs it into an environment of its own")
+    data = np.load(Path(found.origin).parent / "calib" / "gelsight" / "dataPack.npz")
+    images, untouched = data["imgs"][..., ::-1], data["f0"][..., ::-1]  # BGR
+    places = zip(data["touch_center"].astype(float), data["touch_radius"].astype(float), strict=True)
+    contacts = [Circle(float(x), float(y), float(radius)) for (x, y), radius in places]
+    named = enumerate(zip(images, contacts, strict=True))
+    return BallSet([Photograph(f"{number:02d}.png", image, contact) for number, (image, contact) in named], untouched, 0.002, len(images))
+
+
+def mini_balls(real: Path, diameter: str) -> BallSet:
+    """Read photographs of a GelSight Mini, of balls of a diameter in mm as the folders are called, with contacts as they are found."""
+    folder, untouched_path = real / GELSLAM / f"{diameter}mm", real / GELSLAM / "background.png"
+    try:
+        photographs, untouched, left_out = read_photographs(folder, untouched_path)
+    except InvalidInput as error:
+        raise SystemExit(f"{error}: clone https://github.com/rpl-cmu/gelslam into {real}") from error
+    return BallSet(photographs, untouched, float(diameter) / 2e3, len(photographs) + len(left_out))
+
+
+def recovered_radius(sensor: Sensor, photograph: Photograph, untouched: NDArray[np.uint8], radius: float) -> float:
+    """Find the radius of the ball that a sensor's colours explain a photograph best with, the contact being given.
+
+    Parameters
+    ----------
+    sensor
+        A calibrated one.
+    photograph, untouched
+        The photograph with its contact, and the untouched one.
+    radius
+        The true one, m: where the search ends, at `LARGEST` times it.
+
+    Returns
+    -------
+    m: of the least mean error of colours in the contact.
+    """
+    assert sensor.calibrated is not None
+    reach = photograph.contact.radius * sensor.pitch[1]
+    contact = distance_from(sensor, photograph.contact) < reach
+    change = photograph.image[contact].astype(float) - untouched[contact]
+
+    def error(log_radius: float) -> float:
+        assert sensor.calibrated is not None
+        pressed = ball_impression(sensor, photograph.contact, float(np.exp(log_radius)))
+        return float(np.abs(calibrated_change(pressed, sensor, sensor.calibrated)[contact] - change).mean())
+
+    found = minimize_scalar(error, bounds=(np.log(1.02 * reach), np.log(LARGEST * radius)), method="bounded", options={"xatol": 0.01})
+    return float(np.exp(found.x))

@@ -1,0 +1,1 @@
+"""Depth read from photographs of real sensors, beside known shapes: `make bench-touch REAL=FOLDER`."""

@@ -1,0 +1,217 @@
+"""Score depth that is read in photographs of real sensors: `make bench-touch REAL=FOLDER`."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from benchmarks.provenance import commit, machine
+from benchmarks.real_touch.baselines import Slopes, depth_of, look_up_table, per_pixel_network
+from benchmarks.real_touch.ours import calibrated_sensor
+from benchmarks.real_touch.photograph_sets import SETS, PhotographSet, distances, read_sets
+from benchmarks.real_touch.pictures import draw_presses
+from benchmarks.real_touch.scores import Reading, Scores, mean_scores, score
+from benchmarks.timing import Table
+from pipeline.inference.train_sensor import save_sensor_network, train_sensor_network
+from pipeline.models.touch_model import LocalTouchModel, load_touch_model
+
+MM = 1e3
+COLUMNS = ["RMSE, mm", "mean error, mm", "without it, mm", "normals on balls, °", "on flats, °", "contact, IoU"]
+Method = Callable[[NDArray[np.uint8]], Reading]
+AROUND, NEAR = (0.0, 0.5, 1.0, 1.25, 1.5, 2.0, 3.0), 0.1
+"""Contact radii from a ball's middle at which depth is tabulated, and by how much pixels may differ from them."""
+OURS = "ours, simulation alone"
+PAGE_HEAD = """# Depth in photographs of real sensors
+
+Written by `make bench-touch REAL=FOLDER`: {}. FOLDER holds clones of {}; they have no licence that lets
+photographs be shipped, so pictures here show depth alone.
+
+Depth is how far the gel's surface lies below its rest. It is compared in the footprint of each press: of a ball, 0.85 of the circle in
+which it would meet a flat gel; of a flat face, its outline. Truth is nominal: a rigid ball, or one depth. The contact's intersection over
+union is taken with that footprint, at a probability of 0.5. Normals on flats are compared 0.3 mm from the outline on. For balls of
+unknown depth the shape alone is compared.
+
+"""
+PAGE_END = """
+- **Look-up table**: the mean slope of each bin of four levels per colour, of all pixels in the contacts of the balls; slopes are
+  integrated by Poisson's equation, and what lies above the rest is cut.
+- **Per-pixel network**: 8,834 parameters, from change of colour and position to slopes; fitted to the same pixels.
+- **Ours**: `calibrate-sensor` on the same balls, then `train-touch` on random simulated presses of that sensor. It has seen no photograph.
+- Where ours is wrong by its mean error, the model of the gel is: the last table shows how far the gel around balls is drawn in by the
+  colours of contacts alone, where slopes are known (look-up table), and by the model of the gel that colours were calibrated with (ours).
+- No setting was chosen by the 16 presses of known depth: the balls of the same set decided, and the gel's thickness was fitted to them.
+- The same figures for your photographs: describe them as in `benchmarks/real_touch/sets/`, and add `--set FILE`; or write depths in mm as
+  `FOLDER/SET/PRESS.npy` (and contacts as `PRESS-contact.npy`) and add `--predictions FOLDER`.
+"""
+
+
+def methods(photographs: PhotographSet, seeds: range, models: Path | None) -> Iterator[tuple[str, Method]]:
+    """Fit each method with each seed that it depends on."""
+    yield "look-up table, real balls", integrated(look_up_table(photographs), photographs)
+    for seed in seeds:
+        yield f"per-pixel network, real balls, seed {seed}", integrated(per_pixel_network(photographs, seed), photographs)
+    sensor = None
+    for seed in seeds:
+        folder = models and models / f"{photographs.name}-{seed}"
+        if folder and (folder / "model.json").is_file():
+            model = load_touch_model(folder, "cpu")
+        else:
+            sensor = sensor or calibrated_sensor(photographs)
+            began = time.perf_counter()
+            model, facts = train_sensor_network(sensor, seed=seed)
+            print(f"{photographs.name}: trained {facts['parameters']} parameters in {time.perf_counter() - began:.0f} s", flush=True)
+            if folder:
+                save_sensor_network(model, folder)
+        assert isinstance(model, LocalTouchModel)
+        yield f"{OURS}, seed {seed}", read_by(model, photographs)
+
+
+def integrated(slopes: Slopes, photographs: PhotographSet) -> Method:
+    """Make a method of slopes."""
+    return lambda image: Reading(depth_of(slopes(image), photographs.mm_per_pixel))
+
+
+def read_by(model: LocalTouchModel, photographs: PhotographSet) -> Method:
+    """Make a method of a trained network."""
+
+    def read(image: NDArray[np.uint8]) -> Reading:
+        indentation, contact = model.read(image[None], photographs.untouched)
+        return Reading(MM * indentation[0].astype(float), contact[0])
+
+    return read
+
+
+def compare(photographs: PhotographSet, found: list[tuple[str, list[Reading]]], least_ms: dict[str, float]) -> Table:
+    """Tabulate each method's means, the worst press, and the least processor milliseconds per photograph."""
+    lost = f"{len(photographs.not_found)} photographs are left out, as their contact was not found." if photographs.not_found else ""
+    note = f"{len(photographs.balls)} balls to fit to, {len(photographs.presses)} presses to test on. {lost}"
+    table = Table(photographs.name, [*COLUMNS, "worst press, mm", "ms per photograph"], [note.strip()])
+    by_kind: dict[str, list[Scores]] = {}
+    for name, readings in found:
+        scores = scores_of(readings, photographs)
+        table.add(name, *cells(mean_scores(scores)), number(worst(scores)), f"{least_ms[name]:.1f}" if name in least_ms else "–")
+        by_kind.setdefault(name.rpartition(", seed")[0], []).extend(scores)
+    for kind, scores in by_kind.items():
+        if kind:
+            table.add(f"**{kind}, mean**", *cells(mean_scores(scores)), number(worst(scores)), "")
+    return table
+
+
+def by_press(photographs: PhotographSet, found: list[tuple[str, list[Reading]]]) -> Table:
+    """Tabulate the RMSE of each press (of balls of unknown depth, of their shape), mm: methods in columns, seeds averaged."""
+    kinds: dict[str, list[list[Scores]]] = {}
+    for name, readings in found:
+        kinds.setdefault(name.partition(", seed")[0], []).append(scores_of(readings, photographs))
+    table = Table(f"{photographs.name}: each press, mm", list(kinds))
+    for index, press in enumerate(photographs.presses):
+        each = [[seed[index].rmse if press.absolute else seed[index].shape for seed in seeds] for seeds in kinds.values()]
+        table.add(press.name, *(number(float(np.mean(values))) for values in each))
+    return table
+
+
+def drawn_in(photographs: PhotographSet, methods_by_name: dict[str, Method]) -> Table:
+    """Tabulate the depth that methods read around the balls that all were fitted to, mm, by distance in contact radii."""
+    table = Table(f"{photographs.name}: the gel around the balls", [f"{distance:g}" for distance in AROUND])
+    for name, method in methods_by_name.items():
+        rows = []
+        for ball in photographs.balls:
+            depth, circle = method(ball.image).depth, ball.contact
+            share = distances(depth.shape, circle.x, circle.y) / circle.radius
+            rows.append([depth[np.abs(share - distance) < NEAR].mean() for distance in AROUND])
+        table.add(name, *(number(value) for value in np.mean(rows, axis=0).tolist()))
+    return table
+
+
+def scores_of(readings: list[Reading], photographs: PhotographSet) -> list[Scores]:
+    """Score the readings of all presses."""
+    pairs = zip(readings, photographs.presses, strict=True)
+    return [score(reading, press, photographs.mm_per_pixel) for reading, press in pairs]
+
+
+def worst(scores: list[Scores]) -> float:
+    """Find the largest RMSE, or error of shape."""
+    return max(one.shape if np.isnan(one.rmse) else one.rmse for one in scores)
+
+
+def cells(scores: Scores) -> list[str]:
+    """Format scores."""
+    return [number(getattr(scores, field.name), 3 if field.name in ("rmse", "bias", "shape") else 2) for field in fields(Scores)]
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Format a number; a dash where there is none."""
+    return "–" if np.isnan(value) else f"{value:.{digits}f}"
+
+
+def predicted(folder: Path, photographs: PhotographSet) -> list[Reading]:
+    """Read somebody's predictions of a set."""
+    readings = []
+    for press in photographs.presses:
+        path = folder / photographs.name / f"{press.name.replace('/', '_')}.npy"
+        contact = path.with_name(f"{path.stem}-contact.npy")
+        depth = np.load(path).astype(float)
+        if depth.shape != press.depth.shape:
+            raise SystemExit(f"{path} is {depth.shape}, the photograph {press.depth.shape}")
+        readings.append(Reading(depth, np.load(contact).astype(bool) if contact.is_file() else None))
+    return readings
+
+
+def main() -> None:
+    """Fit, read, score, print and write."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.real_touch", description=__doc__)
+    parser.add_argument("real", type=Path, help="folder of the clones")
+    parser.add_argument("--set", type=Path, action="append", help="description of another set; several times for several")
+    parser.add_argument("--only", help="name of the one set to score")
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--models", type=Path, help="folder that keeps trained networks, which a later run loads")
+    parser.add_argument("--predictions", type=Path, help="score these alone")
+    parser.add_argument("--write", type=Path, help="page to write")
+    chosen = parser.parse_args()
+    torch.set_num_threads(1)
+    sets = [one for one in read_sets(chosen.real, chosen.set or sorted(SETS.glob("*.yaml"))) if chosen.only in (None, one.name)]
+    pages = []
+    for photographs in sets:
+        if chosen.predictions:
+            found = [("predictions", predicted(chosen.predictions, photographs))]
+            least_ms: dict[str, float] = {}
+            first: dict[str, Method] = {}
+        else:
+            found, least_ms, first = [], {}, {}
+            for name, method in methods(photographs, range(chosen.seeds), chosen.models):
+                readings, times = [], []
+                for press in photographs.presses:
+                    start = time.process_time()
+                    readings.append(method(press.image))
+                    times.append(1e3 * (time.process_time() - start))
+                found.append((name, readings))
+                least_ms[name] = min(times)
+                first.setdefault(name.partition(", seed")[0], method)
+        tables = [compare(photographs, found, least_ms), by_press(photographs, found)]
+        notes = ["Means over the presses.", "RMSE; of balls of unknown depth, of their shape. Means over the seeds."]
+        if not chosen.predictions:
+            tables.append(drawn_in(photographs, first))
+            notes.append(
+                "Depth, mm, by the distance from the ball's middle in contact radii; mean of the balls that were fitted to, seed 0."
+            )
+        for table, note in zip(tables, notes, strict=True):
+            pages.append(table.markdown(note))
+            print(pages[-1], flush=True)
+        if chosen.write and any(press.absolute for press in photographs.presses):
+            picture = chosen.write.with_name(f"{chosen.write.stem}-{photographs.name}.png")
+            draw_presses(photographs, found[-1][1], picture)
+            pages.append(f"![Depth read by the last network, truth, difference; mm]({picture.name})\n")
+    if chosen.write:
+        sources = " and ".join(f"<{one.source}>" for one in sets)
+        head = PAGE_HEAD.format(f"commit {commit()}, {machine()}", sources)
+        chosen.write.write_text(head + "\n".join(pages) + PAGE_END)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""How far depth and contact that were read in a photograph lie from the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
+
+from benchmarks.real_touch.photograph_sets import Press
+
+WALL = 0.3
+"""mm from the rim of a flat face in which normals are not compared: the gel cannot follow a wall."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What a method reads in a photograph: (rows, cols) depth, mm, and whether a pixel touches; None where it does not say."""
+
+    depth: NDArray[np.float64]
+    contact: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Errors of a reading.
+
+    Attributes
+    ----------
+    rmse, bias
+        Root of the mean squared depth error over the footprint, and the mean error, mm; NaN where the truth is a shape without depth.
+    shape
+        The RMSE after the mean error is taken away, mm.
+    sphere, flat
+        Mean angle between normals, degrees, on balls and on flat faces.
+    overlap
+        Intersection over union of contact and footprint; NaN where a method does not say.
+    """
+
+    rmse: float
+    bias: float
+    shape: float
+    sphere: float
+    flat: float
+    overlap: float
+
+
+def score(reading: Reading, press: Press, scale: float) -> Scores:
+    """Compare a reading with a press; `scale` is mm per pixel."""
+    error = (reading.depth - press.depth)[press.footprint]
+    bias = float(error.mean()) if press.absolute else np.nan
+    rmse = float(np.sqrt(np.square(error).mean())) if press.absolute else np.nan
+    compared = press.footprint
+    if press.flat:
+        compared = binary_erosion(press.footprint, iterations=round(WALL / scale))
+    angle = float(np.degrees(angles(reading.depth, press.depth, scale)[compared]).mean())
+    overlap = np.nan
+    if reading.contact is not None:
+        overlap = float((reading.contact & press.footprint).sum() / (reading.contact | press.footprint).sum())
+    by_kind = (np.nan, angle) if press.flat else (angle, np.nan)
+    return Scores(rmse, bias, float(error.std()), *by_kind, overlap)
+
+
+def angles(depth: NDArray[np.float64], truth: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+    """Compute the angle between the normals of two depth maps at each pixel, rad."""
+    one, other = (np.stack([*np.gradient(surface, scale), np.ones_like(surface)]) for surface in (depth, truth))
+    product = (one * other).sum(axis=0) / np.linalg.norm(one, axis=0) / np.linalg.norm(other, axis=0)
+    return np.arccos(np.clip(product, -1, 1))
+
+
+def mean_scores(scores: list[Scores]) -> Scores:
+    """Average scores, each over the presses that have it."""
+    columns = np.array([[getattr(one, field.name) for field in fields(Scores)] for one in scores])
+    there = ~np.isnan(columns)
+    sums = np.where(there, columns, 0).sum(axis=0)
+    return Scores(*np.where(there.any(axis=0), sums / np.maximum(there.sum(axis=0), 1), np.nan).tolist())

@@ -1,0 +1,65 @@
+"""`vt-pipeline read-touch`: depth and contact in photographs of a sensor."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+
+from pipeline.cli.failures import fail
+from pipeline.console import print_line
+
+if TYPE_CHECKING:
+    from pipeline.inference.photograph_stream import Named
+
+MM, MM2 = 1e3, 1e6
+
+
+def read_touch(
+    untouched: Annotated[Path, typer.Option(help="The photograph with nothing in the gel.")],
+    sensor: Annotated[str, typer.Option(help="A sensor file, or the name of a shipped sensor.")],
+    photographs: Annotated[Path | None, typer.Argument(help="A photograph, or a folder of them; not with --camera.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for depth, contact, normals and points; else they are printed alone.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Folder of the network; by default NAME-touch beside the sensor file.")] = None,
+    watch: Annotated[bool, typer.Option(help="Read each photograph that appears in the folder, until Ctrl-C.")] = False,
+    camera: Annotated[int | None, typer.Option(min=0, help="Number of a camera, as OpenCV counts them.")] = None,
+    frames: Annotated[int | None, typer.Option(min=1, help="With --watch or --camera: stop after so many.")] = None,
+) -> None:
+    """Read depth and contact in photographs of a gel.
+
+    A network trained on simulated presses of the sensor reads them: see `calibrate-sensor --train` and the stage `train-touch`.
+    """
+    from pipeline.formats.image_file import read_image
+    from pipeline.inference.photograph_stream import camera_frames, photographs_of, watched
+    from pipeline.inference.read_touch import TouchReader, write_reading
+
+    if (photographs is None) == (camera is None):
+        fail("name photographs, or a camera with --camera, one of them")
+    reader = TouchReader(sensor, read_image(untouched), model)
+    stream: Iterator[Named]
+    if camera is not None:
+        stream = camera_frames(camera)
+    else:
+        assert photographs is not None
+        files = [] if watch else photographs_of(photographs, untouched)
+        stream = watched(photographs, untouched) if watch else ((path.stem, read_image(path)) for path in files)
+    began, count, reading_seconds = time.perf_counter(), 0, 0.0
+    for name, image in stream:
+        start = time.perf_counter()
+        reading = reader.read(image)
+        reading_seconds += time.perf_counter() - start
+        area = MM2 * float(reading.contact.sum()) * float(np.prod(reading.sensor.pitch))
+        print_line(f"{name}: deepest {MM * float(reading.indentation.max()):.3f} mm, contact {area:.2f} mm²")
+        if out is not None:
+            write_reading(reading, out, name)
+        count += 1
+        if count == frames:
+            break
+    seconds = time.perf_counter() - began
+    print_line(f"{count} photographs, {count / seconds:.1f} per second; reading alone {count / max(reading_seconds, 1e-9):.1f} per second")
+    if out is not None:
+        print_line(f"{out}: NAME-depth.png (0.1 µm per level), NAME-contact.png, NAME-normals.png, NAME.ply, touches.zarr")

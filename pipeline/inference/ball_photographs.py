@@ -1,0 +1,98 @@
+"""Read photographs of a ball in a sensor's gel, and find their contacts."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.image_file import read_image
+from pipeline.kernels.touch.ball_contact import Circle, Photograph
+from pipeline.kernels.touch.find_contact import find_contact
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+CIRCLES = "circles.csv"
+"""File of known contacts: name, x, y, radius in pixels, from the centre of pixel (0, 0). Other contacts are detected."""
+MIN_PHOTOGRAPHS = 4
+"""Half of them are fitted, the others tested."""
+
+
+def read_photographs(folder: Path, untouched_path: Path) -> tuple[list[Photograph], NDArray[np.uint8], dict[str, str]]:
+    """Read photographs, and detect their contacts.
+
+    Parameters
+    ----------
+    folder
+        Image files, in it and in folders below it, and perhaps a file `CIRCLES`.
+    untouched_path
+        The photograph with nothing in the gel; it may lie in the folder.
+
+    Returns
+    -------
+    The usable photographs, sorted by name; the untouched one; and why others are left out, by name.
+
+    Raises
+    ------
+    InvalidInput
+        The folder does not exist, the untouched photograph or `CIRCLES` cannot be read, `CIRCLES` names another file,
+        or fewer than `MIN_PHOTOGRAPHS` can be used.
+    """
+    if not folder.is_dir():
+        raise InvalidInput(f"folder {folder} does not exist; give one with photographs of a ball in the gel")
+    untouched, circles = read_image(untouched_path), _read_circles(folder / CIRCLES)
+    photographs: list[Photograph] = []
+    left_out: dict[str, str] = {}
+    for path in _image_files(folder, untouched_path):
+        name = path.relative_to(folder).as_posix()
+        try:
+            image = read_image(path)
+            photographs.append(Photograph(name, image, _contact(image, untouched, circles.get(name))))
+        except InvalidInput as error:
+            left_out[name] = str(error)
+    if unknown := sorted(circles.keys() - left_out.keys() - {photograph.name for photograph in photographs}):
+        raise InvalidInput(
+            f"{folder / CIRCLES} names {unknown[0]}, which is not a photograph in {folder}; correct its name, or remove the line"
+        )
+    if len(photographs) < MIN_PHOTOGRAPHS:
+        said = reasons(left_out) or "it holds no others"
+        raise InvalidInput(f"{folder} has {len(photographs)} usable photographs, {MIN_PHOTOGRAPHS} are needed; {said}")
+    return photographs, untouched, left_out
+
+
+def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], given: Circle | None) -> Circle:
+    if image.shape != untouched.shape:
+        own, other = (f"{pixels.shape[0]} x {pixels.shape[1]}" for pixels in (image, untouched))
+        raise InvalidInput(f"it has {own} pixels, the untouched photograph {other}")
+    return given or find_contact(image, untouched)
+
+
+def _image_files(folder: Path, untouched_path: Path) -> list[Path]:
+    files = (file for file in folder.rglob("*") if file.suffix.lower() in SUFFIXES)
+    return sorted(file for file in files if file.resolve() != untouched_path.resolve())
+
+
+def reasons(left_out: dict[str, str]) -> str:
+    """Say in a line why photographs are left out."""
+    return "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
+
+
+def _read_circles(path: Path) -> dict[str, Circle]:
+    if not path.is_file():
+        return {}
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte-order mark
+            circles = {row["name"]: Circle(float(row["x"]), float(row["y"]), float(row["radius"])) for row in csv.DictReader(file)}
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInput(
+            f"{path} needs the columns name, x, y, radius, with numbers in pixels; {type(error).__name__}: {error}"
+        ) from error
+    for name, circle in circles.items():
+        if not (math.isfinite(circle.x) and math.isfinite(circle.y) and 0 < circle.radius < math.inf):
+            raise InvalidInput(
+                f"{path}: {name} has x {circle.x}, y {circle.y}, radius {circle.radius}; they must be finite, the radius above 0"
+            )
+    return circles

@@ -1,0 +1,81 @@
+"""Photographs as they come: those of a folder, new ones that appear in it, or the frames of a camera."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.image_file import read_image
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+POLL_SECONDS = 0.05
+"""Between looks at a watched folder."""
+Named = tuple[str, NDArray[np.uint8]]
+"""A photograph, (rows, cols, 3) uint8, with its name."""
+
+
+def photographs_of(path: Path, leave_out: Path) -> list[Path]:
+    """List a photograph, or those of a folder in the order of their names, without one; an `InvalidInput` where there are none."""
+    if path.is_file():
+        return [path]
+    if not path.is_dir():
+        raise InvalidInput(f"{path} does not exist; give a photograph, or a folder of them")
+    files = _images(path, leave_out)
+    if not files:
+        raise InvalidInput(f"{path} holds no photographs besides the untouched one: files that end in {', '.join(SUFFIXES)}")
+    return files
+
+
+def watched(folder: Path, leave_out: Path) -> Iterator[Named]:
+    """Yield the photographs of a folder, and then each that appears; a file that cannot be read yet is tried again. It does not end."""
+    if not folder.is_dir():
+        raise InvalidInput(f"{folder} is no folder; --watch takes the one in which photographs appear")
+    done: set[Path] = set()
+    while True:
+        for path in _images(folder, leave_out):
+            if path in done:
+                continue
+            try:
+                image = read_image(path)
+            except InvalidInput:  # half written
+                continue
+            done.add(path)
+            yield path.stem, image
+        time.sleep(POLL_SECONDS)
+
+
+def camera_frames(number: int) -> Iterator[Named]:
+    """Yield the frames of a camera that OpenCV opens, named by their number, until it gives no more.
+
+    Raises
+    ------
+    InvalidInput
+        OpenCV is not installed, or there is no such camera.
+    """
+    try:
+        import cv2
+    except ImportError as error:
+        raise InvalidInput("a camera needs OpenCV: pip install 'vt-pipeline[camera]'") from error
+    capture: Any = cv2.VideoCapture(number)
+    try:
+        if not capture.isOpened():
+            raise InvalidInput(f"OpenCV opens no camera {number}; is another program using it, or its number another one?")
+        count = 0
+        while True:
+            there, frame = capture.read()
+            if not there:
+                return
+            yield f"{count:06d}", np.ascontiguousarray(frame[:, :, ::-1])  # BGR
+            count += 1
+    finally:
+        capture.release()
+
+
+def _images(folder: Path, leave_out: Path) -> list[Path]:
+    return sorted(file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES and file.resolve() != leave_out.resolve())

@@ -1,0 +1,160 @@
+"""Depth, contact, normals and points that a sensor's network reads in photographs, and the files that hold them."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+from PIL import Image
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.resample_sensor import resample
+from pipeline.kernels.touch.sensor import Sensor, masked_points
+from pipeline.models.model_files import DESCRIPTION
+from pipeline.models.touch_model import LocalTouchModel, load_touch_model
+from pipeline.store.atomic import write_at_once
+
+ZARR = "touches.zarr"
+MODEL_SUFFIX = "-touch"
+"""Of the folder beside a sensor file that holds its network: `my_gel-touch` beside `my_gel.yaml`."""
+PNG_STEP = 1e-7
+"""m per level of a depth PNG: 16 bits reach 6.5 mm."""
+DEEPEST = 2**16 - 1
+
+
+@dataclass(frozen=True, eq=False)
+class TouchReading:
+    """What is read in a photograph.
+
+    Attributes
+    ----------
+    indentation
+        (rows, cols) float32, m, >= 0: how deep the gel's surface lies below its rest.
+    contact
+        (rows, cols): where something touches.
+    sensor
+        With the photograph's pixels.
+    """
+
+    indentation: NDArray[np.float32]
+    contact: NDArray[np.bool_]
+    sensor: Sensor
+
+    @property
+    def normals(self) -> NDArray[np.float32]:
+        """(rows, cols, 3) float32 unit normals of the gel's surface, sensor frame, out of the gel."""
+        down, across = np.gradient(self._height, *self.sensor.pitch)
+        normals = np.stack([-across, -down, np.ones_like(down)], axis=-1)
+        return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True), np.float32)
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """(n, 3) float64 points of the gel's surface in the contact, sensor frame, m, row by row."""
+        return masked_points(self._height, self.contact, self.sensor)
+
+    @property
+    def _height(self) -> NDArray[np.float64]:
+        return np.asarray(gel_surface(self.sensor) - self.indentation.astype(np.float64))
+
+
+class TouchReader:
+    """Reads photographs of one sensor with its network.
+
+    Parameters
+    ----------
+    sensor
+        A sensor file, or the name of a shipped one: its sides and its gel are taken from it.
+    untouched
+        (rows, cols, 3) uint8, the photograph with nothing in the gel; the others have its pixels.
+    model
+        Folder of a network of `train-touch`, or of `calibrate-sensor --train`; by default `NAME-touch` beside the sensor file.
+    device
+        Where the network computes.
+
+    Raises
+    ------
+    InvalidInput
+        There is no such sensor, it has no network, the network is a U-Net, or the photograph has not the sensor's sides.
+    StoreError
+        The network's files are damaged.
+    """
+
+    def __init__(self, sensor: str | Path, untouched: NDArray[np.uint8], model: Path | None = None, device: str = "cpu") -> None:
+        path = description_path("sensor", sensor)
+        folder = model or path.with_name(path.stem + MODEL_SUFFIX)
+        if not (folder / DESCRIPTION).is_file():
+            raise InvalidInput(
+                f"{folder} holds no network for sensor {path.stem}; train one with `vt-pipeline run train-touch` or "
+                "`vt-pipeline calibrate-sensor --train`, and name its folder with --model"
+            )
+        loaded = load_touch_model(folder, device)
+        if not isinstance(loaded, LocalTouchModel):
+            raise InvalidInput(f"{folder} holds a U-Net, which reads simulated images; photographs are read by a network of `train-touch`")
+        described = load_sensor(path)
+        loaded.check_sides(described.rows, described.cols)
+        self.model, self.untouched = loaded, untouched
+        self.sensor = resample(described, *untouched.shape[:2])
+
+    def read(self, image: NDArray[np.uint8]) -> TouchReading:
+        """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` where its pixels are not those of the untouched one."""
+        indentation, contact = self.model.read(image[None], self.untouched)
+        return TouchReading(indentation[0], contact[0], self.sensor)
+
+
+def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
+    """Write a reading: PNG files, a point cloud, and arrays of `ZARR`.
+
+    Parameters
+    ----------
+    reading
+        What to write.
+    folder
+        Made where it is missing.
+    name
+        Of the files and of the group.
+
+    Returns
+    -------
+    `NAME-depth.png`, 16 bits, `PNG_STEP` m per level; `NAME-contact.png`, 255 in the contact; `NAME-normals.png`, (n + 1) / 2 as colours;
+    `NAME.ply`, points in the contact with normals, m; and the group.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    normals = reading.normals
+    levels = np.minimum(np.rint(reading.indentation.astype(np.float64) / PNG_STEP), DEEPEST).astype(np.uint16)
+    pictures = {
+        "depth": levels,
+        "contact": np.where(reading.contact, 255, 0).astype(np.uint8),
+        "normals": np.rint(127.5 * (normals + 1)).astype(np.uint8),
+    }
+    files = []
+    for what, pixels in pictures.items():
+        files.append(folder / f"{name}-{what}.png")
+        with io.BytesIO() as content:
+            Image.fromarray(pixels).save(content, "PNG")
+            write_at_once(files[-1], content.getvalue(), durable=False)
+    files.append(folder / f"{name}.ply")
+    write_at_once(files[-1], _ply(reading.points, normals[reading.contact]), durable=False)
+    group = zarr.open_group(folder / ZARR, mode="a").require_group(name)
+    arrays: dict[str, tuple[np.ndarray, tuple[str, ...], dict[str, Any]]] = {
+        "indentation": (reading.indentation, ("row", "col"), {"units": "m"}),
+        "contact": (reading.contact, ("row", "col"), {"units": "1"}),
+        "normals": (normals, ("row", "col", "xyz"), {"units": "1", "frame": "sensor"}),
+    }
+    for key, (values, dims, attributes) in arrays.items():
+        group.create_array(key, data=np.ascontiguousarray(values), dimension_names=dims, attributes=attributes, overwrite=True)
+    return [*files, folder / ZARR / name]
+
+
+def _ply(points: NDArray[np.float64], normals: NDArray[np.float32]) -> bytes:
+    """Write points with normals as binary PLY; no point makes an empty cloud."""
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+    header += "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz")) + "end_header\n"
+    return header.encode() + np.concatenate([points, normals], axis=1).astype("<f4").tobytes()

@@ -1,0 +1,60 @@
+"""Train the network of one sensor from its file alone: random presses in memory, and no dataset."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from pipeline.kernels.touch.resample_sensor import resample
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.models.touch_model import LocalTouchModel, save_touch_model
+from stages.train_touch.learner import train_local_network
+from stages.train_touch.presses import random_presses
+from stages.train_touch.settings import TouchTrainingSettings
+
+PIXELS = 160
+"""Along the longer side of what the network sees, as `simulate-presses` has it."""
+PRESSES, WATCHED = 1200, 16
+"""To learn from, and to watch the training by."""
+STEPS = 1200
+"""Of the training: of all presses as many times."""
+GEL = (0.4, 2.0)
+"""Least and greatest factor of the gel's thickness per press: photographs of balls tell it no better."""
+
+
+def train_sensor_network(
+    sensor: Sensor, *, seed: int = 0, presses: int = PRESSES, settings: TouchTrainingSettings | None = None
+) -> tuple[LocalTouchModel, dict[str, Any]]:
+    """Train a local network to read a sensor's photographs.
+
+    Parameters
+    ----------
+    sensor
+        From `load_sensor`, or from `calibrate-sensor`.
+    seed
+        Of presses and training.
+    presses
+        How many to learn from.
+    settings
+        Of the training; by default those of `train-touch`, for `STEPS` steps.
+
+    Returns
+    -------
+    The model, and facts about the training.
+    """
+    if settings is None:
+        settings = TouchTrainingSettings()
+        settings = settings.model_copy(update={"epochs": max(1, round(STEPS * settings.batch_size / presses))})
+    longer = max(sensor.width, sensor.height)
+    seen = resample(sensor, *(max(2, round(PIXELS * side / longer)) for side in (sensor.height, sensor.width)))
+    training, watched = (random_presses(seen, count, own, gel=GEL) for count, own in ((presses, 2 * seed), (WATCHED, 2 * seed + 1)))
+    with tempfile.TemporaryDirectory() as folder:
+        network, facts = train_local_network(training, watched, settings, folder=Path(folder), seed=seed)
+    return LocalTouchModel(network, training.sensor, training.untouched), facts
+
+
+def save_sensor_network(model: LocalTouchModel, folder: Path) -> None:
+    """Write a network into a folder, which is made where it is missing."""
+    folder.mkdir(parents=True, exist_ok=True)
+    save_touch_model(folder, model.network, sensor=model.sensor, untouched=model.untouched)

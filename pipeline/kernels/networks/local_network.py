@@ -1,0 +1,104 @@
+"""A small network that reads a tactile image pixel by pixel: slopes from colours, depth from slopes, contact from depth.
+
+It sees a neighbourhood of 0.8 mm, so that it learns what colours mean and not what shapes there are.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from pipeline.kernels.networks.slope_integration import integrate_slopes, surface_slopes
+from pipeline.kernels.tensor_checks import COLOURS
+
+CHANGE_SCALE = 50.0
+"""Levels of 255 that a network sees as 1: the usual change of colours in a contact."""
+CONTACT_FEATURES = 8
+"""Of the layers that find the contact."""
+
+
+class LocalShape(NamedTuple):
+    """What a `LocalNetwork` reads: (B, 2, H, W) slopes; (B, H, W) depth of the gel's surface below its rest, mm; contact logits."""
+
+    slopes: Tensor
+    depth: Tensor
+    contact: Tensor
+
+
+class LocalNetwork(nn.Module):
+    """Convolutions of 3 × 3, 3 × 3 dilated by 2, and 1 × 1 twice give slopes; their integral is the depth.
+
+    Contact is not where the gel is deep, as the gel around an object is drawn in too: convolutions of their own find it in depth and
+    slopes.
+
+    Parameters
+    ----------
+    width
+        Features of the hidden layers; 20 make 6,500 parameters, 26 kB.
+    """
+
+    def __init__(self, width: int = 20) -> None:
+        super().__init__()
+        if width < 1:
+            raise ValueError(f"a local network of width {width}; it needs at least 1")
+        self.width = width
+        self.colours = nn.Sequential(
+            *(nn.Conv2d(COLOURS + 2, width, 3, padding=1), nn.ReLU(inplace=True)),
+            *(nn.Conv2d(width, width, 3, padding=2, dilation=2), nn.ReLU(inplace=True)),
+            *(nn.Conv2d(width, width, 1), nn.ReLU(inplace=True)),
+            nn.Conv2d(width, 2, 1),
+        )
+        hidden = CONTACT_FEATURES
+        self.shape = nn.Sequential(
+            *(nn.Conv2d(4, hidden, 3, padding=1), nn.ReLU(inplace=True)),
+            *(nn.Conv2d(hidden, hidden, 3, padding=2, dilation=2), nn.ReLU(inplace=True)),
+            *(nn.Conv2d(hidden, hidden, 3, padding=4, dilation=4), nn.ReLU(inplace=True)),
+            nn.Conv2d(hidden, 1, 1),
+        )
+        nn.Module.to(self, memory_format=torch.channels_last)  # type: ignore[call-overload]  # on a CPU three times as fast with so few features
+
+    def forward(self, change: Tensor, position: Tensor, pitch: tuple[float, float], within: Tensor | None = None) -> LocalShape:
+        """Read slopes, depth and contact.
+
+        Parameters
+        ----------
+        change
+            (B, 3, H, W) image minus untouched image, levels.
+        position
+            (B, 2, H, W) or (1, 2, H, W) x and y of the pixels, -1 to 1 from rim to rim of the sensor.
+        pitch
+            Size of a pixel along y and x, mm.
+        within
+            (B, H, W) true depth, mm, in training on windows of images. A window's surface does not end at 0, where the integration of
+            slopes begins: the error of slopes is integrated instead, which does.
+
+        Notes
+        -----
+        Contact is read from depth and slopes, and its loss does not bend them.
+        """
+        slopes = self.slopes(change, position)
+        if within is None:
+            depth = integrate_slopes(slopes, pitch)
+        else:
+            depth = within + integrate_slopes(slopes - surface_slopes(within, pitch), pitch)
+        return LocalShape(slopes, depth, self.contact(depth.detach(), slopes.detach()))
+
+    def slopes(self, change: Tensor, position: Tensor) -> Tensor:
+        """Read (B, 2, H, W) slopes of depth along x and y; parameters as `forward`."""
+        given = torch.cat([change / CHANGE_SCALE, position.expand(len(change), -1, -1, -1)], dim=1)
+        slopes: Tensor = self.colours(given.contiguous(memory_format=torch.channels_last))
+        return slopes
+
+    def contact(self, depth: Tensor, slopes: Tensor) -> Tensor:
+        """Find the contact, (B, H, W) logits, in (B, H, W) depth, mm, and (B, 2, H, W) slopes."""
+        given = torch.cat([depth[:, None], slopes, slopes.square().sum(dim=1, keepdim=True)], dim=1)
+        logits: Tensor = self.shape(given.contiguous(memory_format=torch.channels_last))[:, 0]
+        return logits
+
+
+def pixel_positions(rows: int, cols: int) -> Tensor:
+    """Compute the positions of pixels for a `LocalNetwork`, (1, 2, rows, cols) float32: x and y, -1 to 1 from rim to rim."""
+    x, y = (2 * (torch.arange(count, dtype=torch.float32) + 0.5) / count - 1 for count in (cols, rows))
+    return torch.stack([x.expand(rows, cols), y[:, None].expand(rows, cols)])[None]

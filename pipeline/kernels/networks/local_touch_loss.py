@@ -1,0 +1,50 @@
+"""The loss of a local network: on slopes, on the depth that they integrate to over all pixels, and on the contact."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import binary_cross_entropy_with_logits, smooth_l1_loss
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.networks.local_network import LocalShape
+from pipeline.kernels.networks.slope_integration import surface_slopes
+
+DEPTH, IN_CONTACT, CONTACT = 4.0, 4.0, 0.3
+"""Weight of the depth error, mm, beside the slopes'; what a pixel in the contact weighs more; weight of the contact."""
+STEEPEST = 4.0
+"""Slope to which true ones are clamped: walls have none that colours tell."""
+
+
+class GelState(NamedTuple):
+    """The truth of some presses: (B, H, W) depth of the gel's surface below its rest, mm; and contact, bool."""
+
+    depth: Tensor
+    contact: Tensor
+
+
+def local_loss(shape: LocalShape, truth: GelState, pitch: tuple[float, float]) -> Tensor:
+    """Compute the loss of a batch: a scalar, the mean over all pixels.
+
+    Parameters
+    ----------
+    shape
+        What the network reads.
+    truth
+        The gel.
+    pitch
+        Size of a pixel along y and x, mm.
+
+    Raises
+    ------
+    InvalidInput
+        The network reads NaN or infinity.
+    """
+    if not bool(torch.isfinite(shape.slopes).all()):
+        raise InvalidInput("the network reads NaN or infinite slopes: it has diverged; lower the learning rate")
+    depth = ((shape.depth - truth.depth).abs() * (1 + IN_CONTACT * truth.contact)).mean()
+    slopes = smooth_l1_loss(shape.slopes, surface_slopes(truth.depth, pitch).clamp(-STEEPEST, STEEPEST))
+    contact = binary_cross_entropy_with_logits(shape.contact, truth.contact.to(shape.contact.dtype))
+    return DEPTH * depth + slopes + CONTACT * contact

@@ -1,0 +1,99 @@
+"""The contact of a ball with a gel: its circle in a photograph, and the impression that makes it.
+
+Valid range: balls larger than their contacts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.touch.calibrated_shading import MM, deformed
+from pipeline.kernels.touch.elastic_contact import press_elastic
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+
+RING = 3.0
+"""Contact radii around a contact that are fitted and compared."""
+HALVINGS = 14
+"""Of the interval in which a ball's depth is sought: to a ten-thousandth."""
+
+Box = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A contact in an image: centre and radius, pixels; the centre of pixel (0, 0) is (0, 0)."""
+
+    x: float
+    y: float
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """A photograph of a ball in the gel: (rows, cols, 3) uint8, and its contact."""
+
+    name: str
+    image: NDArray[np.uint8]
+    contact: Circle
+
+
+def ball_impression(sensor: Sensor, contact: Circle, ball_radius: float) -> NDArray[np.float64]:
+    """Compute the impression of a ball whose contact with the gel, as the sensor's membrane or elastic gel leaves it, is a given circle.
+
+    Parameters
+    ----------
+    sensor
+        Gives pixels and gel.
+    contact
+        The circle; its radius is one along x where pixels are not square.
+    ball_radius
+        m, more than the contact's.
+
+    Returns
+    -------
+    (rows, cols) float64, m.
+
+    Raises
+    ------
+    ValueError
+        The contact is as large as the ball.
+    """
+    reach = contact.radius * sensor.pitch[1]
+    if reach >= ball_radius:
+        raise ValueError(f"a contact of {MM * reach:.3g} mm radius is too large for a ball of {MM * ball_radius:.3g} mm")
+    distance = distance_from(sensor, contact)
+    height = np.sqrt(np.maximum(ball_radius**2 - distance**2, 0))
+    shallow = np.sqrt(ball_radius**2 - reach**2)  # of the ball's centre above the gel, if nothing around is drawn in
+    if sensor.membrane == 0 and sensor.gel is None:
+        return np.asarray(np.maximum(height - shallow, 0))
+    low, high, inside = 0.0, shallow, distance <= reach  # no deeper than its equator
+    for _ in range(HALVINGS):  # the deeper the ball, the larger its contact
+        middle = (low + high) / 2
+        pressed = np.maximum(height - middle, 0)
+        if sensor.gel is not None:  # whose surface meets the ball within the solver's tolerance
+            touching = press_elastic(pressed, sensor, sensor.gel).pressure > 0
+        else:
+            touching = (pressed > 0) & (deformed(pressed, sensor) <= pressed)
+        low, high = (middle, high) if touching.sum() > inside.sum() else (low, middle)
+    return np.asarray(np.maximum(height - (low + high) / 2, 0))
+
+
+def distance_from(sensor: Sensor, contact: Circle) -> NDArray[np.float64]:
+    """Compute the distance of every pixel from a contact's centre, (rows, cols) float64, m."""
+    x, y = (np.arange(count) - middle for count, middle in ((sensor.cols, contact.x), (sensor.rows, contact.y)))
+    return np.asarray(np.hypot(x[None] * sensor.pitch[1], y[:, None] * sensor.pitch[0]))
+
+
+def contact_box(sensor: Sensor, contacts: Sequence[Circle]) -> Box:
+    """Compute the part of the gel in which contacts lie: least x and y, greatest x and y, m, to 10 µm; none of it beyond the rim."""
+    x, y = pixel_centres(sensor)
+    at = np.array([(x[0] + circle.x * sensor.pitch[1], y[0] + circle.y * sensor.pitch[0]) for circle in contacts])
+    reach = sensor.pitch[1] * np.array([[circle.radius] for circle in contacts])
+    rim = np.array([sensor.width, sensor.height]) / 2
+    least, greatest = np.maximum((at - reach).min(axis=0), -rim), np.minimum((at + reach).max(axis=0), rim)
+    left, top, right, bottom = np.round([*least, *greatest], 5).tolist()
+    return left, top, right, bottom

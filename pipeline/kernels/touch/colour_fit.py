@@ -1,0 +1,239 @@
+"""Fit a sensor's membrane and colours to photographs of a ball that is pressed into it.
+
+Valid range: contacts of 8 pixels radius or more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.touch.ball_contact import Photograph, contact_box
+from pipeline.kernels.touch.calibrated_shading import MM, powers
+from pipeline.kernels.touch.cast_shadow import shade_depth
+from pipeline.kernels.touch.colour_samples import Sample, left_out_error, sample_photographs, solve
+from pipeline.kernels.touch.optics import Calibration, Levels, Shadow
+from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
+
+MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
+"""Widths of the membrane that are tried, in contact radii."""
+THICKNESSES = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
+"""Of an elastic gel, that are tried, in contact radii; the last is nearly a half-space."""
+MODULUS = 2e5
+"""Pa, of an elastic gel whose forces nobody measured: its shape does not depend on it."""
+POSITION_DEGREES = (0, 1, 2, 3, 4, 5)
+"""Degrees of the polynomial in the position that are tried."""
+GAIN = 0.02
+"""Share of the least error that a higher degree must gain to be taken."""
+USUAL_DEGREE = 2
+"""With which the gel is chosen where the degree is not given: the best one hardly depends on it."""
+DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)
+"""Shadows that are tried: degrees, and height over length."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """What is fitted.
+
+    Attributes
+    ----------
+    normal_degree, position_degree
+        Degrees of the polynomials; None for the one in the position that predicts best.
+    shadows
+        How many are sought.
+    elastic
+        Whether the gel is an elastic layer, whose thickness is fitted, or a membrane; None for what predicts best.
+    """
+
+    normal_degree: int = 3
+    position_degree: int | None = None
+    shadows: int = 3
+    elastic: bool | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ColourFit:
+    """Hold what was fitted.
+
+    Attributes
+    ----------
+    sensor
+        The sensor with its membrane or elastic gel.
+    calibration
+        Its optics; the background is the untouched photograph's mean, a constant.
+    position_degree
+        Of the polynomial in the position.
+    at_end
+        Fitted values that lie at the end of the range that was searched, in words.
+    """
+
+    sensor: Sensor
+    calibration: Calibration
+    position_degree: int
+    at_end: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _GelShape:
+    """An elastic gel of a thickness, or a membrane of a width, in contact radii."""
+
+    elastic: bool
+    size: float
+
+    def of(self, sensor: Sensor, radius: float) -> Sensor:
+        """Give a sensor this gel, for contacts of some radius, m."""
+        gel = Gel(modulus=MODULUS, thickness=round(self.size * radius, 6)) if self.elastic else None
+        return sensor.model_copy(update={"membrane": 0.0 if self.elastic else round(self.size * radius, 6), "gel": gel})
+
+
+def fit_colours(
+    sensor: Sensor, photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball_radius: float, options: FitOptions
+) -> ColourFit:
+    """Fit the gel, coefficients and shadows.
+
+    Parameters
+    ----------
+    sensor
+        Gives the geometry; its optics are not used.
+    photographs
+        Two or more.
+    untouched
+        (rows, cols, 3) uint8, the photograph with nothing in the gel.
+    ball_radius
+        m.
+    options
+        Size of the model.
+
+    Returns
+    -------
+    What was fitted.
+
+    Notes
+    -----
+    The gel, and then the degree in the position, are those with which a fit to all photographs but one predicts that one best,
+    on average over the photographs; a higher degree is taken only if it gains more than `GAIN`. Then all photographs are fitted, and
+    shadows are added, each the one that explains most of what is left.
+    """
+    radius = float(np.median([photograph.contact.radius for photograph in photographs])) * sensor.pitch[1]
+    within = contact_box(sensor, [photograph.contact for photograph in photographs])
+
+    def sampled(candidate: Sensor, degree: int) -> list[Sample]:
+        degrees = options.normal_degree, degree
+        return sample_photographs(candidate, photographs, untouched, ball_radius=ball_radius, degrees=degrees, within=within)
+
+    given = options.position_degree
+    usual = USUAL_DEGREE if given is None else given
+    gels = _gels(options.elastic)
+    candidates = [gel.of(sensor, radius) for gel in gels]
+    errors_of_gels = [left_out_error(sampled(candidate, usual)) for candidate in candidates]
+    chosen = int(np.argmin(errors_of_gels))
+    fitted = candidates[chosen]
+    samples = sampled(fitted, POSITION_DEGREES[-1] if given is None else given)
+    terms = len(powers(options.normal_degree)) - 1
+    if given is None:
+        parts = {degree: _of_degree(samples, degree, terms) for degree in POSITION_DEGREES}
+        errors = {degree: left_out_error(part) for degree, part in parts.items()}
+        given = next(degree for degree in POSITION_DEGREES if errors[degree] <= (1 + GAIN) * min(errors.values()))
+        samples = parts[given]
+    samples, shadows = _with_shadows(samples, fitted, options.shadows)
+    mean: Levels = tuple(untouched.mean(axis=(0, 1)).tolist())
+    at_end = _at_end(gels[chosen], given if options.position_degree is None else None)
+    calibration = _calibration(samples, shadows, (terms, len(powers(given))), (mean,), within)
+    return ColourFit(fitted, calibration, given, tuple(at_end))
+
+
+def _gels(elastic: bool | None) -> list[_GelShape]:
+    """List the gels that are tried."""
+    membranes = [_GelShape(False, width) for width in MEMBRANES if not elastic]
+    return membranes + [_GelShape(True, thickness) for thickness in THICKNESSES if elastic is not False]
+
+
+def _at_end(gel: _GelShape, degree: int | None) -> Iterator[str]:
+    """Say which choices lie at the end of what is tried; `degree` is None where it was given."""
+    if not gel.elastic and gel.size == MEMBRANES[-1]:
+        yield f"the membrane is as wide as the widest that is tried, {gel.size:g} contact radii: is the ball's radius right?"
+    if gel.elastic and gel.size in (THICKNESSES[0], THICKNESSES[-1]):
+        yield f"the elastic gel is as thick as the first or last that is tried, {gel.size:g} contact radii: is the ball's radius right?"
+    if degree == POSITION_DEGREES[-1]:
+        yield f"the degree in the position is the highest that is tried, {degree}: --position-degree {degree + 1} may be better"
+
+
+def _of_degree(samples: Sequence[Sample], degree: int, terms: int) -> list[Sample]:
+    """Keep the features up to some degree in the position, of samples with `terms` of the normal."""
+    every, places = samples[0].features.shape[1] // terms, len(powers(degree))
+    columns = (every * np.arange(terms)[:, None] + np.arange(places)).ravel()
+    return [sample.with_features(sample.features[:, columns]) for sample in samples]
+
+
+def _with_shadows(samples: list[Sample], sensor: Sensor, count: int) -> tuple[list[Sample], list[tuple[int, float]]]:
+    """Add the features of shadows, each the one that explains most of the remaining error."""
+    shadows: list[tuple[int, float]] = []
+    shades = {shadow: [_shade(sample, sensor, *shadow) for sample in samples] for shadow in product(DIRECTIONS, SLOPES) if count}
+    for _ in range(count):
+        coefficients = _solved(samples)
+        errors = np.concatenate([sample.change - sample.features @ coefficients for sample in samples])
+        gains = {}
+        for shadow in shades.keys() - set(shadows):
+            shade = np.concatenate(shades[shadow])
+            gains[shadow] = float(np.square(shade @ errors).sum() / max(float(shade @ shade), 1e-12))
+        shadows.append(max(sorted(gains), key=gains.__getitem__))
+        pairs = zip(samples, shades[shadows[-1]], strict=True)
+        samples = [sample.with_features(np.column_stack([sample.features, shade])) for sample, shade in pairs]
+    return samples, shadows
+
+
+def _shade(sample: Sample, sensor: Sensor, direction: int, slope: float) -> NDArray[np.float64]:
+    return np.asarray(MM * shade_depth(sample.bump, sensor.pitch, direction=np.deg2rad(direction), slope=slope)[sample.at])
+
+
+def _solved(samples: Sequence[Sample]) -> NDArray[np.float64]:
+    return solve(np.sum([sample.equations for sample in samples], axis=0))
+
+
+def _calibration(
+    samples: Sequence[Sample],
+    shadows: Sequence[tuple[int, float]],
+    shape: tuple[int, int],
+    background: tuple[Levels, ...],
+    within: tuple[float, float, float, float],
+) -> Calibration:
+    coefficients = _solved(samples)
+    count = shape[0] * shape[1]
+    gains = np.round(coefficients[count:], 3).tolist()
+    slopes = [np.hypot(sample.features[:, 0], sample.features[:, shape[1]]) for sample in samples]  # the columns of nx and ny alone
+    return Calibration(
+        coefficients=np.round(coefficients[:count].T.reshape(3, *shape), 3).tolist(),
+        background=background,
+        shadows=tuple(Shadow(direction=d, slope=s, gain=tuple(gain)) for (d, s), gain in zip(shadows, gains, strict=True)),
+        steepest=round(max(float(slope.max()) for slope in slopes), 3),
+        deepest=math.ceil(1e6 * max(float(sample.bump.max()) for sample in samples)) / 1e6,
+        within=within,
+    )
+
+
+def fit_background(image: NDArray[np.uint8], sensor: Sensor, degree: int) -> tuple[Levels, ...]:
+    """Fit a polynomial of the position to an untouched image.
+
+    Parameters
+    ----------
+    image
+        (rows, cols, 3).
+    sensor
+        Gives the pixels.
+    degree
+        Of the polynomial.
+
+    Returns
+    -------
+    Levels of red, green and blue by term.
+    """
+    x, y = (centres / sensor.width for centres in pixel_centres(sensor))
+    terms = np.stack([np.broadcast_to(x[None] ** i * y[:, None] ** j, sensor.shape).ravel() for i, j in powers(degree)], axis=1)
+    levels = np.linalg.lstsq(terms, image.reshape(-1, 3).astype(float), rcond=None)[0]
+    red, green, blue = np.round(levels.T, 3).tolist()
+    return tuple(zip(red, green, blue, strict=True))

@@ -1,0 +1,122 @@
+"""Pixels of photographs of a ball in the gel, as rows of the linear equations that a sensor's colours are fitted by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels.touch.ball_contact import RING, Box, Photograph, ball_impression, distance_from
+from pipeline.kernels.touch.calibrated_shading import deformed, fitted_positions, powers
+from pipeline.kernels.touch.sensor import Sensor
+
+CONTACT_WEIGHT = 3.0
+"""Weight of a pixel in the contact, where colours change more, relative to one in the ring around it."""
+SAMPLES = 11
+"""Pixels per radius of a contact that are fitted: neighbours hold the same information."""
+RIDGE = 1e-6
+"""Share of the mean diagonal of the normal equations, which regularises terms that the photographs do not separate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Hold n pixels of a photograph.
+
+    Attributes
+    ----------
+    bump
+        (rows, cols) float64, m: how deep the gel is drawn in, of the whole image.
+    at
+        Rows and columns of the pixels.
+    inside
+        (n,), true in the contact.
+    features
+        (n, k) float64, without unit.
+    change
+        (n, 3) float64, levels that the photograph differs from the untouched one.
+    """
+
+    bump: NDArray[np.float64]
+    at: tuple[NDArray[np.intp], ...]
+    inside: NDArray[np.bool_]
+    features: NDArray[np.float64]
+    change: NDArray[np.float64]
+
+    @cached_property
+    def equations(self) -> NDArray[np.float64]:
+        """(k, k + 3) float64, the normal equations: their matrix, and beside it their right-hand sides."""
+        weight = np.where(self.inside, CONTACT_WEIGHT, 1.0)[:, None] ** 2
+        return np.asarray(self.features.T @ (weight * np.hstack([self.features, self.change])))
+
+    def error(self, coefficients: NDArray[np.float64]) -> float:
+        """Compute the mean error of colours in the contact plus that in the ring, levels; `coefficients` is (k, 3)."""
+        size = np.abs(self.change - self.features @ coefficients).mean(axis=1)
+        return sum(float(size[part].mean()) for part in (self.inside, ~self.inside) if part.any())
+
+    def with_features(self, features: NDArray[np.float64]) -> Sample:
+        """Return a sample with other features, (n, any number)."""
+        return Sample(self.bump, self.at, self.inside, features, self.change)
+
+
+def sample_photographs(
+    sensor: Sensor,
+    photographs: Sequence[Photograph],
+    untouched: NDArray[np.uint8],
+    *,
+    ball_radius: float,
+    degrees: tuple[int, int],
+    within: Box,
+) -> list[Sample]:
+    """Take the pixels of contacts and of the rings around them.
+
+    Parameters
+    ----------
+    sensor
+        Gives the geometry and the membrane.
+    photographs, untouched
+        As `fit_colours` takes them.
+    ball_radius
+        m.
+    degrees
+        Of the polynomials in the normal and in the position.
+    within
+        From `contact_box`.
+
+    Returns
+    -------
+    A sample per photograph; features are in the order of `Calibration.coefficients`.
+    """
+    stride = max(1, round(float(np.median([photograph.contact.radius for photograph in photographs])) / SAMPLES))
+    x, y = fitted_positions(sensor, within)
+    samples = []
+    for photograph in photographs:
+        distance = distance_from(sensor, photograph.contact)[::stride, ::stride] / (photograph.contact.radius * sensor.pitch[1])
+        row, col = np.nonzero(distance < RING)
+        inside = distance[row, col] < 1
+        row, col = stride * row, stride * col
+        bump = deformed(ball_impression(sensor, photograph.contact, ball_radius), sensor)
+        slope_y, slope_x = (change[row, col] / size for change, size in zip(np.gradient(bump), sensor.pitch, strict=True))
+        size = np.sqrt(1 + slope_x**2 + slope_y**2)
+        normal = [(slope_x / size) ** i * (slope_y / size) ** j for i, j in powers(degrees[0])[1:]]
+        place = [x[col] ** i * y[row] ** j for i, j in powers(degrees[1])]
+        features = np.stack([slope * spot for slope, spot in product(normal, place)], axis=1)
+        change = photograph.image[row, col].astype(np.float64) - untouched[row, col].astype(np.float64)
+        samples.append(Sample(bump, (row, col), inside, features, change))
+    return samples
+
+
+def solve(equations: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Solve a sum of `Sample.equations` for the coefficients, (k, 3) float64, levels."""
+    matrix, right = equations[:, :-3], equations[:, -3:]
+    ridge = RIDGE * np.trace(matrix) / len(matrix) * np.eye(len(matrix))
+    return np.linalg.solve(matrix + ridge, right)
+
+
+def left_out_error(samples: Sequence[Sample]) -> float:
+    """Average the error of each photograph by a fit to all others, levels: contacts plus rings."""
+    total = np.sum([sample.equations for sample in samples], axis=0)
+    return float(np.mean([sample.error(solve(total - sample.equations)) for sample in samples]))

@@ -1,0 +1,139 @@
+"""The training of a local network on presses: windows about contacts, varied, with the truth of the gel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from pipeline.kernels.networks.local_network import LocalNetwork, LocalShape, pixel_positions
+from pipeline.kernels.networks.local_touch_loss import GelState, local_loss
+from pipeline.rng import seeded_weights
+from pipeline.training.learner import Learner
+from pipeline.training.loop import train
+from stages.train_touch.presses import Presses
+from stages.train_touch.settings import TouchTrainingSettings
+from stages.train_touch.variation import vary_change
+
+NAME = "train-touch"
+MM = 1e3
+AT_CONTACT = 0.85
+"""Share of the windows that lie about a contact; the others lie anywhere."""
+
+
+class Windows(NamedTuple):
+    """Windows of some presses: (B, 3, H, W) changes of colour, levels; (B, 2, H, W) positions; the gel."""
+
+    change: Tensor
+    position: Tensor
+    truth: GelState
+
+
+class PressLearner(Learner):
+    """A local network with its presses."""
+
+    keeps_last = True
+
+    def __init__(self, network: LocalNetwork, train: Presses, valid: Presses, settings: TouchTrainingSettings) -> None:
+        super().__init__(network)
+        self.train, self.valid, self.settings = train, valid, settings
+        self.pitch = (MM * train.sensor.pitch[0], MM * train.sensor.pitch[1])
+        self.position = pixel_positions(*train.sensor.shape)[0]
+
+    def __len__(self) -> int:
+        return len(self.train)
+
+    def describe(self, item: int) -> str:
+        """Name a training press."""
+        return self.train.describe(item)
+
+    def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Windows:
+        """Read a varied window of each press."""
+        return _stacked([self._window(self.train, item, generator) for item, generator in zip(items, generators, strict=True)])
+
+    def _window(self, presses: Presses, item: int, generator: torch.Generator | None) -> Windows:
+        """Read a window of a press, or without a generator the whole press, as it is."""
+        press = presses.read(item)
+        change = torch.from_numpy(press.image.astype(np.float32) - presses.untouched).permute(2, 0, 1)
+        depth, contact = torch.from_numpy(MM * press.indentation), torch.from_numpy(press.contact.copy())
+        position = self.position
+        if generator is not None:
+            rows, cols = self._place(press.contact, generator)
+            change, position = change[:, rows, cols], position[:, rows, cols]
+            depth, contact = depth[rows, cols], contact[rows, cols]
+            change = vary_change(change, self.settings, generator)
+        return Windows(change, position, GelState(depth, contact))
+
+    def _place(self, contact: np.ndarray, generator: torch.Generator) -> tuple[slice, slice]:
+        """Draw a window's rows and columns."""
+        about, share, place = (
+            torch.rand(1, generator=generator, dtype=torch.float32),
+            *torch.rand((2, 2), generator=generator, dtype=torch.float32),
+        )
+        touched = np.argwhere(contact)
+        slices = []
+        for axis, size in enumerate(contact.shape):
+            side = min(self.settings.window, size)
+            first = float(share[axis]) * (size - side)
+            if len(touched) and float(about) < AT_CONTACT:
+                first = touched[:, axis].mean() - side / 2 + (2 * float(place[axis]) - 1) * side / 3
+            start = int(np.clip(first, 0, size - side))
+            slices.append(slice(start, start + side))
+        return slices[0], slices[1]
+
+    def loss(self, network: nn.Module, batch: Windows) -> Tensor:
+        """Compute the loss of some training windows."""
+        return self._read(network, batch)[1]
+
+    def validate(self, network: nn.Module) -> dict[str, float]:
+        """Compute the loss over the validation presses, and the mean depth error over all pixels, µm; neither chooses an epoch."""
+        loss = error = 0.0
+        for start in range(0, len(self.valid), self.settings.batch_size):
+            items = range(len(self.valid))[start : start + self.settings.batch_size]
+            windows = _stacked([self._window(self.valid, item, None) for item in items])
+            shape, mean = self._read(network, windows)
+            loss += len(items) * float(mean)
+            error += len(items) * float((shape.depth.cpu() - windows.truth.depth).abs().mean())
+        return {"loss": loss / len(self.valid), "depth_error_um": 1e3 * error / len(self.valid)}
+
+    def _read(self, network: nn.Module, windows: Windows) -> tuple[LocalShape, Tensor]:
+        parameter = next(network.parameters())
+        truth = GelState(windows.truth.depth.to(parameter), windows.truth.contact.to(parameter.device))
+        shape = network(windows.change.to(parameter), windows.position.to(parameter), self.pitch, truth.depth)
+        return shape, local_loss(shape, truth, self.pitch)
+
+
+def _stacked(windows: Sequence[Windows]) -> Windows:
+    change, position, truth = zip(*windows, strict=True)
+    depth, contact = zip(*truth, strict=True)
+    return Windows(torch.stack(change), torch.stack(position), GelState(torch.stack(depth), torch.stack(contact)))
+
+
+def train_local_network(
+    train_presses: Presses, valid: Presses, settings: TouchTrainingSettings, *, folder: Path, seed: int
+) -> tuple[LocalNetwork, dict[str, Any]]:
+    """Train a local network.
+
+    Parameters
+    ----------
+    train_presses, valid
+        Presses of one sensor, to learn from and to watch.
+    settings
+        Of the training.
+    folder
+        Gets checkpoint and curves, as `train` writes them.
+    seed
+        Of weights, order and variation.
+
+    Returns
+    -------
+    The network in evaluation mode, and facts for a record.
+    """
+    with seeded_weights(seed, NAME):
+        network = LocalNetwork(settings.width)
+    facts = train(PressLearner(network, train_presses, valid, settings), settings, folder=folder, seed=seed, name=NAME)
+    return network.eval(), facts

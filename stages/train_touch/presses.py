@@ -1,0 +1,118 @@
+"""What a local network learns from: presses that `simulate-presses` made, or made here for a sensor alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.touch_sensors import touch_sensor
+from pipeline.kernels.touch.press_shapes import random_press
+from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
+from pipeline.rng import numpy_rng
+from pipeline.store.storage import Place
+
+ARRAYS = ("press_image", "press_indentation", "press_contact", "press_untouched")
+"""Arrays that are read of each object."""
+
+
+class SeenPress(NamedTuple):
+    """A press: (rows, cols, 3) uint8 tactile image, (rows, cols) float32 indentation of the gel, m, and contact."""
+
+    image: NDArray[np.uint8]
+    indentation: NDArray[np.float32]
+    contact: NDArray[np.bool_]
+
+
+class Presses(Protocol):
+    """Presses of one sensor."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """Their sensor, with their pixels."""
+
+    @property
+    def untouched(self) -> NDArray[np.uint8]:
+        """(rows, cols, 3) uint8, the image without a press."""
+
+    def __len__(self) -> int:
+        """Count the presses."""
+
+    def read(self, item: int) -> SeenPress:
+        """Read a press."""
+
+    def describe(self, item: int) -> str:
+        """Name a press."""
+
+
+class StoredPresses:
+    """The presses of a split of a data directory."""
+
+    def __init__(self, data: Place, split: str) -> None:
+        self.rows = ObjectRows(data, ARRAYS, split)
+        self.sensor = touch_sensor(self.rows.attributes("presses"))
+        self.untouched = self.rows.read("press_untouched", self.rows.object_ids[0])
+        self.each = self.rows.size("press_image", "press")
+
+    def __len__(self) -> int:
+        return len(self.rows) * self.each
+
+    def read(self, item: int) -> SeenPress:
+        """Read a press."""
+        number, press = divmod(item, self.each)
+        image, indentation, contact = (self.rows.read(array, self.rows.object_ids[number], press) for array in ARRAYS[:3])
+        return SeenPress(image, indentation, contact)
+
+    def describe(self, item: int) -> str:
+        """Name the object and the number of a press."""
+        number, press = divmod(item, self.each)
+        return f"{self.rows.object_ids[number]} press {press}"
+
+
+@dataclass(frozen=True, eq=False)
+class RandomPresses:
+    """Random shapes pressed into a sensor, in memory: for a sensor without a dataset."""
+
+    sensor: Sensor
+    untouched: NDArray[np.uint8]
+    presses: list[SeenPress]
+
+    def __len__(self) -> int:
+        return len(self.presses)
+
+    def read(self, item: int) -> SeenPress:
+        """Return a press."""
+        return self.presses[item]
+
+    def describe(self, item: int) -> str:
+        """Name a press."""
+        return f"random press {item}"
+
+
+def random_presses(sensor: Sensor, count: int, seed: int, *, gel: tuple[float, float]) -> RandomPresses:
+    """Press random shapes into a sensor.
+
+    Parameters
+    ----------
+    sensor
+        With as many pixels as the images shall have.
+    count
+        How many.
+    seed
+        Of all draws.
+    gel
+        Least and greatest factor of the elastic gel's thickness, or of the membrane's width, drawn for each press.
+    """
+    presses = []
+    for number in range(count):
+        rng = numpy_rng(seed, "random-presses", number)
+        press = random_press(sensor, rng)
+        varied = scaled_gel(sensor, rng.uniform(*gel))
+        state = press_gel(press.depth, varied)
+        presses.append(SeenPress(image_of_gel(state.indentation, varied, rng), state.indentation.astype(np.float32), state.contact))
+    return RandomPresses(sensor, untouched_image(sensor), presses)

@@ -1,0 +1,166 @@
+"""`read-touch`: what is written, folders that are watched, cameras, and whatever a user may get wrong."""
+
+from __future__ import annotations
+
+import sys
+import types
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+import yaml
+import zarr
+from numpy.typing import NDArray
+from PIL import Image
+from typer.testing import CliRunner
+
+from pipeline.cli.app import app
+from pipeline.errors import InvalidInput
+from pipeline.formats.image_file import read_depth
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.inference.photograph_stream import camera_frames, photographs_of, watched
+from pipeline.inference.read_touch import PNG_STEP, TouchReader, write_reading
+from pipeline.inference.train_sensor import save_sensor_network
+from pipeline.kernels.networks.local_network import LocalNetwork
+from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.touch.resample_sensor import resample
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+from pipeline.models.touch_model import LocalTouchModel, save_touch_model
+
+ROWS, COLS = 36, 48
+SENSOR = resample(load_sensor("gelsight"), ROWS, COLS)
+UNTOUCHED = untouched_image(SENSOR)
+
+
+def ball(depth: float) -> NDArray[np.uint8]:
+    y, x = np.mgrid[-1:1:36j, -1:1:48j] * 0.007
+    return tactile_image(np.where(np.hypot(x, y) < 0.003, SENSOR.w - depth, np.inf), SENSOR)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a sensor file, an untrained network beside it, and three photographs."""
+    folder = tmp_path_factory.mktemp("sensor")
+    described = SENSOR.model_dump(mode="json", exclude_none=True)
+    (folder / "my_gel.yaml").write_text(yaml.safe_dump(described | {"name": "my_gel"}))
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        network = LocalNetwork(4).eval()
+    save_sensor_network(LocalTouchModel(network, SENSOR, UNTOUCHED), folder / "my_gel-touch")
+    (folder / "photographs").mkdir()
+    for name, image in {"untouched": UNTOUCHED, "a": ball(0.001), "b": ball(0.0005)}.items():
+        Image.fromarray(image).save(folder / "photographs" / f"{name}.png")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def reader(folder: Path) -> TouchReader:
+    return TouchReader(folder / "my_gel.yaml", UNTOUCHED)
+
+
+def test_files_hold_what_was_read(reader: TouchReader, tmp_path: Path) -> None:
+    reading = reader.read(ball(0.001))
+    files = write_reading(reading, tmp_path / "out", "a")
+    assert all(file.exists() for file in files)
+    depth = read_depth(tmp_path / "out" / "a-depth.png") * PNG_STEP
+    np.testing.assert_allclose(depth, np.minimum(reading.indentation, 65535 * PNG_STEP), rtol=0, atol=PNG_STEP)
+    group = zarr.open_group(tmp_path / "out" / "touches.zarr", mode="r")
+    arrays: Any = {name: group[f"a/{name}"] for name in ("indentation", "contact", "normals")}
+    np.testing.assert_array_equal(arrays["indentation"][:], reading.indentation)
+    np.testing.assert_array_equal(arrays["contact"][:], reading.contact)
+    np.testing.assert_array_equal(arrays["normals"][:], reading.normals)
+    assert arrays["indentation"].attrs["units"] == "m"
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "out" / "a-contact.png")) == 255, reading.contact)
+    np.testing.assert_allclose(np.linalg.norm(reading.normals, axis=-1), 1, rtol=0, atol=1e-6)
+    if reading.contact.any():
+        cloud: Any = trimesh.load(tmp_path / "out" / "a.ply")
+        np.testing.assert_allclose(cloud.vertices, reading.points, rtol=0, atol=1e-8)
+    write_reading(reading, tmp_path / "out", "a")  # again, in place of the first
+
+
+def test_a_cloud_of_no_point_can_be_read(reader: TouchReader, tmp_path: Path) -> None:
+    reading = reader.read(UNTOUCHED)
+    object.__setattr__(reading, "contact", np.zeros_like(reading.contact))
+    write_reading(reading, tmp_path, "none")
+    assert b"element vertex 0\n" in (tmp_path / "none.ply").read_bytes()
+
+
+def test_normals_are_those_of_the_gels_surface(reader: TouchReader) -> None:
+    reading = reader.read(ball(0.001))
+    x = (np.arange(COLS) + 0.5) / COLS * SENSOR.width
+    object.__setattr__(reading, "indentation", np.broadcast_to(0.5 * x, (ROWS, COLS)).astype(np.float32))
+    np.testing.assert_allclose(reading.normals[5, 5], np.array([0.5, 0, 1]) / np.sqrt(1.25), rtol=0, atol=1e-5)
+
+
+def test_the_command_reads_a_folder_without_the_untouched_photograph(folder: Path, tmp_path: Path) -> None:
+    photographs = folder / "photographs"
+    options = ["--untouched", str(photographs / "untouched.png"), "--sensor", str(folder / "my_gel.yaml"), "--out", str(tmp_path / "out")]
+    ended = CliRunner().invoke(app, ["read-touch", str(photographs), *options])
+    assert ended.exit_code == 0, ended.output
+    assert "2 photographs" in ended.output
+    assert {file.name for file in (tmp_path / "out").glob("*-depth.png")} == {"a-depth.png", "b-depth.png"}
+
+
+def test_new_photographs_of_a_watched_folder_are_read_once_whole(folder: Path, tmp_path: Path) -> None:
+    def come() -> Iterator[str]:
+        for name, _ in watched(tmp_path, tmp_path / "untouched.png"):
+            yield name
+
+    Image.fromarray(UNTOUCHED).save(tmp_path / "untouched.png")
+    Image.fromarray(UNTOUCHED).save(tmp_path / "a.png")
+    names = come()
+    assert next(names) == "a"
+    (tmp_path / "b.png").write_bytes((tmp_path / "a.png").read_bytes()[:-40])  # half written
+    Image.fromarray(UNTOUCHED).save(tmp_path / "c.png")
+    assert next(names) == "c"
+    Image.fromarray(UNTOUCHED).save(tmp_path / "b.png")
+    assert next(names) == "b"
+    with pytest.raises(InvalidInput, match="is no folder; --watch"):
+        next(watched(tmp_path / "a.png", tmp_path))
+
+
+class Capture:
+    """A camera of two frames, as OpenCV gives them."""
+
+    def __init__(self, number: int) -> None:
+        self.frames = [np.full((2, 3, 3), (1, 2, 3), np.uint8)] * 2 if number == 0 else []
+        self.released = False
+
+    def isOpened(self) -> bool:
+        return bool(self.frames)
+
+    def read(self) -> tuple[bool, Any]:
+        return (True, self.frames.pop()) if self.frames else (False, None)
+
+    def release(self) -> None:
+        self.released = True
+
+
+def test_frames_of_a_camera_are_red_green_blue(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", types.SimpleNamespace(VideoCapture=Capture))
+    frames = list(camera_frames(0))
+    assert [name for name, _ in frames] == ["000000", "000001"]
+    assert frames[0][1][0, 0].tolist() == [3, 2, 1]
+    with pytest.raises(InvalidInput, match="OpenCV opens no camera 1"):
+        next(camera_frames(1))
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(InvalidInput, match=r"pip install 'vt-pipeline\[camera\]'"):
+        next(camera_frames(0))
+
+
+def test_what_cannot_be_read_is_said(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="does not exist; give a photograph"):
+        photographs_of(tmp_path / "missing", tmp_path)
+    with pytest.raises(InvalidInput, match="holds no photographs besides the untouched one"):
+        photographs_of(tmp_path, tmp_path)
+    with pytest.raises(InvalidInput, match="holds no network for sensor gel_16mm; train one"):
+        TouchReader("gel_16mm", UNTOUCHED)
+    save_touch_model(tmp_path, UNet(1), sensor=SENSOR, untouched=UNTOUCHED, mask_threshold=1e-3)
+    with pytest.raises(InvalidInput, match="holds a U-Net, which reads simulated images"):
+        TouchReader(folder / "my_gel.yaml", UNTOUCHED, tmp_path)
+    ended = CliRunner().invoke(app, ["read-touch", "--untouched", str(folder / "photographs/untouched.png"), "--sensor", "gelsight"])
+    assert ended.exit_code == 1

@@ -1,0 +1,84 @@
+"""The local network: its reach, windows beside whole images, its loss."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.networks.local_network import LocalNetwork, LocalShape, pixel_positions
+from pipeline.kernels.networks.local_touch_loss import GelState, local_loss
+from pipeline.kernels.networks.slope_integration import surface_slopes
+
+PITCH = (0.12, 0.1)
+
+
+@pytest.fixture(scope="module")
+def network() -> LocalNetwork:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        return LocalNetwork(8).eval()
+
+
+@pytest.fixture(scope="module")
+def change() -> torch.Tensor:
+    return 40 * torch.randn(1, 3, 24, 30, generator=torch.Generator().manual_seed(1))
+
+
+def test_parameters_are_five_thousand_by_default() -> None:
+    assert 4_000 < sum(parameter.numel() for parameter in LocalNetwork().parameters()) < 7_000
+    with pytest.raises(ValueError, match="a local network of width 0"):
+        LocalNetwork(0)
+
+
+def test_positions_go_from_rim_to_rim() -> None:
+    positions = pixel_positions(2, 4)[0]
+    assert positions[0, 0].tolist() == [-0.75, -0.25, 0.25, 0.75]
+    assert positions[1, :, 0].tolist() == [-0.5, 0.5]
+
+
+def test_slopes_depend_on_three_pixels_around_alone(network: LocalNetwork, change: torch.Tensor) -> None:
+    given = change.clone().requires_grad_()
+    (gradient,) = torch.autograd.grad(network.slopes(given, pixel_positions(24, 30))[0, 0, 12, 15], given)
+    row, col = gradient[0].abs().sum(dim=0).nonzero(as_tuple=True)
+    assert (row.min(), row.max(), col.min(), col.max()) == (9, 15, 12, 18)
+
+
+def test_depth_is_the_integral_of_slopes_and_contact_bends_neither(network: LocalNetwork, change: torch.Tensor) -> None:
+    shape = network(change, pixel_positions(24, 30), PITCH)
+    assert shape.depth.shape == shape.contact.shape == (1, 24, 30)
+    shape.contact.sum().backward()
+    assert all(parameter.grad is None for parameter in network.colours.parameters())
+    network.zero_grad(set_to_none=True)
+
+
+def test_in_a_window_slopes_that_are_true_give_the_true_depth(network: LocalNetwork, change: torch.Tensor) -> None:
+    within = torch.rand(1, 24, 30, generator=torch.Generator().manual_seed(2))
+    assert network(change, pixel_positions(24, 30), PITCH, within).depth.shape == within.shape
+    network.slopes = lambda *_: surface_slopes(within, PITCH)  # type: ignore[method-assign]
+    try:
+        torch.testing.assert_close(network(change, pixel_positions(24, 30), PITCH, within).depth, within)
+    finally:
+        del network.slopes
+
+
+def test_the_loss_is_least_at_the_truth_and_grows_with_each_error() -> None:
+    depth = torch.zeros(1, 12, 12)
+    depth[:, 4:8, 4:8] = 0.1
+    truth = GelState(depth, depth > 0)
+    right = LocalShape(surface_slopes(depth, PITCH), depth, torch.where(depth > 0, 20.0, -20.0))
+    least = float(local_loss(right, truth, PITCH))
+    assert least < 1e-6
+    for wrong in (
+        right._replace(slopes=right.slopes + 0.1),
+        right._replace(depth=right.depth + 0.05),
+        right._replace(contact=-right.contact),
+    ):
+        assert float(local_loss(wrong, truth, PITCH)) > least + 1e-3
+
+
+def test_a_network_that_has_diverged_is_refused() -> None:
+    nothing = torch.zeros(1, 8, 8)
+    shape = LocalShape(torch.full((1, 2, 8, 8), torch.nan), nothing, nothing)
+    with pytest.raises(InvalidInput, match="it has diverged"):
+        local_loss(shape, GelState(nothing, nothing > 0), PITCH)

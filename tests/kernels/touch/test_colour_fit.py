@@ -1,0 +1,79 @@
+"""Fits to photographs that our renderer made with a known model: what is chosen, and by which errors."""
+
+import numpy as np
+import pytest
+
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch.ball_contact import Circle, Photograph, ball_impression, contact_box
+from pipeline.kernels.touch.colour_fit import MEMBRANES, MODULUS, FitOptions, fit_colours
+from pipeline.kernels.touch.colour_samples import CONTACT_WEIGHT, left_out_error, sample_photographs
+from pipeline.kernels.touch.sensor import Gel, Sensor
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+
+BALL = 0.002
+SMALL = load_sensor("gelsight").model_copy(update={"rows": 72, "cols": 96, "membrane": 0.0})
+RADIUS = 9.0 * SMALL.pitch[1]
+
+
+def photographs(sensor: Sensor, count: int = 8) -> list[Photograph]:
+    """Contacts of 9 pixels radius all over the gel, one of which the rim cuts."""
+    rng = np.random.default_rng(0)
+    contacts = [Circle(4.0, 30.0, 9.0)] + [Circle(rng.uniform(10, 85), rng.uniform(10, 61), 9.0) for _ in range(count - 1)]
+    images = [tactile_image(sensor.w - ball_impression(sensor, circle, BALL), sensor, rng) for circle in contacts]
+    return [Photograph(f"{number}.png", image, circle) for number, (image, circle) in enumerate(zip(images, contacts, strict=True))]
+
+
+def of_degree(degree: int) -> Sensor:
+    """Keep the terms of the position up to some degree, and no shadows."""
+    calibration = SMALL.calibrated
+    assert calibration is not None
+    terms = (degree + 1) * (degree + 2) // 2
+    coefficients = tuple(tuple(term[:terms] for term in colour) for colour in calibration.coefficients)
+    return SMALL.model_copy(update={"calibrated": calibration.model_copy(update={"coefficients": coefficients, "shadows": ()})})
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+def test_degree_in_the_position_is_the_one_that_predicts_best(degree: int) -> None:
+    sensor = of_degree(degree).model_copy(update={"noise": 1.0})
+    fit = fit_colours(sensor, photographs(sensor), untouched_image(sensor), BALL, FitOptions(shadows=0, elastic=False))
+    assert fit.position_degree == degree
+    assert fit.at_end == ()
+
+
+def test_membrane_as_wide_as_the_widest_that_is_tried_is_reported() -> None:
+    wide = of_degree(0).model_copy(update={"membrane": MEMBRANES[-1] * RADIUS})
+    fit = fit_colours(wide, photographs(wide), untouched_image(wide), BALL, FitOptions(position_degree=0, shadows=0, elastic=False))
+    assert fit.sensor.membrane == pytest.approx(wide.membrane)
+    (line,) = fit.at_end
+    assert "the membrane is as wide as the widest that is tried, 2 contact radii" in line
+
+
+@pytest.mark.parametrize("elastic", [True, False])
+def test_gel_that_made_the_photographs_is_recognised(elastic: bool) -> None:
+    """An elastic layer of two contact radii, or a membrane of half of one: the one is not taken for the other."""
+    gel = {"gel": Gel(modulus=MODULUS, thickness=2 * RADIUS)} if elastic else {"membrane": 0.5 * RADIUS}
+    sensor = of_degree(0).model_copy(update=gel)
+    fit = fit_colours(sensor, photographs(sensor, 5), untouched_image(sensor), BALL, FitOptions(position_degree=0, shadows=0))
+    assert fit.sensor.membrane == pytest.approx(sensor.membrane, abs=1e-6)
+    assert (fit.sensor.gel is not None) == elastic
+    if fit.sensor.gel is not None:
+        assert fit.sensor.gel.thickness == pytest.approx(2 * RADIUS, abs=1e-6)
+    assert fit.at_end == ()
+
+
+def test_error_of_a_left_out_photograph_is_that_of_a_fit_to_the_others() -> None:
+    """Beside least squares of stacked rows, a fit per photograph; the ridge is what is left between them."""
+    sensor = of_degree(1)
+    every = photographs(sensor)
+    within = contact_box(sensor, [one.contact for one in every])
+    samples = sample_photographs(sensor, every, untouched_image(sensor), ball_radius=BALL, degrees=(2, 1), within=within)
+    errors = []
+    for left_out in samples:
+        others = [sample for sample in samples if sample is not left_out]
+        weight = np.concatenate([np.where(sample.inside, CONTACT_WEIGHT, 1.0) for sample in others])[:, None]
+        rows, change = (np.concatenate([getattr(sample, name) for sample in others]) for name in ("features", "change"))
+        coefficients = np.linalg.lstsq(weight * rows, weight * change, rcond=None)[0]
+        size = np.abs(left_out.features @ coefficients - left_out.change).mean(axis=1)
+        errors.append(size[left_out.inside].mean() + size[~left_out.inside].mean())
+    assert left_out_error(samples) == pytest.approx(np.mean(errors), rel=1e-2)
+    assert np.mean(errors) > 0.1

@@ -1,0 +1,136 @@
+"""`train-touch` on random presses of a small calibrated sensor: what is learnt from, that it learns, and how the model is used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.errors import InvalidInput, StoreError
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.inference.train_sensor import save_sensor_network
+from pipeline.kernels.networks.local_network import LocalNetwork
+from pipeline.kernels.touch.pressed_gel import scaled_gel
+from pipeline.kernels.touch.resample_sensor import resample
+from pipeline.kernels.touch.sensor import Gel
+from pipeline.models.touch_model import LocalTouchModel, load_touch_model
+from stages.train_touch.learner import PressLearner, train_local_network
+from stages.train_touch.presses import RandomPresses, random_presses
+from stages.train_touch.settings import TouchTrainingSettings
+from stages.train_touch.variation import vary_change
+
+SENSOR = resample(load_sensor("gelsight"), 36, 48).model_copy(update={"membrane": 0.0, "gel": Gel(modulus=1e5)})
+SETTINGS: dict[str, Any] = {"epochs": 20, "batch_size": 8, "window": 24, "width": 8, "learning_rate": 1e-2}
+OFF = dict.fromkeys(("image_gain", "image_noise", "image_mix", "image_blur", "image_drift"), 0.0)
+
+
+@pytest.fixture(scope="module")
+def presses() -> RandomPresses:
+    return random_presses(SENSOR, 48, 0, gel=(0.5, 1.5))
+
+
+@pytest.fixture(scope="module")
+def trained(presses: RandomPresses, tmp_path_factory: pytest.TempPathFactory) -> tuple[LocalTouchModel, dict[str, Any]]:
+    settings = TouchTrainingSettings.model_validate(SETTINGS | OFF)
+    valid = random_presses(SENSOR, 8, 1, gel=(1.0, 1.0))
+    network, facts = train_local_network(presses, valid, settings, folder=tmp_path_factory.mktemp("training"), seed=0)
+    return LocalTouchModel(network, presses.sensor, presses.untouched), facts
+
+
+def learner(presses: RandomPresses, **changes: Any) -> PressLearner:
+    return PressLearner(LocalNetwork(4), presses, presses, TouchTrainingSettings.model_validate(SETTINGS | changes))
+
+
+def generators(count: int, seed: int = 0) -> list[torch.Generator]:
+    return [torch.Generator().manual_seed(seed + number) for number in range(count)]
+
+
+def test_presses_follow_from_the_seed_and_have_the_gel_that_was_drawn(presses: RandomPresses) -> None:
+    again = random_presses(SENSOR, 3, 0, gel=(0.5, 1.5))
+    for number in range(3):
+        for one, other in zip(presses.read(number), again.read(number), strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert {press.image.shape for press in presses.presses} == {(36, 48, 3)}
+    thicker = scaled_gel(SENSOR, 2.0).gel
+    assert thicker is not None
+    assert thicker.thickness == 2 * SENSOR.w
+    drawn_in = load_sensor("gelsight")
+    assert scaled_gel(drawn_in, 2.0).membrane == 2 * drawn_in.membrane
+
+
+def test_windows_are_parts_of_presses(presses: RandomPresses) -> None:
+    windows = learner(presses, **OFF).read([5, 6], generators(2))
+    assert windows.change.shape == (2, 3, 24, 24)
+    whole = 1e3 * presses.read(5).indentation
+    x, y = windows.position[0]
+    col, row = (round(float((part[0, 0] + 1) / 2 * size - 0.5)) for part, size in ((x, 48), (y, 36)))
+    np.testing.assert_array_equal(windows.truth.depth[0], whole[row : row + 24, col : col + 24])
+    change = presses.read(5).image.astype(float) - presses.untouched
+    np.testing.assert_array_equal(windows.change[0].permute(1, 2, 0), change[row : row + 24, col : col + 24])
+
+
+def test_variation_is_off_at_zero_and_follows_from_the_generator() -> None:
+    change = 30 * torch.randn(3, 20, 20, generator=torch.Generator().manual_seed(0))
+    off = TouchTrainingSettings.model_validate(OFF)
+    torch.testing.assert_close(vary_change(change, off, generators(1)[0]), change)
+    on = TouchTrainingSettings()
+    first, second, other = (vary_change(change, on, generators(1, seed)[0]) for seed in (1, 1, 2))
+    assert torch.equal(first, second)
+    assert not torch.equal(first, other)
+    for name in OFF:
+        alone = TouchTrainingSettings.model_validate(OFF | {name: getattr(on, name)})
+        assert not torch.allclose(vary_change(change, alone, generators(1, 3)[0]), change, atol=1e-3), name
+
+
+def test_it_learns_to_read_depth_and_keeps_the_last_epoch(trained: tuple[LocalTouchModel, dict[str, Any]]) -> None:
+    model, facts = trained
+    assert facts["best_epoch"] == facts["epochs"] - 1
+    unseen = random_presses(SENSOR, 24, 7, gel=(1.0, 1.0))
+    reading = model.read(np.stack([press.image for press in unseen.presses]))
+    truth = np.stack([press.indentation for press in unseen.presses])
+    assert np.abs(reading.indentation - truth).mean() < 0.8 * np.abs(truth).mean()
+    assert (reading.indentation >= 0).all()
+    nothing = model.read(presses_at_rest := unseen.untouched[None])
+    assert nothing.indentation.max() < 2e-5
+    assert not nothing.contact.any()
+    assert model.depth(presses_at_rest) == pytest.approx(SENSOR.w, abs=2e-5)
+
+
+def test_models_are_saved_and_read_other_pixel_counts(trained: tuple[LocalTouchModel, dict[str, Any]], tmp_path: Path) -> None:
+    save_sensor_network(trained[0], tmp_path / "model")
+    model = load_touch_model(tmp_path / "model", "cpu")
+    assert isinstance(model, LocalTouchModel)
+    press = random_presses(SENSOR, 1, 9, gel=(1.0, 1.0)).read(0)
+    own, same = model.read(press.image[None]), trained[0].read(press.image[None])
+    np.testing.assert_array_equal(own.indentation, same.indentation)
+    larger = np.repeat(np.repeat(press.image, 2, axis=0), 2, axis=1)[None]
+    assert model.read(larger).indentation[0, ::2, ::2] == pytest.approx(own.indentation[0], abs=1e-4)
+    assert model.clouds(larger)[0].shape == (int(model.mask(larger).sum()), 3)
+    with pytest.raises(InvalidInput, match="1 times as wide as high"):
+        model.read(np.zeros((1, 40, 40, 3), np.uint8))
+    with pytest.raises(InvalidInput, match=r"the untouched photograph is uint8 \(4, 4, 3\)"):
+        model.read(press.image[None], np.zeros((4, 4, 3), np.uint8))
+    with pytest.raises(InvalidInput, match="reads uint8"):
+        model.read(press.image[None].astype(float))
+    model.check_sensor(load_sensor("gelsight"))
+    with pytest.raises(InvalidInput, match="knows sensor gelsight, the tactile images are gel_16mm's: run train-touch"):
+        model.check_sensor(load_sensor("gel_16mm"))
+
+
+def test_a_local_network_with_a_threshold_is_an_error(trained: tuple[LocalTouchModel, dict[str, Any]], tmp_path: Path) -> None:
+    save_sensor_network(trained[0], tmp_path)
+    path = tmp_path / "model.json"
+    path.write_text(path.read_text().replace('"network": "local"', '"network": "local", "mask_threshold": 0.001'))
+    with pytest.raises(StoreError, match="a local network finds contact itself"):
+        load_touch_model(tmp_path, "cpu")
+
+
+def test_the_untouched_photograph_of_the_day_counts(trained: tuple[LocalTouchModel, dict[str, Any]]) -> None:
+    model, _ = trained
+    darker = replace(model, untouched=model.untouched // 2)
+    press = random_presses(SENSOR, 1, 9, gel=(1.0, 1.0)).read(0)
+    np.testing.assert_array_equal(darker.read(press.image[None], model.untouched).indentation, model.read(press.image[None]).indentation)
