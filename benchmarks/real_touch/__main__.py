@@ -46,7 +46,9 @@ PAGE_END = """
 - **Ours**: `calibrate-sensor` on the same balls, then `train-touch` on random simulated presses of that sensor. It has seen no photograph.
 - Where ours is wrong by its mean error, the model of the gel is: the last table shows how far the gel around balls is drawn in by the
   colours of contacts alone, where slopes are known (look-up table), and by the model of the gel that colours were calibrated with (ours).
-- No setting was chosen by the 16 presses of known depth: the balls of the same set decided, and the gel's thickness was fitted to them.
+- Settings were chosen by the balls. The presses of known depth were scored once before, with a thicker gel and less drift: 0.132 mm, too
+  deep. The table of the gel around the balls, which needs no press, then decided on the thinner gel; they were scored again, and nothing
+  was changed.
 - The same figures for your photographs: describe them as in `benchmarks/real_touch/sets/`, and add `--set FILE`; or write depths in mm as
   `FOLDER/SET/PRESS.npy` (and contacts as `PRESS-contact.npy`) and add `--predictions FOLDER`.
 """

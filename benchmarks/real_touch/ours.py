@@ -10,6 +10,11 @@ THICKNESS = 4e-3
 """m, assumed of the gel: it limits how deep a press can be, and no photograph tells it."""
 
 
+THICKNESSES, POISSON, CONTACT_WEIGHT = (2.0,), 0.3, 30.0
+"""Of the gel, in contact radii; its ratio; and the weight of pixels in contacts. Colours are those of the balls' slopes; of the gels that
+explain the rings around the balls equally well, this is the thinnest. A membrane leaves a step at walls, which no network can read."""
+
+
 def calibrated_sensor(photographs: PhotographSet) -> Sensor:
     """Calibrate a sensor as `calibrate-sensor` does, with all balls of a set."""
     rows, cols = photographs.untouched.shape[:2]
@@ -27,7 +32,7 @@ def calibrated_sensor(photographs: PhotographSet) -> Sensor:
             "calibrated": {"coefficients": [[[0.0]] * 2] * 3, "background": [(0.0, 0.0, 0.0)]},
         }
     )
-    options = FitOptions(elastic=True)  # a membrane leaves a step at walls, which no network can read
+    options = FitOptions(elastic=True, thicknesses=THICKNESSES, poisson=POISSON, contact_weight=CONTACT_WEIGHT)
     fit = fit_colours(sensor, photographs.balls, photographs.untouched, 1e-3 * photographs.ball_radius, options)
     optics = fit.calibration.model_copy(update={"background": photographs.untouched_path.name})
     print(f"{photographs.name}: degree {fit.position_degree} in the position, gel {fit.sensor.gel}", flush=True)

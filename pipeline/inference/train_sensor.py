@@ -19,7 +19,7 @@ PRESSES, WATCHED = 1200, 16
 """To learn from, and to watch the training by."""
 STEPS = 1200
 """Of the training: of all presses as many times."""
-GEL = (0.4, 2.0)
+GEL = (0.4, 1.5)
 """Least and greatest factor of the gel's thickness per press: photographs of balls tell it no better."""
 
 

@@ -24,8 +24,8 @@ class TouchTrainingSettings(TrainingSettings):
     image_mix: float = setting(0.05, "share of each colour that shows in another at most: lamps and filters overlap", ge=0, lt=1)
     image_blur: float = setting(0.8, "greatest standard deviation of blur, pixels: of lens, gel and camera", ge=0, le=10)
     image_drift: float = setting(
-        3.0,
-        "levels by which a photograph's light differs smoothly from the untouched one's; more hides the gel around a contact",
+        6.0,
+        "levels by which a photograph's light differs smoothly from the untouched one's at most; much more hides the gel around a contact",
         ge=0,
         le=255,
     )

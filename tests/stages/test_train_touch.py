@@ -95,9 +95,9 @@ def test_it_learns_to_read_depth_and_keeps_the_last_epoch(trained: tuple[LocalTo
     assert np.abs(reading.indentation - truth).mean() < 0.8 * np.abs(truth).mean()
     assert (reading.indentation >= 0).all()
     nothing = model.read(presses_at_rest := unseen.untouched[None])
-    assert nothing.indentation.max() < 2e-5
+    assert nothing.indentation.max() < 1e-4  # presses are up to 1.2 mm deep
     assert not nothing.contact.any()
-    assert model.depth(presses_at_rest) == pytest.approx(SENSOR.w, abs=2e-5)
+    assert model.depth(presses_at_rest) == pytest.approx(SENSOR.w, abs=1e-4)
 
 
 def test_models_are_saved_and_read_other_pixel_counts(trained: tuple[LocalTouchModel, dict[str, Any]], tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pipeline.kernels.touch.ball_contact import Photograph, contact_box
 from pipeline.kernels.touch.calibrated_shading import MM, powers
 from pipeline.kernels.touch.cast_shadow import shade_depth
-from pipeline.kernels.touch.colour_samples import Sample, left_out_error, sample_photographs, solve
+from pipeline.kernels.touch.colour_samples import CONTACT_WEIGHT, Sample, left_out_error, sample_photographs, solve
 from pipeline.kernels.touch.optics import Calibration, Levels, Shadow
 from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
 
@@ -48,12 +48,21 @@ class FitOptions:
         How many are sought.
     elastic
         Whether the gel is an elastic layer, whose thickness is fitted, or a membrane; None for what predicts best.
+    thicknesses
+        Of an elastic gel, that are tried, in contact radii.
+    poisson
+        Poisson's ratio of an elastic gel.
+    contact_weight
+        Weight of a pixel in the contact, where slopes are those of the ball, relative to one around it, where they are the gel model's.
     """
 
     normal_degree: int = 3
     position_degree: int | None = None
     shadows: int = 3
     elastic: bool | None = None
+    thicknesses: tuple[float, ...] = THICKNESSES
+    poisson: float = 0.48
+    contact_weight: float = CONTACT_WEIGHT
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,10 +93,11 @@ class _GelShape:
 
     elastic: bool
     size: float
+    poisson: float = 0.48
 
     def of(self, sensor: Sensor, radius: float) -> Sensor:
         """Give a sensor this gel, for contacts of some radius, m."""
-        gel = Gel(modulus=MODULUS, thickness=round(self.size * radius, 6)) if self.elastic else None
+        gel = Gel(modulus=MODULUS, poisson=self.poisson, thickness=round(self.size * radius, 6)) if self.elastic else None
         return sensor.model_copy(update={"membrane": 0.0 if self.elastic else round(self.size * radius, 6), "gel": gel})
 
 
@@ -124,11 +134,12 @@ def fit_colours(
 
     def sampled(candidate: Sensor, degree: int) -> list[Sample]:
         degrees = options.normal_degree, degree
-        return sample_photographs(candidate, photographs, untouched, ball_radius=ball_radius, degrees=degrees, within=within)
+        samples = sample_photographs(candidate, photographs, untouched, ball_radius=ball_radius, degrees=degrees, within=within)
+        return [replace(sample, contact_weight=options.contact_weight) for sample in samples]
 
     given = options.position_degree
     usual = USUAL_DEGREE if given is None else given
-    gels = _gels(options.elastic)
+    gels = _gels(options)
     candidates = [gel.of(sensor, radius) for gel in gels]
     errors_of_gels = [left_out_error(sampled(candidate, usual)) for candidate in candidates]
     chosen = int(np.argmin(errors_of_gels))
@@ -147,10 +158,11 @@ def fit_colours(
     return ColourFit(fitted, calibration, given, tuple(at_end))
 
 
-def _gels(elastic: bool | None) -> list[_GelShape]:
+def _gels(options: FitOptions) -> list[_GelShape]:
     """List the gels that are tried."""
-    membranes = [_GelShape(False, width) for width in MEMBRANES if not elastic]
-    return membranes + [_GelShape(True, thickness) for thickness in THICKNESSES if elastic is not False]
+    membranes = [_GelShape(False, width) for width in MEMBRANES if not options.elastic]
+    layers = [_GelShape(True, thickness, options.poisson) for thickness in options.thicknesses if options.elastic is not False]
+    return membranes + layers
 
 
 def _at_end(gel: _GelShape, degree: int | None) -> Iterator[str]:

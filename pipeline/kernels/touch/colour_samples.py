@@ -38,6 +38,8 @@ class Sample:
         (n, k) float64, without unit.
     change
         (n, 3) float64, levels that the photograph differs from the untouched one.
+    contact_weight
+        Of a pixel in the contact, relative to one around it.
     """
 
     bump: NDArray[np.float64]
@@ -45,11 +47,12 @@ class Sample:
     inside: NDArray[np.bool_]
     features: NDArray[np.float64]
     change: NDArray[np.float64]
+    contact_weight: float = CONTACT_WEIGHT
 
     @cached_property
     def equations(self) -> NDArray[np.float64]:
         """(k, k + 3) float64, the normal equations: their matrix, and beside it their right-hand sides."""
-        weight = np.where(self.inside, CONTACT_WEIGHT, 1.0)[:, None] ** 2
+        weight = np.where(self.inside, self.contact_weight, 1.0)[:, None] ** 2
         return np.asarray(self.features.T @ (weight * np.hstack([self.features, self.change])))
 
     def error(self, coefficients: NDArray[np.float64]) -> float:
@@ -59,7 +62,7 @@ class Sample:
 
     def with_features(self, features: NDArray[np.float64]) -> Sample:
         """Return a sample with other features, (n, any number)."""
-        return Sample(self.bump, self.at, self.inside, features, self.change)
+        return Sample(self.bump, self.at, self.inside, features, self.change, self.contact_weight)
 
 
 def sample_photographs(
