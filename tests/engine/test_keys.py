@@ -76,7 +76,11 @@ def test_a_change_rehashes_what_it_decides_and_nothing_else(tmp_path):
         "pipeline/engine/run.py": [],
         "pipeline/kernels/geometry/exterior_sampling.py": ["stages.sample_surfaces.stage"],
         "pipeline/kernels/vision/camera.py": ["stages.render_vision.stage"],
-        "pipeline/kernels/touch/tactile_image.py": ["stages.simulate_presses.stage", "stages.simulate_touch.stage"],
+        "pipeline/kernels/touch/tactile_image.py": [
+            "stages.simulate_presses.stage",
+            "stages.simulate_touch.stage",
+            "stages.train_touch.stage",
+        ],
         "pipeline/kernels/networks/touch_losses.py": ["stages.train_unet.stage"],
         "pipeline/kernels/charts/chart_optimizer.py": ["stages.fit_charts.stage"],
         "pipeline/kernels/metrics/touch_site_rings.py": ["stages.evaluate.stage"],

@@ -80,7 +80,7 @@ def plates(*spans: tuple[float, float]) -> str:
         ("</robot>", plates((0.0195, 0.1)), r"left: 0 of 1024 postures are free of left_finger and guard \(boxes overlap"),
         (
             "</robot>",
-            plates((0.0195, 0.052), (0.0663, 0.1)),
+            plates((0.0195, 0.0527), (0.0655, 0.1)),
             r"left: [1-9] of 1024 postures are free of left_finger and guard \(boxes overlap",
         ),
         (

@@ -139,7 +139,7 @@ def test_run_names_the_zoom_with_which_small_objects_fill_an_image_as_large_ones
     plain = VisionSettings(hand="allegro_right", occluded=False)
     assert warnings(plain, 0.144, 0.1) == []  # of a diagonal of 0.5 m
     (line,) = warnings(plain, 0.0289, 0.01)
-    found = re.search(r"with --set render-vision.zoom=(\S+) \(make: SET=render-vision.zoom=\1\)", line)
+    found = re.search(r"with --set render-vision.zoom=(\S+) \(make: render-vision.zoom=\1 in SET\)", line)
     assert found, line
     zoomed = plain.model_copy(update={"zoom": float(found[1])})
     assert warnings(zoomed, 0.0289) == []
