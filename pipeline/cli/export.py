@@ -80,7 +80,7 @@ def export(
         fail(f"--object is for --to mesh; --to {to} writes the whole dataset")
     if about and to != "parquet":
         fail(f"--about is for --to parquet; --to {to} writes no card")
-    told = read_description("about", about, About) if about else About()
+    publisher = read_description("about", about, About) if about else About()
     robots = {"grasps": write_grasps, "dexgraspbench": write_dexgraspbench}
     tables = {"lerobot": write_lerobot, "parquet": write_parquet, "webdataset": write_webdataset}
     frames = None if to in robots else GraspFrames(place(data))
@@ -89,9 +89,9 @@ def export(
         count = write(folder)
         if to == "parquet" and frames:
             facts = facts_of(place(data), frames)
-            write_card(place(data), facts, told, folder)
-            write_croissant(facts, told, folder)
+            write_card(place(data), facts, publisher, folder)
+            write_croissant(facts, publisher, folder)
     print_line(f"{out}: {count} grasps")
-    lacking = [name for name in ("url", "creators", "licence", "published") if not getattr(told, name)]
+    lacking = [name for name in ("url", "creators", "licence", "published") if not getattr(publisher, name)]
     if to == "parquet" and lacking:
         print_line(f"README.md and croissant.json lack {', '.join(lacking)}, which only you know: give --about FILE with these entries")

@@ -101,7 +101,7 @@ def validate(
     from pipeline.reports.report_pages import report_problems
     from pipeline.store.validate import problems_below
 
-    told = read_recipe(recipe) if recipe else None
+    expected = read_recipe(recipe) if recipe else None
     found = problems_below(place(data), strict=strict)
     if found:
         found |= report_problems(place(data))
@@ -111,7 +111,7 @@ def validate(
             print_line(f"  {line}")
     if not found:
         fail(f"{place(data).resolve()} holds no records; looked for ARTIFACT/NNNN-of-NNNN.json")
-    equal = told is None or print_comparison(compare(told, DataDirectory(data)), recipe)
+    equal = expected is None or print_comparison(compare(expected, DataDirectory(data)), recipe)
     if any(found.values()) or not equal:
         raise typer.Exit(1)
 

@@ -151,8 +151,8 @@ def demo(folder: Annotated[Path, typer.Argument(help="Folder to write to.")] = P
     from pipeline.inference.demo import demo as show
 
     made = show(folder, console)
-    closed = made.made.closed
-    print_line(f"{made.seen}: the one image, with the hand in it; {made.made.touched.sum()} fingers touched")
+    closed = made.prediction.closed
+    print_line(f"{made.seen}: the one image, with the hand in it; {made.prediction.touched.sum()} fingers touched")
     print_line(f"{made.mesh}: closed, {0 if closed is None else len(closed.faces)} faces, made in {made.seconds:.0f} s")
     print_line(f"{made.turntable}: the object, and its reconstruction, {1e3 * made.distance:.1f} mm from it on average")
 

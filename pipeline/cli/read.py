@@ -27,7 +27,7 @@ def read_touch(
     model: Annotated[Path | None, typer.Option(help="Folder of the network; by default NAME-touch beside the sensor file.")] = None,
     watch: Annotated[bool, typer.Option(help="Read each photograph that appears in the folder, until Ctrl-C.")] = False,
     camera: Annotated[int | None, typer.Option(min=0, help="Number of a camera, as OpenCV counts them.")] = None,
-    frames: Annotated[int | None, typer.Option(min=1, help="With --watch or --camera: stop after so many.")] = None,
+    frames: Annotated[int | None, typer.Option(min=1, help="With --watch or --camera: stop after this many photographs.")] = None,
 ) -> None:
     """Read depth and contact in photographs of a gel.
 

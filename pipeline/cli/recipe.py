@@ -51,29 +51,29 @@ def remake(
     """
     from pipeline.export.remake import prepare_remake, reasons, unusual_settings
 
-    told = read_recipe(recipe)
-    asked = prepare_remake(told, objects and objects.expanduser(), descriptions and descriptions.expanduser(), sample)
-    where, differences = place(data), reasons(told)
-    print_line(f"{recipe}: {pluralise(len(asked.items))} of {len(told.rows)} to make; their sources are those of the recipe")
+    given = read_recipe(recipe)
+    asked = prepare_remake(given, objects and objects.expanduser(), descriptions and descriptions.expanduser(), sample)
+    where, differences = place(data), reasons(given)
+    print_line(f"{recipe}: {pluralise(len(asked.items))} of {len(given.rows)} to make; their sources are those of the recipe")
     for line in differences:
         print_line(f"  {line}")
     with make_executor(executor, workers, None) as processes:
         for request in asked.requests(where, shards, processes):
             for plan in make_plans(request):
                 run_plan(plan)
-    found = compare(told, DataDirectory(where), [item.object_id for item in asked.items] if asked.sampled else None)
+    found = compare(given, DataDirectory(where), [item.object_id for item in asked.items] if asked.sampled else None)
     if print_comparison(found, recipe):
         return
     for line in differences or ["code and libraries are those of the recipe: then a setting or digest in it is wrong, or the processor"]:
         print_line(f"  may come of this: {line}")
     for stage in () if differences else found.differing:
-        if settings := unusual_settings(told, stage):
-            print_line(f"  settings of {stage} that differ from preset {told.preset}: {', '.join(settings)}")
+        if settings := unusual_settings(given, stage):
+            print_line(f"  settings of {stage} that differ from preset {given.preset}: {', '.join(settings)}")
     raise typer.Exit(1)
 
 
 def print_comparison(found: Comparison, recipe: object) -> bool:
-    """Print how a data directory differs from a recipe; tell whether it does not."""
+    """Print how a data directory differs from a recipe, and report whether it is equal."""
     if found.equal:
         print_line(f"{recipe}: {pluralise(found.compared, 'row')} compared, all equal")
         return True

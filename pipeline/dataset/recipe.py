@@ -32,7 +32,7 @@ SHORT = 16
 """Hexadecimal digits of a row's digest in a recipe, which name a row that differs; the roots, of 64 digits, are the proof."""
 
 OBJECTS = "\nobjects: |\n"
-"""What parts the head of a recipe from the lines of its objects."""
+"""The line between the head of a recipe and the lines of its objects."""
 
 _LINE = re.compile(rf"({OBJECT_ID.pattern}) ([0-9a-f]{{64}}(?:\+[0-9a-f]{{16}})?|~[0-9a-f]{{16}})((?: [0-9a-f]{{16}}(?:[0-9a-f]{{48}})?)+)")
 

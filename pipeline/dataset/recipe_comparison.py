@@ -81,8 +81,8 @@ def compare(recipe: Recipe, directory: DataDirectory, names: Collection[str] | N
         if names is None and len(present) == len(looked_at):
             if extra := sorted(there.keys() - recipe.rows.keys()):
                 found.remarks.append(f"{stage}: {pluralise(len(extra))} not in the recipe ({abbreviate(extra)})")
-            shared = constants if constants == said.constants else said.constants  # the remark above says that they differ
-            mine = roots_of({name: there[name] for name in recipe.rows}, shared, recipe.shards)
+            own_rows = {name: there[name] for name in recipe.rows}
+            mine = roots_of(own_rows, said.constants, recipe.shards)  # where constants differ, the remark above says so
             agrees = [root == theirs for root, theirs in zip(mine, said.roots, strict=True)]
             differing = _without_misprints(stage, differing, agrees, found)
         if first := [name for name in differing if name not in seen]:

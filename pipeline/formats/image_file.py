@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,15 @@ from pipeline.formats.file_content import read_file
 
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF")
 """Pillow would open others too, some by starting a program."""
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+"""Of their files."""
 MAX_BYTES, MAX_PIXELS = 2**28, 2**25
 """Of a file, and of the image in it: 33 megapixels take 100 MB."""
+
+
+def image_files(files: Iterable[Path], leave_out: Path) -> list[Path]:
+    """Select the files that are called as images are, sorted, without one."""
+    return sorted(file for file in files if file.suffix.lower() in SUFFIXES and file.resolve() != leave_out.resolve())
 
 
 def read_image(path: Path) -> NDArray[np.uint8]:

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.image_file import read_image
+from pipeline.formats.image_file import image_files, read_image
 from pipeline.kernels.touch.ball_contact import Circle, Photograph
 from pipeline.kernels.touch.find_contact import find_contact
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 CIRCLES = "circles.csv"
 """File of known contacts: name, x, y, radius in pixels, from the centre of pixel (0, 0). Other contacts are detected."""
 MIN_PHOTOGRAPHS = 4
@@ -46,7 +45,7 @@ def read_photographs(folder: Path, untouched_path: Path) -> tuple[list[Photograp
     untouched, circles = read_image(untouched_path), _read_circles(folder / CIRCLES)
     photographs: list[Photograph] = []
     left_out: dict[str, str] = {}
-    for path in _image_files(folder, untouched_path):
+    for path in image_files(folder.rglob("*"), untouched_path):
         name = path.relative_to(folder).as_posix()
         try:
             image = read_image(path)
@@ -68,11 +67,6 @@ def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], given: Circ
         own, other = (f"{pixels.shape[0]} x {pixels.shape[1]}" for pixels in (image, untouched))
         raise InvalidInput(f"it has {own} pixels, the untouched photograph {other}")
     return given or find_contact(image, untouched)
-
-
-def _image_files(folder: Path, untouched_path: Path) -> list[Path]:
-    files = (file for file in folder.rglob("*") if file.suffix.lower() in SUFFIXES)
-    return sorted(file for file in files if file.resolve() != untouched_path.resolve())
 
 
 def reasons(left_out: dict[str, str]) -> str:

@@ -49,7 +49,7 @@ class Demo:
     ----------
     mesh, turntable, seen
         Files: the closed mesh, an animation of the object beside it, and the image that the network was given.
-    made
+    prediction
         The reconstruction.
     distance
         Mean distance between reconstruction and object, m.
@@ -60,7 +60,7 @@ class Demo:
     mesh: Path
     turntable: Path
     seen: Path
-    made: Prediction
+    prediction: Prediction
     distance: float
     seconds: float
 

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.image_file import read_image
+from pipeline.formats.image_file import SUFFIXES, image_files, read_image
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 POLL_SECONDS = 0.05
 """Between looks at a watched folder."""
 Named = tuple[str, NDArray[np.uint8]]
@@ -26,7 +25,7 @@ def photographs_of(path: Path, leave_out: Path) -> list[Path]:
         return [path]
     if not path.is_dir():
         raise InvalidInput(f"{path} does not exist; give a photograph, or a folder of them")
-    files = _images(path, leave_out)
+    files = image_files(path.iterdir(), leave_out)
     if not files:
         raise InvalidInput(f"{path} holds no photographs besides the untouched one: files that end in {', '.join(SUFFIXES)}")
     return files
@@ -38,7 +37,7 @@ def watched(folder: Path, leave_out: Path) -> Iterator[Named]:
         raise InvalidInput(f"{folder} is no folder; --watch takes the one in which photographs appear")
     done: set[Path] = set()
     while True:
-        for path in _images(folder, leave_out):
+        for path in image_files(folder.iterdir(), leave_out):
             if path in done:
                 continue
             try:
@@ -75,7 +74,3 @@ def camera_frames(number: int) -> Iterator[Named]:
             count += 1
     finally:
         capture.release()
-
-
-def _images(folder: Path, leave_out: Path) -> list[Path]:
-    return sorted(file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES and file.resolve() != leave_out.resolve())

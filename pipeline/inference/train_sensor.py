@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from pipeline.kernels.touch.resample_sensor import resample
+from pipeline.kernels.touch.resample_sensor import resample_longer_side
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.models.touch_model import LocalTouchModel, save_touch_model
 from stages.train_touch.learner import train_local_network
@@ -46,8 +46,7 @@ def train_sensor_network(
     if settings is None:
         settings = TouchTrainingSettings()
         settings = settings.model_copy(update={"epochs": max(1, round(STEPS * settings.batch_size / presses))})
-    longer = max(sensor.width, sensor.height)
-    seen = resample(sensor, *(max(2, round(PIXELS * side / longer)) for side in (sensor.height, sensor.width)))
+    seen = resample_longer_side(sensor, PIXELS)
     training, watched = (random_presses(seen, count, own, gel=GEL) for count, own in ((presses, 2 * seed), (WATCHED, 2 * seed + 1)))
     with tempfile.TemporaryDirectory() as folder:
         network, facts = train_local_network(training, watched, settings, folder=Path(folder), seed=seed)

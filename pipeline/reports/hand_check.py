@@ -79,8 +79,9 @@ def check_hand(path: Path, picture: Path) -> list[str]:
 
 def _faults(hand: Hand, boxes: CollisionBoxes) -> list[str]:
     """List the faults that keep the hand from grasping; `simulate-grasps` stops with the same sentence at fingers that are blocked."""
-    postures = sample_postures(hand, boxes, samples=GraspSettings().ik_samples, gap=finger_gap(hand))
-    stuck = [f"fault: {sentence}" for sentence in blocked_fingers(hand, boxes, postures, gap=finger_gap(hand))]
+    gap = finger_gap(hand)
+    postures = sample_postures(hand, boxes, samples=GraspSettings().ik_samples, gap=gap)
+    stuck = [f"fault: {sentence}" for sentence in blocked_fingers(hand, boxes, postures, gap=gap)]
     bare = [
         f"fault: no link of {finger.name} has a collision shape"
         for finger in hand.fingers

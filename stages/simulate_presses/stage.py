@@ -20,7 +20,7 @@ from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.press_patches import random_patch
 from pipeline.kernels.touch.press_shapes import Press, PressRanges, random_press
 from pipeline.kernels.touch.pressed_gel import normal_force, press_gel, scaled_gel
-from pipeline.kernels.touch.resample_sensor import resample
+from pipeline.kernels.touch.resample_sensor import resample_longer_side
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
 from pipeline.store.rows import Row
@@ -78,10 +78,7 @@ class SimulatePresses(ObjectStage):
 def pressed_sensor(settings: PressSettings) -> Sensor:
     """Load the sensor, with as many pixels as the settings say."""
     sensor = load_sensor(settings.sensor)
-    if settings.pixels is None:
-        return sensor
-    pitch = max(sensor.width, sensor.height) / settings.pixels
-    return resample(sensor, *(max(2, round(side / pitch)) for side in (sensor.height, sensor.width)))
+    return sensor if settings.pixels is None else resample_longer_side(sensor, settings.pixels)
 
 
 def _process(unit: Unit, inputs: Inputs, sensor: Sensor, settings: PressSettings) -> Row:

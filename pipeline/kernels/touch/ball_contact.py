@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.touch.calibrated_shading import MM, deformed
-from pipeline.kernels.touch.elastic_contact import press_elastic
+from pipeline.kernels.touch.calibrated_shading import MM
+from pipeline.kernels.touch.pressed_gel import gel_under
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 RING = 3.0
@@ -73,11 +73,7 @@ def ball_impression(sensor: Sensor, contact: Circle, ball_radius: float) -> NDAr
     low, high, inside = 0.0, shallow, distance <= reach  # no deeper than its equator
     for _ in range(HALVINGS):  # the deeper the ball, the larger its contact
         middle = (low + high) / 2
-        pressed = np.maximum(height - middle, 0)
-        if sensor.gel is not None:  # whose surface meets the ball within the solver's tolerance
-            touching = press_elastic(pressed, sensor, sensor.gel).pressure > 0
-        else:
-            touching = (pressed > 0) & (deformed(pressed, sensor) <= pressed)
+        touching = gel_under(np.maximum(height - middle, 0), sensor).contact
         low, high = (middle, high) if touching.sum() > inside.sum() else (low, middle)
     return np.asarray(np.maximum(height - (low + high) / 2, 0))
 

@@ -50,7 +50,11 @@ def press_gel(depth: np.ndarray, sensor: Sensor) -> PressedGel:
     ValueError
         As `impression`.
     """
-    pressed = impression(depth, sensor)
+    return gel_under(impression(depth, sensor), sensor)
+
+
+def gel_under(pressed: NDArray[np.float64], sensor: Sensor) -> PressedGel:
+    """Compute the state of a gel under an impression (rows, cols), m; otherwise as `press_gel`."""
     if sensor.gel is not None:
         indentation, pressure = press_elastic(pressed, sensor, sensor.gel)
         return PressedGel(indentation, pressure > 0, pressure)

@@ -42,3 +42,9 @@ def resample(sensor: Sensor, rows: int, cols: int) -> Sensor:
             photograph.resize((cols, rows), Image.Resampling.BILINEAR).save(file, "PNG")  # its support widens where it averages
             changes["photograph"] = file.getvalue()
     return sensor.model_copy(update=changes)
+
+
+def resample_longer_side(sensor: Sensor, pixels: int) -> Sensor:
+    """Give a sensor square pixels, a number of them along its longer side; otherwise as `resample`."""
+    pitch = max(sensor.width, sensor.height) / pixels
+    return resample(sensor, *(max(2, round(side / pitch)) for side in (sensor.height, sensor.width)))
