@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput, StageError, meant
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
+from pipeline.inference.network_error import error_note
 from pipeline.inference.observation_checks import faults
 from pipeline.inference.observation_file import RobotObservation, load_observation
 from pipeline.inference.observation_placement import describe_object, place_observation
@@ -46,7 +47,7 @@ class Prediction:
     metres_per_unit
         Of the lengths.
     remarks
-        What was assumed of an observation, and how it differs from the network's training.
+        What was assumed of an observation, how it differs from the network's training, and what is known of the network's error.
     files
         The mesh files; none if it was not written.
     """
@@ -184,7 +185,7 @@ def reconstruct(
 def model_reader(models: Place, configuration: str, training_seed: int = 0, accelerator: str = "auto", seed: int = 0) -> ObservationReader:
     """Load a model with what reads its inputs."""
     device = device_of(accelerator)
-    return ObservationReader(_load_model(models, configuration, training_seed, device), models, device, seed)
+    return ObservationReader(_load_model(models, configuration, training_seed, device), models, device, seed, training_seed)
 
 
 def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, surface: Surface, resolution: int) -> Prediction:
@@ -192,12 +193,13 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
     model = reader.model
     if given is None:
         if model.image == "any":
-            model = model.given(WAYS["none"])
+            reader = replace(reader, model=(model := model.given(WAYS["none"])))
         if model.image or model.touch:
             wanted = " and ".join([*(["an image"] if model.image else []), *(["touches"] if model.touch else [])])
             raise StageError(f"model {model.configuration} needs {wanted}: give an observation, or a data directory and an object")
         made = model.reconstruct([nothing := Observation(None)])[0]
-        return Prediction(made, nothing.touched, _uncoloured(*close_reconstruction(made, resolution)) if surface == "closed" else None)
+        closed = _uncoloured(*close_reconstruction(made, resolution)) if surface == "closed" else None
+        return Prediction(made, nothing.touched, closed, remarks=[error_note(reader)])
     if isinstance(given, RobotObservation):
         observed = given
         if lines := faults(observed, reader.suited_to(observed).inputs):
@@ -214,7 +216,7 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
         seen.touched,
         None,
         observed.metres_per_unit,
-        [describe_object(observed, placed.box), *placed.remarks],
+        [describe_object(observed, placed.box), *placed.remarks, error_note(reader)],
     )
     if surface != "closed":
         return whole
@@ -235,14 +237,15 @@ def _of_object(
     model = reader.model
     seen = reader.of_object(data, object_id, chosen)
     made = model.reconstruct([seen])[0]
+    whole = Prediction(made, seen.touched, remarks=[error_note(reader)])
     if surface != "closed":
-        return Prediction(made, seen.touched)
+        return whole
     mesh = _uncoloured(*close_reconstruction(made, resolution, seen))
     matrix = model.camera if seen.camera is None else seen.camera
     if seen.image is not None and matrix is not None:
         mask = object_mask(data, object_id, model.image, chosen)
         mesh = _coloured(mesh, seen.image, matrix, foreground(seen.image) if mask is None else mask)
-    return Prediction(made, seen.touched, mesh)
+    return replace(whole, closed=mesh)
 
 
 def _uncoloured(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> ClosedMesh:
