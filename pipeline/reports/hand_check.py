@@ -21,10 +21,11 @@ from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import convex_error
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
-from pipeline.kernels.hand.link_overlaps import LinkOverlap, frequent_overlaps
+from pipeline.kernels.hand.link_overlaps import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.posture_samples import blocked_fingers, sample_postures
 from pipeline.reports.contact_sheet_page import finger_colors
+from pipeline.reports.hand_trial import trial_grasps
 from pipeline.reports.plots import save_figure
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.prepare import MEASURE_SPACING, finger_gap
@@ -65,14 +66,17 @@ def check_hand(path: Path, picture: Path) -> list[str]:
         f"{finger.name} ({pluralise(len(finger.joints), 'joint')}, {pluralise(len(finger.sensors), 'sensor')})" for finger in hand.fingers
     )
     faults = _faults(hand, boxes)
+    trial = [] if faults else trial_grasps(path)
+    faulty = any(line.startswith("fault:") for line in (*faults, *trial))
     return [
-        f"{path}: hand {hand.name}, {len(hand.links)} links, {'faults below' if faults else 'no faults'}",
+        f"{path}: hand {hand.name}, {len(hand.links)} links, {'faults below' if faulty else 'no faults'}",
         f"moves: {fingers}; joints that follow another: {len(hand.followers)}, frozen: {len(hand.frozen)}",
         f"motors {hand.torque:g} N m (N), friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
         *faults,
         *(_overlap_line(hand, overlap) for overlap in overlaps),
         *_convex_notes(hand),
         *_notes(hand),
+        *trial,
         f"picture: {picture}",
     ]
 
@@ -122,10 +126,8 @@ def _far_palm(hand: Hand) -> list[str]:
 
 def _overlap_line(hand: Hand, overlap: LinkOverlap) -> str:
     names = f"{hand.links[overlap.first].name}, {hand.links[overlap.second].name}"
-    return (
-        f"overlap: [{names}] in {100 * overlap.share:.0f} % of random postures, by {1e3 * overlap.depth:.1f} mm: list the pair under "
-        "allowed_contacts, or split a mesh with convex_parts"
-    )
+    share, depth = f"{100 * overlap.share:.0f} % of random postures", f"{1e3 * overlap.depth:.1f} mm"
+    return f"overlap: [{names}] in {share}, by {depth}: write {remedy(hand, overlap)} into the hand file"
 
 
 def _convex_notes(hand: Hand) -> list[str]:
@@ -147,7 +149,9 @@ def _convex_notes(hand: Hand) -> list[str]:
     deep = sorted((name for name, one in measured.items() if one.filled > HOLLOW), key=lambda name: -measured[name].filled)
     if deep:
         depths = [f"{name} {1e3 * measured[name].filled:.0f} mm" for name in deep]
-        notes.append(f"hollows of meshes that this fills, by depth: {abbreviate(depths)}; `convex_parts` of a link follows its mesh closer")
+        notes.append(
+            f"hollows of meshes that this fills, by depth: {abbreviate(depths)}; they matter where links overlap or block a finger"
+        )
     return notes
 
 
