@@ -31,13 +31,10 @@ def error_note(reader: ObservationReader) -> str:
     name = next((row for row, (of, given) in ROWS.items() if (of, given.image, given.touch) == used), model.configuration)
     if note := _by_evaluation(reader, name):
         return note
-    if (
-        isinstance(models, Path)
-        and card_path(models, name).exists()
-        and (errors := read_card(name, models).errors.get(name, {}).get("all"))
-    ):
-        apart = 1e3 * math.sqrt(errors.mean / (2 * TABLE_3_FACTOR))
-        return f"{name}: {apart:.0f} mm (root mean square) from the surfaces of {errors.objects} objects of 0.5 m that it has not seen"
+    card = read_card(name, models) if isinstance(models, Path) and card_path(models, name).exists() else None
+    if card and (of_all := card.errors.get(name, {}).get("all")):
+        apart = 1e3 * math.sqrt(of_all.mean / (2 * TABLE_3_FACTOR))
+        return f"{name}: {apart:.0f} mm (root mean square) from the surfaces of {of_all.objects} objects of 0.5 m that it has not seen"
     return f"{name}: {_by_training(reader)}; `evaluate` compares it with looking up the nearest training object"
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput, StageError, meant
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
 from pipeline.inference.network_error import error_note
@@ -134,18 +135,23 @@ def predict(
         which are named; the suffix is no mesh's.
     """
     check_output(out)
-    reader = model_reader(models, configuration, training_seed, accelerator, seed)
-    if data is None:
-        if object_id is not None:
-            raise StageError(f"object {object_id} needs a data directory; name one, or leave the object out")
-        made = _of_robot(reader, observation, surface, resolution)
-    else:
-        if object_id is None or observation is not None:
-            raise StageError("give a data directory and an object, or an observation, not both")
-        if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
-            DataDirectory(data).check_origins([model_name(configuration, training_seed)])
-        made = _of_object(reader, data, object_id, [view] if reader.model.image == "rendering" else grasps, surface, resolution)
-    return replace(made, files=_write(out, made, surface))
+    with Meter(errors, "predict", 3, "steps", after=1.0) as meter:
+        reader = model_reader(models, configuration, training_seed, accelerator, seed)
+        meter.advance("the network is read")
+        if data is None:
+            if object_id is not None:
+                raise StageError(f"object {object_id} needs a data directory; name one, or leave the object out")
+            made = _of_robot(reader, observation, surface, resolution)
+        else:
+            if object_id is None or observation is not None:
+                raise StageError("give a data directory and an object, or an observation, not both")
+            if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
+                DataDirectory(data).check_origins([model_name(configuration, training_seed)])
+            made = _of_object(reader, data, object_id, [view] if reader.model.image == "rendering" else grasps, surface, resolution)
+        meter.advance("the surface is made")
+        made = replace(made, files=_write(out, made, surface))
+        meter.advance("and written")
+    return made
 
 
 def chosen_models(models: Place | None, data: Place | None, configuration: str | None) -> tuple[Place, str]:

@@ -142,6 +142,12 @@ def test_the_joined_surface_is_closed(data, tmp_path):
     )  # nothing moved: averages of equals
 
 
+def test_steps_of_a_slow_prediction_are_shown(data, tmp_path, monkeypatch):
+    monkeypatch.setattr("pipeline.console.SECONDS_PER_LINE", -1.0)
+    asked = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--configuration", "none"]
+    assert "predict: 1 of 3 steps" in CliRunner().invoke(app, asked).output
+
+
 def test_the_command_says_what_the_closed_mesh_is_made_of(data, tmp_path):
     asked = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--resolution", "16"]
     wrong = CliRunner().invoke(app, [*asked, "--configuration", "none", "--surface", "shut"])
