@@ -23,15 +23,15 @@ class _Entry(BaseModel):
 
 
 class Lights(_Entry):
-    """Positions P of the three lamps of equation 5, in sensor widths from the corner of pixel (0, 0)."""
+    """Positions P of the three lamps of equation 5, in sensor widths, along y too, from the corner of pixel (0, 0)."""
 
-    red: Position
-    green: Position
-    blue: Position
+    red: Annotated[Position, Field(description="x along columns, y along rows, z out of the gel")]
+    green: Annotated[Position, Field(description="as red")]
+    blue: Annotated[Position, Field(description="as red")]
 
 
 class Shadow(_Entry):
-    """Hold the shadow of one lamp behind a bump of the gel."""
+    """The shadow of one lamp behind a bump of the gel."""
 
     direction: Annotated[float, Field(ge=-360, le=360, description="towards the lamp, degrees from +x to +y")]
     slope: Annotated[float, Field(gt=0, le=100, description="height over length of the lamp's rays")]
@@ -49,7 +49,7 @@ class Calibration(_Entry):
         tuple[Levels, ...] | str,
         Field(description="the untouched image: levels by term of the position, or a PNG beside the sensor file"),
     ]
-    shadows: tuple[Shadow, ...] = ()
+    shadows: Annotated[tuple[Shadow, ...], Field(description="that lamps cast behind bumps of the gel")] = ()
     steepest: Annotated[
         float, Field(gt=0, le=1, description="sine of the steepest slope that was fitted: a steeper one has its colours, none are guessed")
     ] = 1.0
