@@ -16,10 +16,12 @@ from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.observation_checks import ModelInputs
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.reports.description_checks import check_file
+from pipeline.reports.hand_check import gel_lines
 from pipeline.reports.plots import draw_curves, draw_histogram
 from pipeline.reports.results import training_losses
 from stages.simulate_grasps.prepare import prepare_hand
@@ -115,6 +117,13 @@ def test_trial_says_how_many_attempts_are_grasps_and_what_to_change_if_none_is(t
     assert "faults below" in lines[0]
     (fault,) = [line for line in lines if line.startswith("fault: ")]
     assert "palm.facing" in fault
+
+
+def test_gel_is_drawn_as_long_and_as_curved_as_it_is() -> None:
+    base, rim, row, column = gel_lines(load_sensor("digit"))  # 20 x 30 x 5 mm, on a ball of 100 mm
+    np.testing.assert_allclose(np.ptp(base, axis=0), [0.02, 0.03, 0])
+    np.testing.assert_allclose([row[:, 2].max(), column[:, 2].max()], 0.005, atol=1e-5)
+    np.testing.assert_allclose(rim[0], [-0.01, -0.015, 0.005 - 0.1 + np.sqrt(0.1**2 - 0.01**2 - 0.015**2)], atol=5e-5)
 
 
 def test_palm_far_from_the_fingers_is_a_fault(tmp_path: Path) -> None:
