@@ -8,6 +8,8 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -170,9 +172,11 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
             ]
             for column, (title, image) in enumerate(pictures, start=1):
                 axes = figure.add_subplot(len(touched), 4, 4 * row + column)
-                axes.imshow(image)
-                axes.set(xticks=[], yticks=[], title=title if row == 0 else "", ylabel=names[number] if column == 1 else "")
-            axes.set_xlabel(f"mean error {1e3 * apart[inside].mean():.2f} mm")
+                half, tall = 500 * sensor.width, 500 * sensor.height  # mm
+                axes.imshow(image, extent=(-half, half, tall, -tall))
+                axes.set(title=title if row == 0 else "", ylabel=f"{names[number]}\ny, mm" if column == 1 else "", xlabel="x, mm")
+            figure.colorbar(ScalarMappable(Normalize(0, 1e3 * sensor.w), "viridis_r"), ax=axes, shrink=0.8, label="depth, mm")
+            axes.set_xlabel(f"x, mm; mean error {1e3 * apart[inside].mean():.2f} mm")
             axes = figure.add_subplot(len(touched), 4, 4 * row + 4, projection="3d")
             draw_local_points(axes, rows, true[:count], clouds[row], grasp, number)
         save_figure(figure, path)
