@@ -27,7 +27,7 @@ NO_ROOM = "the hand found no room around the ball"
 PALM = "let palm.facing and palm.centre of the hand file point to where an object lies; the picture draws them"
 REMEDIES = {
     NO_ROOM: PALM,
-    "fingers still move": "raise torque in the hand file, or lower it if the fingers tremble",
+    "fingers still move": "lower torque in the hand file",
     "a joint is pushed": "lower torque in the hand file",
     "links of the hand": "write the pairs of the overlap lines into the hand file",
     "a rigid link": "lay the sensors' origins on the surface of their links, and normals outwards, in the hand file",
