@@ -115,7 +115,9 @@ def test_one_network_takes_whatever_an_observation_has(data, grasp, tmp_path, le
     ]
     np.testing.assert_array_equal(made[0].reconstruction.vertices, made[1].reconstruction.vertices)
     assert bool(len(made[0].touched)) == ("touch" in way)
-    done = CliRunner().invoke(app, ["check", str(file), "--models", str(data / "models"), "--configuration", "implicit-any"])
+    done = CliRunner().invoke(
+        app, ["check", str(file), "--picture", str(tmp_path / "g.png"), "--models", str(data / "models"), "--configuration", "implicit-any"]
+    )
     assert done.exit_code == 0, done.output
 
 
