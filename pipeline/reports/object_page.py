@@ -160,15 +160,13 @@ class ObjectPages:
                 }
             )
         pictures = self._pictures(rows, number)
-        places = 2 * len(pictures) + len(sensors)
-        columns = ceil(places / ceil(places / MAX_COLUMNS))
         return {
             "touches": f"{touched.sum()} of {len(touched)} sensors touch",
             "note": f"{grasp_note(rows['grasps'], number)}.",
             "lift": None,
             "pictures": pictures,
             "sensors": sensors,
-            "columns": columns,
+            "columns": columns(2 * len(pictures) + len(sensors)),
         }
 
     def _pictures(self, rows: Rows, number: int) -> list[dict[str, Any]]:
@@ -201,6 +199,11 @@ class ObjectPages:
             return np.asarray(rows["grasps"]["contact_area"], np.float64)
         depth = rows["touch"]["depth"]
         return np.stack([_pressed_area(depth[:, number], sensor) for number, sensor in enumerate(self.sensors)], axis=1)
+
+
+def columns(places: int) -> int:
+    """Divide places of a grid into rows of at most `MAX_COLUMNS`, none much emptier than the others; return their length."""
+    return ceil(places / ceil(places / MAX_COLUMNS))
 
 
 def _pressed_area(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
