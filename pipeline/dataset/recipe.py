@@ -102,7 +102,7 @@ def _is_below(name: str) -> bool:
 
 def check_file_name(name: str) -> str:
     """Refuse what is no path below the folder of a recipe's files, or is one of a hidden file."""
-    if not _is_below(name) or "/." in f"/{name}" or len(name) > 1000 or CONTROLS.search(name):
+    if not _is_below(name) or "/." in f"/{name}" or max(map(len, name.encode().split(b"/"))) > 200 or CONTROLS.search(name):
         raise ValueError(f"{name[:80]!r} must be a path below the folder of the recipe's files, without hidden or odd names")
     return name
 

@@ -31,7 +31,7 @@ DESCRIBED: Mapping[str, Kind] = {"hand": "hand", "sensor": "sensor", "sensors": 
 """Settings that name description files, and the kind of each."""
 
 MAX_TEXT = 2**16
-"""Bytes of a text file that a recipe holds; the hand file of the Allegro has 2 kB, its URDF 20."""
+"""Bytes of a text file that a recipe holds; the hand file of the Allegro has 2 kB, its URDF 16 kB."""
 
 
 def own_names(settings: Mapping[str, Any]) -> Iterator[tuple[Kind, str]]:
@@ -70,11 +70,11 @@ def _files(kind: Kind, name: str, settings: Mapping[str, Any]) -> Iterator[Path]
     yield own_path(kind, name)
     if kind == "hand":
         hand = load_hand(name)
-        meshes = hand.files[2:]
-        yield from hand.files
+        _, urdf, *meshes = (file.resolve() for file in hand.files)
+        yield from (urdf, *meshes)
         for mesh in meshes:
             yield from Companions(mesh).paths.values()
-        for path in (hand.urdf.resolve(), *meshes):  # in which meshes are looked for
+        for path in (urdf, *meshes):  # each in a package, of which this is the mark
             yield from [file for folder in path.parents if (file := folder / "package.xml").is_file()][:1]
         if "sensor" in settings and settings["sensor"] is None:
             yield from sensor_files([sensor for sensor in sensor_names(hand) if sensor not in shipped_files("sensor")])
@@ -125,9 +125,11 @@ def place_files(recipe: Recipe, folder: Path) -> None:
         )
     refuse_links(folder, recipe.texts)
     for name, text in recipe.texts.items():
-        if not (folder / name).exists():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            write_at_once(folder / name, text.encode())
+        if not os.path.lexists(folder / name):
+            try:
+                write_at_once(folder / name, text.encode())
+            except OSError as error:
+                raise InvalidInput(f"{folder / name} cannot be written ({error.strerror}); name another folder: --descriptions") from error
     for name in digests:
         if outside := next(_outside(folder / name, Path(name).parts), None):
             raise InvalidInput(f"the recipe's {name} names {outside!r}, which may lie outside the folder of its files; do not use it")
@@ -146,7 +148,7 @@ def _outside(file: Path, parts: tuple[str, ...]) -> Iterator[str]:
         if text.startswith(("/", "~")) or os.path.normpath(f"{folder or '.'}/{text}").split("/")[0] == "..":
             yield text
     urdf = content.get("urdf")
-    if isinstance(urdf, str) and (file.parent / urdf).is_file():
+    if isinstance(urdf, str) and os.path.isfile(file.parent / urdf):
         yield from _meshes_outside(file.parent / urdf, file.parents[len(parts) - 1].resolve())
 
 
@@ -155,7 +157,7 @@ def _meshes_outside(urdf: Path, root: Path) -> Iterator[str]:
     with suppress(InvalidInput):
         for mesh in parse_urdf(urdf).iter("mesh"):
             name = mesh.get("filename", "")
-            with suppress(InvalidInput):
+            with suppress(InvalidInput, OSError):
                 if not mesh_path(name, urdf.parent).resolve().is_relative_to(root):
                     yield name
 

@@ -216,7 +216,7 @@ def reasons(recipe: Recipe) -> list[str]:
     if changed := [name for name, said in recipe.stages.items() if keys.code_hash(load_stage(name)) != said.code]:
         lines.append(f"the code of {', '.join(changed)} is another; {_version_remedy(recipe)}, of the publisher's commit")
     for name, said in recipe.versions.items():
-        if name == "vt-pipeline" or (name in PHYSICS and here.keys() & set(PHYSICS)):
+        if name == "vt-pipeline" or (name in PHYSICS and name not in here and here.keys() & set(PHYSICS)):  # either gives the same bits
             continue
         if here.get(name, "").partition("+")[0] not in (one.partition("+")[0] for one in said.split(", ")):  # 2.13.0+cpu is 2.13.0
             lines.append(f"{name} is {here.get(name, 'not installed')} here, {said} there: pip install {name}=={said.split(', ')[0]}")

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -247,18 +251,43 @@ def test_changed_setting_is_named(published: Path, remade: tuple[Path, str], tmp
     assert "settings of sample-surfaces that differ from preset draft: points=301" in said
 
 
-def test_other_library_is_named_where_rows_differ(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
-    def change(content: dict[str, Any]) -> None:
-        content["versions"]["numpy"] = "1.26.4"
-        content["objects"] = _other_digest(content["objects"], "ball", 0)
-        content["stages"]["sample-surfaces"]["roots"][0] = "0" * 64
+def test_other_library_is_named_where_rows_differ(folder: Path, tmp_path: Path) -> None:
+    """Let another trimesh be installed, whose STL files are larger by a millionth."""
+    options = ["--manifest", folder / "things.yaml", "--executor", "serial", "--set", "sample-surfaces.points=300"]
+    assert vt("run", "sample-surfaces", "--data", tmp_path / "data", *options)[0] == 0
+    (recipe := tmp_path / "surfaces.recipe.yaml").write_text(vt("recipe", tmp_path / "data")[1])
+    _write_other_trimesh(tmp_path / "site")
+    command = ["vt-pipeline", "remake", recipe, "--objects", folder / "meshes", "--data", tmp_path / "d", "--executor", "serial"]
+    done = subprocess.run(
+        [Path(sys.executable).parent / command[0], *map(str, command[1:])],
+        env={**os.environ, "PYTHONPATH": str(tmp_path / "site")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1, done.stdout + done.stderr
+    said = " ".join(done.stdout.split())
+    assert "differs in 1 of 4 rows sample-surfaces: other rows of rod may come of this" in said
+    version = importlib.metadata.version("trimesh")
+    assert f"may come of this: trimesh is 99.0 here, {version} there: pip install trimesh=={version}" in said
 
-    code, said = again(changed(published, tmp_path, change), remade)
-    assert code == 1
-    assert "differs in 1 of 16 rows" in said
-    assert "sample-surfaces: other rows of ball" in said
-    assert "may come of this: numpy is" in said
-    assert "1.26.4 there: pip install numpy==1.26.4" in said
+
+def _write_other_trimesh(site: Path) -> None:
+    """Install a changed copy of trimesh; what is not changed are links."""
+    here = Path(trimesh.__file__).parent
+    (site / "trimesh" / "exchange").mkdir(parents=True)
+    for file in (*here.iterdir(), *(here / "exchange").iterdir()):
+        if file not in (here / "exchange", here / "exchange" / "stl.py"):
+            (site / "trimesh" / file.relative_to(here)).symlink_to(file)
+    change = """
+_read_as_before = load_stl_binary
+def load_stl_binary(*arguments, **options):
+    found = _read_as_before(*arguments, **options)
+    return {**found, "vertices": found["vertices"] * (1 + 1e-6)}
+"""
+    (site / "trimesh" / "exchange" / "stl.py").write_text((here / "exchange" / "stl.py").read_text() + change)
+    (site / "trimesh-99.0.dist-info").mkdir()
+    (site / "trimesh-99.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: trimesh\nVersion: 99.0\n")
 
 
 def test_changed_digests_are_named(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
@@ -300,6 +329,8 @@ def test_dataset_of_other_code_has_no_recipe(published: Path, tmp_path: Path) ->
         (("texts", "../x.yaml"), "a: 1", "'../x.yaml' must be a path below the folder"),
         (("texts", "robot/.ssh/x.yaml"), "a: 1", "'robot/.ssh/x.yaml' must be a path below the folder"),
         (("texts", "setup.py"), "a: 1", "'setup.py' is no name of a text file"),
+        (("texts", f"{'x' * 200}.yaml"), "a: 1", "x' must be a path below the folder"),
+        (("texts", "my_scene.yaml/x.yaml"), "a: 1", "x.yaml cannot be written"),
         (("files", "/etc/passwd"), "0" * 64, "'/etc/passwd' must be a path below the folder"),
         (("files_url",), "file:///etc/passwd", "files_url: String should match pattern"),
         (("stages", "simulate-touch", "settings", "sensors"), ["/tmp/x.yaml"], "unknown sensor /tmp/x.yaml"),
