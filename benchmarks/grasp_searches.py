@@ -48,7 +48,7 @@ def measure(data: Path, searches: Sequence[str], object_ids: Sequence[str] = ())
                     print(f"{search}: {name}: {error}")
             seconds = (time.process_time() - begin) / len(names)
         held = np.array([row["held"] for row in rows.values()])
-        covered = np.mean([_covered(surfaces.view(name)["points"], row) for name, row in rows.items()])
+        share = np.mean([covered(surfaces.view(name)["points"], row) for name, row in rows.items()])
         touches = np.mean([row["touch_success"].sum(axis=1) for row in rows.values()])
         attempts = np.mean([row["attempts"] for row in rows.values()])
         shown.add(
@@ -59,12 +59,12 @@ def measure(data: Path, searches: Sequence[str], object_ids: Sequence[str] = ())
             f"{touches:.2f}",
             f"{attempts:.1f}",
             f"{seconds:.2f}",
-            f"{100 * covered:.0f}",
+            f"{100 * share:.0f}",
         )
     return shown
 
 
-def _covered(points: np.ndarray, row: Row) -> float:
+def covered(points: np.ndarray, row: Row) -> float:
     """Share of an object's surface points (N, 3) that are near a contact of a kept grasp."""
     contacts = row["contact_point"][row["contact_area"] > 0]
     return float((KDTree(contacts).query(points)[0] <= REACHED).mean()) if len(contacts) else 0.0
