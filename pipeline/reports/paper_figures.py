@@ -71,7 +71,7 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
         figures.append(_sphere(renderer, scene, folder, _middle(source, object_id)))
     if source.evaluation:
         path = folder / "reconstructions.png"
-        shown = draw_gallery(source.directory, source.evaluation.folder, path, most)
+        shown = draw_gallery(source.directory, source.evaluation, path, most)
         alt = f"Reconstructions of {', '.join(shown)}: a row per object, a column per network and number of grasps"
         text = "A row per object, a column per network; below each picture the mean distance to the object. Touch charts are orange."
         figures.append(_figure("Reconstructions by class and modality (Figure 5)", text, [(path, alt, "")], "wide"))
