@@ -90,7 +90,7 @@ def write_grasp(data: Place, object_id: str, grasp: int, folder: Path, sensor: s
     _save(folder / "hand.png", 255 * hand.astype(np.uint8))
     _save(folder / "mask.png", 255 * (drawn & ~hand).astype(np.uint8))
     matrix = rows.read("projection", object_id)[0]
-    depth = np.where(labels == Label.OBJECT, _object_depth(data, object_id, matrix, labels.shape), 0)
+    depth = np.where(labels == Label.HAND, 0, _object_depth(data, object_id, matrix, labels.shape))
     _save(folder / "depth.png", np.rint(1e3 * depth).astype(np.uint16))
     _save(folder / "untouched.png", rows.read("untouched", object_id)[0])
     intrinsic, rotation = split_projection(matrix)
