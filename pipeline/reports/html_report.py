@@ -190,14 +190,15 @@ def _tiles(source: ReportSource) -> list[tuple[str, str]]:
 
 def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:
     """Draw the pictures of the first page, of an evaluated object if there is one."""
-    ids = source.evaluation.object_ids if source.evaluation else source.object_ids
-    object_id, grasp = clearest_grasp(source, spread_evenly([name for name in ids if name in source.object_ids], CANDIDATES))
+    reconstructed = source.evaluation.better_half(source.object_ids) if source.evaluation else []
+    shown = spread_evenly(reconstructed or source.object_ids, CANDIDATES)
+    object_id, grasp = clearest_grasp(source, shown, 1 if reconstructed else None)  # reconstructions with one grasp are of the first
     pictures = []
     for number, (caption, image) in enumerate(overview_panels(source, object_id, grasp), start=1):
         name = f"figures/overview-{number}.webp"
         Image.fromarray(image).save(folder / name, quality=85)
         pictures.append({"file": name, "alt": f"{object_id}: {caption}", "caption": caption})
-    return {"object_id": object_id, "grasp": grasp + 1, "pictures": pictures, "columns": 3 if len(pictures) % 3 == 0 else len(pictures)}
+    return {"object_id": object_id, "grasp": grasp + 1, "pictures": pictures, "columns": min(3, len(pictures))}
 
 
 def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path, paper: bool) -> list[dict[str, str]]:

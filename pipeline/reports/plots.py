@@ -172,7 +172,7 @@ def draw_errors(
         Label of the axis.
     """
     places = [place for place in labels if any(place in series for series in errors.values())]
-    with themed_svg(path, (5.4, 3.2)) as figure:
+    with themed_svg(path, (4.8, 3.2), font_size=10) as figure:
         axes, step = figure.subplots(), 0.6 / max(len(errors), 1)
         for number, (name, series) in enumerate(errors.items()):
             shift = (number - (len(errors) - 1) / 2) * step
@@ -182,12 +182,12 @@ def draw_errors(
                     axes.plot([at, at], [error.low, error.high], color=_color(number), linewidth=1.4)
             shown = [(places.index(place) + shift, error.mean) for place, error in series.items()]
             axes.plot(*zip(*shown, strict=True), MARKERS[number % len(MARKERS)], color=_color(number), markersize=6, label=name)
-        ends = np.array([(places.index(place) + side, error) for place, error in line.items() for side in (-0.42, 0.42)])
+        ends = np.array([(places.index(place) + side, error) for place, error in line.items() for side in (-0.45, 0.45, np.nan)])
         if len(ends):
             axes.plot(*ends.T, color=INK, linewidth=1.2, linestyle=LINES[1], label="training object retrieved in its place")
         axes.set(ylabel=y, xticks=range(len(places)), xticklabels=[labels[place] for place in places], xlim=(-0.5, len(places) - 0.5))
         axes.set_ylim(bottom=0)
-        axes.tick_params(axis="x", labelsize=7)
+        axes.tick_params(axis="x", labelsize=8)
         axes.legend(frameon=False, fontsize=8)
 
 

@@ -37,7 +37,7 @@ FILL = 0.8
 """Share of a picture's side that the object takes up; reconstructions may be larger."""
 
 
-def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, most: int) -> list[str]:
+def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, most: int, names: Sequence[str]) -> list[str]:
     """Draw reconstructions of test objects, each above its mean distance; the camera is the dataset's, turned and zoomed to the object.
 
     Parameters
@@ -50,6 +50,8 @@ def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, m
         The PNG file.
     most
         Objects at most, spread evenly.
+    names
+        The models.
 
     Returns
     -------
@@ -58,7 +60,7 @@ def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, m
     predictions, objects = evaluation.tables, evaluation.object_ids
     shown = spread_evenly(objects, most)
     surfaces, charts = (directory.collection(artifact) for artifact in (SURFACES, CHARTS))
-    columns = [(name, case) for name in predictions for case in _cases(predictions[name])]
+    columns = [(name, case) for name in names for case in _cases(predictions[name])]
     scene = dataset_scene(directory)
     first_camera = scene.camera.with_resolution(PIXELS)
     with Renderer(scene, PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):

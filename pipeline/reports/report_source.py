@@ -118,6 +118,8 @@ class Prediction(NamedTuple):
     ----------
     network, grasps
         The configuration, and the grasps that its figures are of.
+    felt
+        Whether the network was given touches.
     case
         Its number in the network's group of surfaces.
     figures
@@ -126,6 +128,7 @@ class Prediction(NamedTuple):
 
     network: str
     grasps: int
+    felt: bool
     case: int
     figures: Mapping[str, float]
 
@@ -181,8 +184,13 @@ class Evaluation:
             for case in sorted(cases, key=lambda case: int(table["grasps_given"][case])):
                 given = max(int(table["grasps_given"][case]), 1)
                 figures = {metric: float(self.figures[name].per_case(metric, given)[row, 0]) for metric in SHOWN_METRICS}
-                predictions.append(Prediction(name, given, case, figures))
+                predictions.append(Prediction(name, given, bool(table["grasps_given"][case]), case, figures))
         return predictions
+
+    def better_half(self, object_ids: Sequence[str]) -> list[str]:
+        """Choose the half of these objects that was reconstructed best, rounded up; those that were not evaluated are left out."""
+        errors = {name: best(made).figures["mean_distance"] for name in object_ids if (made := self.predictions(name))}
+        return sorted(errors, key=lambda name: errors[name])[: -(-len(errors) // 2)]
 
     def surfaces(self, object_id: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Read the vertices (V, 3), m, and faces (F, 3) of these reconstructions, by name."""

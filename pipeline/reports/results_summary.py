@@ -20,12 +20,14 @@ from stages.evaluate.tables import beside
 GIVEN = {
     "none": "nothing",
     "touch": "touch",
-    "occluded": "image with\nthe hand",
-    "occluded-touch": "image with the\nhand, touch",
+    "occluded": "occluded\nimage",
+    "occluded-touch": "occluded,\ntouch",
     "unoccluded": "whole\nimage",
-    "unoccluded-touch": "whole image,\ntouch",
+    "unoccluded-touch": "whole,\ntouch",
 }
 """What networks are given, as the plot calls it, by the way of `WAYS`."""
+SAID = {"touch": "touch alone", "occluded-touch": "an image that the hand occludes and touch", "unoccluded": "an image of the whole object"}
+"""What the sentences compare."""
 RETRIEVED = {"none": "typical", "touch": "by touch"}
 """How the training object is retrieved with what is given; with an image, by silhouette."""
 OWN = "graph network"
@@ -108,8 +110,7 @@ def _sentences(errors: Mapping[str, Mapping[str, Interval]], retrieved: Mapping[
         for way, error in of_series.items():
             if way not in best or error.mean < best[way][0].mean:
                 best[way] = error, series
-    felt = [(way, *found) for way, found in best.items() if way != "none"]
-    said = [f"{error.mean:.1f} mm with {' '.join(GIVEN[way].split())} ({series})" for way, error, series in felt]
+    said = [f"{best[way][0].mean:.1f} mm with {words} ({best[way][1]})" for way, words in SAID.items() if way in best]
     nearer = [
         (series, way) for series, of_series in errors.items() for way, error in of_series.items() if error.mean < retrieved.get(way, 0)
     ]
@@ -118,7 +119,7 @@ def _sentences(errors: Mapping[str, Mapping[str, Interval]], retrieved: Mapping[
     return [
         f"Networks reconstructed {pluralise(objects, 'test object')} from one grasp each; the error is the mean distance between "
         "reconstruction and object.",
-        f"The best are off by {_listed(said)}." if said else "None of them was given anything.",
+        f"The best are off by {_listed(said)}." if said else "The plot shows them by what they were given.",
         f"{len(nearer)} of {pluralise(compared, 'network')} {verb} nearer than the training object that is most similar in what is given, "
         "which the line shows."
         if retrieved

@@ -13,6 +13,8 @@ METHOD_NAME = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}$"
 
 SHIPPED_SCORES = "scores/shipped"
 """The folder of the figures of the network that ships, below a data directory."""
+SHIPPED_ROWS = "shipped-"
+"""Begins the names of its rows in tables: `shipped-touch` is given touches."""
 
 
 def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:

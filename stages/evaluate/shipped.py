@@ -25,11 +25,9 @@ from schemas.touch import TOUCH
 from schemas.vision import VISION
 from stages.evaluate.grasp_protocol import GraspProtocol
 from stages.evaluate.measure import Case
-from stages.evaluate.settings import SHIPPED_SCORES, ShippedSettings
+from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES, ShippedSettings
 from stages.evaluate.stage import NetworkEvaluation
 
-PREFIX = "shipped-"
-"""Of its rows in tables: `shipped-touch` is given touches."""
 TOLERANCE = 1.02
 """Objects may be as many times as large as those that the network knows."""
 
@@ -71,7 +69,7 @@ class EvaluateShipped(NetworkEvaluation):
         """Load the network that ships, once per row."""
         device, folder = device_of(job.settings.accelerator), shipped_folder()
         rows: Sequence[str] = job.settings.configurations
-        return {PREFIX + name.removeprefix(f"{DEFAULT}-"): load_reconstructor(name, folder, device) for name in rows}
+        return {SHIPPED_ROWS + name.removeprefix(f"{DEFAULT}-"): load_reconstructor(name, folder, device) for name in rows}
 
     def splits(self, settings: ShippedSettings) -> tuple[str, ...]:
         """Name all: test objects are measured, training objects retrieved, and Table 1 counts all."""

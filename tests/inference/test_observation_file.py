@@ -149,7 +149,10 @@ def test_the_object_is_found_from_depth_and_mask(tmp_path: Path, file: str, scal
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"depth": "depth.png"}, "m from the camera, but its centre is 0.5 m away (as stated): check camera.depth_scale"),  # its levels are tenths of a millimetre
+        (
+            {"depth": "depth.png"},
+            "m from the camera, but its centre is 0.5 m away (as stated): check camera.depth_scale",
+        ),  # its levels are tenths of a millimetre
         ({"depth": "none.npy"}, "camera.depth is 0 or not finite wherever camera.mask shows the object"),
         ({"depth_as_touch": True}, "depth_as_touch needs depth:"),
         ({"depth_as_touch": True, "mask": None}, "depth_as_touch needs depth and mask:"),

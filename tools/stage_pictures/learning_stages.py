@@ -132,4 +132,4 @@ def draw_implicit(shown: Shown, path: Path) -> None:
 def draw_reconstructions(shown: Shown, path: Path) -> None:
     """Reconstructions of some test objects by each network."""
     assert shown.source.evaluation is not None
-    draw_gallery(shown.source.directory, shown.source.evaluation, path, OBJECTS)
+    draw_gallery(shown.source.directory, shown.source.evaluation, path, OBJECTS, shown.source.evaluation.configurations)
