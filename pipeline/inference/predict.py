@@ -219,7 +219,7 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
     made = model.reconstruct([seen])[0]
     whole = Prediction(
         placed.returned_surface(made),
-        seen.touched,
+        seen.touched[: len(observed.touches)],
         None,
         observed.metres_per_unit,
         [describe_object(observed, placed.box), *placed.remarks, error_note(reader)],

@@ -31,6 +31,7 @@ from pipeline.reports.reconstruction_gallery import draw_gallery, painted_mesh, 
 from pipeline.reports.report_source import ReportSource, dataset_scene
 from pipeline.reports.second_view import fitted_camera, grasp_cameras, lamp_beside, second_view
 from pipeline.store.storage import exists
+from stages.evaluate.settings import SHIPPED_ROWS
 from stages.render_vision.renderer import Renderer
 
 PIXELS = 384
@@ -73,11 +74,17 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
             figures.append(_local_shape(source, folder, object_id, grasp))
         figures.append(_sphere(renderer, scene, folder, _middle(source, object_id)))
     if source.evaluation:
-        path = folder / "reconstructions.png"
-        shown = draw_gallery(source.directory, source.evaluation.folder, path, most)
-        alt = f"Reconstructions of {', '.join(shown)}: a row per object, a column per network and number of grasps"
+        names = source.evaluation.configurations
+        ours = [name for name in names if not name.startswith(SHIPPED_ROWS)]
         text = "A row per object, a column per network; below each picture the mean distance to the object. Touch charts are orange."
-        figures.append(_figure("Reconstructions by class and modality (Figure 5)", text, [(path, alt, "")], "wide"))
+        for title, file, columns in (
+            ("Reconstructions by class and modality (Figure 5)", "reconstructions.png", ours),
+            ("Reconstructions by the network that ships", "reconstructions-shipped.png", [name for name in names if name not in ours]),
+        ):
+            if columns:
+                shown = draw_gallery(source.directory, source.evaluation, folder / file, most, columns)
+                alt = f"Reconstructions of {', '.join(shown)}: a row per object, a column per network and number of grasps"
+                figures.append(_figure(title, text, [(folder / file, alt, "")], "wide"))
     return figures
 
 
@@ -86,14 +93,28 @@ def _figure(title: str, text: str, pictures: list[tuple[Path, str, str]], kind: 
     return {"title": title, "text": text, "pictures": shown, "kind": kind}
 
 
-def clearest_grasp(source: ReportSource, ids: Sequence[str]) -> tuple[str, int]:
-    """Choose, among these objects, one and a grasp of many touches in whose image both the object and the hand are large."""
+def clearest_grasp(source: ReportSource, ids: Sequence[str], most: int | None = None) -> tuple[str, int]:
+    """Choose, among these objects, one and a grasp of many touches in whose image both the object and the hand are large.
+
+    Parameters
+    ----------
+    source
+        The dataset.
+    ids
+        The objects.
+    most
+        Grasps of each, the first ones, that are looked at; None for all.
+
+    Returns
+    -------
+    The object, and the grasp, from 0.
+    """
     scores = {}
     for object_id in ids:
         rows = source.rows(object_id)
         touches = rows["grasps"]["touch_success"].sum(axis=1)
         seen = rows["vision"]["segmentation"][1:, 0] if "vision" in rows else np.ones((len(touches), 1, 1))
-        for grasp, touched in enumerate(touches):
+        for grasp, touched in enumerate(touches[:most]):
             shown = [np.count_nonzero(seen[grasp] == label) for label in (1, 2)] if len(seen) > grasp else [1, 1]
             scores[object_id, grasp] = (int(touched), min(2 * shown[0], shown[1]))
     return max(scores, key=lambda key: scores[key])

@@ -219,9 +219,9 @@ def test_names_with_dollars_are_drawn_as_they_are(tmp_path: Path) -> None:
 
 def test_learning_curves_keep_the_powers_of_their_ticks_and_need_losses(tmp_path: Path) -> None:
     (tmp_path / "metrics.json").write_text(json.dumps([{"loss": 0.1, "train_loss": 10.0}, {"loss": 0.01, "train_loss": 0.001}]))
-    draw_curves({FORMULA: training_losses(tmp_path)}, tmp_path / "curves.svg")
+    draw_curves(*training_losses(tmp_path), tmp_path / "curves.svg")
     drawn = re.sub("<!--.*?-->", "", (tmp_path / "curves.svg").read_text())
-    assert FORMULA in drawn
+    assert "epoch" in drawn
     assert "mathdefault" not in drawn
     for damage in ("", "[]", "{}", "[1]", '[{"loss": 1}]'):
         (tmp_path / "metrics.json").write_text(damage)
