@@ -236,8 +236,8 @@ def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
 def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
     """Say what the results are, and draw the error by what is given."""
     evaluated, scored = ([source.directory.whole_folder(name) for name in names] for names in (source.evaluated, source.scored))
-    first, *others = [*evaluated[:1], *scored] or [None]
-    if first is None or (found := summarise(first, others, evaluated[1:])) is None:
+    shown = [*evaluated[:1], *scored]
+    if not shown or (found := summarise(shown[0], shown[1:], evaluated[1:])) is None:
         return None
     file = "figures/errors.svg"
     draw_errors(folder / file, found.errors, found.retrieved, GIVEN, "mean distance, mm")

@@ -74,10 +74,10 @@ def _fitted(depth: NDArray[np.floating], corner: tuple[int, int], intrinsic: NDA
     coefficients = np.linalg.lstsq(_quadric(u[known], v[known]), depth[known], rcond=None)[0]
     if np.sqrt(np.mean((_quadric(u[known], v[known]) @ coefficients - depth[known]) ** 2)) > UNEVEN:
         return None
-    v, u = (grid.ravel() for grid in np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, side), indexing="ij"))
-    z = _quadric(u, v) @ coefficients
+    y, x = (grid.ravel() for grid in np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, side), indexing="ij"))
+    z = _quadric(x, y) @ coefficients
     (top, left), (height, breadth) = corner, depth.shape
-    pixels = np.stack([left + 0.5 + (u + 1) / 2 * (breadth - 1), top + 0.5 + (v + 1) / 2 * (height - 1), np.ones_like(u)])
+    pixels = np.stack([left + 0.5 + (x + 1) / 2 * (breadth - 1), top + 0.5 + (y + 1) / 2 * (height - 1), np.ones_like(x)])
     chart = np.asarray((np.linalg.solve(intrinsic, pixels) * z).T)
     grid = chart.reshape(side, side, 3)
     for axis in (0, 1):
