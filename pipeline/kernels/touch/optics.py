@@ -45,6 +45,14 @@ class Calibration(_Entry):
         tuple[tuple[tuple[Level, ...], ...], ...],
         Field(description="levels by colour, term of the normal (nx, ny, nx², nx ny, …), term of the position (1, x, y, x², x y, …)"),
     ]
+    depth: Annotated[
+        tuple[tuple[Level, ...], ...] | None,
+        Field(
+            exclude_if=lambda depth: depth is None,
+            description="levels per mm that the gel is pressed in, by colour and term of the position: what is nearer to the camera is lit "
+            "otherwise; by default none",
+        ),
+    ] = None
     background: Annotated[
         tuple[Levels, ...] | str,
         Field(description="the untouched image: levels by term of the position, or a PNG beside the sensor file"),
@@ -54,7 +62,10 @@ class Calibration(_Entry):
         float, Field(gt=0, le=1, description="sine of the steepest slope that was fitted: a steeper one has its colours, none are guessed")
     ] = 1.0
     deepest: Annotated[
-        float, Field(gt=0, le=10, description="depth of the deepest fitted contact, m: a deeper one has its shadows; by default no limit")
+        float,
+        Field(
+            gt=0, le=10, description="depth of the deepest fitted contact, m: deeper ones have its light and shadows; by default no limit"
+        ),
     ] = 10.0
     within: Annotated[
         tuple[Place, Place, Place, Place] | None,
@@ -69,6 +80,11 @@ class Calibration(_Entry):
             raise ValueError(
                 f"coefficients has {len(self.coefficients)} colours with {sorted(slopes)} terms of the normal and {sorted(places)} of the "
                 f"position; there must be 3, each with one of {list(SLOPE_TERMS)}, each with one of {list(POSITION_TERMS)}"
+            )
+        if self.depth is not None and [len(color) for color in self.depth] != 3 * list(places):
+            raise ValueError(
+                f"depth has {[len(color) for color in self.depth]} terms of the position by colour; there must be 3 colours, each with as "
+                f"many as coefficients have, {places.pop()}"
             )
         if not isinstance(self.background, str) and len(self.background) not in POSITION_TERMS:
             raise ValueError(f"background has {len(self.background)} terms of the position; there must be one of {list(POSITION_TERMS)}")
