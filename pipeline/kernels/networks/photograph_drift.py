@@ -44,7 +44,8 @@ def without_drift(change: Tensor) -> Tensor:
         coefficients = torch.linalg.solve(weighted.transpose(1, 2) @ terms + ridge, weighted.transpose(1, 2) @ levels)  # (B, k, 3)
         drift = terms @ coefficients
     rows, cols = change.shape[2:]
-    return change - (_terms(rows, cols, change.dtype, change.device) @ coefficients).transpose(1, 2).unflatten(2, (rows, cols))
+    fitted: Tensor = _terms(rows, cols, change.dtype, change.device) @ coefficients
+    return change - fitted.transpose(1, 2).unflatten(2, (rows, cols))
 
 
 @lru_cache(maxsize=8)
