@@ -45,7 +45,7 @@ def without_drift(change: Tensor) -> Tensor:
         drift = terms @ coefficients
     rows, cols = change.shape[2:]
     fitted: Tensor = _terms(rows, cols, change.dtype, change.device) @ coefficients
-    return change - fitted.transpose(1, 2).unflatten(2, (rows, cols))
+    return change - fitted.transpose(1, 2).reshape(change.shape)
 
 
 @lru_cache(maxsize=8)
