@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.console import abbreviate
+from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.engine.keys import assets_digest
@@ -27,6 +27,7 @@ from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.pybullet_engine import PybulletHoldTest
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
+from pipeline.store.shard import Shard
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -39,6 +40,9 @@ from stages.simulate_grasps.touch_plan import TouchPlanner
 
 SECOND_CHANCES = 4
 """Times `attempts` after which an object that has yielded some sound grasps, but not enough, is given up."""
+
+FOR_CARRYING = 12
+"""Attempts after which grasps that hold are enough, although others might carry the object better: of thin objects few do."""
 
 HOLD_TESTS = {"lift": GRASP_TESTS["lift"], "six": GRASP_TESTS["six-directions"]}
 """By the setting `hold_test`."""
@@ -91,6 +95,16 @@ class SimulateGrasps(ObjectStage):
         widest = max(sensor.width for sensor in load_worn_sensors(sensor_names(hand, settings.sensor)))
         extents = {name: np.ptp(inputs["surfaces"]["points"], axis=0) for name, inputs in objects}
         yield from size_warnings(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
+
+    def remarks(self, settings: GraspSettings, shard: Shard) -> Iterator[str]:
+        """Count the grasps that are kept although no sensor touches."""
+        untouched = np.flatnonzero(shard.read("ok")[:, None] & ~shard.read("touch_success").any(axis=-1)) // settings.grasps
+        if len(untouched):
+            names = [shard.record.rows[row].object_id for row in dict.fromkeys(untouched.tolist())]
+            yield (
+                f"{pluralise(len(untouched), 'grasp')} of {pluralise(len(names))} ({abbreviate(names)}) kept without any touch: "
+                "raise simulate-grasps.attempts"
+            )
 
     def cost(self, settings: GraspSettings) -> Cost:
         """Mostly attempts, of which some dozen are enough where not all are asked for, and eight in a hold search, which tests each."""
@@ -173,7 +187,7 @@ class _Grasping:
         touched = []
         for number in range(SECOND_CHANCES * settings.attempts):
             full = len(kept) == settings.grasps
-            if (number >= settings.attempts and (full or not kept)) or (full and self._are_enough(kept)):
+            if (number >= settings.attempts and (full or not kept)) or (full and self._are_enough(kept, number)):
                 break
             grasp = search.attempt(unit.rng("simulate-grasps", number))
             touched.append(grasp.touched if grasp else np.zeros(len(self.hand.hand.sensors), bool))
@@ -182,12 +196,12 @@ class _Grasping:
             kept = keep_best(kept, grasp, settings.grasps, settings.prefer)
         return kept, touched
 
-    def _are_enough(self, kept: list[Grasp]) -> bool:
-        """Tell whether no attempt could better these."""
+    def _are_enough(self, kept: list[Grasp], attempts: int) -> bool:
+        """Tell whether no attempt could better these, or enough were made for better ones."""
         if self.settings.exhaustive:
             return False
         if self.settings.search == "hold":
-            return all(grasp.holds for grasp in kept)
+            return all(grasp.holds if attempts >= FOR_CARRYING else grasp.holds_well for grasp in kept)
         return self.settings.prefer == "touches" and all(grasp.touched.all() for grasp in kept)
 
     def _stored(self, grasp: Grasp) -> StoredGrasp:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+from dataclasses import replace
 
 import numpy as np
 import trimesh
@@ -116,7 +117,7 @@ def test_attempt_does_not_depend_on_process_or_order(prepared: PreparedHand) -> 
 def test_keep_best_keeps_most_touches_and_the_earlier_of_equals() -> None:
     def made(name: int, touches: int, sound: bool = True) -> Grasp:
         touched = np.arange(4) < touches
-        return Grasp(np.eye(4), np.full(16, float(name)), np.zeros((4, 4, 4)), touched, 0.0, sound)
+        return Grasp(np.eye(4), np.full(16, float(name)), np.zeros((4, 4, 4)), touched, 0.0, None if sound else "moves")
 
     kept: list[Grasp] = []
     for grasp in (made(0, 2), made(1, 4, sound=False), made(2, 3), None, made(3, 2), made(4, 3), made(5, 0)):
@@ -126,7 +127,7 @@ def test_keep_best_keeps_most_touches_and_the_earlier_of_equals() -> None:
 
 def grasp_with(areas: list[float], closure: float) -> Grasp:
     contacts = [Contact(np.zeros(3), np.array([0.0, 0, 1]), area) if area else None for area in areas]
-    return Grasp(np.eye(4), np.zeros(16), np.eye(4), np.array(areas) > 0, 0.0, True, lambda: contacts, lambda _: closure)
+    return Grasp(np.eye(4), np.zeros(16), np.eye(4), np.array(areas) > 0, 0.0, None, lambda: contacts, lambda _: closure)
 
 
 def test_best_grasps_are_those_with_most_touches_area_or_closure() -> None:
@@ -137,3 +138,15 @@ def test_best_grasps_are_those_with_most_touches_area_or_closure() -> None:
         for grasp in (grasp_with([1, 0, 0, 0], 0.0), large, held, many, grasp_with([1, 1, 1, 1], 0.0)):
             kept = keep_best(kept, grasp, 2, prefer)
         assert kept[0] is best
+
+
+def test_grasps_that_carry_the_object_come_before_others_that_hold_it() -> None:
+    traits = {"falls": (4, 0.0, False), "turns": (4, 0.3, True), "stays": (2, 0.02, True), "most": (3, 0.02, True)}
+    made = {
+        name: replace(grasp_with([1] * touches, 0.0), find_residual=lambda contacts, left=left: left, holds=holds)
+        for name, (touches, left, holds) in traits.items()
+    }
+    kept: list[Grasp] = []
+    for grasp in made.values():
+        kept = keep_best(kept, grasp, 3)
+    assert [id(grasp) for grasp in kept] == [id(made[name]) for name in ("most", "stays", "turns")]
