@@ -124,7 +124,11 @@ def _settings(recipe: Recipe, name: str, descriptions: Path | None) -> Settings:
             f"{name} writes version {stage.output.version} of {stage.output.name} here, the recipe has {said.schema_version}; "
             f"{_version_remedy(recipe)}"
         )
-    if keys.assets_digest(stage.assets(settings)) != said.files:
+    try:
+        found = keys.assets_digest(stage.assets(settings))
+    except OSError as error:  # a hand or sensor file of the recipe's names one that is not there
+        raise InvalidInput(f"{name}: {error.filename!s:.300} cannot be read ({error.strerror}), which the recipe's files name") from error
+    if found != said.files:
         named = ", ".join(str(said.settings[setting]) for setting in DESCRIBED if said.settings.get(setting))
         raise InvalidInput(f"{name}: the files of {named or 'the stage'} are not those of the recipe; {_version_remedy(recipe)}")
     return settings

@@ -445,6 +445,22 @@ def test_own_file_that_names_one_elsewhere_is_refused(
     assert not (tmp_path / "d").exists()
 
 
+def test_own_file_that_names_one_that_is_not_there_is_refused(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+    def change(content: dict[str, Any]) -> None:
+        texts = content["texts"]
+        texts["gels/my_gel.yaml"] = texts["gels/my_gel.yaml"].replace("untouched.png", "other.png")
+        texts["robot/hand.yaml"] = texts["robot/hand.yaml"].replace("sensor: gel_16mm", "sensor: ../gels/my_gel.yaml")
+        content["stages"]["simulate-grasps"]["settings"]["sensor"] = None
+
+    shutil.copytree(remade[0] / "own", tmp_path / "own")
+    for name in ("gels/my_gel.yaml", "robot/hand.yaml"):
+        (tmp_path / "own" / name).unlink()
+    options = ["--objects", remade[0] / "mine", "--descriptions", tmp_path / "own", "--data", tmp_path / "d"]
+    code, said = vt("remake", changed(published, tmp_path, change), *options)
+    assert code == 1
+    assert f"simulate-grasps: {tmp_path / 'own' / 'robot' / '..' / 'gels' / 'other.png'} cannot be read" in said
+
+
 def _other_digest(lines: str, name: str, column: int) -> str:
     """Change the digest of an object's row."""
     changed_lines = []
