@@ -46,9 +46,10 @@ PAGE_END = """
 - **Ours**: `calibrate-sensor` on the same balls, then `train-touch` on random simulated presses of that sensor. It has seen no photograph.
 - The table of the gel around the balls shows how far it is drawn in by the colours of contacts alone, where slopes are known (look-up
   table), and as ours reads it.
-- Settings were chosen by balls alone: by the photographs that a calibration leaves out, by that table, and by the Mini's balls. The
-  presses of known depth have been scored three times: with a thick gel (0.132 mm, too deep), with a thin one (0.069), and with colours
-  that also depend on the depth (this page).
+- Settings were chosen by balls alone: by photographs that a calibration leaves out, by the table of the gel around the balls, and by
+  normals in their contacts. The presses of known depth have been scored three times: with a thick gel (0.132 mm, too deep), with a thin
+  one (0.069 mm), and on this page. Between the last two the balls had shown three faults: the flat middle of a contact is lit otherwise
+  than the untouched gel, light drifts between photographs, and gentle slopes were read too steep.
 - The same figures for your photographs: describe them as in `benchmarks/real_touch/sets/`, and add `--set FILE`; or write depths in mm as
   `FOLDER/SET/PRESS.npy` (and contacts as `PRESS-contact.npy`) and add `--predictions FOLDER`.
 """

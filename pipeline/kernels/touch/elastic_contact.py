@@ -132,18 +132,18 @@ def _whole_grid(shape: tuple[int, int], pitch: tuple[float, float], poisson: flo
 
 
 class _Stiffness:
-    """Roughly the inverse of `_Displacement`, as if the grid were repeated: what preconditions the solver."""
+    """Roughly the inverse of `_Displacement`, as if the grid were repeated: what preconditions the solver, in single precision."""
 
     def __init__(self, shape: tuple[int, int], pitch: tuple[float, float], poisson: float, thickness: float) -> None:
         rows, cols = self.padded = fft.next_fast_len(shape[0]), fft.next_fast_len(shape[1], real=True)
         waves = [2 * np.pi * frequencies for frequencies in (fft.fftfreq(rows, pitch[0]), fft.rfftfreq(cols, pitch[1]))]
         wave = np.hypot(waves[0][:, None], waves[1][None])
         wave[0, 0] = np.pi / max(shape[0] * pitch[0], shape[1] * pitch[1])  # a lone contact is no infinite one
-        self.spectrum = wave / (2 * layer_factor(wave * thickness, poisson))
+        self.spectrum = (wave / (2 * layer_factor(wave * thickness, poisson))).astype(np.float32)
 
     def __call__(self, displacement: Array) -> Array:
-        found = fft.irfft2(fft.rfft2(displacement, self.padded) * self.spectrum, self.padded)
-        return np.asarray(found[: displacement.shape[0], : displacement.shape[1]])
+        found = fft.irfft2(fft.rfft2(displacement.astype(np.float32), self.padded) * self.spectrum, self.padded)
+        return np.asarray(found[: displacement.shape[0], : displacement.shape[1]], np.float64)
 
 
 def _solve(pressed: Array, displacement: _Displacement, stiffness: _Stiffness) -> Array:
